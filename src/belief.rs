@@ -1,0 +1,270 @@
+//! A distribution over states and its verbs.
+
+use crate::error::BeliefError;
+
+/// How far a sum of probabilities may lie from one.
+///
+/// Wide enough for numbers that were printed with ten digits, and narrow
+/// enough that a forgotten entry is found. It only accepts or refuses: no
+/// value is ever changed by it.
+pub(crate) const SUM_TOLERANCE: f64 = 1e-9;
+
+/// A probability distribution over the states 0 to n − 1.
+///
+/// `S` is where the numbers are: [`Belief`] owns them, [`BeliefView`] borrows
+/// them from a filter or from a block of posteriors; both have the same verbs.
+/// Every value is finite and at least 0, and they sum to one.
+///
+/// ```
+/// use wayfix::Belief;
+///
+/// let belief = Belief::new(vec![0.1, 0.6, 0.3])?;
+/// assert_eq!(belief.mode(), 1);
+/// assert_eq!(belief.credible_set(0.85)?, [1, 2]);
+/// assert!((belief.mass([0, 2])? - 0.4).abs() < 1e-15);
+/// # Ok::<(), wayfix::BeliefError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Belief<S = Vec<f64>> {
+    probabilities: S,
+}
+
+/// A belief whose numbers live elsewhere; it is `Copy`.
+pub type BeliefView<'a> = Belief<&'a [f64]>;
+
+impl Belief {
+    /// A belief from probabilities, one per state.
+    ///
+    /// The values are kept as they are, to the bit. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError`] if there are none, if one is NaN, negative or infinite,
+    /// or if their sum is further than 1e-9 from one.
+    pub fn new(probabilities: Vec<f64>) -> Result<Self, BeliefError> {
+        let sum = sum_of_valid(&probabilities)?;
+        if (sum - 1.0).abs() > SUM_TOLERANCE {
+            return Err(BeliefError::Sum { sum, expected: "1" });
+        }
+        Ok(Self { probabilities })
+    }
+
+    /// A belief in proportion to weights of any positive scale. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError`] if there are none, if one is NaN, negative or infinite,
+    /// or if all are 0.
+    pub fn from_weights(mut weights: Vec<f64>) -> Result<Self, BeliefError> {
+        sum_of_valid(&weights)?;
+        let largest = weights.iter().copied().fold(0.0, f64::max);
+        if largest == 0.0 {
+            return Err(BeliefError::Sum { sum: 0.0, expected: "weights above 0" });
+        }
+        // First by the largest: a sum of weights near the limits of a double
+        // would overflow, or lose digits below the smallest normal one.
+        weights.iter_mut().for_each(|w| *w /= largest);
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
+        Ok(Self { probabilities: weights })
+    }
+
+    /// The same probability for each of n states.
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError::Empty`] if `states` is 0.
+    pub fn uniform(states: usize) -> Result<Self, BeliefError> {
+        if states == 0 {
+            return Err(BeliefError::Empty);
+        }
+        Ok(Self { probabilities: vec![1.0 / states as f64; states] })
+    }
+
+    /// Probability one for `state`, out of `states`.
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError::State`] if there is no such state.
+    pub fn certain(states: usize, state: usize) -> Result<Self, BeliefError> {
+        if states == 0 {
+            return Err(BeliefError::Empty);
+        }
+        if state >= states {
+            return Err(BeliefError::State { state, states });
+        }
+        let mut probabilities = vec![0.0; states];
+        probabilities[state] = 1.0;
+        Ok(Self { probabilities })
+    }
+
+    /// The numbers, moved out.
+    #[must_use]
+    pub fn into_vec(self) -> Vec<f64> {
+        self.probabilities
+    }
+
+    /// For inference, which keeps the invariant itself.
+    pub(crate) fn as_mut_vec(&mut self) -> &mut Vec<f64> {
+        &mut self.probabilities
+    }
+}
+
+impl<'a> Belief<&'a [f64]> {
+    /// For inference, which knows that the values are a distribution.
+    pub(crate) fn view(probabilities: &'a [f64]) -> Self {
+        Self { probabilities }
+    }
+}
+
+impl<S: AsRef<[f64]>> Belief<S> {
+    /// How many states there are, n.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.as_slice().len()
+    }
+
+    /// The probabilities, one per state.
+    #[must_use]
+    pub fn as_slice(&self) -> &[f64] {
+        self.probabilities.as_ref()
+    }
+
+    /// The probability of one state, or `None` if there is no such state.
+    #[must_use]
+    pub fn probability(&self, state: usize) -> Option<f64> {
+        self.as_slice().get(state).copied()
+    }
+
+    /// The most probable state; of several, the lowest. O(n).
+    #[must_use]
+    pub fn mode(&self) -> usize {
+        let mut best = (0, f64::NEG_INFINITY);
+        for (i, &p) in self.as_slice().iter().enumerate() {
+            if p > best.1 {
+                best = (i, p);
+            }
+        }
+        best.0
+    }
+
+    /// The Shannon entropy −Σ p ln p, in nats: 0 when certain, ln n when
+    /// uniform. O(n).
+    #[must_use]
+    pub fn entropy(&self) -> f64 {
+        -self.as_slice().iter().filter(|&&p| p > 0.0).map(|&p| p * p.ln()).sum::<f64>()
+    }
+
+    /// The probability that the state is one of `states` (each counted as
+    /// often as it is named). O(size of the set).
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError::State`] if one does not exist.
+    pub fn mass(&self, states: impl IntoIterator<Item = usize>) -> Result<f64, BeliefError> {
+        let p = self.as_slice();
+        states.into_iter().try_fold(0.0, |sum, state| {
+            let p = p.get(state).ok_or(BeliefError::State { state, states: p.len() })?;
+            Ok(sum + p)
+        })
+    }
+
+    /// The smallest set of states that holds at least `level` of the
+    /// probability, most probable first; of equal ones, the lowest first.
+    ///
+    /// States of probability 0 are never in it. O(n log n).
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError::Level`] if `level` is not from 0 to 1.
+    pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, BeliefError> {
+        if !(0.0..=1.0).contains(&level) {
+            return Err(BeliefError::Level { level });
+        }
+        let p = self.as_slice();
+        let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
+        order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // stable: ties stay in order
+        let mut held = 0.0;
+        let needed = order.iter().take_while(|&&i| {
+            let before = held;
+            held += p[i];
+            before < level
+        });
+        let count = needed.count();
+        order.truncate(count);
+        Ok(order)
+    }
+
+    /// A copy that owns its numbers.
+    #[must_use]
+    pub fn to_owned(&self) -> Belief {
+        Belief { probabilities: self.as_slice().to_vec() }
+    }
+}
+
+/// The sum, after each value was found valid.
+fn sum_of_valid(values: &[f64]) -> Result<f64, BeliefError> {
+    if values.is_empty() {
+        return Err(BeliefError::Empty);
+    }
+    match values.iter().position(|&p| !(p >= 0.0 && p.is_finite())) {
+        Some(state) => Err(BeliefError::Probability { state, value: values[state] }),
+        None => Ok(values.iter().sum()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refuses_what_is_no_distribution_and_says_where() {
+        let text = |p: Vec<f64>| Belief::new(p).unwrap_err().to_string();
+        assert_eq!(text(vec![]), "a belief needs at least one state, found none");
+        assert_eq!(
+            text(vec![0.5, f64::NAN]),
+            "state 1 has probability NaN, expected a finite value of at least 0"
+        );
+        assert_eq!(
+            text(vec![1.5, -0.5]),
+            "state 1 has probability -0.5, expected a finite value of at least 0"
+        );
+        assert_eq!(text(vec![0.5, 0.4]), "the probabilities sum to 0.9, expected 1");
+        assert_eq!(
+            Belief::certain(3, 3).unwrap_err().to_string(),
+            "state 3 does not exist, the belief has 3 states (0 to 2)"
+        );
+        assert!(Belief::from_weights(vec![0.0, 0.0]).is_err());
+    }
+
+    #[test]
+    fn weights_near_the_limits_of_a_double_keep_their_ratio() {
+        for scale in [f64::MAX, 1.0, 1e-300, f64::MIN_POSITIVE] {
+            let belief = Belief::from_weights(vec![scale, scale, scale, scale]).unwrap();
+            assert_eq!(belief.as_slice(), [0.25; 4], "scale {scale}");
+        }
+    }
+
+    #[test]
+    fn ties_go_to_the_lowest_state() {
+        let belief = Belief::new(vec![0.25, 0.375, 0.375]).unwrap();
+        assert_eq!(belief.mode(), 1);
+        assert_eq!(belief.credible_set(0.375).unwrap(), [1]);
+        assert_eq!(belief.credible_set(0.5).unwrap(), [1, 2]);
+        assert_eq!(belief.credible_set(0.0).unwrap(), [0_usize; 0]);
+    }
+
+    #[test]
+    fn a_credible_set_at_level_one_holds_all_that_is_possible() {
+        let belief = Belief::new(vec![1e-300, 0.0, 1.0]).unwrap();
+        // 1.0 is reached by state 2 alone in double precision.
+        assert_eq!(belief.credible_set(1.0).unwrap(), [2]);
+        assert!(belief.credible_set(1.1).is_err());
+    }
+
+    #[test]
+    fn entropy_is_zero_when_certain_and_ln_n_when_uniform() {
+        assert_eq!(Belief::certain(5, 2).unwrap().entropy(), 0.0);
+        assert!((Belief::uniform(8).unwrap().entropy() - 8f64.ln()).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,122 @@
+//! A hidden Markov model: prior, transition and likelihood.
+
+use crate::belief::Belief;
+use crate::error::HmmError;
+use crate::likelihood::Likelihood;
+use crate::transition::{self, Transition};
+
+/// What is believed before anything is observed, and **when** it holds.
+///
+/// The field has two conventions, and they give different results, in Viterbi
+/// too, so it must be said which one is meant.
+///
+/// ```
+/// use wayfix::{Belief, Prior};
+///
+/// // The vehicle stands at place 4 of 105 and has yet to move.
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(105, 4)?);
+/// assert_eq!(prior.belief().mode(), 4);
+/// # Ok::<(), wayfix::BeliefError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub enum Prior {
+    /// The distribution of X_0, one transition before the first observation:
+    /// α_0 = π_0, α_1 = B(y_1) A α_0. The paper's convention (eq. 10).
+    BeforeFirstTransition(Belief),
+    /// The distribution of X_1, at which the first observation is made:
+    /// α_1 = B(y_1) π. The convention of Rabiner (1989), and of hmmlearn and
+    /// dynamax.
+    AtFirstObservation(Belief),
+}
+
+impl Prior {
+    /// The distribution itself.
+    #[must_use]
+    pub fn belief(&self) -> &Belief {
+        match self {
+            Self::BeforeFirstTransition(belief) | Self::AtFirstObservation(belief) => belief,
+        }
+    }
+
+    /// Whether a transition leads to step k, counted from 1.
+    pub(crate) fn moves_at(&self, step: usize) -> bool {
+        step > 1 || matches!(self, Self::BeforeFirstTransition(_))
+    }
+}
+
+/// A hidden Markov model: a [`Prior`], a [`Transition`] operator A and a
+/// [`Likelihood`] operator B.
+///
+/// Its verbs are [`filter`](Self::filter), [`smooth`](Self::smooth),
+/// [`viterbi`](Self::viterbi) and [`simulate`](Self::simulate). A verb that
+/// ends in `_with` takes a control for each step; control k drives the
+/// transition from k − 1 to k, the one *before* observation k.
+///
+/// ```
+/// use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
+///
+/// // Rain or no rain, and whether an umbrella is seen (Russell and Norvig).
+/// let hmm = Hmm::new(
+///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
+///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
+/// )?;
+/// let (umbrella, none) = (0, 1);
+/// let smoothed = hmm.smooth(&[umbrella, umbrella, none])?;
+/// assert_eq!(smoothed.smoothed().modes(), [0, 0, 1]);
+/// assert_eq!(hmm.viterbi(&[umbrella, umbrella, none])?.states(), [0, 0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Hmm<A, B> {
+    prior: Prior,
+    transition: A,
+    likelihood: B,
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// A model of three parts with the same number of states. O(n + E): the
+    /// columns of a transition operator without a control are checked.
+    ///
+    /// # Errors
+    ///
+    /// [`HmmError`] if the parts differ in size, or if a column of the
+    /// operator does not sum to one.
+    pub fn new(prior: Prior, transition: A, likelihood: B) -> Result<Self, HmmError> {
+        let expected = prior.belief().states();
+        for (part, found) in [
+            ("transition operator", transition.states()),
+            ("likelihood operator", likelihood.states()),
+        ] {
+            if found != expected {
+                return Err(HmmError::StateCount { part, found, expected });
+            }
+        }
+        transition::validate(&transition)?;
+        Ok(Self { prior, transition, likelihood })
+    }
+
+    /// The number of states, n.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.prior.belief().states()
+    }
+
+    /// What is believed before anything is observed.
+    #[must_use]
+    pub fn prior(&self) -> &Prior {
+        &self.prior
+    }
+
+    /// The transition operator A.
+    #[must_use]
+    pub fn transition(&self) -> &A {
+        &self.transition
+    }
+
+    /// The likelihood operator B.
+    #[must_use]
+    pub fn likelihood(&self) -> &B {
+        &self.likelihood
+    }
+}

@@ -1,0 +1,321 @@
+//! The streaming filter (paper section III-A).
+
+use std::mem;
+use std::ops::Deref;
+
+use super::LogSum;
+use super::step::{Step, Workspace};
+use crate::belief::{Belief, BeliefView};
+use crate::error::InferenceError;
+use crate::hmm::{Hmm, Prior};
+use crate::kernels;
+use crate::likelihood::Likelihood;
+use crate::transition::Transition;
+
+/// All that a filter knows after k steps: plain data, to be kept, compared,
+/// sent elsewhere, and restored.
+///
+/// ```
+/// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9])?, LikelihoodVector::new(2))?;
+/// let mut filter = hmm.filter();
+/// filter.step(&[0.9, 0.2])?;
+/// let snapshot = filter.snapshot();
+/// filter.step(&[0.1, 0.8])?;
+/// filter.restore(&snapshot)?;
+/// assert_eq!(filter.snapshot(), snapshot);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct FilterState {
+    steps: usize,
+    belief: Belief,
+    log_likelihood: LogSum,
+}
+
+impl FilterState {
+    fn new(prior: &Prior) -> Self {
+        Self { steps: 0, belief: prior.belief().clone(), log_likelihood: LogSum::default() }
+    }
+
+    /// How many steps have been taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The belief after these steps.
+    #[must_use]
+    pub fn belief(&self) -> &Belief {
+        &self.belief
+    }
+
+    /// ln p(y_1 … y_k), over the observations made.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood.value()
+    }
+}
+
+/// The streaming filter: the distribution of the present state given all
+/// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
+///
+/// Each step costs one product with A and O(n), and allocates nothing. After
+/// an error the filter is as it was before the call, so that the caller can
+/// skip the observation, [`predict`](Self::predict) only, or
+/// [`restart`](Self::restart).
+///
+/// `M` is how the model is held: [`Hmm::filter`] borrows it; [`Filter::new`]
+/// also takes an `Arc`, a `Box` or another pointer.
+///
+/// A probability below 5e-324 of the whole rounds to 0, as doubles do. What
+/// would only pass through such values within one [`step`](Self::step) is kept.
+///
+/// ```
+/// use std::sync::Arc;
+/// use wayfix::{Belief, Filter, Hmm, Prior, SparseTransition, TableLikelihood};
+///
+/// type Model = Hmm<SparseTransition, TableLikelihood>;
+///
+/// struct Car {
+///     position: Filter<Arc<Model>>,
+/// }
+///
+/// let model: Arc<Model> = Arc::new(Hmm::new(
+///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
+///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
+/// )?);
+/// let mut car = Car { position: Filter::new(Arc::clone(&model)) };
+/// car.position.step(&0)?;
+/// assert!((car.position.belief().as_slice()[0] - 0.45 / 0.55).abs() < 1e-15);
+/// assert!((car.position.log_likelihood() - 0.55f64.ln()).abs() < 1e-15);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Filter<M> {
+    model: M,
+    state: FilterState,
+    predicted: Vec<f64>,
+    after: Vec<f64>,
+    work: Workspace,
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// A streaming filter at the prior, which borrows the model.
+    #[must_use]
+    pub fn filter(&self) -> Filter<&Self> {
+        Filter::new(self)
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: Transition,
+    B: Likelihood,
+{
+    /// A filter at the prior. It allocates all that it will need.
+    #[must_use]
+    pub fn new(model: M) -> Self {
+        let n = model.states();
+        Self {
+            state: FilterState::new(model.prior()),
+            predicted: vec![0.0; n],
+            after: vec![0.0; n],
+            work: Workspace::new(n),
+            model,
+        }
+    }
+
+    /// One time step: prediction under `control`, then update with
+    /// `observation`. The control drives the transition that leads here.
+    ///
+    /// Under [`Prior::AtFirstObservation`] the first step has no transition,
+    /// and its control is not looked at.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step, if the observation is impossible, or
+    /// if control or likelihood are not valid. The filter then is as before.
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<(), InferenceError> {
+        let number = self.state.steps + 1;
+        let control = self.model.prior().moves_at(number).then_some(control);
+        self.advance(number, control, observation)
+    }
+
+    /// Prediction under `control` alone: one time step without an
+    /// observation. The log-likelihood stays.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the control is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
+        let number = self.state.steps + 1;
+        let control = self.model.prior().moves_at(number).then_some(control);
+        let step = Step { hmm: &*self.model, number, control };
+        step.predict(self.state.belief.as_slice(), &mut self.after)?;
+        normalise(&mut self.after, number)?;
+        self.commit(number, 0.0);
+        Ok(())
+    }
+
+    /// Update with an observation alone: no time passes. For a further sensor
+    /// at the same step, or after [`predict`](Self::predict).
+    ///
+    /// Under [`Prior::AtFirstObservation`] the first update makes step 1.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn update(&mut self, observation: &B::Observation) -> Result<(), InferenceError> {
+        let at_first = !self.model.prior().moves_at(1);
+        let number = self.state.steps.max(usize::from(at_first));
+        self.advance(number, None, observation)
+    }
+
+    /// The distribution `controls.len()` steps ahead, without observations,
+    /// under one control a step. The filter stays where it is.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if a control is not valid.
+    pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
+        let mut belief = self.state.belief.clone();
+        let mut next = vec![0.0; belief.states()];
+        for (number, control) in (self.state.steps + 1..).zip(controls) {
+            let control = self.model.prior().moves_at(number).then_some(control);
+            let step = Step { hmm: &*self.model, number, control };
+            step.predict(belief.as_slice(), &mut next)?;
+            normalise(&mut next, number)?;
+            mem::swap(belief.as_mut_vec(), &mut next);
+        }
+        Ok(belief)
+    }
+
+    /// The present belief: p(X_k | y_1 … y_k) after an update, the predicted
+    /// one after a prediction, the prior before anything.
+    #[must_use]
+    pub fn belief(&self) -> BeliefView<'_> {
+        Belief::view(self.state.belief.as_slice())
+    }
+
+    /// ln p(y_1 … y_k), over the observations made.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.state.log_likelihood()
+    }
+
+    /// How many steps have been taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.state.steps
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &Hmm<A, B> {
+        &self.model
+    }
+
+    /// A copy of all that the filter knows. A filter that is
+    /// [restored](Self::restore) from it goes on with identical bits.
+    #[must_use]
+    pub fn snapshot(&self) -> FilterState {
+        self.state.clone()
+    }
+
+    /// Goes back (or over) to a snapshot. Allocates nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Snapshot`] if it has another number of states.
+    pub fn restore(&mut self, snapshot: &FilterState) -> Result<(), InferenceError> {
+        let (found, expected) = (snapshot.belief.states(), self.model.states());
+        if found != expected {
+            return Err(InferenceError::Snapshot { found, expected });
+        }
+        self.state.steps = snapshot.steps;
+        self.state.log_likelihood = snapshot.log_likelihood;
+        self.state.belief.as_mut_vec().copy_from_slice(snapshot.belief.as_slice());
+        Ok(())
+    }
+
+    /// Back to the prior, with no steps taken.
+    pub fn restart(&mut self) {
+        self.state = FilterState::new(self.model.prior());
+    }
+
+    fn advance(
+        &mut self,
+        number: usize,
+        control: Option<&A::Control>,
+        observation: &B::Observation,
+    ) -> Result<(), InferenceError> {
+        let Self { model, state, predicted, after, work } = self;
+        let step = Step { hmm: &**model, number, control };
+        let log = step.advance(observation, state.belief.as_slice(), predicted, after, work)?;
+        self.commit(number, log);
+        Ok(())
+    }
+
+    /// Only here does the filter change.
+    fn commit(&mut self, number: usize, log: f64) {
+        mem::swap(self.state.belief.as_mut_vec(), &mut self.after);
+        self.state.steps = number;
+        self.state.log_likelihood.add(log);
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: Transition<Control = ()>,
+    B: Likelihood,
+{
+    /// One time step: prediction, then update with `observation`.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<(), InferenceError> {
+        self.step_with(&(), observation)
+    }
+
+    /// Prediction alone: one time step without an observation. The
+    /// log-likelihood stays.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Predicted`] if the operator is not stochastic.
+    pub fn predict(&mut self) -> Result<(), InferenceError> {
+        self.predict_with(&())
+    }
+
+    /// The distribution `steps` ahead, without observations. The filter stays
+    /// where it is. Costs `steps` products with A.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict`](Self::predict).
+    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError> {
+        self.forecast_with(&vec![(); steps])
+    }
+}
+
+/// A prediction sums to one but for rounding, which must not add up over many.
+fn normalise(predicted: &mut [f64], step: usize) -> Result<(), InferenceError> {
+    let sum = kernels::sum(predicted);
+    if !(sum > 0.0 && sum.is_finite()) {
+        let state = kernels::largest(predicted).err().unwrap_or(0);
+        let value = predicted[state];
+        return Err(InferenceError::Predicted { step, state, value });
+    }
+    kernels::scale(predicted, 1.0 / sum);
+    Ok(())
+}

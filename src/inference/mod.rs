@@ -1,0 +1,50 @@
+//! Filter, smoother, decoder, simulation: one algorithm a file. The transition
+//! and the likelihood are applied in `step` only.
+
+mod filter;
+mod posteriors;
+mod simulate;
+mod smoother;
+mod step;
+mod viterbi;
+
+pub use filter::{Filter, FilterState};
+pub use posteriors::Posteriors;
+pub use simulate::Simulation;
+pub use smoother::Smoothed;
+pub use viterbi::ViterbiPath;
+
+use crate::error::InferenceError;
+
+/// As many controls as observations, or an error.
+fn check_controls<U, Y>(controls: &[U], observations: &[Y]) -> Result<(), InferenceError> {
+    let (controls, observations) = (controls.len(), observations.len());
+    if controls != observations {
+        return Err(InferenceError::ControlCount { controls, observations });
+    }
+    Ok(())
+}
+
+/// A sum of many logarithms that keeps what rounding would lose (Neumaier
+/// 1974), so that a million steps do not drift.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct LogSum {
+    sum: f64,
+    lost: f64,
+}
+
+impl LogSum {
+    fn add(&mut self, value: f64) {
+        let sum = self.sum + value;
+        self.lost += if self.sum.abs() >= value.abs() {
+            (self.sum - sum) + value
+        } else {
+            (value - sum) + self.sum
+        };
+        self.sum = sum;
+    }
+
+    fn value(self) -> f64 {
+        self.sum + self.lost
+    }
+}

@@ -1,0 +1,89 @@
+//! A block of distributions, one for each step.
+
+use crate::belief::{Belief, BeliefView};
+
+/// Distributions over n states for the steps k = 0 … T, in one block of
+/// n (T + 1) numbers.
+///
+/// Step 0 is the state before the first transition, X_0. Under
+/// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) nothing
+/// moves before the first observation, so that X_0 is the same state as X_1.
+///
+/// ```
+/// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+/// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, LikelihoodVector::new(2))?;
+/// let smoothed = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
+/// let posteriors = smoothed.smoothed();
+/// assert_eq!(posteriors.steps(), 2);
+/// assert!((posteriors.get(2).unwrap().as_slice()[0] - 0.883_357_041_251_778).abs() < 1e-12);
+/// assert_eq!(posteriors.modes(), [0, 0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Posteriors {
+    states: usize,
+    values: Vec<f64>,
+}
+
+impl Posteriors {
+    pub(super) fn new(states: usize, steps: usize) -> Self {
+        Self { states, values: vec![0.0; states * (steps + 1)] }
+    }
+
+    /// The number of steps, T.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.values.len() / self.states - 1
+    }
+
+    /// The number of states, n.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        self.states
+    }
+
+    /// The distribution of step k, from 0 to T, or `None` beyond.
+    #[must_use]
+    pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
+        let start = step.checked_mul(self.states)?;
+        let values = self.values.get(start..start.checked_add(self.states)?)?;
+        Some(Belief::view(values))
+    }
+
+    /// The distributions of steps 0 to T, in order.
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
+        self.values.chunks_exact(self.states).map(Belief::view)
+    }
+
+    /// The most probable state of each step with an observation, 1 to T, so
+    /// that `modes()[k - 1]` belongs to `ys[k - 1]`; ties go to the lowest
+    /// state. O(n T).
+    ///
+    /// Each is the best guess for its own step; as a path they need not be a
+    /// legal one. For that there is [`Hmm::viterbi`](crate::Hmm::viterbi).
+    #[must_use]
+    pub fn modes(&self) -> Vec<usize> {
+        self.iter().skip(1).map(|belief| belief.mode()).collect()
+    }
+
+    /// All numbers, step after step: state i of step k at k n + i.
+    #[must_use]
+    pub fn as_slice(&self) -> &[f64] {
+        &self.values
+    }
+
+    pub(super) fn row(&self, step: usize) -> &[f64] {
+        &self.values[step * self.states..(step + 1) * self.states]
+    }
+
+    pub(super) fn row_mut(&mut self, step: usize) -> &mut [f64] {
+        &mut self.values[step * self.states..(step + 1) * self.states]
+    }
+
+    /// Step k − 1, and step k to write to.
+    pub(super) fn rows_mut(&mut self, step: usize) -> (&[f64], &mut [f64]) {
+        let (before, after) = self.values.split_at_mut(step * self.states);
+        (&before[(step - 1) * self.states..], &mut after[..self.states])
+    }
+}

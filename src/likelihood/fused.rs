@@ -1,0 +1,100 @@
+//! Several sensors at once.
+
+use rand::Rng;
+
+use super::diagonal::Values;
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::{HmmError, LikelihoodError};
+
+/// Two sensors that err independently given the state: the product of their
+/// diagonals. The observation is a pair; nest it for more than two.
+///
+/// ```
+/// use wayfix::{FusedLikelihood, Likelihood, LogLikelihoodFn, OptionalLikelihood, TableLikelihood};
+///
+/// let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// let odometer = LogLikelihoodFn::new(2, |km: &f64, i| -(km - i as f64).powi(2));
+/// let both = FusedLikelihood::new(OptionalLikelihood::new(camera), odometer)?;
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, both)?;
+/// let smoothed = hmm.smooth(&[(Some(0), 0.2), (None, 0.4)])?;
+/// # assert_eq!(smoothed.smoothed().modes(), [0, 0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct FusedLikelihood<B1, B2> {
+    first: B1,
+    second: B2,
+}
+
+impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
+    /// Both sensors together.
+    ///
+    /// # Errors
+    ///
+    /// [`HmmError::StateCount`] if they differ in their number of states.
+    pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
+        let (expected, found) = (first.states(), second.states());
+        if found != expected {
+            return Err(HmmError::StateCount { part: "second sensor", found, expected });
+        }
+        Ok(Self { first, second })
+    }
+}
+
+impl<B1, B2> Likelihood for FusedLikelihood<B1, B2>
+where
+    B1: Likelihood<Observation: Sized>,
+    B2: Likelihood<Observation: Sized>,
+{
+    type Observation = (B1::Observation, B2::Observation);
+
+    fn states(&self) -> usize {
+        self.first.states()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        (first, second): &'a Self::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let n = self.states();
+        let (product, parts) = scratch.with_parts(n, 2);
+        let (left, right) = parts.split_at_mut(1);
+        let first = self.first.diagonal(first, &mut left[0])?;
+        let second = self.second.diagonal(second, &mut right[0])?;
+        first.check(n)?;
+        second.check(n)?;
+        let log_factor = first.log_factor + second.log_factor;
+        if multiply(first.values, second.values, product) {
+            return Ok(Diagonal::linear(product).with_log_factor(log_factor));
+        }
+        let logs = first.logs().zip(second.logs());
+        product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = a + b);
+        Ok(Diagonal::log(product).with_log_factor(log_factor))
+    }
+}
+
+/// The product of two diagonals, unless one is in logarithms or a product
+/// leaves the range in which a double is exact.
+fn multiply(first: Values<'_>, second: Values<'_>, out: &mut [f64]) -> bool {
+    let (
+        Values::Linear(first) | Values::Checked { linear: first, .. },
+        Values::Linear(second) | Values::Checked { linear: second, .. },
+    ) = (first, second)
+    else {
+        return false;
+    };
+    let exact = f64::MIN_POSITIVE..=f64::MAX;
+    out.iter_mut().zip(first).zip(second).all(|((out, a), b)| {
+        *out = a * b;
+        exact.contains(out) || *a == 0.0 || *b == 0.0
+    })
+}
+
+impl<B1: SampleObservation, B2: SampleObservation> SampleObservation for FusedLikelihood<B1, B2> {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation {
+        (self.first.sample(state, rng), self.second.sample(state, rng))
+    }
+}

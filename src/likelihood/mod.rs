@@ -1,0 +1,98 @@
+//! Likelihood operators: from an observation to a diagonal.
+
+mod diagonal;
+mod function;
+mod fused;
+mod optional;
+mod table;
+mod vector;
+
+pub(crate) use diagonal::Values;
+pub use diagonal::{Diagonal, Scratch};
+pub use function::LogLikelihoodFn;
+pub use fused::FusedLikelihood;
+pub use optional::OptionalLikelihood;
+pub use table::TableLikelihood;
+pub use vector::{LikelihoodVector, LogLikelihoodVector};
+
+use rand::Rng;
+
+use crate::error::LikelihoodError;
+
+/// A likelihood operator B(y): turns one observation into a diagonal with
+/// `b_i` = p(y | `X_k` = i) (paper eq. 7, which means `X_k`).
+///
+/// The diagonal may have any positive scale, as long as it is the same for all
+/// states: posteriors do not depend on it, and the log-likelihood is that of
+/// the diagonal as it is given, with the log factor added back.
+///
+/// # Implement it yourself
+///
+/// A sensor that tells odd places from even ones, nine times out of ten:
+///
+/// ```
+/// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
+///
+/// struct Odd(usize);
+///
+/// impl Likelihood for Odd {
+///     type Observation = bool;
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn diagonal<'a>(&'a self, &odd: &bool, scratch: &'a mut Scratch) -> Result<Diagonal<'a>, LikelihoodError> {
+///         let b = scratch.values(self.0);
+///         for (i, b) in b.iter_mut().enumerate() {
+///             *b = if (i % 2 == 1) == odd { 0.9 } else { 0.1 };
+///         }
+///         Ok(Diagonal::linear(b))
+///     }
+/// }
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, Odd(2))?;
+/// # let mut filter = hmm.filter();
+/// # filter.step(&true)?;
+/// # assert!((filter.belief().as_slice()[1] - 0.9).abs() < 1e-15);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub trait Likelihood {
+    /// What is observed at a step.
+    type Observation: ?Sized;
+
+    /// The number of states, n.
+    fn states(&self) -> usize;
+
+    /// The diagonal of B(y), n values.
+    ///
+    /// It may point into `self`, into the observation, or into `scratch`,
+    /// which keeps its memory from step to step. Whoever calls this checks
+    /// what comes back: an implementation need not look for NaN.
+    ///
+    /// # Errors
+    ///
+    /// [`LikelihoodError`] when there is no likelihood for this observation.
+    /// A sensor's own errors go into [`LikelihoodError::Sensor`].
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a Self::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError>;
+}
+
+/// A likelihood that can also draw observations, for simulation.
+///
+/// ```
+/// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+/// use wayfix::{SampleObservation, TableLikelihood};
+///
+/// let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.0, 1.0]])?;
+/// let mut rng = ChaCha8Rng::seed_from_u64(1);
+/// assert_eq!(table.sample(1, &mut rng), 1);
+/// # Ok::<(), wayfix::TableError>(())
+/// ```
+pub trait SampleObservation: Likelihood<Observation: Sized> {
+    /// Draws what is observed in `state`, which is below
+    /// [`states`](Likelihood::states).
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation;
+}

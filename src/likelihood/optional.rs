@@ -1,0 +1,65 @@
+//! Observations that may be missing.
+
+use rand::Rng;
+
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::LikelihoodError;
+
+/// A sensor that may say nothing: the observation is an `Option`, and `None`
+/// is a likelihood of one for every state.
+///
+/// ```
+/// use wayfix::{Belief, DenseTransition, Hmm, OptionalLikelihood, Prior, TableLikelihood};
+///
+/// let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
+/// let transition = DenseTransition::from_rows(2, &[0.5, 0.0, 0.5, 1.0])?;
+/// let hmm = Hmm::new(prior, transition, OptionalLikelihood::new(camera))?;
+/// let mut filter = hmm.filter();
+/// filter.step(&None)?;
+/// assert_eq!(filter.belief().as_slice(), [0.5, 0.5]);
+/// assert_eq!(filter.log_likelihood(), 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct OptionalLikelihood<B> {
+    sensor: B,
+}
+
+impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
+    /// The same sensor, but it may miss.
+    pub fn new(sensor: B) -> Self {
+        Self { sensor }
+    }
+}
+
+impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
+    type Observation = Option<B::Observation>;
+
+    fn states(&self) -> usize {
+        self.sensor.states()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a Option<B::Observation>,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        match observation {
+            Some(observation) => self.sensor.diagonal(observation, scratch),
+            None => {
+                let ones = scratch.values(self.sensor.states());
+                ones.fill(1.0);
+                Ok(Diagonal::checked(ones, 1.0, None))
+            }
+        }
+    }
+}
+
+impl<B: SampleObservation> SampleObservation for OptionalLikelihood<B> {
+    /// Draws what the sensor would say; it never misses here, since how often
+    /// it does is no part of the model.
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Option<B::Observation> {
+        Some(self.sensor.sample(state, rng))
+    }
+}

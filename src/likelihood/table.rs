@@ -1,0 +1,125 @@
+//! Observations that are one of finitely many symbols.
+
+use rand::Rng;
+
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::belief::SUM_TOLERANCE;
+use crate::error::{LikelihoodError, TableError};
+use crate::kernels;
+use crate::random::index;
+
+/// A table p(symbol | state), also called emission or confusion matrix. The
+/// observation is the symbol, 0 to m − 1.
+///
+/// The diagonal of a symbol is handed out without copying or checking again.
+/// Memory: 16 n m bytes, for the values and their logarithms.
+///
+/// ```
+/// use wayfix::TableLikelihood;
+///
+/// // One row per state: how often it shows each symbol.
+/// let umbrella = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// assert_eq!(umbrella.probability(1, 0), Some(0.2));
+/// # Ok::<(), wayfix::TableError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct TableLikelihood {
+    states: usize,
+    /// p(y | i) at y n + i, and the logarithms to base 2 likewise.
+    columns: Vec<f64>,
+    log2: Vec<f64>,
+    /// The largest value of each symbol's column.
+    largest: Vec<f64>,
+}
+
+impl TableLikelihood {
+    /// From one row per state, each a distribution over the symbols. O(n m).
+    ///
+    /// # Errors
+    ///
+    /// [`TableError`] for an empty table, rows of different lengths, a value
+    /// that is NaN, negative or infinite, or a row that does not sum to one
+    /// within 1e-9.
+    pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TableError> {
+        let states = rows.len();
+        let symbols = rows.first().map_or(0, |row| row.as_ref().len());
+        if states == 0 || symbols == 0 {
+            return Err(TableError::Empty { states, symbols });
+        }
+        let mut columns = vec![0.0; states * symbols];
+        for (state, row) in rows.iter().enumerate() {
+            let row = row.as_ref();
+            if row.len() != symbols {
+                let (found, expected) = (row.len(), symbols);
+                return Err(TableError::RowLength { state, found, expected });
+            }
+            for (symbol, &value) in row.iter().enumerate() {
+                if !(value >= 0.0 && value.is_finite()) {
+                    return Err(TableError::Entry { state, symbol, value });
+                }
+                columns[symbol * states + state] = value;
+            }
+            let sum = kernels::sum(row);
+            if (sum - 1.0).abs() > SUM_TOLERANCE {
+                return Err(TableError::RowSum { state, sum });
+            }
+        }
+        let log2 = columns.iter().map(|value| value.log2()).collect();
+        let maximum = |column: &[f64]| column.iter().copied().fold(0.0, f64::max);
+        let largest = columns.chunks_exact(states).map(maximum).collect();
+        Ok(Self { states, columns, log2, largest })
+    }
+
+    /// From a faer view with one row per state. O(n m).
+    ///
+    /// # Errors
+    ///
+    /// [`TableError`] as [`from_rows`](Self::from_rows).
+    #[cfg(feature = "faer")]
+    pub fn from_faer(matrix: faer::MatRef<'_, f64>) -> Result<Self, TableError> {
+        let row = |i| (0..matrix.ncols()).map(|y| matrix[(i, y)]).collect::<Vec<_>>();
+        Self::from_rows(&(0..matrix.nrows()).map(row).collect::<Vec<_>>())
+    }
+
+    /// The number of symbols, m.
+    #[must_use]
+    pub fn symbols(&self) -> usize {
+        self.largest.len()
+    }
+
+    /// p(symbol | state), or `None` where there is no such state or symbol.
+    #[must_use]
+    pub fn probability(&self, state: usize, symbol: usize) -> Option<f64> {
+        let column = self.columns.chunks_exact(self.states).nth(symbol)?;
+        column.get(state).copied()
+    }
+}
+
+impl Likelihood for TableLikelihood {
+    type Observation = usize;
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        &symbol: &'a usize,
+        _: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let symbols = self.symbols();
+        if symbol >= symbols {
+            return Err(LikelihoodError::Symbol { symbol, symbols });
+        }
+        let column = symbol * self.states..(symbol + 1) * self.states;
+        let (linear, log2) = (&self.columns[column.clone()], &self.log2[column]);
+        Ok(Diagonal::checked(linear, self.largest[symbol], Some(log2)))
+    }
+}
+
+impl SampleObservation for TableLikelihood {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
+        let row = self.columns[state..].iter().step_by(self.states).copied();
+        index(row.enumerate(), rng)
+    }
+}

@@ -1,0 +1,23 @@
+//! Drawing from finite distributions.
+
+use rand::{Rng, RngExt};
+
+/// Draws an index in proportion to its weight. The weights sum to one but for
+/// rounding; an index of weight 0 is never drawn.
+pub(crate) fn index<R: Rng + ?Sized>(
+    weights: impl Iterator<Item = (usize, f64)>,
+    rng: &mut R,
+) -> usize {
+    let mut left: f64 = rng.random();
+    let mut last = 0;
+    for (index, weight) in weights {
+        if weight > 0.0 {
+            last = index;
+            left -= weight;
+            if left < 0.0 {
+                break;
+            }
+        }
+    }
+    last
+}

@@ -1,0 +1,185 @@
+//! Transition operators: linear maps on distributions, with columns that sum
+//! to one (paper eq. 6).
+
+mod compressed;
+mod dense;
+mod sparse;
+mod switched;
+
+pub use dense::DenseTransition;
+pub use sparse::SparseTransition;
+pub use switched::SwitchedTransition;
+
+use std::any::Any;
+
+use crate::belief::SUM_TOLERANCE;
+use crate::error::TransitionError;
+
+/// A transition operator A, whose columns sum to one:
+/// A\[i, j\] = p(`X_k` = i | `X_{k-1}` = j), as in the paper's eq. 6.
+///
+/// Two products are all that filter and smoother need, so an operator does not
+/// have to store a matrix. What also needs single entries (Viterbi,
+/// simulation) asks for [`TransitionEntries`].
+///
+/// An operator may depend on a **control**: what drives the step from k − 1 to
+/// k, such as odometry, elapsed time or a gear. An operator without one has
+/// `Control = ()`, and its columns are checked when a model is built from it.
+///
+/// # Implement it yourself
+///
+/// A drive around a loop: one place on with probability 0.9, else stay.
+///
+/// ```
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
+///
+/// struct Around(usize);
+///
+/// impl Transition for Around {
+///     type Control = ();
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         (0..self.0).for_each(|i| out[i] = 0.1 * x[i] + 0.9 * x[(i + self.0 - 1) % self.0]);
+///     }
+///     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         (0..self.0).for_each(|j| out[j] = 0.1 * x[j] + 0.9 * x[(j + 1) % self.0]);
+///     }
+/// }
+///
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?);
+/// let hmm = Hmm::new(prior, Around(4), LikelihoodVector::new(4))?;
+/// let mut filter = hmm.filter();
+/// filter.predict()?;
+/// assert_eq!(filter.belief().as_slice(), [0.1, 0.9, 0.0, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub trait Transition {
+    /// What the operator of a step depends on; `()` if on nothing.
+    type Control: 'static;
+
+    /// The number of states, n.
+    fn states(&self) -> usize;
+
+    /// `out = A x`: the distribution one step later. Overwrites all of `out`.
+    ///
+    /// Must be linear in `x`, for `x` of any non-negative scale. Inference
+    /// calls it with two slices of n values, after
+    /// [`check_control`](Self::check_control) has accepted the control; the
+    /// operators of this crate panic on slices of another length.
+    fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
+
+    /// `out = A' x`, the transpose (paper eq. 12). Overwrites all of `out`.
+    /// The rest is as for [`apply`](Self::apply).
+    fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
+
+    /// Whether there is an operator for this control; all are accepted unless
+    /// an implementation says otherwise.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Control`] with the reason.
+    fn check_control(&self, control: &Self::Control) -> Result<(), TransitionError> {
+        let _ = control;
+        Ok(())
+    }
+}
+
+/// A transition operator whose entries can be listed.
+///
+/// Only entries above 0 are listed, each state at most once, in ascending
+/// order: ties in decoding then go to the lowest state.
+///
+/// # Implement it yourself
+///
+/// ```
+/// use wayfix::{Transition, TransitionEntries};
+/// # struct Around(usize);
+/// # impl Transition for Around {
+/// #     type Control = ();
+/// #     fn states(&self) -> usize { self.0 }
+/// #     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {}
+/// #     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {}
+/// # }
+///
+/// // The loop of the example at `Transition`.
+/// impl TransitionEntries for Around {
+///     fn incoming(&self, _: &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+///         let mut from = [((to + self.0 - 1) % self.0, 0.9), (to, 0.1)];
+///         from.sort_by_key(|entry| entry.0);
+///         from.into_iter()
+///     }
+///     fn outgoing(&self, _: &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+///         let mut to = [((from + 1) % self.0, 0.9), (from, 0.1)];
+///         to.sort_by_key(|entry| entry.0);
+///         to.into_iter()
+///     }
+/// }
+///
+/// assert_eq!(Around(4).outgoing(&(), 3).collect::<Vec<_>>(), [(0, 0.9), (3, 0.1)]);
+/// ```
+pub trait TransitionEntries: Transition {
+    /// The entries into a state, row `to` of A: pairs (from, probability).
+    fn incoming(&self, control: &Self::Control, to: usize) -> impl Iterator<Item = (usize, f64)>;
+
+    /// The entries out of a state, column `from` of A: pairs (to, probability).
+    fn outgoing(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)>;
+
+    /// The step of Viterbi, a product in which a maximum stands for the sum:
+    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
+    /// that attains it, the lowest one of several.
+    ///
+    /// Where nothing leads to i, or only states at −∞ do, `out[i]` is −∞ and
+    /// `from[i]` means nothing. O(entries), unless an operator knows better.
+    fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
+            let entries = self.incoming(control, i).map(|(j, p)| (j as u32, p.log2()));
+            (*out, *from) = best_of(entries, x);
+        }
+    }
+}
+
+/// The best of `log2 A[i, j] + x[j]` and its j: the first of several.
+#[inline]
+fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
+    let mut best = (f64::NEG_INFINITY, 0);
+    for (j, log2) in entries {
+        let value = log2 + x[j as usize];
+        if value > best.0 {
+            best = (value, j);
+        }
+    }
+    best
+}
+
+/// Checks the columns of an operator without a control: A' 1 = 1. An operator
+/// with one can't be checked here, since there is no control to ask it with.
+pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
+    let n = transition.states();
+    if n == 0 {
+        return Err(TransitionError::Empty);
+    }
+    let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
+        return Ok(());
+    };
+    let mut sums = vec![0.0; n];
+    transition.apply_transpose(control, &vec![1.0; n], &mut sums);
+    check_columns(&sums)
+}
+
+/// The first column whose sum is not one.
+fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
+    match sums.iter().position(|s| !((s - 1.0).abs() <= SUM_TOLERANCE)) {
+        Some(column) => Err(TransitionError::ColumnSum { column, sum: sums[column] }),
+        None => Ok(()),
+    }
+}
+
+/// n as an index of 32 bits.
+fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
+    if u32::try_from(count).is_err() {
+        return Err(TransitionError::TooMany { what, count });
+    }
+    Ok(())
+}

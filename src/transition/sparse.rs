@@ -1,0 +1,173 @@
+//! A transition operator that stores only its entries above 0.
+
+use std::sync::OnceLock;
+
+use super::compressed::Compressed;
+use super::{Transition, TransitionEntries, check_columns, check_count};
+use crate::error::TransitionError;
+
+/// A sparse transition matrix, stored by rows and by columns with 32-bit
+/// indices.
+///
+/// Products cost O(entries), memory is about 24 bytes an entry and 40 bytes a
+/// state. Entries of 0 are not stored.
+///
+/// ```
+/// use wayfix::{SparseTransition, Transition};
+///
+/// // (to, from, probability): columns, the ways out of a state, sum to one.
+/// let a = SparseTransition::from_triplets(2, [(0, 0, 0.7), (1, 0, 0.3), (1, 1, 1.0)])?;
+/// let mut out = [0.0; 2];
+/// a.apply(&(), &[0.5, 0.5], &mut out);
+/// assert_eq!(out, [0.35, 0.65]);
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct SparseTransition {
+    rows: Compressed,
+    columns: Compressed,
+    /// log2 of the values of `rows`, made when first decoded with.
+    log2: OnceLock<Vec<f64>>,
+}
+
+impl SparseTransition {
+    /// From entries (to, from, probability) in any order. O(n + entries).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] for no states, an index out of range, a value that
+    /// is NaN, negative or infinite, an entry given twice, a column that does
+    /// not sum to one within 1e-9, or more than 2^32 − 1 states or entries.
+    pub fn from_triplets(
+        states: usize,
+        triplets: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<Self, TransitionError> {
+        if states == 0 {
+            return Err(TransitionError::Empty);
+        }
+        check_count("states", states)?;
+        let mut entries = Vec::new();
+        for (to, from, value) in triplets {
+            if to >= states || from >= states {
+                return Err(TransitionError::OutOfRange { to, from, states });
+            }
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(TransitionError::Entry { to, from, value });
+            }
+            if value > 0.0 {
+                entries.push((to as u32, from as u32, value));
+            }
+        }
+        check_count("entries", entries.len())?;
+        let rows = Compressed::new(states, entries.iter().copied());
+        drop(entries);
+        let mut sums = vec![0.0; states];
+        for to in 0..states {
+            let indices = rows.slices(to).0;
+            if let Some(twice) = indices.windows(2).find(|pair| pair[0] == pair[1]) {
+                return Err(TransitionError::Duplicate { to, from: twice[0] as usize });
+            }
+            rows.line(to).for_each(|(from, value)| sums[from] += value);
+        }
+        check_columns(&sums)?;
+        let columns = rows.transposed();
+        Ok(Self { rows, columns, log2: OnceLock::new() })
+    }
+
+    /// From a dense matrix, row after row: `matrix[i * n + j]` = A\[i, j\] =
+    /// p(i | j). O(n²).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
+    /// [`TransitionError::WrongLength`] unless there are n × n values.
+    pub fn from_rows(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
+        super::dense::check_square(states, matrix.len())?;
+        let entries = matrix.iter().enumerate();
+        Self::from_triplets(states, entries.map(|(at, &p)| (at / states, at % states, p)))
+    }
+
+    /// From a dense faer view of A (columns sum to one). O(n²).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
+    /// [`TransitionError::NotSquare`].
+    #[cfg(feature = "faer")]
+    pub fn from_faer(matrix: faer::MatRef<'_, f64>) -> Result<Self, TransitionError> {
+        let (n, columns) = (matrix.nrows(), matrix.ncols());
+        if n != columns {
+            return Err(TransitionError::NotSquare { rows: n, columns });
+        }
+        let entries = (0..n).flat_map(|j| (0..n).map(move |i| (i, j)));
+        Self::from_triplets(n, entries.map(|(i, j)| (i, j, matrix[(i, j)])))
+    }
+
+    /// From a sparse faer view of A (columns sum to one), with any of faer's
+    /// index types. O(n + entries).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
+    /// [`TransitionError::NotSquare`].
+    #[cfg(feature = "faer")]
+    pub fn from_faer_sparse(
+        matrix: faer::sparse::SparseColMatRef<'_, usize, f64>,
+    ) -> Result<Self, TransitionError> {
+        let (n, columns) = (matrix.nrows(), matrix.ncols());
+        if n != columns {
+            return Err(TransitionError::NotSquare { rows: n, columns });
+        }
+        Self::from_triplets(n, matrix.triplet_iter().map(|t| (t.row, t.col, *t.val)))
+    }
+
+    /// How many entries are above 0, E.
+    #[must_use]
+    pub fn entries(&self) -> usize {
+        self.rows.entries()
+    }
+
+    /// A\[to, from\], 0 where nothing is stored or there is no such state.
+    /// O(log entries of the row).
+    #[must_use]
+    pub fn get(&self, to: usize, from: usize) -> f64 {
+        let states = self.states();
+        if to >= states || from >= states {
+            return 0.0;
+        }
+        let (indices, values) = self.rows.slices(to);
+        indices.binary_search(&(from as u32)).map_or(0.0, |at| values[at])
+    }
+}
+
+impl Transition for SparseTransition {
+    type Control = ();
+
+    fn states(&self) -> usize {
+        self.rows.lines()
+    }
+
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.rows.multiply(x, out);
+    }
+
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.columns.multiply(x, out);
+    }
+}
+
+impl TransitionEntries for SparseTransition {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.rows.line(to)
+    }
+
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.columns.line(from)
+    }
+
+    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        let log2 =
+            self.log2.get_or_init(|| self.rows.values().iter().map(|value| value.log2()).collect());
+        self.rows.max_product(log2, x, out, from);
+    }
+}

@@ -1,0 +1,89 @@
+//! One of several operators at each step, chosen by the control.
+
+use super::{Transition, TransitionEntries};
+use crate::error::TransitionError;
+
+/// A family of operators; the control of a step is the number of the one that
+/// drives it. For gears, times of day, or a matrix for each step.
+///
+/// ```
+/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, SwitchedTransition};
+///
+/// let park = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+/// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;
+/// let gears = SwitchedTransition::new(vec![park, drive])?;
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
+/// let hmm = Hmm::new(prior, gears, LikelihoodVector::new(2))?;
+///
+/// let mut filter = hmm.filter();
+/// filter.step_with(&0, &[0.5, 0.5])?;
+/// assert_eq!(filter.belief().as_slice(), [1.0, 0.0]);
+/// filter.step_with(&1, &[0.5, 0.5])?;
+/// assert_eq!(filter.belief().as_slice(), [0.2, 0.8]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct SwitchedTransition<A> {
+    operators: Vec<A>,
+}
+
+impl<A: Transition<Control = ()>> SwitchedTransition<A> {
+    /// A family of operators of one size. Control u chooses `operators[u]`.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] for no operators,
+    /// [`TransitionError::StateCount`] for sizes that differ, or
+    /// [`TransitionError::ColumnSum`] for an operator that is not stochastic.
+    pub fn new(operators: Vec<A>) -> Result<Self, TransitionError> {
+        let expected = operators.first().ok_or(TransitionError::Empty)?.states();
+        for (operator, a) in operators.iter().enumerate() {
+            let found = a.states();
+            if found != expected {
+                return Err(TransitionError::StateCount { operator, found, expected });
+            }
+            super::validate(a)?;
+        }
+        Ok(Self { operators })
+    }
+}
+
+impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
+    type Control = usize;
+
+    fn states(&self) -> usize {
+        self.operators[0].states()
+    }
+
+    fn apply(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
+        self.operators[control].apply(&(), x, out);
+    }
+
+    fn apply_transpose(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
+        self.operators[control].apply_transpose(&(), x, out);
+    }
+
+    fn check_control(&self, &control: &usize) -> Result<(), TransitionError> {
+        let count = self.operators.len();
+        if control >= count {
+            let last = count - 1;
+            let text = format!("operator {control}, expected one of {count} (0 to {last})");
+            return Err(TransitionError::Control(text));
+        }
+        Ok(())
+    }
+}
+
+impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransition<A> {
+    fn incoming(&self, &control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].incoming(&(), to)
+    }
+
+    fn outgoing(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].outgoing(&(), from)
+    }
+
+    fn max_product(&self, &control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        self.operators[control].max_product(&(), x, out, from);
+    }
+}
