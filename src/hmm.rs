@@ -62,8 +62,8 @@ impl Prior {
 ///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 /// )?;
 /// let (umbrella, none) = (0, 1);
-/// let smoothed = hmm.smooth(&[umbrella, umbrella, none])?;
-/// assert_eq!(smoothed.smoothed().modes(), [0, 0, 1]);
+/// let smoothing = hmm.smooth(&[umbrella, umbrella, none])?;
+/// assert_eq!(smoothing.smoothed().modes(), [0, 0, 1]);
 /// assert_eq!(hmm.viterbi(&[umbrella, umbrella, none])?.states(), [0, 0, 1]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

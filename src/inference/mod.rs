@@ -11,7 +11,7 @@ mod viterbi;
 pub use filter::{Filter, FilterState};
 pub use posteriors::Posteriors;
 pub use simulate::Simulation;
-pub use smoother::Smoothed;
+pub use smoother::Smoothing;
 pub use viterbi::ViterbiPath;
 
 use crate::error::InferenceError;

@@ -25,13 +25,13 @@ use crate::transition::Transition;
 ///
 /// Made by [`Hmm::smooth`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Smoothed {
+pub struct Smoothing {
     filtered: Posteriors,
     smoothed: Posteriors,
     log_likelihood: f64,
 }
 
-impl Smoothed {
+impl Smoothing {
     /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
     #[must_use]
     pub fn filtered(&self) -> &Posteriors {
@@ -65,7 +65,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// [`InferenceError`] with the step at which an observation is impossible
     /// or has no valid likelihood.
-    pub fn smooth<Y>(&self, observations: &[Y]) -> Result<Smoothed, InferenceError>
+    pub fn smooth<Y>(&self, observations: &[Y]) -> Result<Smoothing, InferenceError>
     where
         A: Transition<Control = ()>,
         Y: Borrow<B::Observation>,
@@ -87,7 +87,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         &self,
         controls: &[A::Control],
         observations: &[Y],
-    ) -> Result<Smoothed, InferenceError>
+    ) -> Result<Smoothing, InferenceError>
     where
         Y: Borrow<B::Observation>,
     {
@@ -131,7 +131,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         smoothed.row_mut(0).copy_from_slice(&gamma);
-        Ok(Smoothed { filtered, smoothed, log_likelihood: log_likelihood.value() })
+        Ok(Smoothing { filtered, smoothed, log_likelihood: log_likelihood.value() })
     }
 }
 

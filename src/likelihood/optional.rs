@@ -45,14 +45,12 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         observation: &'a Option<B::Observation>,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        match observation {
-            Some(observation) => self.sensor.diagonal(observation, scratch),
-            None => {
-                let ones = scratch.values(self.sensor.states());
-                ones.fill(1.0);
-                Ok(Diagonal::checked(ones, 1.0, None))
-            }
+        if let Some(observation) = observation {
+            return self.sensor.diagonal(observation, scratch);
         }
+        let ones = scratch.values(self.sensor.states());
+        ones.fill(1.0);
+        Ok(Diagonal::checked(ones, 1.0, None))
     }
 }
 

@@ -11,8 +11,8 @@ use crate::error::LikelihoodError;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let transition = DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?;
 /// let hmm = Hmm::new(prior, transition, LikelihoodVector::new(2))?;
-/// let smoothed = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
-/// assert!((smoothed.log_likelihood() - (0.55f64 * 0.639_090_909_090_909).ln()).abs() < 1e-14);
+/// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
+/// assert!((smoothing.log_likelihood() - (0.55f64 * 0.639_090_909_090_909).ln()).abs() < 1e-14);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

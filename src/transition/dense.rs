@@ -61,14 +61,14 @@ impl DenseTransition {
         check_count("states", states)?;
         let mut columns = Vec::with_capacity(states * states);
         let mut sums = vec![0.0; states];
-        for from in 0..states {
+        for (from, sum) in sums.iter_mut().enumerate() {
             for to in 0..states {
                 let value = entry(to, from);
                 if !(value >= 0.0 && value.is_finite()) {
                     return Err(TransitionError::Entry { to, from, value });
                 }
                 columns.push(value);
-                sums[from] += value;
+                *sum += value;
             }
         }
         check_columns(&sums)?;

@@ -170,7 +170,8 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
 
 /// The first column whose sum is not one.
 fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
-    match sums.iter().position(|s| !((s - 1.0).abs() <= SUM_TOLERANCE)) {
+    let one = 1.0 - SUM_TOLERANCE..=1.0 + SUM_TOLERANCE;
+    match sums.iter().position(|sum| !one.contains(sum)) {
         Some(column) => Err(TransitionError::ColumnSum { column, sum: sums[column] }),
         None => Ok(()),
     }

@@ -1,0 +1,110 @@
+//! The paper's instance: 105 intersections of central Canberra.
+//!
+//! A reconstruction. The figures that hold the paper's two matrices are lost,
+//! so places and roads are taken from the real street network, numbered so
+//! that what the text says holds (1 to 9 run along the main road, 1 leads to 2
+//! and 70, 66 is off it), and probabilities follow from stated rules: the
+//! defaults of [`TurningRule`], and [`Confusion`] with the paper's mean of 0.7
+//! and its Gaussian over the place index. No number was fitted to the paper's
+//! accuracies.
+//!
+//! Places are called by the paper's numbers, 1 to 105; states are counted from
+//! 0, so place 5 is state 4.
+//!
+//! Road geometry © OpenStreetMap contributors, ODbL 1.0.
+//!
+//! ```
+//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+//! use wayfix::{canberra, evaluate};
+//!
+//! let hmm = canberra::hmm(5, 1.0)?;
+//! let drive = hmm.simulate(50, &mut ChaCha8Rng::seed_from_u64(1));
+//! let smoothing = hmm.smooth(drive.observations())?;
+//! let accuracy = evaluate::accuracy(drive.states(), &smoothing.smoothed().modes())?;
+//! # assert!(accuracy > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod places;
+mod roads;
+
+use crate::belief::Belief;
+use crate::error::{HmmError, ObservationError};
+use crate::hmm::{Hmm, Prior};
+use crate::likelihood::TableLikelihood;
+use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
+use crate::observation::{Confusion, Metric};
+use crate::transition::SparseTransition;
+
+/// The mean probability of a correct observation, before Gaussian noise (paper
+/// section II-B).
+pub const MEAN_CORRECT: f64 = 0.7;
+
+/// The number of places.
+pub const PLACES: usize = places::PLACES.len();
+
+/// Why there is no model for these arguments.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CanberraError {
+    /// There is no such place.
+    #[error("the initial place is {0}, expected 1 to {PLACES}")]
+    Place(u32),
+    /// The sensor cannot be built.
+    #[error(transparent)]
+    Observation(#[from] ObservationError),
+    /// The parts do not fit.
+    #[error(transparent)]
+    Hmm(#[from] HmmError),
+}
+
+/// The 105 places and 315 directed roads.
+///
+/// Road geometry © OpenStreetMap contributors, ODbL 1.0.
+#[must_use]
+#[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
+pub fn map() -> RoadMap {
+    let places = places::PLACES.iter().map(|&(id, latitude, longitude, name)| Place {
+        id,
+        position: Position { latitude, longitude },
+        name: name.to_owned(),
+    });
+    let roads =
+        roads::ROADS.iter().map(|&(from, to, class, metres)| Road { from, to, class, metres });
+    RoadMap::new(places, roads).expect("the table is a valid map")
+}
+
+/// The turning probabilities Φ of [`map`], by the default rule.
+#[must_use]
+#[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
+pub fn turning() -> TurningProbabilities {
+    TurningProbabilities::by_rule(&map(), &TurningRule::default()).expect("the rule is valid")
+}
+
+/// The sensor: the discrete part with mean 0.7, and a Gaussian over the place
+/// index with standard deviation `sigma` (paper eqs. 2 to 4; it tries 1 and 2).
+///
+/// # Errors
+///
+/// [`ObservationError::Parameter`] unless `sigma` is finite and above 0.
+pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
+    let map = map();
+    Confusion::new(&map, MEAN_CORRECT)?.with_gaussian(&map, Metric::Index, sigma)
+}
+
+/// The model of the paper's experiments: the vehicle starts at the place with
+/// the number `initial` (the paper tries 5 and 90), one transition before the
+/// first observation, and the sensor has Gaussian noise of `sigma`.
+///
+/// # Errors
+///
+/// [`CanberraError`] if there is no such place, or `sigma` is not above 0.
+pub fn hmm(
+    initial: u32,
+    sigma: f64,
+) -> Result<Hmm<SparseTransition, TableLikelihood>, CanberraError> {
+    let state = map().index_of_id(initial).ok_or(CanberraError::Place(initial))?;
+    let certain = Belief::certain(PLACES, state).map_err(|_| CanberraError::Place(initial))?;
+    let prior = Prior::BeforeFirstTransition(certain);
+    Ok(Hmm::new(prior, turning().into_transition(), sensor(sigma)?)?)
+}

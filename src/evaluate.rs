@@ -1,0 +1,67 @@
+//! How good estimates are.
+//!
+//! ```
+//! use wayfix::evaluate;
+//!
+//! let (truth, estimate) = ([0, 1, 2, 2], [0, 1, 1, 2]);
+//! assert_eq!(evaluate::accuracy(&truth, &estimate)?, 0.75);
+//! let hops = evaluate::mean_error(&truth, &estimate, |i, j| i.abs_diff(j) as f64)?;
+//! assert_eq!(hops, 0.25);
+//! # Ok::<(), wayfix::EvaluationError>(())
+//! ```
+
+use crate::error::EvaluationError;
+use crate::transition::TransitionEntries;
+
+/// The fraction of states that were estimated correctly (paper eq. 15).
+///
+/// # Errors
+///
+/// [`EvaluationError`] if the slices differ in length or are empty.
+pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, EvaluationError> {
+    let wrong = mean_error(truth, estimate, |i, j| if i == j { 0.0 } else { 1.0 })?;
+    Ok(1.0 - wrong)
+}
+
+/// The mean distance from the true to the estimated state, by any measure:
+/// hops or metres of a map, for instance, looked up in a table.
+///
+/// # Errors
+///
+/// [`EvaluationError`] if the slices differ in length or are empty.
+pub fn mean_error(
+    truth: &[usize],
+    estimate: &[usize],
+    mut distance: impl FnMut(usize, usize) -> f64,
+) -> Result<f64, EvaluationError> {
+    let (count, estimated) = (truth.len(), estimate.len());
+    if count != estimated {
+        return Err(EvaluationError::Length { truth: count, estimated });
+    }
+    if count == 0 {
+        return Err(EvaluationError::Empty);
+    }
+    let sum: f64 = truth.iter().zip(estimate).map(|(&i, &j)| distance(i, j)).sum();
+    Ok(sum / count as f64)
+}
+
+/// How many moves of a path the operator does not allow; 0 for a legal drive.
+/// O(path × ways out of a state).
+///
+/// The path starts with its first state: to check the move into it as well,
+/// put the state before it in front.
+///
+/// # Errors
+///
+/// [`EvaluationError::State`] for a state that does not exist.
+pub fn illegal_moves<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    path: &[usize],
+) -> Result<usize, EvaluationError> {
+    let states = transition.states();
+    if let Some(index) = path.iter().position(|&state| state >= states) {
+        return Err(EvaluationError::State { index, state: path[index], states });
+    }
+    let illegal = |moved: &&[usize]| !transition.outgoing(&(), moved[0]).any(|to| to.0 == moved[1]);
+    Ok(path.windows(2).filter(illegal).count())
+}

@@ -1,0 +1,148 @@
+//! Maps from CSV files.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use csv::{ReaderBuilder, StringRecord, Trim};
+
+use super::road_map::Builder;
+use super::{Place, Position, Road, RoadMap};
+use crate::error::MapError;
+
+const PLACES: [&str; 4] = ["id", "latitude", "longitude", "name"];
+const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];
+
+impl RoadMap {
+    /// Reads a map from two CSV files with headers.
+    ///
+    /// Places: `id,latitude,longitude,name`, with positions in degrees; the
+    /// name may be empty. Roads: `from,to,class,length_m`, where from and to
+    /// are ids of places and the class is main, arterial, collector or street.
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Line`] with file and line for whatever
+    /// [`RoadMap::new`] refuses, and for a missing or wrong header, a wrong
+    /// number of columns, or a value that can't be read;
+    /// [`MapError::Read`] if a file can't be opened.
+    pub fn from_csv_files(
+        places: impl AsRef<Path>,
+        roads: impl AsRef<Path>,
+    ) -> Result<Self, MapError> {
+        let open = |path: &Path| {
+            let file = path.display().to_string();
+            match File::open(path) {
+                Ok(reader) => Ok((file, reader)),
+                Err(error) => Err(MapError::Read { file, reason: error.to_string() }),
+            }
+        };
+        let (places, places_reader) = open(places.as_ref())?;
+        let (roads, roads_reader) = open(roads.as_ref())?;
+        read((&places, places_reader), (&roads, roads_reader))
+    }
+
+    /// The same from readers; errors call them "places" and "roads".
+    ///
+    /// ```
+    /// use wayfix::map::RoadMap;
+    ///
+    /// let places = "id,latitude,longitude,name\n1,-35.28,149.13,Civic\n2,-35.29,149.13,\n";
+    /// let roads = "from,to,class,length_m\n1,2,main,1113\n2,3,main,1113\n";
+    /// let error = RoadMap::from_csv(places.as_bytes(), roads.as_bytes()).unwrap_err();
+    /// assert_eq!(
+    ///     error.to_string(),
+    ///     "roads, line 3: the road from place 2 to place 3 needs place 3, which does not exist"
+    /// );
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`from_csv_files`](Self::from_csv_files).
+    pub fn from_csv(places: impl Read, roads: impl Read) -> Result<Self, MapError> {
+        read(("places", places), ("roads", roads))
+    }
+}
+
+fn read(places: (&str, impl Read), roads: (&str, impl Read)) -> Result<RoadMap, MapError> {
+    let mut builder = Builder::default();
+    each_line(places, PLACES, |line| {
+        let (id, latitude, longitude) = (line.get(0)?, line.get(1)?, line.get(2)?);
+        let position = Position { latitude, longitude };
+        builder
+            .place(Place { id, position, name: line.text(3).to_owned() })
+            .map_err(|error| error.to_string())
+    })?;
+    each_line(roads, ROADS, |line| {
+        let (from, to, class, metres) = (line.get(0)?, line.get(1)?, line.text(2), line.get(3)?);
+        builder
+            .road(Road { from, to, class: class.parse()?, metres })
+            .map_err(|error| error.to_string())
+    })?;
+    builder.build()
+}
+
+/// A line of a file whose columns are known.
+struct Line<'a> {
+    columns: [&'static str; 4],
+    record: &'a StringRecord,
+}
+
+impl Line<'_> {
+    fn text(&self, column: usize) -> &str {
+        self.record.get(column).unwrap_or_default()
+    }
+
+    fn get<T: std::str::FromStr>(&self, column: usize) -> Result<T, String> {
+        let found = self.text(column);
+        found.parse().map_err(|_| {
+            let kind = if std::mem::size_of::<T>() == 4 { "a whole number" } else { "a number" };
+            format!("{} is {found:?}, expected {kind}", self.columns[column])
+        })
+    }
+}
+
+/// Calls `take` with each line after the header; its errors get the line.
+fn each_line(
+    (file, reader): (&str, impl Read),
+    columns: [&'static str; 4],
+    mut take: impl FnMut(Line<'_>) -> Result<(), String>,
+) -> Result<(), MapError> {
+    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
+    let mut reader =
+        ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(reader);
+    let mut record = StringRecord::new();
+    let mut header_seen = false;
+    loop {
+        let line = reader.position().line();
+        let more = reader.read_record(&mut record).map_err(|error| {
+            let line = error.position().map_or(line, csv::Position::line);
+            at(line, error.to_string())
+        })?;
+        if !more {
+            break;
+        }
+        let line = record.position().map_or(line, csv::Position::line);
+        if !header_seen {
+            if record != columns[..] {
+                let found = record.iter().collect::<Vec<_>>().join(",");
+                let expected = columns.join(",");
+                return Err(at(line, format!("header {found:?}, expected {expected:?}")));
+            }
+            header_seen = true;
+            continue;
+        }
+        if record.len() != columns.len() {
+            let (found, expected) = (record.len(), columns.len());
+            let names = columns.join(",");
+            let problem = format!("{found} columns, expected {expected} ({names})");
+            return Err(at(line, problem));
+        }
+        take(Line { columns, record: &record }).map_err(|problem| at(line, problem))?;
+    }
+    if !header_seen {
+        let expected = columns.join(",");
+        return Err(at(1, format!("the file is empty, expected the header {expected:?}")));
+    }
+    Ok(())
+}

@@ -1,0 +1,110 @@
+//! Facts of the graph: neighbours, hops, metres, connectivity.
+
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, VecDeque};
+
+use super::{Position, RoadMap};
+
+impl RoadMap {
+    /// The places that a road leads to from here, in ascending order; none if
+    /// there is no such place.
+    #[must_use]
+    pub fn neighbours(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {
+        self.outgoing.of(place).iter().map(|&to| to as usize)
+    }
+
+    /// The places that a road joins with this one, in either direction, in
+    /// ascending order; none if there is no such place.
+    #[must_use]
+    pub fn joined(&self, place: usize) -> Vec<usize> {
+        let ends = self.outgoing.of(place).iter().chain(self.incoming.of(place));
+        let mut ends: Vec<usize> = ends.map(|&end| end as usize).collect();
+        ends.sort_unstable();
+        ends.dedup();
+        ends
+    }
+
+    /// The least number of roads from a place to each place, `None` where no
+    /// drive leads (everywhere, if there is no such place). O(places + roads).
+    #[must_use]
+    pub fn hops_from(&self, place: usize) -> Vec<Option<u32>> {
+        self.search(place, |i| self.outgoing.of(i).iter())
+    }
+
+    /// As [`hops_from`](Self::hops_from), but roads count in both directions:
+    /// how far apart two places are, whoever may drive.
+    #[must_use]
+    pub fn hops_either_way(&self, place: usize) -> Vec<Option<u32>> {
+        self.search(place, |i| self.outgoing.of(i).iter().chain(self.incoming.of(i)))
+    }
+
+    /// The length in metres of the shortest drive from a place to each place,
+    /// `None` where none leads (everywhere, if there is no such place).
+    /// O(roads log roads), by Dijkstra (1959).
+    #[must_use]
+    pub fn road_metres_from(&self, place: usize) -> Vec<Option<f64>> {
+        let mut metres = vec![None; self.places().len()];
+        // Non-negative doubles are in the order of their bits.
+        let mut queue = BinaryHeap::from([(Reverse(0.0_f64.to_bits()), place)]);
+        while let Some((Reverse(bits), i)) = queue.pop() {
+            let Some(reached @ None) = metres.get_mut(i) else { continue };
+            let so_far = f64::from_bits(bits);
+            *reached = Some(so_far);
+            for (to, road) in self.roads_from(i) {
+                queue.push((Reverse((so_far + road.metres).to_bits()), to));
+            }
+        }
+        metres
+    }
+
+    /// The straight distance between two places in metres, `None` if one does
+    /// not exist.
+    #[must_use]
+    pub fn metres_between(&self, place: usize, other: usize) -> Option<f64> {
+        let (a, b) = (self.places().get(place)?, self.places().get(other)?);
+        Some(a.position.metres_to(b.position))
+    }
+
+    /// The place nearest to a position; of several, the lowest. O(places).
+    #[must_use]
+    pub fn nearest(&self, position: Position) -> usize {
+        let metres = self.places().iter().map(|place| place.position.metres_to(position));
+        let mut best = (0, f64::INFINITY);
+        for (i, metres) in metres.enumerate() {
+            if metres < best.1 {
+                best = (i, metres);
+            }
+        }
+        best.0
+    }
+
+    /// Whether a drive leads from every place to every other.
+    /// O(places + roads).
+    #[must_use]
+    pub fn is_strongly_connected(&self) -> bool {
+        let forward = self.hops_from(0);
+        let backward = self.search(0, |i| self.incoming.of(i).iter());
+        forward.iter().chain(&backward).all(Option::is_some)
+    }
+
+    /// Breadth-first search.
+    fn search<'a, I: Iterator<Item = &'a u32>>(
+        &self,
+        place: usize,
+        neighbours: impl Fn(usize) -> I,
+    ) -> Vec<Option<u32>> {
+        let mut hops = vec![None; self.places().len()];
+        let Some(start) = hops.get_mut(place) else { return hops };
+        *start = Some(0);
+        let mut queue = VecDeque::from([(place, 0)]);
+        while let Some((i, so_far)) = queue.pop_front() {
+            for &next in neighbours(i) {
+                if hops[next as usize].is_none() {
+                    hops[next as usize] = Some(so_far + 1);
+                    queue.push_back((next as usize, so_far + 1));
+                }
+            }
+        }
+        hops
+    }
+}

@@ -1,0 +1,41 @@
+//! Maps of places and directed roads, and the transition operators that follow
+//! from them.
+//!
+//! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built by code or read from two
+//! CSV files, and answers what users ask of a map: neighbours, hops, metres,
+//! the nearest place. A [`TurningRule`] (or your own counts) gives
+//! [`TurningProbabilities`] Φ, and these the transition operator A = Φ'.
+//!
+//! ```
+//! use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
+//!
+//! let place = |id, latitude| Place {
+//!     id,
+//!     position: Position { latitude, longitude: 149.13 },
+//!     name: String::new(),
+//! };
+//! let road = |from, to| Road { from, to, class: RoadClass::Street, metres: 112.0 };
+//! let map = RoadMap::new(
+//!     [place(1, -35.280), place(2, -35.281), place(3, -35.282)],
+//!     [road(1, 2), road(2, 1), road(2, 3), road(3, 2)],
+//! )?;
+//! assert!(map.is_strongly_connected());
+//! assert_eq!(map.hops_from(0), [Some(0), Some(1), Some(2)]);
+//!
+//! let turning = TurningProbabilities::by_rule(&map, &TurningRule::default())?;
+//! assert!((turning.get(1, 0) - 0.4).abs() < 1e-15); // two like streets, and a chance to park
+//! let a = turning.into_transition();
+//! # let _: wayfix::SparseTransition = a;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+#[cfg(feature = "csv")]
+mod csv;
+mod graph;
+mod position;
+mod road_map;
+mod turning;
+
+pub use position::Position;
+pub use road_map::{Place, Road, RoadClass, RoadMap};
+pub use turning::{ByClass, TurningProbabilities, TurningRule};

@@ -1,0 +1,90 @@
+//! The Gaussian that is superimposed on the discrete part (paper eqs. 2 to 4).
+
+use std::f64::consts::TAU;
+
+use super::Confusion;
+use crate::error::ObservationError;
+use crate::kernels;
+use crate::likelihood::TableLikelihood;
+use crate::map::RoadMap;
+
+/// What the distance between two places is, for the Gaussian part of a sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Metric {
+    /// The difference of the places' indices, as in the paper (eq. 3). It
+    /// makes accuracy depend on how places are numbered.
+    Index,
+    /// The number of roads between the places, in whichever direction.
+    Hops,
+    /// The straight distance in metres.
+    Metres,
+}
+
+impl Metric {
+    /// The distances from place i to all, infinite where nothing leads.
+    fn distances(self, map: &RoadMap, i: usize) -> Vec<f64> {
+        let n = map.places().len();
+        match self {
+            Self::Index => (0..n).map(|j| i.abs_diff(j) as f64).collect(),
+            Self::Hops => {
+                let hops = map.hops_either_way(i);
+                hops.into_iter().map(|hops| hops.map_or(f64::INFINITY, f64::from)).collect()
+            }
+            Self::Metres => {
+                let here = map.places()[i].position;
+                map.places().iter().map(|place| here.metres_to(place.position)).collect()
+            }
+        }
+    }
+}
+
+impl Confusion {
+    /// The whole sensor: P(j | i) = (P_c(j | i) + G(j; i)) / (1 + Σ_j G(j; i)),
+    /// with a Gaussian G of the distance between places i and j and the
+    /// standard deviation `sigma`, in the unit of the metric.
+    ///
+    /// By [`Metric::Index`] G is the density of eq. 3 with this σ, and this is
+    /// the paper's sensor: eq. 4's δ, read as the sum that normalises, divides.
+    /// Places have no unit distance in hops and metres, so there G is scaled to
+    /// sum to one over all places: it weighs as much as P_c, whatever the unit.
+    ///
+    /// O(n²), and for hops O(n (places + roads)).
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or
+    /// if the map has not the places of this confusion.
+    pub fn with_gaussian(
+        &self,
+        map: &RoadMap,
+        metric: Metric,
+        sigma: f64,
+    ) -> Result<TableLikelihood, ObservationError> {
+        if !(sigma > 0.0 && sigma.is_finite()) {
+            let (what, expected) = ("sigma", "a finite value above 0");
+            return Err(ObservationError::Parameter { what, value: sigma, expected });
+        }
+        if map.places().len() != self.rows.len() {
+            return Err(ObservationError::Parameter {
+                what: "the number of places of the map",
+                value: map.places().len() as f64,
+                expected: "that of the confusion",
+            });
+        }
+        let mut rows = self.rows.clone();
+        for (i, row) in rows.iter_mut().enumerate() {
+            let distances = metric.distances(map, i);
+            let mut gaussian: Vec<f64> =
+                distances.iter().map(|d| (-0.5 * (d / sigma).powi(2)).exp()).collect();
+            let height = match metric {
+                Metric::Index => 1.0 / (TAU.sqrt() * sigma),
+                // Place i itself counts 1, so the sum is not 0.
+                Metric::Hops | Metric::Metres => 1.0 / kernels::sum(&gaussian),
+            };
+            kernels::scale(&mut gaussian, height);
+            let normaliser = 1.0 + kernels::sum(&gaussian);
+            row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normaliser);
+        }
+        Ok(TableLikelihood::from_rows(&rows)?)
+    }
+}

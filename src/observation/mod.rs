@@ -1,0 +1,26 @@
+//! Observation models for places: what a sensor says when the vehicle is
+//! somewhere.
+//!
+//! The paper's sensor names a place. It is right most of the time, takes a
+//! place for one of its neighbours sometimes (the discrete part P_c), and has
+//! Gaussian noise on top (eqs. 2 to 4).
+//!
+//! ```
+//! use wayfix::canberra;
+//! use wayfix::observation::{Confusion, Metric};
+//!
+//! let map = canberra::map();
+//! let confusion = Confusion::new(&map, 0.7)?;
+//! assert!(confusion.probability(0, 0).unwrap() > 0.5); // place 1 is mostly seen as itself
+//! assert_eq!(confusion.probability(0, 104), Some(0.0)); // and never as one far away
+//!
+//! let camera = confusion.with_gaussian(&map, Metric::Metres, 150.0)?;
+//! # let _: wayfix::TableLikelihood = camera;
+//! # Ok::<(), wayfix::ObservationError>(())
+//! ```
+
+mod confusion;
+mod gaussian;
+
+pub use confusion::Confusion;
+pub use gaussian::Metric;
