@@ -98,7 +98,13 @@ impl Belief {
         Ok(Self { probabilities })
     }
 
-    /// The numbers, moved out.
+    /// The probabilities, one per state.
+    #[must_use]
+    pub fn as_slice(&self) -> &[f64] {
+        &self.probabilities
+    }
+
+    /// The probabilities, moved out.
     #[must_use]
     pub fn into_vec(self) -> Vec<f64> {
         self.probabilities
@@ -115,32 +121,36 @@ impl<'a> Belief<&'a [f64]> {
     pub(crate) fn view(probabilities: &'a [f64]) -> Self {
         Self { probabilities }
     }
+
+    /// The probabilities, one per state, for as long as they are borrowed.
+    #[must_use]
+    pub fn as_slice(self) -> &'a [f64] {
+        self.probabilities
+    }
 }
 
 impl<S: AsRef<[f64]>> Belief<S> {
     /// How many states there are, n.
     #[must_use]
     pub fn states(&self) -> usize {
-        self.as_slice().len()
+        self.values().len()
     }
 
-    /// The probabilities, one per state.
-    #[must_use]
-    pub fn as_slice(&self) -> &[f64] {
+    fn values(&self) -> &[f64] {
         self.probabilities.as_ref()
     }
 
     /// The probability of one state, or `None` if there is no such state.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
-        self.as_slice().get(state).copied()
+        self.values().get(state).copied()
     }
 
     /// The most probable state; of several, the lowest. O(n).
     #[must_use]
     pub fn mode(&self) -> usize {
         let mut best = (0, f64::NEG_INFINITY);
-        for (i, &p) in self.as_slice().iter().enumerate() {
+        for (i, &p) in self.values().iter().enumerate() {
             if p > best.1 {
                 best = (i, p);
             }
@@ -152,7 +162,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// uniform. O(n).
     #[must_use]
     pub fn entropy(&self) -> f64 {
-        -self.as_slice().iter().filter(|&&p| p > 0.0).map(|&p| p * p.ln()).sum::<f64>()
+        -self.values().iter().filter(|&&p| p > 0.0).map(|&p| p * p.ln()).sum::<f64>()
     }
 
     /// The probability that the state is one of `states` (each counted as
@@ -162,7 +172,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     ///
     /// [`BeliefError::State`] if one does not exist.
     pub fn mass(&self, states: impl IntoIterator<Item = usize>) -> Result<f64, BeliefError> {
-        let p = self.as_slice();
+        let p = self.values();
         states.into_iter().try_fold(0.0, |sum, state| {
             let p = p.get(state).ok_or(BeliefError::State { state, states: p.len() })?;
             Ok(sum + p)
@@ -181,7 +191,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
         if !(0.0..=1.0).contains(&level) {
             return Err(BeliefError::Level { level });
         }
-        let p = self.as_slice();
+        let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
         order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // stable: ties stay in order
         let mut held = 0.0;
@@ -198,7 +208,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// A copy that owns its numbers.
     #[must_use]
     pub fn to_owned(&self) -> Belief {
-        Belief { probabilities: self.as_slice().to_vec() }
+        Belief { probabilities: self.values().to_vec() }
     }
 }
 

@@ -21,8 +21,8 @@ pub use error::{
 pub use hmm::{Hmm, Prior};
 pub use inference::{Filter, FilterState, Posteriors, Simulation, Smoothing, ViterbiPath};
 pub use likelihood::{
-    Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, LogLikelihoodVector,
-    OptionalLikelihood, SampleObservation, Scratch, TableLikelihood,
+    Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood,
+    SampleObservation, Scratch, TableLikelihood,
 };
 pub use transition::{
     DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries,

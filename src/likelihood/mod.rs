@@ -13,7 +13,7 @@ pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
 pub use optional::OptionalLikelihood;
 pub use table::TableLikelihood;
-pub use vector::{LikelihoodVector, LogLikelihoodVector};
+pub use vector::LikelihoodVector;
 
 use rand::Rng;
 

@@ -21,15 +21,16 @@ use crate::error::LikelihoodError;
 /// assert_eq!(filter.log_likelihood(), 0.0);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct OptionalLikelihood<B> {
     sensor: B,
+    ones: Vec<f64>,
 }
 
 impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
     /// The same sensor, but it may miss.
     pub fn new(sensor: B) -> Self {
-        Self { sensor }
+        Self { ones: vec![1.0; sensor.states()], sensor }
     }
 }
 
@@ -45,12 +46,10 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         observation: &'a Option<B::Observation>,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        if let Some(observation) = observation {
-            return self.sensor.diagonal(observation, scratch);
+        match observation {
+            Some(observation) => self.sensor.diagonal(observation, scratch),
+            None => Ok(Diagonal::checked(&self.ones, 1.0, None)),
         }
-        let ones = scratch.values(self.sensor.states());
-        ones.fill(1.0);
-        Ok(Diagonal::checked(ones, 1.0, None))
     }
 }
 

@@ -1,80 +1,62 @@
 //! Likelihoods that are computed elsewhere: the observation is the diagonal.
 
+use std::marker::PhantomData;
+
 use super::{Diagonal, Likelihood, Scratch};
 use crate::error::LikelihoodError;
 
-/// The observation is the vector of likelihoods itself, one per state.
+/// The observation is the diagonal itself: a slice of n likelihoods, or of
+/// their natural logarithms.
 ///
 /// ```
 /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let transition = DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?;
-/// let hmm = Hmm::new(prior, transition, LikelihoodVector::new(2))?;
-/// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
-/// assert!((smoothing.log_likelihood() - (0.55f64 * 0.639_090_909_090_909).ln()).abs() < 1e-14);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LikelihoodVector {
-    states: usize,
-}
-
-impl LikelihoodVector {
-    /// For vectors of `states` likelihoods, each finite and at least 0.
-    #[must_use]
-    pub fn new(states: usize) -> Self {
-        Self { states }
-    }
-}
-
-impl Likelihood for LikelihoodVector {
-    type Observation = [f64];
-
-    fn states(&self) -> usize {
-        self.states
-    }
-
-    fn diagonal<'a>(
-        &'a self,
-        observation: &'a [f64],
-        _: &'a mut Scratch,
-    ) -> Result<Diagonal<'a>, LikelihoodError> {
-        Ok(Diagonal::linear(observation))
-    }
-}
-
-/// The observation is the vector of log-likelihoods itself, one per state.
-///
-/// Natural logarithms of any size; −∞ rules a state out.
-///
-/// ```
-/// use wayfix::{Belief, DenseTransition, Hmm, LogLikelihoodVector, Prior};
-///
-/// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// let transition = DenseTransition::from_rows(2, &[0.5; 4])?;
-/// let hmm = Hmm::new(prior, transition, LogLikelihoodVector::new(2))?;
+/// let hmm = Hmm::new(prior, transition, LikelihoodVector::log(2))?;
 /// let mut filter = hmm.filter();
 /// filter.step(&[-100_000.0, -100_000.0 + 3f64.ln()])?;
 /// assert!((filter.belief().as_slice()[1] - 0.75).abs() < 1e-10);
 /// assert!((filter.log_likelihood() - (-100_000.0 + 2f64.ln())).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LogLikelihoodVector {
+///
+/// `Y` is how the numbers come: as slices, or, after [`owned`](Self::owned), as
+/// vectors.
+#[derive(Debug)]
+pub struct LikelihoodVector<Y: ?Sized = [f64]> {
     states: usize,
+    log: bool,
+    observation: PhantomData<fn(&Y)>,
 }
 
-impl LogLikelihoodVector {
-    /// For vectors of `states` log-likelihoods, each finite or −∞.
+impl LikelihoodVector {
+    /// For slices of `states` likelihoods, each finite and at least 0, of any
+    /// scale.
     #[must_use]
-    pub fn new(states: usize) -> Self {
-        Self { states }
+    pub fn linear(states: usize) -> Self {
+        Self { states, log: false, observation: PhantomData }
+    }
+
+    /// For slices of `states` natural log-likelihoods of any size, each finite
+    /// or −∞, which rules a state out.
+    #[must_use]
+    pub fn log(states: usize) -> Self {
+        Self { states, log: true, observation: PhantomData }
+    }
+
+    /// The same for observations of type `Vec<f64>`, which can be put into an
+    /// `Option` or a pair, for
+    /// [`OptionalLikelihood`](crate::OptionalLikelihood) and
+    /// [`FusedLikelihood`](crate::FusedLikelihood).
+    #[must_use]
+    pub fn owned(self) -> LikelihoodVector<Vec<f64>> {
+        LikelihoodVector { states: self.states, log: self.log, observation: PhantomData }
     }
 }
 
-impl Likelihood for LogLikelihoodVector {
-    type Observation = [f64];
+impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
+    type Observation = Y;
 
     fn states(&self) -> usize {
         self.states
@@ -82,9 +64,18 @@ impl Likelihood for LogLikelihoodVector {
 
     fn diagonal<'a>(
         &'a self,
-        observation: &'a [f64],
+        observation: &'a Y,
         _: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        Ok(Diagonal::log(observation))
+        let values = observation.as_ref();
+        Ok(if self.log { Diagonal::log(values) } else { Diagonal::linear(values) })
     }
 }
+
+impl<Y: ?Sized> Clone for LikelihoodVector<Y> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<Y: ?Sized> Copy for LikelihoodVector<Y> {}

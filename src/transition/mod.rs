@@ -49,7 +49,7 @@ use crate::error::TransitionError;
 /// }
 ///
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?);
-/// let hmm = Hmm::new(prior, Around(4), LikelihoodVector::new(4))?;
+/// let hmm = Hmm::new(prior, Around(4), LikelihoodVector::linear(4))?;
 /// let mut filter = hmm.filter();
 /// filter.predict()?;
 /// assert_eq!(filter.belief().as_slice(), [0.1, 0.9, 0.0, 0.0]);

@@ -13,7 +13,7 @@ use crate::error::TransitionError;
 /// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;
 /// let gears = SwitchedTransition::new(vec![park, drive])?;
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
-/// let hmm = Hmm::new(prior, gears, LikelihoodVector::new(2))?;
+/// let hmm = Hmm::new(prior, gears, LikelihoodVector::linear(2))?;
 ///
 /// let mut filter = hmm.filter();
 /// filter.step_with(&0, &[0.5, 0.5])?;

@@ -1,0 +1,63 @@
+//! After it is made, a filter allocates nothing. One test only, since the
+//! counter counts for the whole process.
+
+use std::alloc::System;
+
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use wayfix::{
+    Filter, FusedLikelihood, Hmm, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood, canberra,
+};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// How often memory was asked for.
+fn allocations(work: impl FnOnce()) -> usize {
+    let region = Region::new(ALLOCATOR);
+    work();
+    let change = region.change();
+    change.allocations + change.reallocations
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    assert_eq!(allocations(|| drop(std::hint::black_box(vec![0_u8; 64]))), 1, "the counter counts");
+
+    let plain = canberra::hmm(5, 1.0).unwrap();
+    let ys: Vec<usize> = (0..200).map(|k| [4, 5, 6, 80][k % 4]).collect();
+    let mut filter = plain.filter();
+    let found = allocations(|| {
+        for y in &ys {
+            // An impossible observation is no reason to allocate either.
+            if filter.step(y).is_err() {
+                filter.predict().unwrap();
+            }
+            std::hint::black_box(filter.belief().mode());
+        }
+        filter.update(&5).unwrap();
+    });
+    assert_eq!(found, 0, "table, from the first step on");
+
+    let snapshot = filter.snapshot();
+    assert_eq!(allocations(|| filter.restore(&snapshot).unwrap()), 0, "restore");
+
+    // Sensors that fill memory of their own have it after the first step.
+    let n = canberra::PLACES;
+    let camera = OptionalLikelihood::new(canberra::sensor(1.0).unwrap());
+    let odometer = LogLikelihoodFn::new(n, |&y: &f64, i| -(y - i as f64).powi(2) * 1e-3);
+    let given = LikelihoodVector::linear(n).owned();
+    let fused = FusedLikelihood::new(camera, FusedLikelihood::new(odometer, given).unwrap());
+    let hmm =
+        Hmm::new(plain.prior().clone(), canberra::turning().into_transition(), fused.unwrap())
+            .unwrap();
+    let mut filter = Filter::new(Box::new(hmm));
+    let given: Vec<f64> = (0..n).map(|i| 1e-200 * (1.0 + i as f64)).collect();
+    let sightings = [(Some(5), (3.0, given.clone())), (None, (90.0, given))];
+    filter.step(&sightings[0]).unwrap();
+    let found = allocations(|| {
+        for k in 0..200 {
+            filter.step(&sightings[k % 2]).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "fused sensors, after the first step");
+}

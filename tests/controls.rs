@@ -1,0 +1,65 @@
+//! Control k drives the transition from k − 1 to k.
+
+use wayfix::{
+    Belief, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior, SwitchedTransition,
+};
+
+/// Control 0 stays, control 1 moves one on around three places.
+fn hmm(prior: Prior) -> Hmm<SwitchedTransition<DenseTransition>, LikelihoodVector> {
+    let stay = DenseTransition::from_fn(3, |i, j| f64::from(i == j)).unwrap();
+    let go = DenseTransition::from_fn(3, |i, j| f64::from(i == (j + 1) % 3)).unwrap();
+    let gears = SwitchedTransition::new(vec![stay, go]).unwrap();
+    Hmm::new(prior, gears, LikelihoodVector::linear(3)).unwrap()
+}
+
+const NOTHING: [f64; 3] = [1.0; 3];
+
+#[test]
+fn a_control_drives_the_step_to_its_observation() {
+    let hmm = hmm(Prior::BeforeFirstTransition(Belief::certain(3, 0).unwrap()));
+    let controls = [1, 0, 1];
+    let expected = [1, 1, 2];
+    let smoothing = hmm.smooth_with(&controls, &[NOTHING; 3]).unwrap();
+    assert_eq!(smoothing.filtered().modes(), expected);
+    assert_eq!(smoothing.smoothed().modes(), expected);
+    assert_eq!(hmm.viterbi_with(&controls, &[NOTHING; 3]).unwrap().states(), expected);
+    let mut filter = hmm.filter();
+    for (control, state) in controls.iter().zip(expected) {
+        filter.step_with(control, &NOTHING).unwrap();
+        assert_eq!(filter.belief().mode(), state);
+    }
+}
+
+#[test]
+fn the_first_control_is_not_looked_at_if_the_prior_is_at_the_first_observation() {
+    let hmm = hmm(Prior::AtFirstObservation(Belief::certain(3, 0).unwrap()));
+    let controls = [usize::MAX, 1, 0];
+    let expected = [0, 1, 1];
+    let smoothing = hmm.smooth_with(&controls, &[NOTHING; 3]).unwrap();
+    assert_eq!(smoothing.smoothed().modes(), expected);
+    assert_eq!(smoothing.smoothed().get(0), smoothing.smoothed().get(1));
+    assert_eq!(hmm.viterbi_with(&controls, &[NOTHING; 3]).unwrap().states(), expected);
+}
+
+#[test]
+fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
+    let hmm = hmm(Prior::BeforeFirstTransition(Belief::certain(3, 0).unwrap()));
+    let mut filter = hmm.filter();
+    filter.step_with(&1, &NOTHING).unwrap();
+    let before = filter.snapshot();
+    let error = filter.step_with(&2, &NOTHING).unwrap_err();
+    assert_eq!(error.to_string(), "step 2 has no valid control");
+    let source = std::error::Error::source(&error).unwrap();
+    assert_eq!(source.to_string(), "unknown control: operator 2, expected one of 2 (0 to 1)");
+    assert_eq!(filter.snapshot(), before);
+    assert!(filter.predict_with(&2).is_err());
+    assert!(filter.forecast_with(&[0, 2]).is_err());
+    assert_eq!(filter.snapshot(), before);
+
+    let error = hmm.smooth_with(&[0, 2], &[NOTHING; 2]).unwrap_err();
+    assert!(matches!(error, InferenceError::Control { step: 2, .. }));
+    let error = hmm.viterbi_with(&[0, 2], &[NOTHING; 2]).unwrap_err();
+    assert!(matches!(error, InferenceError::Control { step: 2, .. }));
+    let error = hmm.smooth_with(&[0], &[NOTHING; 2]).unwrap_err();
+    assert_eq!(error.to_string(), "1 controls for 2 observations, expected one each");
+}

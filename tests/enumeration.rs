@@ -1,0 +1,149 @@
+//! Every routine against the sum (or the best) over all paths.
+
+mod common;
+
+use common::{Answer, Kind, Model, models};
+use proptest::prelude::*;
+use wayfix::{Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, TransitionEntries};
+
+type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
+
+fn log_sensor(model: &Model) -> Sensor {
+    OptionalLikelihood::new(LikelihoodVector::log(model.states).owned())
+}
+
+/// Equal to this part of the value.
+fn close(found: f64, expected: f64, tolerance: f64) -> Result<(), TestCaseError> {
+    prop_assert!(
+        (found - expected).abs() <= tolerance * expected.abs().max(1e-290),
+        "found {found}, expected {expected}"
+    );
+    Ok(())
+}
+
+/// Equal logarithms.
+fn close_logs(found: f64, expected: f64) -> Result<(), TestCaseError> {
+    let error = (found - expected).abs();
+    prop_assert!(error <= 1e-12 * expected.abs().max(1.0), "found {found}, expected {expected}");
+    Ok(())
+}
+
+fn all_close(found: &[f64], expected: &[f64], tolerance: f64) -> Result<(), TestCaseError> {
+    for (&found, &expected) in found.iter().zip(expected) {
+        close(found, expected, tolerance)?;
+    }
+    Ok(())
+}
+
+fn check<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+    ys: &[Option<Vec<f64>>],
+    answer: &Answer,
+) -> Result<(), TestCaseError> {
+    let controls = model.controls();
+    // Log-likelihoods of 1e5 have an absolute precision of 1e-11 themselves.
+    let tolerance = 1e-9;
+    let impossible = |error: InferenceError| match error {
+        InferenceError::Impossible { step } => Ok(step),
+        other => Err(TestCaseError::fail(format!("{other}"))),
+    };
+
+    let mut filter = hmm.filter();
+    for (index, (control, y)) in controls.iter().zip(ys).enumerate() {
+        if answer.impossible_at == Some(index + 1) {
+            let before = filter.snapshot();
+            prop_assert_eq!(impossible(filter.step_with(control, y).unwrap_err())?, index + 1);
+            prop_assert_eq!(filter.snapshot(), before);
+            break;
+        }
+        filter.step_with(control, y).unwrap();
+        all_close(filter.belief().as_slice(), &answer.filtered[index + 1], tolerance)?;
+    }
+    if let Some(step) = answer.impossible_at {
+        prop_assert_eq!(impossible(hmm.smooth_with(&controls, ys).unwrap_err())?, step);
+        prop_assert_eq!(impossible(hmm.viterbi_with(&controls, ys).unwrap_err())?, step);
+        return Ok(());
+    }
+    close_logs(filter.log_likelihood(), answer.log_likelihood)?;
+
+    let smoothing = hmm.smooth_with(&controls, ys).unwrap();
+    close_logs(smoothing.log_likelihood(), answer.log_likelihood)?;
+    for k in 0..=model.steps() {
+        let filtered = smoothing.filtered().get(k).unwrap();
+        let smoothed = smoothing.smoothed().get(k).unwrap();
+        all_close(filtered.as_slice(), &answer.filtered[k], tolerance)?;
+        all_close(smoothed.as_slice(), &answer.smoothed[k], tolerance)?;
+    }
+
+    let path = hmm.viterbi_with(&controls, ys).unwrap();
+    prop_assert_eq!(path.states().len(), model.steps());
+    if model.steps() > 0 {
+        close_logs(path.log_probability(), answer.viterbi)?;
+        // Legal, and as probable as it says.
+        close_logs(model.log_probability(path.states()), answer.viterbi)?;
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, max_global_rejects: 20_000, ..ProptestConfig::with_cases(2000) })]
+
+    #[test]
+    fn sparse_equals_enumeration(model in models(Kind::Shifted)) {
+        let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(&model)).unwrap();
+        check(&model, &hmm, &model.logs, &model.enumerate())?;
+    }
+
+    /// With entries of 1e-300 and likelihoods hundreds of orders apart.
+    #[test]
+    fn extremes_equal_enumeration(model in models(Kind::Extreme)) {
+        let answer = model.enumerate();
+        // What is below 5e-324 after a step rounds to 0: such models are left out.
+        prop_assume!(answer.least > -660.0);
+        let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(&model)).unwrap();
+        check(&model, &hmm, &model.logs, &answer)?;
+    }
+
+    #[test]
+    fn dense_equals_enumeration(model in models(Kind::Shifted)) {
+        let hmm = Hmm::new(model.prior(), model.dense(), log_sensor(&model)).unwrap();
+        check(&model, &hmm, &model.logs, &model.enumerate())?;
+    }
+
+    /// As numbers of any scale, at every step the same one.
+    #[test]
+    fn linear_likelihoods_equal_enumeration(mut model in models(Kind::Plain), scale in -290..300) {
+        let factor = 10_f64.powi(scale);
+        let linear = |logs: &Vec<f64>| logs.iter().map(|l| l.exp() * factor).collect::<Vec<_>>();
+        let ys: Vec<_> = model.logs.iter().map(|logs| logs.as_ref().map(linear)).collect();
+        let log = |ys: &Vec<f64>| ys.iter().map(|y| y.ln()).collect();
+        model.logs = ys.iter().map(|ys| ys.as_ref().map(log)).collect();
+        let sensor = OptionalLikelihood::new(LikelihoodVector::linear(model.states).owned());
+        let hmm = Hmm::new(model.prior(), model.sparse(), sensor).unwrap();
+        check(&model, &hmm, &ys, &model.enumerate())?;
+    }
+
+    /// Adding c_k to the log-likelihoods of step k adds Σ c_k to log p, and
+    /// changes nothing else.
+    #[test]
+    fn shifts_add_up(model in models(Kind::Plain), shift in prop_oneof![Just(-400.0), Just(-1e5), Just(700.0)]) {
+        let mut shifted = model.clone();
+        shifted.logs.iter_mut().flatten().flatten().for_each(|log| *log += shift);
+        let count = model.logs.iter().flatten().count() as f64;
+        let smooth = |model: &Model| {
+            let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(model)).unwrap();
+            hmm.smooth_with(&model.controls(), &model.logs).ok()
+        };
+        match (smooth(&model), smooth(&shifted)) {
+            (Some(plain), Some(moved)) => {
+                let expected = plain.log_likelihood() + count * shift;
+                prop_assert!((moved.log_likelihood() - expected).abs() <= 1e-9);
+                for (a, b) in plain.smoothed().as_slice().iter().zip(moved.smoothed().as_slice()) {
+                    prop_assert!((a - b).abs() <= 1e-9);
+                }
+            }
+            (plain, moved) => prop_assert!(plain.is_none() && moved.is_none()),
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! A million steps neither underflow nor drift.
+
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, canberra};
+
+const STEPS: usize = 1_000_000;
+
+#[test]
+fn a_million_steps_on_the_map_keep_every_belief_a_distribution() {
+    let hmm = canberra::hmm(5, 1.0).unwrap();
+    let drive = hmm.simulate(STEPS, &mut ChaCha8Rng::seed_from_u64(7));
+    let mut filter = hmm.filter();
+    let mut worst = 0.0_f64;
+    for y in drive.observations() {
+        filter.step(y).unwrap();
+        worst = worst.max((filter.belief().as_slice().iter().sum::<f64>() - 1.0).abs());
+    }
+    assert!(worst <= 1e-12, "a sum is off by {worst}");
+    assert_eq!(filter.steps(), STEPS);
+    assert!(filter.log_likelihood().is_finite());
+}
+
+/// Two states, symmetric: the log-likelihood of T equal observations has a
+/// closed form, since the filter is at its fixed point from the start.
+#[test]
+fn the_log_likelihood_of_a_million_steps_has_all_its_digits() {
+    let hmm = Hmm::new(
+        Prior::BeforeFirstTransition(Belief::uniform(2).unwrap()),
+        DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9]).unwrap(),
+        LikelihoodVector::linear(2),
+    )
+    .unwrap();
+    let y = [0.3, 0.3];
+    let expected = STEPS as f64 * 0.3_f64.ln();
+    let mut filter = hmm.filter();
+    for _ in 0..STEPS {
+        filter.step(&y).unwrap();
+    }
+    let error = (filter.log_likelihood() - expected).abs() / expected.abs();
+    assert!(error <= 1e-15, "relative error {error}");
+    let smoothing = hmm.smooth(&vec![y; STEPS]).unwrap();
+    assert_eq!(smoothing.log_likelihood(), filter.log_likelihood());
+    for k in [0, 1, STEPS / 2, STEPS] {
+        assert!((smoothing.smoothed().get(k).unwrap().as_slice()[0] - 0.5).abs() <= 1e-12);
+    }
+    let path = hmm.viterbi(&vec![y; STEPS]).unwrap();
+    // One start, then stay: ties go to the lowest state.
+    assert!(path.states().iter().all(|&state| state == 0));
+    let best = 0.5_f64.ln() + expected + (STEPS - 1) as f64 * 0.9_f64.ln();
+    let error = (path.log_probability() - best).abs() / best.abs();
+    assert!(error <= 1e-14, "relative error {error}");
+}
+
+/// Nothing seen for a million steps: predictions alone must not drift, even
+/// with columns whose sums are off by a rounding.
+#[test]
+fn a_million_predictions_do_not_drift() {
+    let third = 1.0 / 3.0;
+    let columns = [0.1, 0.2, 0.7, third, third, third, 0.7, 0.2, 0.1];
+    let entries = columns.iter().enumerate().map(|(at, &p)| (at % 3, at / 3, p));
+    let hmm = Hmm::new(
+        Prior::BeforeFirstTransition(Belief::certain(3, 0).unwrap()),
+        SparseTransition::from_triplets(3, entries).unwrap(),
+        LikelihoodVector::linear(3),
+    )
+    .unwrap();
+    let mut filter = hmm.filter();
+    for _ in 0..STEPS {
+        filter.predict().unwrap();
+    }
+    let p = filter.belief().as_slice().to_vec();
+    assert!((p.iter().sum::<f64>() - 1.0).abs() <= 1e-12);
+    // Stationary: A p = p.
+    filter.predict().unwrap();
+    for (a, b) in filter.belief().as_slice().iter().zip(&p) {
+        assert!((a - b).abs() <= 1e-15);
+    }
+    assert_eq!(filter.log_likelihood(), 0.0);
+}
