@@ -61,6 +61,20 @@ pub(crate) fn scale(x: &mut [f64], factor: f64) {
     x.iter_mut().for_each(|x| *x *= factor);
 }
 
+/// `x /= sum`, where `sum` is that of x: makes it a distribution.
+///
+/// What is below the smallest normal double (2.2e-308) becomes 0. Below it a
+/// double has no full precision, and each operation takes a hundred times as
+/// long: the far tails of a Gaussian sensor alone would double the time of a
+/// step.
+pub(crate) fn normalise(x: &mut [f64], sum: f64) {
+    let factor = 1.0 / sum;
+    for x in x {
+        let p = *x * factor;
+        *x = if p >= f64::MIN_POSITIVE { p } else { 0.0 };
+    }
+}
+
 /// The largest of values that are all finite and at least 0, or the index of
 /// the first that is not.
 pub(crate) fn largest(x: &[f64]) -> Result<f64, usize> {

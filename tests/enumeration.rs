@@ -99,7 +99,7 @@ proptest! {
     #[test]
     fn extremes_equal_enumeration(model in models(Kind::Extreme)) {
         let answer = model.enumerate();
-        // What is below 5e-324 after a step rounds to 0: such models are left out.
+        // What is below 2.2e-308 after a step rounds to 0: such models are left out.
         prop_assume!(answer.least > -660.0);
         let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(&model)).unwrap();
         check(&model, &hmm, &model.logs, &answer)?;

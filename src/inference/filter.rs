@@ -69,7 +69,7 @@ impl FilterState {
 /// `M` is how the model is held: [`Hmm::filter`] borrows it; [`Filter::new`]
 /// also takes an `Arc`, a `Box` or another pointer.
 ///
-/// A probability below 5e-324 of the whole rounds to 0, as doubles do. What
+/// A probability below the smallest normal double (2.2e-308) rounds to 0; what
 /// would only pass through such values within one [`step`](Self::step) is kept.
 ///
 /// ```
@@ -316,6 +316,6 @@ fn normalise(predicted: &mut [f64], step: usize) -> Result<(), InferenceError> {
         let value = predicted[state];
         return Err(InferenceError::Predicted { step, state, value });
     }
-    kernels::scale(predicted, 1.0 / sum);
+    kernels::normalise(predicted, sum);
     Ok(())
 }

@@ -162,7 +162,7 @@ fn retreat<A: Transition>(
 ) -> bool {
     transition.apply_transpose(control, ratio, back);
     let sum = kernels::multiply(alpha, back, gamma);
-    kernels::scale(gamma, 1.0 / sum);
+    kernels::normalise(gamma, sum);
     (sum - 1.0).abs() < 1e-6
 }
 

@@ -109,7 +109,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         };
         let normaliser = kernels::multiply(predicted, linear, after);
         if normaliser >= LEAST_NORMALISER * largest {
-            kernels::scale(after, 1.0 / normaliser);
+            kernels::normalise(after, normaliser);
             return Ok(normaliser.ln() + log_scale + diagonal.log_factor);
         }
         self.advance_in_logs(diagonal, before, after, values)
@@ -150,6 +150,6 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
 pub(super) fn exponentiate(logs: &mut [f64], largest: f64) -> f64 {
     logs.iter_mut().for_each(|log| *log = (*log - largest).exp());
     let sum = kernels::sum(logs);
-    kernels::scale(logs, 1.0 / sum);
+    kernels::normalise(logs, sum);
     sum
 }
