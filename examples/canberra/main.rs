@@ -1,2 +1,161 @@
-//! placeholder
-fn main() {}
+//! The paper's experiment: how often do filter and smoother name the right
+//! place, on a drive of 50 steps through central Canberra?
+//!
+//! ```text
+//! cargo run --release --example canberra -- [--runs 2000] [--seed 1] [--out target/canberra]
+//! ```
+//!
+//! Prints Table 1 beside the paper's figures, and writes tables (CSV), pictures
+//! (SVG) and a page that shows them (index.html) into the output folder.
+
+mod experiment;
+mod figures;
+mod page;
+
+use std::error::Error;
+use std::fs;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use wayfix::canberra;
+
+use experiment::{Estimator, Row, SETTINGS, STEPS, Setting};
+
+/// Reproduces Table 1 of "Visual Place Recognition" as distributions.
+#[derive(Parser)]
+struct Arguments {
+    /// How many drives to simulate for each setting.
+    #[arg(long, default_value = "2000")]
+    runs: NonZeroUsize,
+    /// The seed of the random drives.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where to write tables, pictures and the page.
+    #[arg(long, default_value = "target/canberra")]
+    out: PathBuf,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let Arguments { runs, seed, out } = Arguments::parse();
+    fs::create_dir_all(&out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
+
+    let map = canberra::map();
+    let bar = ProgressBar::new((SETTINGS.len() * runs.get()) as u64);
+    bar.set_style(ProgressStyle::with_template(
+        "{msg:20} {bar:40} {pos}/{len} drives, {eta} left",
+    )?);
+    let mut rows = Vec::new();
+    for setting in &SETTINGS {
+        bar.set_message(setting.to_string());
+        rows.extend(setting.run(&map, runs, seed, || bar.inc(1))?);
+    }
+    bar.finish_and_clear();
+
+    print_tables(&rows, runs, seed);
+    write_table1(&out.join("table1.csv"), &rows, runs)?;
+    write_errors(&out.join("errors.csv"), &rows)?;
+    let figures = figures::draw_all(&out, &map, &rows, seed)?;
+    fs::write(out.join("index.html"), page::html(&rows, &figures, runs, seed))?;
+    println!("\nWrote tables, {} pictures and {}", figures.len(), out.join("index.html").display());
+    Ok(())
+}
+
+fn print_tables(rows: &[Row], runs: NonZeroUsize, seed: u64) {
+    println!(
+        "A reconstruction of Table 1: accuracy over {STEPS} steps, {runs} drives a setting, seed {seed}.\n\
+         The central 95% are of single drives, as each figure of the paper is one.\n"
+    );
+    println!("initial  sigma  estimator     mean  std.err.  central 95%    paper");
+    for row in rows {
+        let Setting { initial, sigma, .. } = row.setting;
+        let paper = row.paper().map_or(String::from("-"), |paper| format!("{paper:.2}"));
+        println!(
+            "{initial:7}  {sigma:5}  {:<9}  {:7.4}  {:8.4}  {:.2} to {:.2}  {paper:>7}",
+            row.estimator, row.mean, row.std_error, row.lo95, row.hi95
+        );
+    }
+    println!("\ninitial  sigma  estimator  error: hops  metres  drives that are legal");
+    for row in rows {
+        let Setting { initial, sigma, .. } = row.setting;
+        println!(
+            "{initial:7}  {sigma:5}  {:<9}  {:11.3}  {:6.1}  {:20.1}%",
+            row.estimator,
+            row.hops,
+            row.metres,
+            100.0 * row.legal
+        );
+    }
+}
+
+fn write_table1(path: &Path, rows: &[Row], runs: NonZeroUsize) -> Result<(), csv::Error> {
+    let mut file = csv::Writer::from_path(path)?;
+    file.write_record([
+        "initial",
+        "sigma",
+        "steps",
+        "runs",
+        "estimator",
+        "mean",
+        "std_error",
+        "lo95",
+        "hi95",
+        "paper",
+    ])?;
+    for row in rows {
+        file.write_record([
+            row.setting.initial.to_string(),
+            row.setting.sigma.to_string(),
+            STEPS.to_string(),
+            runs.to_string(),
+            row.estimator.to_string(),
+            format!("{:.6}", row.mean),
+            format!("{:.6}", row.std_error),
+            format!("{:.2}", row.lo95),
+            format!("{:.2}", row.hi95),
+            row.paper().map_or(String::new(), |paper| format!("{paper:.2}")),
+        ])?;
+    }
+    Ok(file.flush()?)
+}
+
+fn write_errors(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
+    let mut file = csv::Writer::from_path(path)?;
+    file.write_record([
+        "initial",
+        "sigma",
+        "estimator",
+        "mean_hops",
+        "mean_metres",
+        "legal_drives",
+    ])?;
+    for row in rows {
+        file.write_record([
+            row.setting.initial.to_string(),
+            row.setting.sigma.to_string(),
+            row.estimator.to_string(),
+            format!("{:.6}", row.hops),
+            format!("{:.3}", row.metres),
+            format!("{:.6}", row.legal),
+        ])?;
+    }
+    Ok(file.flush()?)
+}
+
+impl std::fmt::Display for Setting {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "start {}, sigma {}", self.initial, self.sigma)
+    }
+}
+
+impl std::fmt::Display for Estimator {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(match self {
+            Self::Raw => "raw",
+            Self::Filter => "filter",
+            Self::Smoother => "smoother",
+            Self::Viterbi => "viterbi",
+        })
+    }
+}

@@ -1,0 +1,176 @@
+//! Many simulated drives, estimated and scored.
+
+use std::error::Error;
+use std::num::NonZeroUsize;
+
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::map::RoadMap;
+use wayfix::{canberra, evaluate};
+
+/// The length of a drive in the paper (section IV).
+pub(crate) const STEPS: usize = 50;
+
+/// Where a drive starts and how noisy the sensor is, with the paper's two
+/// accuracies.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Setting {
+    pub(crate) initial: u32,
+    pub(crate) sigma: f64,
+    paper_filter: f64,
+    paper_smoother: f64,
+}
+
+/// Table 1 of the paper.
+pub(crate) const SETTINGS: [Setting; 3] = [
+    Setting { initial: 5, sigma: 1.0, paper_filter: 0.76, paper_smoother: 0.88 },
+    Setting { initial: 5, sigma: 2.0, paper_filter: 0.68, paper_smoother: 0.82 },
+    Setting { initial: 90, sigma: 1.0, paper_filter: 0.76, paper_smoother: 0.82 },
+];
+
+/// What names the place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Estimator {
+    /// The sensor alone.
+    Raw,
+    /// The most probable place given the sightings so far.
+    Filter,
+    /// The most probable place given all sightings.
+    Smoother,
+    /// The most probable drive.
+    Viterbi,
+}
+
+pub(crate) const ESTIMATORS: [Estimator; 4] =
+    [Estimator::Raw, Estimator::Filter, Estimator::Smoother, Estimator::Viterbi];
+
+/// One drive: X_0, the truth X_1 … X_T, and an estimate of it by each estimator.
+pub(crate) struct Drive {
+    pub(crate) initial: usize,
+    pub(crate) truth: Vec<usize>,
+    pub(crate) estimates: [Vec<usize>; ESTIMATORS.len()],
+}
+
+/// How good an estimator is in a setting.
+pub(crate) struct Row {
+    pub(crate) setting: Setting,
+    pub(crate) estimator: Estimator,
+    /// The mean accuracy over the drives, and its standard error.
+    pub(crate) mean: f64,
+    pub(crate) std_error: f64,
+    /// The central 95% of the accuracies of single drives.
+    pub(crate) lo95: f64,
+    pub(crate) hi95: f64,
+    /// The mean distance from the true to the estimated place.
+    pub(crate) hops: f64,
+    pub(crate) metres: f64,
+    /// The fraction of estimated drives in which every move is possible.
+    pub(crate) legal: f64,
+}
+
+impl Row {
+    /// The paper's accuracy, where it has one.
+    pub(crate) fn paper(&self) -> Option<f64> {
+        match self.estimator {
+            Estimator::Filter => Some(self.setting.paper_filter),
+            Estimator::Smoother => Some(self.setting.paper_smoother),
+            Estimator::Raw | Estimator::Viterbi => None,
+        }
+    }
+}
+
+impl Setting {
+    /// Drive number `run`: its own stream of the generator, so that it is the
+    /// same however many drives there are.
+    pub(crate) fn drive(&self, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
+        let hmm = canberra::hmm(self.initial, self.sigma)?;
+        drive(&hmm, self, seed, run)
+    }
+
+    /// Many drives, scored: a row for each estimator.
+    pub(crate) fn run(
+        &self,
+        map: &RoadMap,
+        runs: NonZeroUsize,
+        seed: u64,
+        mut done: impl FnMut(),
+    ) -> Result<Vec<Row>, Box<dyn Error>> {
+        let places = 0..map.places().len();
+        let hops: Vec<Vec<f64>> = places
+            .clone()
+            .map(|i| {
+                map.hops_either_way(i).into_iter().map(|h| h.map_or(f64::NAN, f64::from)).collect()
+            })
+            .collect();
+        let metres: Vec<Vec<f64>> = places
+            .clone()
+            .map(|i| places.clone().map(|j| map.metres_between(i, j).unwrap_or(f64::NAN)).collect())
+            .collect();
+
+        let hmm = canberra::hmm(self.initial, self.sigma)?;
+        let mut accuracies = [(); ESTIMATORS.len()].map(|()| Vec::with_capacity(runs.get()));
+        let mut sums = [(0.0, 0.0, 0.0); ESTIMATORS.len()];
+        for run in 0..runs.get() as u64 {
+            let drive = drive(&hmm, self, seed, run)?;
+            for (i, estimate) in drive.estimates.iter().enumerate() {
+                accuracies[i].push(evaluate::accuracy(&drive.truth, estimate)?);
+                sums[i].0 += evaluate::mean_error(&drive.truth, estimate, |a, b| hops[a][b])?;
+                sums[i].1 += evaluate::mean_error(&drive.truth, estimate, |a, b| metres[a][b])?;
+                let path: Vec<usize> =
+                    std::iter::once(drive.initial).chain(estimate.iter().copied()).collect();
+                let illegal = evaluate::illegal_moves(hmm.transition(), &path)?;
+                sums[i].2 += f64::from(illegal == 0);
+            }
+            done();
+        }
+        let rows = ESTIMATORS.iter().zip(accuracies).zip(sums);
+        Ok(rows
+            .map(|((&estimator, mut accuracies), (hops, metres, legal))| {
+                let count = runs.get() as f64;
+                accuracies.sort_by(f64::total_cmp);
+                let mean = accuracies.iter().sum::<f64>() / count;
+                let squares: f64 = accuracies.iter().map(|a| (a - mean).powi(2)).sum();
+                Row {
+                    setting: *self,
+                    estimator,
+                    mean,
+                    std_error: (squares / (count - 1.0).max(1.0) / count).sqrt(),
+                    lo95: quantile(&accuracies, 0.025),
+                    hi95: quantile(&accuracies, 0.975),
+                    hops: hops / count,
+                    metres: metres / count,
+                    legal: legal / count,
+                }
+            })
+            .collect())
+    }
+}
+
+type Model = wayfix::Hmm<wayfix::SparseTransition, wayfix::TableLikelihood>;
+
+fn drive(hmm: &Model, setting: &Setting, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let number =
+        SETTINGS.iter().position(|s| s.initial == setting.initial && s.sigma == setting.sigma);
+    rng.set_stream((number.unwrap_or(SETTINGS.len()) as u64) << 32 | run);
+    let drive = hmm.simulate(STEPS, &mut rng);
+    let smoothing = hmm.smooth(drive.observations())?;
+    Ok(Drive {
+        initial: drive.initial().ok_or("the drive has no start")?,
+        truth: drive.states().to_vec(),
+        estimates: [
+            drive.observations().to_vec(),
+            smoothing.filtered().modes(),
+            smoothing.smoothed().modes(),
+            hmm.viterbi(drive.observations())?.into_states(),
+        ],
+    })
+}
+
+/// The value below which a fraction of the sorted values lies (nearest rank).
+fn quantile(sorted: &[f64], fraction: f64) -> f64 {
+    let below = sorted
+        .iter()
+        .enumerate()
+        .take_while(|(i, _)| *i as f64 + 1.0 < fraction * sorted.len() as f64);
+    sorted[below.count()]
+}

@@ -1,0 +1,356 @@
+//! The paper's pictures as SVG: the map, true and estimated places, the two
+//! matrices; and Table 1 as intervals.
+
+#![expect(clippy::cast_possible_wrap, reason = "pixels and places are small numbers")]
+
+use std::error::Error;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use wayfix::map::{RoadClass, RoadMap};
+use wayfix::{SparseTransition, TransitionEntries, canberra};
+
+use crate::experiment::{Drive, Estimator, Row, SETTINGS, STEPS};
+
+/// A picture and what it shows.
+pub(crate) struct Figure {
+    pub(crate) file: String,
+    pub(crate) caption: String,
+}
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), Box<dyn Error>>;
+
+// Okabe and Ito's colours, which the colour-blind can tell apart.
+const BLUE: RGBColor = RGBColor(0, 114, 178);
+const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+const GREEN: RGBColor = RGBColor(0, 158, 115);
+const GREY: RGBColor = RGBColor(110, 110, 110);
+const RED: RGBColor = RGBColor(190, 30, 45);
+
+fn colour(estimator: Estimator) -> RGBColor {
+    match estimator {
+        Estimator::Raw => GREY,
+        Estimator::Filter => VERMILLION,
+        Estimator::Smoother => BLUE,
+        Estimator::Viterbi => GREEN,
+    }
+}
+
+fn font(size: i32) -> TextStyle<'static> {
+    TextStyle::from(("sans-serif", size).into_font()).color(&BLACK)
+}
+
+fn anchored(style: &TextStyle<'static>, horizontal: HPos) -> TextStyle<'static> {
+    style.pos(Pos::new(horizontal, VPos::Center))
+}
+
+/// Draws all pictures into a folder, in the order in which a page shows them.
+pub(crate) fn draw_all(
+    folder: &Path,
+    map: &RoadMap,
+    rows: &[Row],
+    seed: u64,
+) -> Result<Vec<Figure>, Box<dyn Error>> {
+    let mut figures = Vec::new();
+    let mut draw =
+        |file: &str, size, caption: String, with: &dyn Fn(&Area<'_>) -> Drawn| -> Drawn {
+            let path = folder.join(file);
+            let area = SVGBackend::new(&path, size).into_drawing_area();
+            area.fill(&WHITE)?;
+            with(&area)?;
+            area.present()?;
+            figures.push(Figure { file: file.to_owned(), caption });
+            Ok(())
+        };
+
+    let caption = "Table 1 as distributions: the mean accuracy (dot) and the central 95% of single \
+                   drives (bar), with the paper's figure (diamond), which is one drive.";
+    draw("table1.svg", (900, 480), caption.into(), &|area| table1(area, rows))?;
+
+    let caption = "Fig. 1: the 105 places and the roads between them. Wider lines are higher \
+                   classes; arrows mark one-way roads. Road geometry © OpenStreetMap \
+                   contributors, ODbL 1.0.";
+    draw("fig01_map.svg", (1500, 1240), caption.into(), &|area| road_map(area, map))?;
+
+    // The paper's figures 2 to 10: filter, smoother, both, for each setting.
+    let mut number = 2;
+    for setting in &SETTINGS {
+        let drive = setting.drive(seed, 0)?;
+        for shown in [
+            &[Estimator::Filter][..],
+            &[Estimator::Smoother],
+            &[Estimator::Filter, Estimator::Smoother],
+        ] {
+            let names: Vec<String> = shown.iter().map(Estimator::to_string).collect();
+            let names = names.join(" and ");
+            let caption = format!(
+                "Fig. {number}: true and estimated place by {names}; {setting}. The first drive of \
+                 the seed, not a chosen one."
+            );
+            let title = format!("{setting}: {names}");
+            let file = format!(
+                "fig{number:02}_start{}_sigma{}_{}.svg",
+                setting.initial,
+                setting.sigma,
+                names.replace(' ', "_")
+            );
+            draw(&file, (900, 440), caption, &|area| track(area, &title, &drive, shown))?;
+            number += 1;
+        }
+    }
+
+    let transition = canberra::turning().into_transition();
+    let caption = "Fig. A: the transition matrix. Columns, the ways out of a place, sum to one.";
+    draw("figA_transition.svg", (970, 860), caption.into(), &|area| {
+        matrix(area, "Transition matrix A", "from place", "to place", &entries(&transition))
+    })?;
+    let sensor = canberra::sensor(1.0)?;
+    let caption = "Fig. B: the observation matrix with Gaussian noise of sigma 1. Before the noise \
+                   the mean of the diagonal is 0.7; with it, about 0.55. Columns sum to one.";
+    draw("figB_observation.svg", (970, 860), caption.into(), &|area| {
+        let places = 0..canberra::PLACES;
+        let pairs = places.clone().flat_map(|y| places.clone().map(move |x| (y, x)));
+        let values = pairs.filter_map(|(y, x)| Some((y, x, sensor.probability(x, y)?)));
+        matrix(area, "Observation matrix", "true place", "place seen", &values.collect::<Vec<_>>())
+    })?;
+    Ok(figures)
+}
+
+fn entries(transition: &SparseTransition) -> Vec<(usize, usize, f64)> {
+    let columns = 0..canberra::PLACES;
+    columns.flat_map(|j| transition.outgoing(&(), j).map(move |(i, p)| (i, j, p))).collect()
+}
+
+/// Means, intervals, and the paper's figures.
+fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
+    let (left, right, top, step) = (190, 870, 62, 28);
+    let x =
+        |accuracy: f64| left + (f64::from(right - left) * (accuracy - 0.2) / 0.8).round() as i32;
+    area.draw(&Text::new("Accuracy over 50 steps", (20, 16), font(20)))?;
+    let bottom = top + SETTINGS.len() as i32 * (4 * step + 16) - 10;
+    for tenth in 2..=10 {
+        let at = x(f64::from(tenth) / 10.0);
+        area.draw(&PathElement::new([(at, top - 14), (at, bottom)], RGBColor(220, 220, 220)))?;
+        let label = format!("{:.1}", f64::from(tenth) / 10.0);
+        area.draw(&Text::new(label, (at, bottom + 14), anchored(&font(14), HPos::Center)))?;
+    }
+    for (i, row) in rows.iter().enumerate() {
+        let group = (i / 4) as i32;
+        let y = top + i as i32 * step + group * 16;
+        let style = colour(row.estimator);
+        if i % 4 == 0 {
+            let name = format!("start {}, σ = {}", row.setting.initial, row.setting.sigma);
+            area.draw(&Text::new(name, (20, y), anchored(&font(14), HPos::Left)))?;
+        }
+        let name = row.estimator.to_string();
+        area.draw(&Text::new(name, (left - 14, y), anchored(&font(14), HPos::Right)))?;
+        let bar = [(x(row.lo95.max(0.2)), y - 5), (x(row.hi95), y + 5)];
+        area.draw(&Rectangle::new(bar, style.mix(0.35).filled()))?;
+        area.draw(&Circle::new((x(row.mean), y), 5, style.filled()))?;
+        if let Some(paper) = row.paper() {
+            area.draw(&diamond((x(paper), y)))?;
+        }
+    }
+    let y = 26;
+    area.draw(&Rectangle::new([(400, y - 5), (450, y + 5)], GREY.mix(0.35).filled()))?;
+    area.draw(&Text::new("95% of drives", (458, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Circle::new((590, y), 5, GREY.filled()))?;
+    area.draw(&Text::new("mean", (602, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&diamond((670, y)))?;
+    area.draw(&Text::new("the paper (one drive)", (682, y), anchored(&font(14), HPos::Left)))?;
+    Ok(())
+}
+
+fn diamond((x, y): (i32, i32)) -> Polygon<(i32, i32)> {
+    Polygon::new([(x, y - 7), (x + 7, y), (x, y + 7), (x - 7, y)], BLACK.filled())
+}
+
+/// Places as numbered dots, roads as lines.
+fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
+    let (width, height) = (1500.0, 1240.0);
+    let positions = map.places().iter().map(|place| place.position);
+    let bounds = |of: &dyn Fn(usize) -> f64| {
+        let values = (0..map.places().len()).map(of);
+        values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)))
+    };
+    let positions: Vec<_> = positions.collect();
+    let (south, north) = bounds(&|i| positions[i].latitude);
+    let (west, east) = bounds(&|i| positions[i].longitude);
+    let shrink = (0.5 * (south + north)).to_radians().cos();
+    let scale = ((width - 80.0) / ((east - west) * shrink)).min((height - 110.0) / (north - south));
+    let pixel = |i: usize| {
+        let x = 40.0 + (positions[i].longitude - west) * shrink * scale;
+        let y = 70.0 + (north - positions[i].latitude) * scale;
+        (x.round() as i32, y.round() as i32)
+    };
+    let stroke = |class| match class {
+        RoadClass::Main => 7,
+        RoadClass::Arterial => 4,
+        RoadClass::Collector => 3,
+        RoadClass::Street => 2,
+    };
+    for from in 0..positions.len() {
+        for (to, road) in map.roads_from(from) {
+            let two_way = map.neighbours(to).any(|back| back == from);
+            if two_way && from > to {
+                continue;
+            }
+            let line = [pixel(from), pixel(to)];
+            area.draw(&PathElement::new(line, BLUE.mix(0.75).stroke_width(stroke(road.class))))?;
+            if !two_way {
+                area.draw(&Polygon::new(arrow(line), BLUE.filled()))?;
+            }
+        }
+    }
+    for (i, place) in map.places().iter().enumerate() {
+        area.draw(&Circle::new(pixel(i), 12, RED.filled()))?;
+        let style = anchored(&font(14).color(&WHITE), HPos::Center);
+        area.draw(&Text::new(place.id.to_string(), pixel(i), style))?;
+    }
+    let title = "Central Canberra: 105 places, 315 directed roads";
+    area.draw(&Text::new(title, (40, 18), font(26)))?;
+    let mut x = 700;
+    for class in [RoadClass::Main, RoadClass::Arterial, RoadClass::Collector, RoadClass::Street] {
+        let line = [(x, 32), (x + 40, 32)];
+        area.draw(&PathElement::new(line, BLUE.mix(0.75).stroke_width(stroke(class))))?;
+        area.draw(&Text::new(class.to_string(), (x + 48, 32), anchored(&font(18), HPos::Left)))?;
+        x += 150;
+    }
+    let line = [(x, 32), (x + 40, 32)];
+    area.draw(&PathElement::new(line, BLUE.mix(0.75).stroke_width(2)))?;
+    area.draw(&Polygon::new(arrow(line), BLUE.filled()))?;
+    area.draw(&Text::new("one way", (x + 48, 32), anchored(&font(18), HPos::Left)))?;
+    let credit = "Road geometry © OpenStreetMap contributors, ODbL 1.0";
+    let at = (width as i32 - 20, height as i32 - 18);
+    area.draw(&Text::new(credit, at, anchored(&font(16), HPos::Right)))?;
+    Ok(())
+}
+
+/// A triangle a little beyond the middle of a line, along it.
+fn arrow([from, to]: [(i32, i32); 2]) -> [(i32, i32); 3] {
+    let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
+    let length = dx.hypot(dy).max(1.0);
+    let (ux, uy) = (dx / length, dy / length);
+    let tip = (f64::from(from.0) + 0.5 * dx + 9.0 * ux, f64::from(from.1) + 0.5 * dy + 9.0 * uy);
+    let at = |along: f64, across: f64| {
+        let (x, y) = (tip.0 - along * ux - across * uy, tip.1 - along * uy + across * ux);
+        (x.round() as i32, y.round() as i32)
+    };
+    [at(0.0, 0.0), at(18.0, 8.0), at(18.0, -8.0)]
+}
+
+/// The true place at each step, and what was estimated.
+fn track(area: &Area<'_>, title: &str, drive: &Drive, shown: &[Estimator]) -> Drawn {
+    let (head, body) = area.split_vertically(44);
+    head.draw(&Text::new(title.to_owned(), (20, 14), font(18)))?;
+    let mut chart = ChartBuilder::on(&body)
+        .margin_right(20)
+        .x_label_area_size(44)
+        .y_label_area_size(56)
+        .build_cartesian_2d(0.0..STEPS as f64 + 1.0, 0.0..107.0)?;
+    chart
+        .configure_mesh()
+        .x_desc("step")
+        .y_desc("place")
+        .x_labels(11)
+        .y_labels(11)
+        .x_label_formatter(&|x| format!("{x:.0}"))
+        .y_label_formatter(&|y| format!("{y:.0}"))
+        .axis_desc_style(font(15))
+        .label_style(font(13))
+        .light_line_style(TRANSPARENT)
+        .draw()?;
+    let points = |places: &[usize]| -> Vec<(f64, f64)> {
+        places.iter().zip(1..).map(|(&i, k)| (f64::from(k), i as f64 + 1.0)).collect()
+    };
+    let mut truth = vec![(0.0, drive.initial as f64 + 1.0)];
+    truth.extend(points(&drive.truth));
+    chart.draw_series(LineSeries::new(truth.clone(), BLACK.mix(0.6)))?;
+    chart.draw_series(truth.into_iter().map(|at| Circle::new(at, 3, BLACK.filled())))?;
+
+    let mut x = 330;
+    let legend =
+        |x: i32, text: String| Text::new(text, (x + 16, 24), anchored(&font(14), HPos::Left));
+    head.draw(&Circle::new((x, 24), 3, BLACK.filled()))?;
+    head.draw(&legend(x, "true place".into()))?;
+    x += 130;
+    for &estimator in shown {
+        let estimate = &drive.estimates[estimator as usize];
+        let style = colour(estimator).stroke_width(2);
+        let correct = estimate.iter().zip(&drive.truth).filter(|(a, b)| a == b).count();
+        let accuracy = correct as f64 / estimate.len() as f64;
+        let text = format!("{estimator} ({accuracy:.2} right)");
+        head.draw(&legend(x, text))?;
+        if estimator == Estimator::Filter {
+            head.draw(&Cross::new((x, 24), 6, style))?;
+            chart.draw_series(points(estimate).into_iter().map(|at| Cross::new(at, 6, style)))?;
+        } else {
+            head.draw(&Circle::new((x, 24), 7, style))?;
+            chart.draw_series(points(estimate).into_iter().map(|at| Circle::new(at, 7, style)))?;
+        }
+        x += 200;
+    }
+    Ok(())
+}
+
+/// A matrix as lightness: the lighter, the larger.
+fn matrix(
+    area: &Area<'_>,
+    title: &str,
+    columns: &str,
+    rows: &str,
+    entries: &[(usize, usize, f64)],
+) -> Drawn {
+    const CELL: i32 = 7;
+    let (left, top) = (80, 60);
+    let side = CELL * canberra::PLACES as i32;
+    let largest = entries.iter().map(|entry| entry.2).fold(0.0, f64::max);
+    let colour = |p: f64| ViridisRGB.get_color(p / largest);
+    area.draw(&Text::new(title.to_owned(), (left, 18), font(20)))?;
+    area.draw(&Rectangle::new([(left, top), (left + side, top + side)], colour(0.0).filled()))?;
+    for &(i, j, p) in entries.iter().filter(|entry| entry.2 > 1e-3) {
+        let (x, y) = (left + CELL * j as i32, top + CELL * i as i32);
+        area.draw(&Rectangle::new([(x, y), (x + CELL, y + CELL)], colour(p).filled()))?;
+    }
+    for place in [1, 15, 30, 45, 60, 75, 90, 105] {
+        let at = CELL * place - CELL / 2;
+        let label = Text::new(
+            place.to_string(),
+            (left + at, top + side + 14),
+            anchored(&font(14), HPos::Center),
+        );
+        area.draw(&label)?;
+        area.draw(&Text::new(
+            place.to_string(),
+            (left - 8, top + at),
+            anchored(&font(14), HPos::Right),
+        ))?;
+    }
+    let middle = side / 2;
+    area.draw(&Text::new(
+        columns.to_owned(),
+        (left + middle, top + side + 38),
+        anchored(&font(16), HPos::Center),
+    ))?;
+    let turned = font(16).transform(FontTransform::Rotate270);
+    area.draw(&Text::new(
+        rows.to_owned(),
+        (left - 58, top + middle),
+        anchored(&turned, HPos::Center),
+    ))?;
+    // The scale.
+    let (x, height) = (left + side + 30, 400);
+    for y in 0..height {
+        let p = largest * f64::from(height - y) / f64::from(height);
+        area.draw(&Rectangle::new([(x, top + y), (x + 24, top + y + 1)], colour(p).filled()))?;
+    }
+    for tenth in 0..=(largest * 10.0).floor() as i32 {
+        let p = f64::from(tenth) / 10.0;
+        let y = top + height - (f64::from(height) * p / largest).round() as i32;
+        area.draw(&Text::new(format!("{p:.1}"), (x + 32, y), anchored(&font(14), HPos::Left)))?;
+    }
+    Ok(())
+}
