@@ -108,9 +108,14 @@ pub(crate) fn draw_all(
         matrix(area, "Transition matrix A", "from place", "to place", &entries(&transition))
     })?;
     let sensor = canberra::sensor(1.0)?;
-    let caption = "Fig. B: the observation matrix with Gaussian noise of sigma 1. Before the noise \
-                   the mean of the diagonal is 0.7; with it, about 0.55. Columns sum to one.";
-    draw("figB_observation.svg", (970, 860), caption.into(), &|area| {
+    let diagonal = (0..canberra::PLACES).filter_map(|i| sensor.probability(i, i)).sum::<f64>();
+    let caption = format!(
+        "Fig. B: the observation matrix with Gaussian noise of sigma 1. The mean of the diagonal is \
+         {} before the noise and {:.2} with it. Columns sum to one.",
+        canberra::MEAN_CORRECT,
+        diagonal / canberra::PLACES as f64
+    );
+    draw("figB_observation.svg", (970, 860), caption, &|area| {
         let places = 0..canberra::PLACES;
         let pairs = places.clone().flat_map(|y| places.clone().map(move |x| (y, x)));
         let values = pairs.filter_map(|(y, x)| Some((y, x, sensor.probability(x, y)?)));
@@ -248,6 +253,7 @@ fn track(area: &Area<'_>, title: &str, drive: &Drive, shown: &[Estimator]) -> Dr
     head.draw(&Text::new(title.to_owned(), (20, 14), font(18)))?;
     let mut chart = ChartBuilder::on(&body)
         .margin_right(20)
+        .margin_left(8)
         .x_label_area_size(44)
         .y_label_area_size(56)
         .build_cartesian_2d(0.0..STEPS as f64 + 1.0, 0.0..107.0)?;

@@ -1,8 +1,9 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 //!
-//! Scores are logarithms to base 2, so that probabilities that are powers of
-//! two tie exactly; whole numbers are taken out of them at every step, which is
-//! exact too, and keeps their digits over any number of steps.
+//! Scores are sums of logarithms to base 2 on a grid on which sums are exact
+//! (see `kernels::log2`), so that ties are ties; whole numbers are taken out of
+//! them at every step, which is exact too, and keeps their digits over any
+//! number of steps.
 
 use std::borrow::Borrow;
 use std::f64::consts::{LN_2, LOG2_E};
@@ -11,6 +12,7 @@ use super::step::{LIFT, Step};
 use super::{LogSum, check_controls};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::kernels;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::TransitionEntries;
 
@@ -51,7 +53,9 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// the path starts at X_1, and X_0 is summed over.
     ///
     /// Of several best paths it is the one whose last state is the lowest, then
-    /// the last but one, and so on (as far as their scores agree to the bit).
+    /// the last but one, and so on. Paths tie if their factors are the same, in
+    /// any order and but for powers of two; paths whose probabilities differ by
+    /// less than rounding (1e-14 a factor) may count as either.
     /// An empty sequence gives the empty path, with log-probability 0.
     ///
     /// O(E) a step; 4 n T bytes for the way back.
@@ -106,7 +110,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
                 let lifted: Vec<f64> =
                     self.prior().belief().as_slice().iter().map(|p| p * LIFT).collect();
                 step.predict(&lifted, &mut next)?;
-                next.iter_mut().for_each(|score| *score = score.log2());
+                next.iter_mut().for_each(|score| *score = kernels::log2(*score));
                 whole = -LIFT.log2();
             } else {
                 let from = &mut from[(index - 1) * n..index * n];
@@ -158,24 +162,33 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// Adds log2 b to the scores; returns the logarithm (base e) of what was left
-/// out of them.
+/// Adds log2 b to the scores, but for a common part that keeps them small;
+/// returns what was left out, as a natural logarithm.
 fn add_likelihoods(diagonal: Diagonal<'_>, largest: f64, score: &mut [f64]) -> f64 {
-    match diagonal.values {
+    fn add(score: &mut [f64], log2: impl Iterator<Item = f64>) {
+        score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
+    }
+    let impossible = |score: &mut [f64]| {
+        score.fill(f64::NEG_INFINITY);
+        0.0
+    };
+    // Whole powers of two can be taken out without rounding.
+    let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
+    let left_out = match diagonal.values {
+        Values::Log(_) if largest == f64::NEG_INFINITY => impossible(score),
+        Values::Log(logs) => {
+            add(score, logs.iter().map(|log| kernels::on_grid((log - largest) * LOG2_E)));
+            largest
+        }
+        _ if largest == 0.0 => impossible(score),
         Values::Checked { log2: Some(log2), .. } => {
-            score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
+            add(score, log2.iter().map(|log2| log2 - whole));
+            whole * LN_2
         }
         Values::Linear(linear) | Values::Checked { linear, .. } => {
-            score.iter_mut().zip(linear).for_each(|(score, b)| *score += b.log2());
+            add(score, linear.iter().map(|&b| kernels::log2(b) - whole));
+            whole * LN_2
         }
-        Values::Log(logs) => {
-            if largest > f64::NEG_INFINITY {
-                let log2 = logs.iter().map(|log| (log - largest) * LOG2_E);
-                score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
-                return largest + diagonal.log_factor;
-            }
-            score.fill(f64::NEG_INFINITY);
-        }
-    }
-    diagonal.log_factor
+    };
+    left_out + diagonal.log_factor
 }

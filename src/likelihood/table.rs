@@ -64,7 +64,7 @@ impl TableLikelihood {
                 return Err(TableError::RowSum { state, sum });
             }
         }
-        let log2 = columns.iter().map(|value| value.log2()).collect();
+        let log2 = columns.iter().map(|&value| kernels::log2(value)).collect();
         let maximum = |column: &[f64]| column.iter().copied().fold(0.0, f64::max);
         let largest = columns.chunks_exact(states).map(maximum).collect();
         Ok(Self { states, columns, log2, largest })

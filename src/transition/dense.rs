@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use super::{Transition, TransitionEntries, best_of, check_columns, check_count};
 use crate::error::TransitionError;
+use crate::kernels;
 
 /// How many columns are added in one pass over the result.
 const BLOCK: usize = 4;
@@ -138,7 +139,7 @@ impl Transition for DenseTransition {
     fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.check_slices(x, out);
         for (out, a) in out.iter_mut().zip(self.columns.chunks_exact(self.states)) {
-            *out = crate::kernels::dot(a, x);
+            *out = kernels::dot(a, x);
         }
     }
 }
@@ -158,7 +159,7 @@ impl TransitionEntries for DenseTransition {
         let n = self.states;
         let log2 = self.log2_rows.get_or_init(|| {
             let entries = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
-            entries.map(|(i, j)| self.columns[j * n + i].log2()).collect()
+            entries.map(|(i, j)| kernels::log2(self.columns[j * n + i])).collect()
         });
         let best = log2.chunks_exact(n).map(|row| best_of((0..).zip(row.iter().copied()), x));
         for ((out, from), best) in out.iter_mut().zip(from).zip(best) {

@@ -14,6 +14,7 @@ use std::any::Any;
 
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
+use crate::kernels::log2;
 
 /// A transition operator A, whose columns sum to one:
 /// A\[i, j\] = p(`X_k` = i | `X_{k-1}` = j), as in the paper's eq. 6.
@@ -128,13 +129,15 @@ pub trait TransitionEntries: Transition {
 
     /// The step of Viterbi, a product in which a maximum stands for the sum:
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
-    /// that attains it, the lowest one of several.
+    /// that attains it, the lowest one of several. Here and in the operators
+    /// of this crate, logarithms are rounded to multiples of 2^-45: their sums
+    /// are then exact, and paths with the same factors tie.
     ///
     /// Where nothing leads to i, or only states at −∞ do, `out[i]` is −∞ and
     /// `from[i]` means nothing. O(entries), unless an operator knows better.
     fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let entries = self.incoming(control, i).map(|(j, p)| (j as u32, p.log2()));
+            let entries = self.incoming(control, i).map(|(j, p)| (j as u32, log2(p)));
             (*out, *from) = best_of(entries, x);
         }
     }

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::compressed::Compressed;
 use super::{Transition, TransitionEntries, check_columns, check_count};
 use crate::error::TransitionError;
+use crate::kernels;
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit
 /// indices.
@@ -166,8 +167,9 @@ impl TransitionEntries for SparseTransition {
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        let log2 =
-            self.log2.get_or_init(|| self.rows.values().iter().map(|value| value.log2()).collect());
+        let log2 = self
+            .log2
+            .get_or_init(|| self.rows.values().iter().map(|&p| kernels::log2(p)).collect());
         self.rows.max_product(log2, x, out, from);
     }
 }

@@ -1,0 +1,213 @@
+//! Ties, empty and single-step sequences, one state, factors, and numbers at
+//! the limits of a double.
+
+use wayfix::{
+    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
+    LikelihoodError, LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition,
+    TableLikelihood, TransitionEntries,
+};
+
+fn before(belief: Belief) -> Prior {
+    Prior::BeforeFirstTransition(belief)
+}
+
+fn uniform(n: usize) -> Belief {
+    Belief::uniform(n).unwrap()
+}
+
+fn identity(n: usize) -> DenseTransition {
+    DenseTransition::from_fn(n, |i, j| f64::from(i == j)).unwrap()
+}
+
+/// All paths by their probability, best first, then by the last state, the
+/// last but one, and so on: the stated order of ties. Products of powers of
+/// two are exact.
+fn first_best(prior: &[f64], a: &[[f64; 3]; 3], ys: &[[f64; 3]]) -> Vec<usize> {
+    let mut best = (0.0, Vec::new());
+    for number in 0..3_usize.pow(ys.len() as u32) {
+        // The last state is the most significant digit: ascending order is
+        // the order of ties.
+        let digits = (0..ys.len() as u32).map(|k| number / 3_usize.pow(k) % 3);
+        let path: Vec<usize> = digits.collect();
+        let mut p = prior[path[0]] * ys[0][path[0]];
+        for k in 1..path.len() {
+            p *= a[path[k]][path[k - 1]] * ys[k][path[k]];
+        }
+        if p > best.0 {
+            best = (p, path);
+        }
+    }
+    best.1
+}
+
+fn check_ties<A: TransitionEntries<Control = ()>>(make: impl Fn(&[f64]) -> A) {
+    let columns = [[0.5, 0.25, 0.25], [0.25, 0.5, 0.25], [0.125, 0.125, 0.75], [0.5, 0.5, 0.0]];
+    let prior = [0.25, 0.5, 0.25];
+    let rows = [[1.0, 1.0, 1.0], [0.5, 1.0, 0.25], [1.0, 0.5, 0.5], [0.0, 1.0, 1.0]];
+    for model in 0..4 * 4 * 4 {
+        let column = |j: usize| columns[model / [1, 4, 16][j] % 4];
+        let a: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| column(j)[i]));
+        let hmm = Hmm::new(
+            Prior::AtFirstObservation(Belief::new(prior.to_vec()).unwrap()),
+            make(a.as_flattened()),
+            LikelihoodVector::linear(3),
+        )
+        .unwrap();
+        for sequence in 0..4_usize.pow(4) {
+            let ys: Vec<[f64; 3]> = (0..4).map(|k| rows[sequence / 4_usize.pow(k) % 4]).collect();
+            let expected = first_best(&prior, &a, &ys);
+            if let Ok(path) = hmm.viterbi(&ys) {
+                assert_eq!(path.states(), expected, "{a:?} {ys:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn viterbi_ties_go_to_the_lowest_last_state_then_the_last_but_one() {
+    check_ties(|a| DenseTransition::from_rows(3, a).unwrap());
+    check_ties(|a| SparseTransition::from_rows(3, a).unwrap());
+}
+
+#[test]
+fn when_all_is_tied_state_0_it_is() {
+    for n in [1, 2, 9, 20] {
+        let a = SparseTransition::from_rows(n, &vec![1.0 / n as f64; n * n]).unwrap();
+        let hmm = Hmm::new(before(uniform(n)), a, LikelihoodVector::linear(n)).unwrap();
+        let ys = vec![vec![1.0; n]; 5];
+        assert_eq!(hmm.viterbi(&ys).unwrap().states(), [0; 5]);
+        assert_eq!(hmm.filter().belief().mode(), 0);
+        assert_eq!(hmm.smooth(&ys).unwrap().smoothed().modes(), [0; 5]);
+    }
+}
+
+#[test]
+fn an_empty_sequence_leaves_the_prior() {
+    for prior in [before(uniform(3)), Prior::AtFirstObservation(uniform(3))] {
+        let hmm = Hmm::new(prior, identity(3), LikelihoodVector::linear(3)).unwrap();
+        let none: [[f64; 3]; 0] = [];
+        let smoothing = hmm.smooth(&none).unwrap();
+        assert_eq!(smoothing.log_likelihood(), 0.0);
+        assert_eq!(smoothing.smoothed().steps(), 0);
+        assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), uniform(3).as_slice());
+        assert!(smoothing.smoothed().modes().is_empty());
+        let path = hmm.viterbi(&none).unwrap();
+        assert_eq!((path.states(), path.log_probability()), (&[][..], 0.0));
+        assert_eq!(hmm.filter().forecast(0).unwrap(), uniform(3));
+    }
+}
+
+#[test]
+fn one_state_is_always_that_state() {
+    let a = SparseTransition::from_rows(1, &[1.0]).unwrap();
+    let hmm = Hmm::new(before(uniform(1)), a, LikelihoodVector::linear(1)).unwrap();
+    let smoothing = hmm.smooth(&[[0.5], [1e-300], [1e300]]).unwrap();
+    assert!(smoothing.smoothed().as_slice().iter().all(|p| *p == 1.0));
+    assert!((smoothing.log_likelihood() - 0.5_f64.ln()).abs() <= 1e-12);
+    let impossible = hmm.smooth(&[[0.5], [0.0]]).unwrap_err();
+    assert!(matches!(impossible, InferenceError::Impossible { step: 2 }));
+}
+
+/// A sensor with a factor taken out.
+struct Factored;
+
+impl Likelihood for Factored {
+    type Observation = ([f64; 2], f64);
+    fn states(&self) -> usize {
+        2
+    }
+    fn diagonal<'a>(
+        &'a self,
+        (values, log_factor): &'a Self::Observation,
+        _: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        Ok(Diagonal::linear(values).with_log_factor(*log_factor))
+    }
+}
+
+#[test]
+fn log_factors_are_added_back_wherever_the_step_is_taken() {
+    let hmm = Hmm::new(before(Belief::certain(2, 0).unwrap()), identity(2), Factored).unwrap();
+    // The second contradicts the belief so much that it is taken in logarithms.
+    let ys = [([0.5, 0.5], 3.0), ([1e-200, 1.0], -7.0), ([1e-250, 1e-250], 1.0)];
+    let expected = 0.5_f64.ln() + 3.0 + 1e-200_f64.ln() - 7.0 + 1e-250_f64.ln() + 1.0;
+    let close = |found: f64| assert!((found - expected).abs() <= 1e-11, "{found} {expected}");
+    close(hmm.smooth(&ys).unwrap().log_likelihood());
+    close(hmm.viterbi(&ys).unwrap().log_probability());
+    let mut filter = hmm.filter();
+    ys.iter().for_each(|y| filter.step(y).unwrap());
+    close(filter.log_likelihood());
+
+    let wrong = hmm.filter().step(&([1.0, 1.0], f64::NAN)).unwrap_err();
+    let source = std::error::Error::source(&wrong).unwrap();
+    assert_eq!(source.to_string(), "the log factor is NaN, expected a finite value");
+
+    // Fused: factors add up, and a product below the range of a double is kept.
+    let fused = FusedLikelihood::new(Factored, Factored).unwrap();
+    let hmm = Hmm::new(before(uniform(2)), identity(2), fused).unwrap();
+    let tiny = ([1e-200, 3e-200], 1.0);
+    let mut filter = hmm.filter();
+    filter.step(&(tiny, tiny)).unwrap();
+    assert!((filter.belief().as_slice()[0] - 0.1).abs() <= 1e-12);
+    let expected = 5.0_f64.ln() + 2.0 * (1e-200_f64.ln() + 1.0);
+    assert!((filter.log_likelihood() - expected).abs() <= 1e-11);
+}
+
+/// What passes through 1e-600 within a step comes out right.
+#[test]
+fn a_step_through_numbers_beyond_a_double_is_exact() {
+    let prior = Belief::new(vec![1.0, 1e-300]).unwrap();
+    let a =
+        SparseTransition::from_triplets(3, [(0, 0, 1.0), (2, 1, 1e-300), (1, 1, 1.0), (2, 2, 1.0)]);
+    let prior = Belief::new([prior.into_vec(), vec![0.0]].concat()).unwrap();
+    let hmm = Hmm::new(before(prior), a.unwrap(), LikelihoodVector::linear(3)).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&[0.0, 0.0, 0.5]).unwrap();
+    assert_eq!(filter.belief().as_slice(), [0.0, 0.0, 1.0]);
+    let expected = 2.0 * 1e-300_f64.ln() + 0.5_f64.ln();
+    assert!((filter.log_likelihood() - expected).abs() <= 1e-11);
+    let smoothing = hmm.smooth(&[[0.0, 0.0, 0.5]]).unwrap();
+    assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), [0.0, 1.0, 0.0]);
+    assert_eq!(hmm.viterbi(&[[0.0, 0.0, 0.5]]).unwrap().states(), [2]);
+}
+
+#[test]
+fn a_probability_of_1e_300_keeps_its_digits() {
+    let prior = Belief::new(vec![1.0, 3e-300]).unwrap();
+    let hmm = Hmm::new(before(prior), identity(2), LikelihoodVector::linear(2)).unwrap();
+    let mut filter = hmm.filter();
+    for _ in 0..1000 {
+        filter.step(&[0.25, 0.25]).unwrap();
+        filter.predict().unwrap();
+    }
+    assert!((filter.belief().as_slice()[1] / 3e-300 - 1.0).abs() <= 1e-12);
+    filter.step(&[0.0, 1.0]).unwrap();
+    assert_eq!(filter.belief().as_slice(), [0.0, 1.0]);
+}
+
+#[test]
+fn a_missing_observation_is_a_prediction() {
+    let a = DenseTransition::from_rows(2, &[0.7, 0.2, 0.3, 0.8]).unwrap();
+    let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]]).unwrap();
+    let hmm = Hmm::new(before(uniform(2)), a, OptionalLikelihood::new(table)).unwrap();
+    let (mut missing, mut predicted) = (hmm.filter(), hmm.filter());
+    missing.step(&Some(0)).unwrap();
+    predicted.step(&Some(0)).unwrap();
+    missing.step(&None).unwrap();
+    predicted.predict().unwrap();
+    for (a, b) in missing.belief().as_slice().iter().zip(predicted.belief().as_slice()) {
+        assert!((a - b).abs() <= 1e-16);
+    }
+    assert!((missing.log_likelihood() - predicted.log_likelihood()).abs() <= 1e-15);
+}
+
+#[test]
+fn a_filter_restarts_at_the_prior() {
+    let hmm = Hmm::new(before(uniform(2)), identity(2), LikelihoodVector::linear(2)).unwrap();
+    let mut filter = hmm.filter();
+    let fresh = filter.snapshot();
+    filter.step(&[0.9, 0.2]).unwrap();
+    assert_ne!(filter.snapshot(), fresh);
+    filter.restart();
+    assert_eq!(filter.snapshot(), fresh);
+}
