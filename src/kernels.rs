@@ -6,6 +6,11 @@
 
 const LANES: usize = 8;
 
+/// 2^1000: puts probabilities at the top of a double's range, so that their
+/// products down to 1e-600 are normal doubles. Below the smallest normal one a
+/// double loses digits, and each operation takes a hundred times as long.
+pub(crate) const LIFT: f64 = f64::from_bits((1023 + 1000) << 52);
+
 /// Adds up the lanes.
 #[inline]
 fn total(lanes: [f64; LANES]) -> f64 {
@@ -37,20 +42,20 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
 }
 
-/// `out = x ∘ y`, and the sum of it.
+/// `out = x ∘ y` times [`LIFT`], and the sum of it.
 pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> f64 {
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
     let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
     let mut lanes = [0.0; LANES];
     for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
         for l in 0..LANES {
-            out[l] = x[l] * y[l];
+            out[l] = x[l] * LIFT * y[l];
             lanes[l] += out[l];
         }
     }
     let mut rest = 0.0;
     for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
-        *out = x * y;
+        *out = x * LIFT * y;
         rest += *out;
     }
     total(lanes) + rest
@@ -63,15 +68,13 @@ pub(crate) fn scale(x: &mut [f64], factor: f64) {
 
 /// `x /= sum`, where `sum` is that of x: makes it a distribution.
 ///
-/// What is below the smallest normal double (2.2e-308) becomes 0. Below it a
-/// double has no full precision, and each operation takes a hundred times as
-/// long: the far tails of a Gaussian sensor alone would double the time of a
-/// step.
+/// What would be below the smallest normal double becomes 0: the far tails of
+/// a Gaussian sensor alone would double the time of a step.
 pub(crate) fn normalise(x: &mut [f64], sum: f64) {
-    let factor = 1.0 / sum;
+    let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
     for x in x {
-        let p = *x * factor;
-        *x = if p >= f64::MIN_POSITIVE { p } else { 0.0 };
+        let kept = if *x >= least { *x } else { 0.0 };
+        *x = kept * factor;
     }
 }
 
@@ -147,8 +150,8 @@ mod tests {
             assert_eq!(sum(&x), expected);
             assert_eq!(dot(&x, &y), 2.0 * expected);
             let mut out = vec![f64::NAN; n];
-            assert_eq!(multiply(&x, &y, &mut out), 2.0 * expected);
-            assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * x));
+            assert_eq!(multiply(&x, &y, &mut out), 2.0 * LIFT * expected);
+            assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * LIFT * x));
             assert_eq!(largest(&x), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {
                 for at in 0..n {

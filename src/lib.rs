@@ -1,4 +1,102 @@
-//! wayfix
+//! Exact inference in hidden Markov models (HMMs), made for telling where a
+//! vehicle is: a map gives the transitions, a sensor the likelihoods, and
+//! filter, smoother and decoder turn noisy sightings into a position.
+//!
+//! ```
+//! use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
+//!
+//! // Three places in a row; the vehicle stays or goes one on.
+//! let motion = SparseTransition::from_triplets(
+//!     3, // (to, from, probability)
+//!     [(0, 0, 0.2), (1, 0, 0.8), (1, 1, 0.2), (2, 1, 0.8), (2, 2, 1.0)],
+//! )?;
+//! // How often each place is seen as each place.
+//! let camera = TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?;
+//! let start = Prior::BeforeFirstTransition(Belief::certain(3, 0)?);
+//! let hmm = Hmm::new(start, motion, camera)?;
+//!
+//! let mut filter = hmm.filter(); // live, one sighting at a time
+//! filter.step(&0)?;
+//! assert_eq!(filter.belief().mode(), 0); // still at the start? so it looks
+//! filter.step(&2)?;
+//! filter.step(&2)?;
+//!
+//! let sightings = [0, 2, 2]; // afterwards, with all of them
+//! let smoothing = hmm.smooth(&sightings)?;
+//! assert_eq!(smoothing.smoothed().modes(), [1, 2, 2]); // it had left already
+//! assert_eq!(hmm.viterbi(&sightings)?.states(), [1, 2, 2]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Overview
+//!
+//! The one type to know is [`Hmm`]: a [`Prior`], a [`Transition`] operator and
+//! a [`Likelihood`] operator. Its verbs are
+//!
+//! | verb | gives | cost |
+//! |---|---|---|
+//! | [`Hmm::filter`] | a streaming [`Filter`]: p(now, given all so far), forecasts | one product with A a step |
+//! | [`Hmm::smooth`] | [`Smoothing`]: p(then, given all) for every step | two products a step |
+//! | [`Hmm::viterbi`] | [`ViterbiPath`]: the most probable path, a legal one | one max-product a step |
+//! | [`Hmm::simulate`] | [`Simulation`]: states and observations drawn from the model | the ways out of a state a step |
+//!
+//! Operators come ready-made: [`SparseTransition`], [`DenseTransition`] and
+//! [`SwitchedTransition`] (one of several at each step), and
+//! [`TableLikelihood`], [`LikelihoodVector`], [`LogLikelihoodFn`],
+//! [`OptionalLikelihood`] (missing observations) and [`FusedLikelihood`]
+//! (several sensors). Or implement [`Transition`] or [`Likelihood`] yourself:
+//! each has an example of a dozen lines.
+//!
+//! On top stand [`map`] (places and roads, and the transitions that follow),
+//! [`observation`] (sensors that take a place for its neighbours),
+//! [`evaluate`] (accuracy and other scores), and [`canberra`], an instance with
+//! 105 intersections, built from the public parts alone.
+//!
+//! # Conventions
+//!
+//! - **States** are numbered from 0, as slices are. **Steps** k are numbered
+//!   from 1: `ys[k - 1]` is y_k.
+//! - A\[i, j\] = p(X_k = i | X_{k-1} = j): **columns** sum to one.
+//! - The prior is either of X_0, [before the first
+//!   transition](Prior::BeforeFirstTransition), or of X_1, [at the first
+//!   observation](Prior::AtFirstObservation). You say which; libraries differ,
+//!   and so do the results.
+//! - A **control** k drives the transition from k − 1 to k, the one before y_k.
+//! - **Ties** go to the lowest state.
+//! - Logarithms are natural.
+//!
+//! # Exact or an error
+//!
+//! Recursions are scaled and run in linear space; nothing is clamped, and no
+//! zero is softened. Likelihoods may have any scale, as numbers or as
+//! logarithms: adding a constant to the log-likelihoods of a step changes the
+//! log-likelihood by it, and nothing else. A step that linear space cannot hold
+//! is taken in logarithms. A probability below the smallest normal double
+//! (2.2e-308 of the whole) rounds to 0 between steps of filter and smoother.
+//!
+//! An observation that the model rules out is an
+//! [error](InferenceError::Impossible) with its step, and leaves a filter as it
+//! was. Input that is not valid is an error that says what and where; nothing
+//! that comes from outside makes this crate panic, except slices of a wrong
+//! length given directly to an operator's products and indices beyond a map's
+//! or table's end where the docs say so.
+//!
+//! # What it does not do
+//!
+//! - Learn: no Baum–Welch, no counting from labelled drives yet.
+//! - Fixed-lag or checkpointed smoothing, pairwise posteriors, k best paths.
+//! - Continuous states: no Kalman or particle filters.
+//! - See: descriptors come from elsewhere, as likelihoods or log-likelihoods.
+//! - Work without `std`.
+//!
+//! # Crate features
+//!
+//! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
+//! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
+//!   matrices, dense operators as faer views. Adds most to compile time.
+//!
+//! Random numbers come from any generator of rand 0.10.
+
 mod belief;
 mod error;
 mod hmm;

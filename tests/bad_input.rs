@@ -241,8 +241,8 @@ fn observations() {
         "step 1 has no valid likelihood: symbol 2 does not exist, the table has 2 symbols (0 to 1)",
     );
 
-    let nan = LogLikelihoodFn::new(2, |_: &(), i| if i == 0 { f64::NAN } else { 0.0 });
-    let flat = LogLikelihoodFn::new(2, |_: &(), _| 0.0);
+    let nan = LogLikelihoodFn::new(2, |(), i| if i == 0 { f64::NAN } else { 0.0 });
+    let flat = LogLikelihoodFn::new(2, |(), _| 0.0);
     let fused = Hmm::new(at_0(), identity(), FusedLikelihood::new(flat, nan).unwrap()).unwrap();
     says(
         fused.filter().step(&((), ())),

@@ -13,11 +13,11 @@
 use std::borrow::Borrow;
 
 use super::posteriors::Posteriors;
-use super::step::{LIFT, LN_LIFT, Step, Workspace, exponentiate};
+use super::step::{LN_LIFT, Step, Workspace, exponentiate};
 use super::{LogSum, check_controls};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
+use crate::kernels::{self, LIFT};
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
@@ -161,9 +161,9 @@ fn retreat<A: Transition>(
     gamma: &mut [f64],
 ) -> bool {
     transition.apply_transpose(control, ratio, back);
-    let sum = kernels::multiply(alpha, back, gamma);
-    kernels::normalise(gamma, sum);
-    (sum - 1.0).abs() < 1e-6
+    let lifted = kernels::multiply(alpha, back, gamma);
+    kernels::normalise(gamma, lifted);
+    (lifted / LIFT - 1.0).abs() < 1e-6
 }
 
 /// How far below the largest a ratio may lie to share a product with it, as a

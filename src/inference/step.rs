@@ -4,13 +4,10 @@ use std::f64::consts::LN_2;
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
+use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::Transition;
 
-/// 2^1000: puts a distribution at the top of a double's range, so that what is
-/// 1e-600 of the whole still has all its digits.
-pub(super) const LIFT: f64 = f64::from_bits((1023 + 1000) << 52);
 /// ln of [`LIFT`].
 pub(super) const LN_LIFT: f64 = 1000.0 * LN_2;
 
@@ -107,9 +104,10 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 (values, 1.0, largest)
             }
         };
-        let normaliser = kernels::multiply(predicted, linear, after);
-        if normaliser >= LEAST_NORMALISER * largest {
-            kernels::normalise(after, normaliser);
+        let lifted = kernels::multiply(predicted, linear, after);
+        let normaliser = lifted / LIFT;
+        if normaliser >= LEAST_NORMALISER * largest && lifted <= f64::MAX {
+            kernels::normalise(after, lifted);
             return Ok(normaliser.ln() + log_scale + diagonal.log_factor);
         }
         self.advance_in_logs(diagonal, before, after, values)

@@ -8,11 +8,11 @@
 use std::borrow::Borrow;
 use std::f64::consts::{LN_2, LOG2_E};
 
-use super::step::{LIFT, Step};
+use super::step::Step;
 use super::{LogSum, check_controls};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
+use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::TransitionEntries;
 

@@ -111,10 +111,10 @@ impl Model {
             let mut longer = Vec::with_capacity(paths.len() * n);
             for (path, log) in &paths {
                 let from = path[step - 1];
-                for to in 0..n {
+                for (to, sum) in sums[step].iter_mut().enumerate() {
                     let log = log + self.log_a(step, to, from) + self.log_b(step, to);
                     if log > f64::NEG_INFINITY {
-                        log_add(&mut sums[step][to], log);
+                        log_add(sum, log);
                         let mut path = path.clone();
                         path.push(to);
                         longer.push((path, log));

@@ -1,0 +1,38 @@
+//! A live position, one sighting at a time: what to paste into a robot.
+//!
+//! ```text
+//! cargo run --release --example streaming
+//! ```
+
+use std::sync::Arc;
+
+use wayfix::observation::Confusion;
+use wayfix::{Belief, Filter, Hmm, InferenceError, OptionalLikelihood, Prior, canberra};
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    // How the vehicle moves, a camera that may see nothing, and the start at place 5.
+    let motion = canberra::turning().into_transition();
+    let camera = Confusion::new(&canberra::map(), 0.7)?.into_table()?;
+    let prior = Prior::BeforeFirstTransition(Belief::certain(canberra::PLACES, 4)?);
+    let model = Arc::new(Hmm::new(prior, motion, OptionalLikelihood::new(camera))?);
+
+    // A filter owns its state and shares the model: move it to the thread that drives.
+    let mut position = Filter::new(Arc::clone(&model));
+    for place_seen in [Some(6), Some(7), None, Some(61), Some(8), Some(9)] {
+        match position.step(&place_seen.map(|place| place - 1)) {
+            // Not from here: the filter is as it was, so drive on without this sighting.
+            Err(InferenceError::Impossible { .. }) => position.predict()?,
+            other => other?,
+        }
+        let belief = position.belief();
+        let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();
+        println!(
+            "step {}: saw {place_seen:?}, at {} with {:.2}, 90% in {around:?}",
+            position.steps(),
+            belief.mode() + 1,
+            belief.as_slice()[belief.mode()],
+        );
+    }
+    println!("one step on: {}", position.forecast(1)?.mode() + 1);
+    Ok(())
+}
