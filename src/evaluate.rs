@@ -7,11 +7,39 @@
 //! assert_eq!(evaluate::accuracy(&truth, &estimate)?, 0.75);
 //! let hops = evaluate::mean_error(&truth, &estimate, |i, j| i.abs_diff(j) as f64)?;
 //! assert_eq!(hops, 0.25);
-//! # Ok::<(), wayfix::EvaluationError>(())
+//! # Ok::<(), evaluate::EvaluationError>(())
 //! ```
 
-use crate::error::EvaluationError;
+use thiserror::Error;
+
 use crate::transition::TransitionEntries;
+
+/// Why estimates cannot be scored.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum EvaluationError {
+    /// Truth and estimate differ in length.
+    #[error("{estimated} estimates for {truth} true states, expected one each")]
+    Length {
+        /// True states given.
+        truth: usize,
+        /// Estimates given.
+        estimated: usize,
+    },
+    /// Nothing to score.
+    #[error("no states to score, expected at least one")]
+    Empty,
+    /// A state beyond the last one.
+    #[error("state {state} at index {index} does not exist, there are {states} states (0 to {})", states - 1)]
+    State {
+        /// Where in the sequence, from 0.
+        index: usize,
+        /// The state, from 0.
+        state: usize,
+        /// How many states there are.
+        states: usize,
+    },
+}
 
 /// The fraction of states that were estimated correctly (paper eq. 15).
 ///

@@ -113,8 +113,7 @@ pub mod observation;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{
-    BeliefError, EvaluationError, HmmError, InferenceError, LikelihoodError, MapError,
-    ObservationError, TableError, TransitionError, TurningError,
+    BeliefError, HmmError, InferenceError, LikelihoodError, TableError, TransitionError,
 };
 pub use hmm::{Hmm, Prior};
 pub use inference::{Filter, FilterState, Posteriors, Simulation, Smoothing, ViterbiPath};

@@ -42,8 +42,7 @@ fn check<A: TransitionEntries<Control = usize>>(
     answer: &Answer,
 ) -> Result<(), TestCaseError> {
     let controls = model.controls();
-    // Log-likelihoods of 1e5 have an absolute precision of 1e-11 themselves.
-    let tolerance = 1e-9;
+    let tolerance = 1e-11;
     let impossible = |error: InferenceError| match error {
         InferenceError::Impossible { step } => Ok(step),
         other => Err(TestCaseError::fail(format!("{other}"))),

@@ -121,6 +121,7 @@ fn an_impossible_observation_is_an_error_that_names_its_step() {
 
 /// Rows of the matrices are the states that are left.
 #[rustfmt::skip]
+#[expect(clippy::too_many_lines, reason = "data")]
 fn cases() -> [Case; 9] {
     [
         Case {

@@ -29,11 +29,11 @@ mod places;
 mod roads;
 
 use crate::belief::Belief;
-use crate::error::{HmmError, ObservationError};
+use crate::error::HmmError;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::TableLikelihood;
 use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
-use crate::observation::{Confusion, Metric};
+use crate::observation::{Confusion, Metric, ObservationError};
 use crate::transition::SparseTransition;
 
 /// The mean probability of a correct observation, before Gaussian noise (paper

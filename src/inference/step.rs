@@ -110,15 +110,17 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             kernels::normalise(after, lifted);
             return Ok(normaliser.ln() + log_scale + diagonal.log_factor);
         }
-        self.advance_in_logs(diagonal, before, after, values)
+        self.advance_in_logs(diagonal, log_scale, before, after, values)
     }
 
     /// The same step where linear space does not hold it: the likelihood
-    /// contradicts the prediction by more than 2^32.
+    /// contradicts the prediction by more than 2^32. `log_scale` is taken out
+    /// of the logarithms first, so that they keep their digits.
     #[cold]
     fn advance_in_logs(
         &self,
         diagonal: Diagonal<'_>,
+        log_scale: f64,
         before: &[f64],
         after: &mut [f64],
         lifted: &mut [f64],
@@ -131,14 +133,14 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         let mut largest = f64::NEG_INFINITY;
         for (out, log) in after.iter_mut().zip(diagonal.logs()) {
-            *out = out.ln() + log;
+            *out = out.ln() + (log - log_scale);
             largest = largest.max(*out);
         }
         if largest == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
         let normaliser = exponentiate(after, largest);
-        Ok(largest + normaliser.ln() - LN_LIFT + diagonal.log_factor)
+        Ok(largest + normaliser.ln() - LN_LIFT + log_scale + diagonal.log_factor)
     }
 }
 

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
+use super::MapError;
 use super::road_map::Builder;
 use super::{Place, Position, Road, RoadMap};
-use crate::error::MapError;
 
 const PLACES: [&str; 4] = ["id", "latitude", "longitude", "name"];
 const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];

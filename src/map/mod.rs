@@ -31,11 +31,13 @@
 
 #[cfg(feature = "csv")]
 mod csv;
+mod error;
 mod graph;
 mod position;
 mod road_map;
 mod turning;
 
+pub use error::{MapError, TurningError};
 pub use position::Position;
 pub use road_map::{Place, Road, RoadClass, RoadMap};
 pub use turning::{ByClass, TurningProbabilities, TurningRule};

@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
+use super::MapError;
 use super::Position;
-use crate::error::MapError;
 
 /// A place: a state of the model that can be pointed at.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,7 @@
 //! Turning probabilities Φ of a map.
 
-use super::{RoadClass, RoadMap};
+use super::{RoadClass, RoadMap, TurningError};
 use crate::belief::SUM_TOLERANCE;
-use crate::error::TurningError;
 use crate::transition::{SparseTransition, TransitionEntries};
 
 /// A number for each [`RoadClass`].

@@ -1,6 +1,6 @@
 //! The discrete part of the sensor, P_c.
 
-use crate::error::ObservationError;
+use super::ObservationError;
 use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
 

@@ -2,8 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::Confusion;
-use crate::error::ObservationError;
+use super::{Confusion, ObservationError};
 use crate::kernels;
 use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;

@@ -16,11 +16,13 @@
 //!
 //! let camera = confusion.with_gaussian(&map, Metric::Metres, 150.0)?;
 //! # let _: wayfix::TableLikelihood = camera;
-//! # Ok::<(), wayfix::ObservationError>(())
+//! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 
 mod confusion;
+mod error;
 mod gaussian;
 
 pub use confusion::Confusion;
+pub use error::ObservationError;
 pub use gaussian::Metric;

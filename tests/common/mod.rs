@@ -84,9 +84,17 @@ impl Model {
         SwitchedTransition::new(matrices.iter().map(operator).collect()).unwrap()
     }
 
-    /// The log-likelihood of state i at step k, from 1.
+    /// The largest log-likelihood of a step, from 1. It is left out of the sums
+    /// over paths, so that shifts of 1e5 do not cost them digits.
+    fn largest(&self, step: usize) -> f64 {
+        let logs = self.logs[step - 1].iter().flatten();
+        let largest = logs.copied().fold(f64::NEG_INFINITY, f64::max);
+        if largest.is_finite() { largest } else { 0.0 }
+    }
+
+    /// The log-likelihood of state i at step k, but for the largest.
     fn log_b(&self, step: usize, i: usize) -> f64 {
-        self.logs[step - 1].as_ref().map_or(0.0, |logs| logs[i])
+        self.logs[step - 1].as_ref().map_or(0.0, |logs| logs[i] - self.largest(step))
     }
 
     /// ln A_k[to, from]; the identity where nothing moves.
@@ -145,13 +153,14 @@ impl Model {
         };
         let filtered = sums.iter().map(&mut distribution).collect();
         let smoothed = smoothed.iter().map(&mut distribution).collect();
+        let left_out: f64 = (1..=steps).map(|step| self.largest(step)).sum();
         Answer {
-            log_likelihood: total(&sums[steps]),
+            log_likelihood: total(&sums[steps]) + left_out,
             impossible_at: sums.iter().position(|s| total(s) == f64::NEG_INFINITY),
             filtered,
             smoothed,
             least,
-            viterbi: tails.values().copied().fold(f64::NEG_INFINITY, f64::max),
+            viterbi: tails.values().copied().fold(f64::NEG_INFINITY, f64::max) + left_out,
         }
     }
 
@@ -164,7 +173,8 @@ impl Model {
         let rest: f64 = (2..=path.len())
             .map(|k| self.log_a(k, path[k - 1], path[k - 2]) + self.log_b(k, path[k - 1]))
             .sum();
-        first + self.log_b(1, path[0]) + rest
+        let left_out: f64 = (1..=path.len()).map(|k| self.largest(k)).sum();
+        first + self.log_b(1, path[0]) + rest + left_out
     }
 }
 
