@@ -29,6 +29,14 @@ where
     A: TransitionEntries<Control = ()>,
     B: Likelihood<Observation: Sized>,
 {
+    // What a step cannot do without: one product with A.
+    let (x, mut out) = (hmm.prior().belief().as_slice().to_vec(), vec![0.0; hmm.states()]);
+    let mut group = criterion.benchmark_group("product");
+    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
+        bencher.iter(|| hmm.transition().apply(&(), black_box(&x), black_box(&mut out)));
+    });
+    group.finish();
+
     let mut group = criterion.benchmark_group("filter step");
     let mut filter = hmm.filter();
     let mut next = ys.iter().cycle();

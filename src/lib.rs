@@ -124,3 +124,8 @@ pub use likelihood::{
 pub use transition::{
     DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries,
 };
+
+/// The README's example compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
