@@ -76,10 +76,9 @@
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it
-//! was. Input that is not valid is an error that says what and where; nothing
-//! that comes from outside makes this crate panic, except slices of a wrong
-//! length given directly to an operator's products and indices beyond a map's
-//! or table's end where the docs say so.
+//! was. Input that is not valid is an error that says what and where. Only
+//! direct calls of an operator's own methods with slices of a wrong length, or
+//! with states that do not exist, panic, as slices do.
 //!
 //! # What it does not do
 //!

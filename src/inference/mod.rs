@@ -1,5 +1,5 @@
-//! Filter, smoother, decoder, simulation: one algorithm a file. The transition
-//! and the likelihood are applied in `step` only.
+//! Filter, smoother, decoder, simulation: one algorithm a file. `step` holds
+//! what they share: a prediction, a checked diagonal, a normaliser.
 
 mod filter;
 mod posteriors;

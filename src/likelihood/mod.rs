@@ -93,6 +93,6 @@ pub trait Likelihood {
 /// ```
 pub trait SampleObservation: Likelihood<Observation: Sized> {
     /// Draws what is observed in `state`, which is below
-    /// [`states`](Likelihood::states).
+    /// [`states`](Likelihood::states); for others a table panics.
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation;
 }

@@ -90,7 +90,9 @@ pub trait Transition {
 /// A transition operator whose entries can be listed.
 ///
 /// Only entries above 0 are listed, each state at most once, in ascending
-/// order: ties in decoding then go to the lowest state.
+/// order: ties in decoding then go to the lowest state. Inference asks only for
+/// states below [`states`](Transition::states); for others the operators of
+/// this crate panic.
 ///
 /// # Implement it yourself
 ///
