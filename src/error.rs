@@ -248,8 +248,10 @@ pub enum HmmError {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum InferenceError {
-    /// The model rules the observation out: its probability given all before
-    /// it is exactly zero.
+    /// The model rules the observation out: no state that is left with a
+    /// probability (of at least 2.2e-308 of the whole, the smallest normal
+    /// double) leads to a state with a likelihood above 0. For Viterbi, which
+    /// keeps scores as logarithms, there is no such limit.
     #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.
