@@ -4,8 +4,8 @@ use crate::error::BeliefError;
 
 /// How far a sum of probabilities may lie from one.
 ///
-/// Wide enough for numbers that were printed with ten digits, and narrow
-/// enough that a forgotten entry is found. It only accepts or refuses: no
+/// Wide enough for rounding over millions of states, and narrow enough that a
+/// forgotten entry is found. It only accepts or refuses: no
 /// value is ever changed by it.
 pub(crate) const SUM_TOLERANCE: f64 = 1e-9;
 
@@ -162,7 +162,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// uniform. O(n).
     #[must_use]
     pub fn entropy(&self) -> f64 {
-        -self.values().iter().filter(|&&p| p > 0.0).map(|&p| p * p.ln()).sum::<f64>()
+        self.values().iter().filter(|p| **p > 0.0).fold(0.0, |sum, p| sum - p * p.ln())
     }
 
     /// The probability that the state is one of `states` (each counted as
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_credible_set_at_level_one_holds_all_that_is_possible() {
+    fn a_credible_set_ends_where_the_level_is_reached_in_double_precision() {
         let belief = Belief::new(vec![1e-300, 0.0, 1.0]).unwrap();
         // 1.0 is reached by state 2 alone in double precision.
         assert_eq!(belief.credible_set(1.0).unwrap(), [2]);
@@ -274,7 +274,7 @@ mod tests {
 
     #[test]
     fn entropy_is_zero_when_certain_and_ln_n_when_uniform() {
-        assert_eq!(Belief::certain(5, 2).unwrap().entropy(), 0.0);
+        assert_eq!(Belief::certain(5, 2).unwrap().entropy().to_bits(), 0.0_f64.to_bits());
         assert!((Belief::uniform(8).unwrap().entropy() - 8f64.ln()).abs() < 1e-15);
     }
 }

@@ -1,7 +1,8 @@
 //! What can be wrong with models and observations, one enum per concern. What
 //! can be wrong with maps, sensors of places and scores stands with them.
 //!
-//! Every message says what was found, where, and what was expected. States and
+//! A message says what was found, where, and what was expected; where an error
+//! has a source, the source says so. States and
 //! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 use thiserror::Error;
@@ -21,8 +22,7 @@ pub enum BeliefError {
         /// What was found.
         value: f64,
     },
-    /// The probabilities do not sum to one (or, for weights, sum to zero or
-    /// overflow).
+    /// The probabilities do not sum to one, or all weights are 0.
     #[error("the probabilities sum to {sum}, expected {expected}")]
     Sum {
         /// What they sum to.
@@ -31,7 +31,7 @@ pub enum BeliefError {
         expected: &'static str,
     },
     /// A state beyond the last one.
-    #[error("state {state} does not exist, the belief has {states} states (0 to {})", states - 1)]
+    #[error("state {state} does not exist, the belief has {states} states (0 to {})", states.saturating_sub(1))]
     State {
         /// The state asked for, from 0.
         state: usize,
@@ -84,7 +84,7 @@ pub enum TransitionError {
     /// A state beyond the last one.
     #[error(
         "the transition from state {from} to state {to} is out of range, there are {states} states (0 to {})",
-        states - 1
+        states.saturating_sub(1)
     )]
     OutOfRange {
         /// The state that is reached.
@@ -109,6 +109,14 @@ pub enum TransitionError {
         column: usize,
         /// What its column sums to.
         sum: f64,
+    },
+    /// The two products are not those of one matrix and its transpose.
+    #[error("v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ")]
+    Transpose {
+        /// By A.
+        forward: f64,
+        /// By A'.
+        backward: f64,
     },
     /// More states or entries than 32-bit indices can name.
     #[error("{count} {what}, expected at most 4294967295 (32-bit indices)")]
@@ -164,7 +172,7 @@ pub enum LikelihoodError {
         expected: usize,
     },
     /// A symbol that the table does not hold.
-    #[error("symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})", symbols - 1)]
+    #[error("symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})", symbols.saturating_sub(1))]
     Symbol {
         /// The symbol, from 0.
         symbol: usize,
@@ -227,13 +235,15 @@ pub enum TableError {
 #[non_exhaustive]
 pub enum HmmError {
     /// The parts differ in their number of states.
-    #[error("the {part} has {found} states, expected {expected} as the prior")]
+    #[error("the {part} has {found} states, expected {expected} as the {first}")]
     StateCount {
-        /// Which part differs from the prior.
+        /// Which part differs from the first.
         part: &'static str,
         /// Its states.
         found: usize,
-        /// The states of the prior.
+        /// The first part.
+        first: &'static str,
+        /// The states of the first part.
         expected: usize,
     },
     /// The transition operator is not valid.
@@ -248,10 +258,9 @@ pub enum HmmError {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum InferenceError {
-    /// The model rules the observation out: no state that is left with a
-    /// probability (of at least 2.2e-308 of the whole, the smallest normal
-    /// double) leads to a state with a likelihood above 0. For Viterbi, which
-    /// keeps scores as logarithms, there is no such limit.
+    /// The model rules the observation out: its probability given all before
+    /// it is 0. (With a [table](crate::TableLikelihood) filter and smoother
+    /// count what was below 2.2e-308 of the whole as ruled out, too.)
     #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.
@@ -285,6 +294,17 @@ pub enum InferenceError {
         state: usize,
         /// What it predicted.
         value: f64,
+    },
+    /// The predictions do not sum to one: the transition operator does not keep
+    /// its contract, or its transpose is not that of it.
+    #[error(
+        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1"
+    )]
+    PredictedSum {
+        /// The step, from 1.
+        step: usize,
+        /// What they sum to.
+        sum: f64,
     },
     /// A batch has not as many controls as observations.
     #[error("{controls} controls for {observations} observations, expected one each")]

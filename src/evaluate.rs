@@ -47,8 +47,9 @@ pub enum EvaluationError {
 ///
 /// [`EvaluationError`] if the slices differ in length or are empty.
 pub fn accuracy(truth: &[usize], estimate: &[usize]) -> Result<f64, EvaluationError> {
-    let wrong = mean_error(truth, estimate, |i, j| if i == j { 0.0 } else { 1.0 })?;
-    Ok(1.0 - wrong)
+    check(truth, estimate)?;
+    let right = truth.iter().zip(estimate).filter(|(i, j)| i == j).count();
+    Ok(right as f64 / truth.len() as f64)
 }
 
 /// The mean distance from the true to the estimated state, by any measure:
@@ -62,15 +63,20 @@ pub fn mean_error(
     estimate: &[usize],
     mut distance: impl FnMut(usize, usize) -> f64,
 ) -> Result<f64, EvaluationError> {
-    let (count, estimated) = (truth.len(), estimate.len());
-    if count != estimated {
-        return Err(EvaluationError::Length { truth: count, estimated });
+    check(truth, estimate)?;
+    let sum: f64 = truth.iter().zip(estimate).map(|(&i, &j)| distance(i, j)).sum();
+    Ok(sum / truth.len() as f64)
+}
+
+fn check(truth: &[usize], estimate: &[usize]) -> Result<(), EvaluationError> {
+    let (truth, estimated) = (truth.len(), estimate.len());
+    if truth != estimated {
+        return Err(EvaluationError::Length { truth, estimated });
     }
-    if count == 0 {
+    if truth == 0 {
         return Err(EvaluationError::Empty);
     }
-    let sum: f64 = truth.iter().zip(estimate).map(|(&i, &j)| distance(i, j)).sum();
-    Ok(sum / count as f64)
+    Ok(())
 }
 
 /// How many moves of a path the operator does not allow; 0 for a legal drive.

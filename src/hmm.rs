@@ -89,7 +89,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             ("likelihood operator", likelihood.states()),
         ] {
             if found != expected {
-                return Err(HmmError::StateCount { part, found, expected });
+                return Err(HmmError::StateCount { part, found, first: "prior", expected });
             }
         }
         transition::validate(&transition)?;

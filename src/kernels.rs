@@ -42,23 +42,33 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
 }
 
-/// `out = x ∘ y` times [`LIFT`], and the sum of it.
-pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> f64 {
+/// What [`multiply`] sums up.
+pub(crate) struct Sums {
+    /// Σ xᵢ yᵢ [`LIFT`].
+    pub(crate) lifted: f64,
+    /// Σ |xᵢ|: one, if x is a distribution.
+    pub(crate) absolute: f64,
+}
+
+/// `out = x ∘ y` times [`LIFT`], and its sums.
+pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> Sums {
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
     let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
-    let mut lanes = [0.0; LANES];
+    let (mut lifted, mut absolute) = ([0.0; LANES], [0.0; LANES]);
     for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
         for l in 0..LANES {
             out[l] = x[l] * LIFT * y[l];
-            lanes[l] += out[l];
+            lifted[l] += out[l];
+            absolute[l] += x[l].abs();
         }
     }
-    let mut rest = 0.0;
+    let mut sums = Sums { lifted: total(lifted), absolute: total(absolute) };
     for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
         *out = x * LIFT * y;
-        rest += *out;
+        sums.lifted += *out;
+        sums.absolute += x.abs();
     }
-    total(lanes) + rest
+    sums
 }
 
 /// `x *= factor`.
@@ -78,24 +88,27 @@ pub(crate) fn normalise(x: &mut [f64], sum: f64) {
     }
 }
 
-/// Rounds to a multiple of 2^-45 (larger numbers have coarser steps anyway).
+/// Rounds to a multiple of 2^-45, which doubles of 128 and more are anyway.
 ///
 /// Sums of such numbers up to 256 are exact, so that their order does not
 /// matter: paths with the same factors tie to the bit. The error, 1e-14, is
 /// that of a double of this size.
 #[inline]
 pub(crate) fn on_grid(x: f64) -> f64 {
-    const C: f64 = 192.0; // 128 to 256: doubles are 2^-45 apart
-    (x + C) - C
+    const STEPS: f64 = (1_u64 << 45) as f64;
+    if x.abs() < 128.0 { (x * STEPS).round() / STEPS } else { x }
 }
 
-/// log2 of a number of at least 0, on the grid of [`on_grid`]; doubling adds
-/// exactly 1.
+/// log2 on the grid of [`on_grid`]; doubling adds exactly 1. NaN for what is
+/// no probability.
 pub(crate) fn log2(x: f64) -> f64 {
     const TINY: f64 = f64::MIN_POSITIVE;
     const LIFT: f64 = (1_u64 << 54) as f64;
     if x == 0.0 {
         return f64::NEG_INFINITY;
+    }
+    if !(x > 0.0 && x.is_finite()) {
+        return f64::NAN;
     }
     let (x, lift) = if x < TINY { (x * LIFT, 54.0) } else { (x, 0.0) };
     let exponent = (x.to_bits() >> 52) as f64 - 1023.0;
@@ -130,6 +143,10 @@ mod tests {
     #[test]
     fn log2_is_right_and_adds_one_for_a_doubling() {
         assert_eq!(log2(0.0), f64::NEG_INFINITY);
+        assert!([-1.0, f64::NAN, f64::INFINITY].iter().all(|&x| log2(x).is_nan()));
+        let steps = (1_u64 << 45) as f64;
+        let on_grid = |x: f64| (x * steps).fract() == 0.0;
+        assert!((1..20_000).all(|i| on_grid(super::on_grid(f64::from(i) * -0.013_7))));
         for x in [1.0, 0.75, 0.1, 1.0 / 3.0, 1.999_999, 1e-300, 5e-324, f64::MAX] {
             assert!((log2(x) - x.log2()).abs() <= 2e-14 + x.log2().abs() * 1e-15, "{x}");
             for halvings in 1..60 {
@@ -150,7 +167,8 @@ mod tests {
             assert_eq!(sum(&x), expected);
             assert_eq!(dot(&x, &y), 2.0 * expected);
             let mut out = vec![f64::NAN; n];
-            assert_eq!(multiply(&x, &y, &mut out), 2.0 * LIFT * expected);
+            let sums = multiply(&x, &y, &mut out);
+            assert_eq!((sums.lifted, sums.absolute), (2.0 * LIFT * expected, expected));
             assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * LIFT * x));
             assert_eq!(largest(&x), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {

@@ -52,6 +52,10 @@
 //! [`evaluate`] (accuracy and other scores), and [`canberra`], an instance with
 //! 105 intersections, built from the public parts alone.
 //!
+//! The paper that equations are cited from is B. Guo, B. Zhao and Z. Zhou,
+//! *Visual Place Recognition*, Australian National University. Where a formula
+//! of it reads wrongly, the docs of the item say what is meant.
+//!
 //! # Conventions
 //!
 //! - **States** are numbered from 0, as slices are. **Steps** k are numbered
@@ -70,7 +74,7 @@
 //! Recursions are scaled and run in linear space; nothing is clamped, and no
 //! zero is softened. Likelihoods may have any scale, as numbers or as
 //! logarithms: adding a constant to the log-likelihoods of a step changes the
-//! log-likelihood by it, and nothing else. A step that linear space cannot hold
+//! log-likelihood by it, and nothing else but by rounding. A step that linear space cannot hold
 //! is taken in logarithms. A probability below the smallest normal double
 //! (2.2e-308 of the whole) rounds to 0 between steps of filter and smoother.
 //!

@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 
 /// Draws an index in proportion to its weight. The weights sum to one but for
-/// rounding; an index of weight 0 is never drawn.
+/// rounding; an index of weight 0 is not drawn (unless there is no other).
 pub(crate) fn index<R: Rng + ?Sized>(
     weights: impl Iterator<Item = (usize, f64)>,
     rng: &mut R,

@@ -117,23 +117,7 @@ impl Transition for Leaky {
     }
 }
 
-/// An operator that passes the check, and then gives NaN.
-struct Broken;
-
-impl Transition for Broken {
-    type Control = ();
-    fn states(&self) -> usize {
-        2
-    }
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        out.copy_from_slice(&[x[0], f64::NAN]);
-    }
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        out.copy_from_slice(x);
-    }
-}
-
-/// An operator whose transpose is that of another.
+/// An operator of a user that mixes up the matrix and its transpose.
 struct Twisted;
 
 impl Transition for Twisted {
@@ -142,10 +126,26 @@ impl Transition for Twisted {
         2
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        out.copy_from_slice(x);
+        out.copy_from_slice(&[0.5 * x[0] + 0.25 * x[1], 0.5 * x[0] + 0.75 * x[1]]);
     }
     fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        out.copy_from_slice(&[x[1], x[0]]);
+        out.copy_from_slice(&[0.75 * x[0] + 0.25 * x[1], 0.5 * x[0] + 0.5 * x[1]]);
+    }
+}
+
+/// An operator with a control, which can only be checked while it is used.
+struct Rate;
+
+impl Transition for Rate {
+    type Control = f64;
+    fn states(&self) -> usize {
+        2
+    }
+    fn apply(&self, rate: &f64, x: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(&[(1.0 - rate) * x[0], rate * x[0] + x[1]]);
+    }
+    fn apply_transpose(&self, rate: &f64, x: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(&[(1.0 - rate) * x[0] + rate * x[1] * 0.5, x[1]]);
     }
 }
 
@@ -176,25 +176,38 @@ fn models() {
     );
     says(
         FusedLikelihood::new(table, LikelihoodVector::linear(2).owned()),
-        "the second sensor has 2 states, expected 3 as the prior",
+        "the second sensor has 2 states, expected 3 as the first sensor",
     );
 }
 
 #[test]
 fn operators_that_break_their_contract_give_errors_and_no_nan() {
-    let hmm = Hmm::new(at_0(), Broken, LikelihoodVector::linear(2)).unwrap();
-    let mut filter = hmm.filter();
-    let expected =
-        "at step 1 the transition operator predicts NaN for state 1, expected a probability";
-    says(filter.step(&[0.5, 0.5]), expected);
-    says(filter.predict(), expected);
-    says(filter.forecast(1), expected);
-    says(hmm.smooth(&[[0.5, 0.5]]), expected);
-    assert_eq!(filter.belief().as_slice(), [1.0, 0.0]);
+    let error = Hmm::new(at_0(), Twisted, LikelihoodVector::linear(2)).err().unwrap();
+    let text = error.source().unwrap().to_string();
+    assert!(text.ends_with("apply and apply_transpose differ"), "{text}");
 
-    let hmm = Hmm::new(at_0(), Twisted, LikelihoodVector::linear(2)).unwrap();
-    let error = hmm.smooth(&[[0.5, 0.5]]).unwrap_err();
-    assert!(matches!(error, InferenceError::Predicted { step: 1, .. }), "{error}");
+    let hmm = Hmm::new(at_0(), Rate, LikelihoodVector::linear(2)).unwrap();
+    let mut filter = hmm.filter();
+    let before = filter.snapshot();
+    let y = [0.5, 0.5];
+    for rate in [2.0, -1.0, f64::NAN, f64::INFINITY] {
+        for error in [
+            filter.step_with(&rate, &y).unwrap_err(),
+            filter.predict_with(&rate).unwrap_err(),
+            filter.forecast_with(&[rate]).unwrap_err(),
+            hmm.smooth_with(&[rate], &[y]).unwrap_err(),
+        ] {
+            assert!(matches!(error, InferenceError::Predicted { step: 1, .. }), "{error}");
+        }
+        assert_eq!(filter.snapshot(), before);
+    }
+    says(
+        filter.predict_with(&2.0),
+        "at step 1 the transition operator predicts -1 for state 0, expected a probability",
+    );
+    // Its transpose is wrong, which the smoother notices.
+    let error = hmm.smooth_with(&[0.5, 0.5], &[y, y]).unwrap_err();
+    assert!(matches!(error, InferenceError::PredictedSum { .. }), "{error}");
 }
 
 #[test]
@@ -262,12 +275,12 @@ fn snapshots_of_another_model() {
     );
 }
 
-fn place(id: u32) -> Place {
-    let position = Position { latitude: -35.28, longitude: 149.13 + f64::from(id) * 1e-3 };
+fn place(id: u64) -> Place {
+    let position = Position { latitude: -35.28, longitude: 149.13 + id as f64 * 1e-3 };
     Place { id, position, name: String::new() }
 }
 
-fn road(from: u32, to: u32) -> Road {
+fn road(from: u64, to: u64) -> Road {
     Road { from, to, class: RoadClass::Street, metres: 100.0 }
 }
 
@@ -332,7 +345,8 @@ fn maps_from_files() {
     for (line, problem) in [
         ("3,-35.3,149.1", "3 columns, expected 4 (id,latitude,longitude,name)"),
         ("3,-35.3,149.1,a,b", "5 columns, expected 4 (id,latitude,longitude,name)"),
-        ("three,-35.3,149.1,", "id is \"three\", expected a whole number"),
+        ("three,-35.3,149.1,", "id is \"three\", expected a whole number from 0"),
+        ("-1,-35.3,149.1,", "id is \"-1\", expected a whole number from 0"),
         ("3,south,149.1,", "latitude is \"south\", expected a number"),
         ("3,NaN,149.1,", "place 3 has latitude NaN, expected degrees from -90 to 90"),
         ("1,-35.3,149.1,", "place 1 is given twice"),

@@ -5,11 +5,11 @@ use wayfix::canberra;
 use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
 use wayfix::observation::{Confusion, Metric};
 
-fn place(id: u32, latitude: f64, longitude: f64) -> Place {
+fn place(id: u64, latitude: f64, longitude: f64) -> Place {
     Place { id, position: Position { latitude, longitude }, name: format!("P{id}") }
 }
 
-fn road(from: u32, to: u32, class: RoadClass, metres: f64) -> Road {
+fn road(from: u64, to: u64, class: RoadClass, metres: f64) -> Road {
     Road { from, to, class, metres }
 }
 
@@ -64,9 +64,12 @@ fn metres_and_the_nearest_place() {
         map.road_metres_from(1),
         [Some(10150.0), Some(0.0), Some(1150.0), Some(1113.0), None]
     );
-    assert_eq!(map.nearest(Position { latitude: 0.009, longitude: 0.011 }), 2);
+    assert_eq!(map.nearest(Position { latitude: 0.009, longitude: 0.011 }), Some(2));
     // Halfway between 10 and 20: the lower one.
-    assert_eq!(map.nearest(Position { latitude: 0.0, longitude: 0.005 }), 0);
+    assert_eq!(map.nearest(Position { latitude: 0.0, longitude: 0.005 }), Some(0));
+    let nowhere = Position { latitude: f64::NAN, longitude: 0.0 };
+    assert_eq!(map.nearest(nowhere), None);
+    assert!(map.places()[0].position.metres_to(nowhere).is_nan());
     let antipode = Position { latitude: 0.0, longitude: 180.0 };
     let half = std::f64::consts::PI * 6_371_008.8;
     assert!((map.places()[0].position.metres_to(antipode) - half).abs() <= 1e-6);

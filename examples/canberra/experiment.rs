@@ -14,7 +14,7 @@ pub(crate) const STEPS: usize = 50;
 /// accuracies.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Setting {
-    pub(crate) initial: u32,
+    pub(crate) initial: u64,
     pub(crate) sigma: f64,
     paper_filter: f64,
     paper_smoother: f64,
@@ -107,7 +107,7 @@ impl Setting {
             .collect();
 
         let hmm = canberra::hmm(self.initial, self.sigma)?;
-        let mut accuracies = [(); ESTIMATORS.len()].map(|()| Vec::with_capacity(runs.get()));
+        let mut accuracies = [(); ESTIMATORS.len()].map(|()| Vec::new());
         let mut sums = [(0.0, 0.0, 0.0); ESTIMATORS.len()];
         for run in 0..runs.get() as u64 {
             let drive = drive(&hmm, self, seed, run)?;

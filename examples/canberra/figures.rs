@@ -192,10 +192,10 @@ fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
         (x.round() as i32, y.round() as i32)
     };
     let stroke = |class| match class {
-        RoadClass::Main => 7,
-        RoadClass::Arterial => 4,
+        RoadClass::Main => 8,
+        RoadClass::Arterial => 5,
         RoadClass::Collector => 3,
-        RoadClass::Street => 2,
+        RoadClass::Street => 1,
     };
     for from in 0..positions.len() {
         for (to, road) in map.roads_from(from) {

@@ -28,7 +28,7 @@ use experiment::{Estimator, Row, SETTINGS, STEPS, Setting};
 #[derive(Parser)]
 struct Arguments {
     /// How many drives to simulate for each setting.
-    #[arg(long, default_value = "2000")]
+    #[arg(long, default_value = "2000", value_parser = count)]
     runs: NonZeroUsize,
     /// The seed of the random drives.
     #[arg(long, default_value_t = 1)]
@@ -36,6 +36,10 @@ struct Arguments {
     /// Where to write tables, pictures and the page.
     #[arg(long, default_value = "target/canberra")]
     out: PathBuf,
+}
+
+fn count(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse().map_err(|_| String::from("expected a whole number above 0"))
 }
 
 fn main() -> ExitCode {

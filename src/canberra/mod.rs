@@ -49,7 +49,7 @@ pub const PLACES: usize = places::PLACES.len();
 pub enum CanberraError {
     /// There is no such place.
     #[error("the initial place is {0}, expected 1 to {PLACES}")]
-    Place(u32),
+    Place(u64),
     /// The sensor cannot be built.
     #[error(transparent)]
     Observation(#[from] ObservationError),
@@ -100,7 +100,7 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
 ///
 /// [`CanberraError`] if there is no such place, or `sigma` is not above 0.
 pub fn hmm(
-    initial: u32,
+    initial: u64,
     sigma: f64,
 ) -> Result<Hmm<SparseTransition, TableLikelihood>, CanberraError> {
     let state = map().index_of_id(initial).ok_or(CanberraError::Place(initial))?;

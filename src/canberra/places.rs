@@ -3,7 +3,7 @@
 //! Road geometry © OpenStreetMap contributors, ODbL 1.0.
 
 #[rustfmt::skip]
-pub(super) const PLACES: [(u32, f64, f64, &str); 105] = [
+pub(super) const PLACES: [(u64, f64, f64, &str); 105] = [
     (1, -35.27577, 149.12967, "Barry / Cooyong / Northbourne"),
     (2, -35.27713, 149.12945, "Bunda / Northbourne / Rudd"),
     (3, -35.27838, 149.12925, "Alinga / Northbourne"),

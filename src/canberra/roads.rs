@@ -5,7 +5,7 @@
 use crate::map::RoadClass::{self, Arterial, Collector, Main, Street};
 
 #[rustfmt::skip]
-pub(super) const ROADS: [(u32, u32, RoadClass, f64); 315] = [
+pub(super) const ROADS: [(u64, u64, RoadClass, f64); 315] = [
     (1, 2, Main, 153.0), (1, 70, Arterial, 136.0), (1, 94, Arterial, 127.0), (1, 95, Street, 255.0),
     (2, 1, Main, 153.0), (2, 3, Main, 140.0), (2, 48, Street, 127.0), (2, 71, Street, 127.0),
     (3, 2, Main, 141.0), (3, 4, Main, 250.0), (3, 49, Street, 129.0),

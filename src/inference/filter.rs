@@ -4,7 +4,7 @@ use std::mem;
 use std::ops::Deref;
 
 use super::LogSum;
-use super::step::{Step, Workspace};
+use super::step::{Advanced, Held, Results, Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::{Hmm, Prior};
@@ -31,12 +31,19 @@ use crate::transition::Transition;
 pub struct FilterState {
     steps: usize,
     belief: Belief,
+    /// The logarithms of the belief, if it has values that doubles do not hold.
+    logs: Option<Vec<f64>>,
     log_likelihood: LogSum,
 }
 
 impl FilterState {
     fn new(prior: &Prior) -> Self {
-        Self { steps: 0, belief: prior.belief().clone(), log_likelihood: LogSum::default() }
+        let (belief, log_likelihood) = (prior.belief().clone(), LogSum::default());
+        Self { steps: 0, belief, logs: None, log_likelihood }
+    }
+
+    fn held(&self) -> Held<'_> {
+        Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }
 
     /// How many steps have been taken, k.
@@ -61,7 +68,8 @@ impl FilterState {
 /// The streaming filter: the distribution of the present state given all
 /// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
 ///
-/// Each step costs one product with A and O(n), and allocates nothing. After
+/// Each step costs one product with A and O(n), and allocates nothing after the
+/// first (which may, if the sensor fills memory of its own). After
 /// an error the filter is as it was before the call, so that the caller can
 /// skip the observation, [`predict`](Self::predict) only, or
 /// [`restart`](Self::restart).
@@ -69,8 +77,11 @@ impl FilterState {
 /// `M` is how the model is held: [`Hmm::filter`] borrows it; [`Filter::new`]
 /// also takes an `Arc`, a `Box` or another pointer.
 ///
-/// A probability below the smallest normal double (2.2e-308) rounds to 0; what
-/// would only pass through such values within one [`step`](Self::step) is kept.
+/// What a double does not hold (below 2.2e-308 of the whole) is kept in
+/// logarithms, at some cost in time, if it comes from log-likelihoods, from
+/// vectors of likelihoods or from an observation that contradicts the belief by
+/// far: the filter can come back to such a state. Where the likelihood is a
+/// [table](crate::TableLikelihood), and in predictions alone, it rounds to 0.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -99,6 +110,9 @@ pub struct Filter<M> {
     state: FilterState,
     predicted: Vec<f64>,
     after: Vec<f64>,
+    after_logs: Vec<f64>,
+    /// Memory for the logarithms of the state while it has none.
+    spare: Vec<f64>,
     work: Workspace,
 }
 
@@ -116,7 +130,7 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// A filter at the prior. It allocates all that it will need.
+    /// A filter at the prior. It allocates all that its steps will need.
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
@@ -124,6 +138,8 @@ where
             state: FilterState::new(model.prior()),
             predicted: vec![0.0; n],
             after: vec![0.0; n],
+            after_logs: vec![0.0; n],
+            spare: vec![0.0; n],
             work: Workspace::new(n),
             model,
         }
@@ -158,10 +174,20 @@ where
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
         let number = self.state.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
-        let step = Step { hmm: &*self.model, number, control };
-        step.predict(self.state.belief.as_slice(), &mut self.after)?;
-        normalise(&mut self.after, number)?;
-        self.commit(number, 0.0);
+        let Self { model, state, predicted, after, after_logs, work, .. } = self;
+        let step = Step { hmm: &**model, number, control };
+        let mut in_logs = false;
+        if state.logs.is_some() {
+            let mut results = Results { predicted, after, logs: after_logs };
+            step.predict_in_logs(state.held(), &mut results, &mut work.values)?;
+            normalise_logs(after_logs, after);
+            in_logs = loses(after_logs, after);
+        } else {
+            step.predict(state.belief.as_slice(), after)?;
+            step.check_prediction(after)?;
+            normalise(after);
+        }
+        self.commit(number, &Advanced { log: 0.0, in_logs });
         Ok(())
     }
 
@@ -192,7 +218,8 @@ where
             let control = self.model.prior().moves_at(number).then_some(control);
             let step = Step { hmm: &*self.model, number, control };
             step.predict(belief.as_slice(), &mut next)?;
-            normalise(&mut next, number)?;
+            step.check_prediction(&next)?;
+            normalise(&mut next);
             mem::swap(belief.as_mut_vec(), &mut next);
         }
         Ok(belief)
@@ -243,12 +270,35 @@ where
         self.state.steps = snapshot.steps;
         self.state.log_likelihood = snapshot.log_likelihood;
         self.state.belief.as_mut_vec().copy_from_slice(snapshot.belief.as_slice());
+        if let Some(logs) = &snapshot.logs {
+            self.after_logs.copy_from_slice(logs);
+        }
+        self.keep_logs(snapshot.logs.is_some());
         Ok(())
     }
 
     /// Back to the prior, with no steps taken.
     pub fn restart(&mut self) {
-        self.state = FilterState::new(self.model.prior());
+        let Self { model, state, .. } = self;
+        state.belief.as_mut_vec().copy_from_slice(model.prior().belief().as_slice());
+        (state.steps, state.log_likelihood) = (0, LogSum::default());
+        self.keep_logs(false);
+    }
+
+    /// Puts another belief in place of the present one, as when a vehicle is
+    /// told where it is, or lost. Steps and log-likelihood stay.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Snapshot`] if it has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+        let (found, expected) = (belief.states(), self.model.states());
+        if found != expected {
+            return Err(InferenceError::Snapshot { found, expected });
+        }
+        self.state.belief.as_mut_vec().copy_from_slice(belief.as_slice());
+        self.keep_logs(false);
+        Ok(())
     }
 
     fn advance(
@@ -257,18 +307,32 @@ where
         control: Option<&A::Control>,
         observation: &B::Observation,
     ) -> Result<(), InferenceError> {
-        let Self { model, state, predicted, after, work } = self;
+        let Self { model, state, predicted, after, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
-        let log = step.advance(observation, state.belief.as_slice(), predicted, after, work)?;
-        self.commit(number, log);
+        let mut results = Results { predicted, after, logs: after_logs };
+        let advanced = step.advance(observation, state.held(), &mut results, work)?;
+        self.commit(number, &advanced);
         Ok(())
     }
 
-    /// Only here does the filter change.
-    fn commit(&mut self, number: usize, log: f64) {
+    /// Only here does a step change the filter.
+    fn commit(&mut self, number: usize, advanced: &Advanced) {
         mem::swap(self.state.belief.as_mut_vec(), &mut self.after);
+        self.keep_logs(advanced.in_logs);
         self.state.steps = number;
-        self.state.log_likelihood.add(log);
+        self.state.log_likelihood.add(advanced.log);
+    }
+
+    /// Takes over the logarithms in `after_logs`, or has none from now on.
+    fn keep_logs(&mut self, keep: bool) {
+        let memory = self.state.logs.take();
+        let mut memory = memory.unwrap_or_else(|| mem::take(&mut self.spare));
+        if keep {
+            mem::swap(&mut memory, &mut self.after_logs);
+            self.state.logs = Some(memory);
+        } else {
+            self.spare = memory;
+        }
     }
 }
 
@@ -292,7 +356,7 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Predicted`] if the operator is not stochastic.
+    /// [`InferenceError`] if the operator does not give a distribution.
     pub fn predict(&mut self) -> Result<(), InferenceError> {
         self.predict_with(&())
     }
@@ -309,13 +373,7 @@ where
 }
 
 /// A prediction sums to one but for rounding, which must not add up over many.
-fn normalise(predicted: &mut [f64], step: usize) -> Result<(), InferenceError> {
+fn normalise(predicted: &mut [f64]) {
     let sum = kernels::sum(predicted);
-    if !(sum > 0.0 && sum.is_finite()) {
-        let state = kernels::largest(predicted).err().unwrap_or(0);
-        let value = predicted[state];
-        return Err(InferenceError::Predicted { step, state, value });
-    }
     kernels::normalise(predicted, sum);
-    Ok(())
 }

@@ -11,9 +11,10 @@
 //! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed.
 
 use std::borrow::Borrow;
+use std::collections::HashMap;
 
 use super::posteriors::Posteriors;
-use super::step::{LN_LIFT, Step, Workspace, exponentiate};
+use super::step::{Held, Results, Step, Workspace, is_one, normalise_logs};
 use super::{LogSum, check_controls};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -104,12 +105,19 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 
         // Forward. The block for γ holds the predictions until they are used.
         filtered.row_mut(0).copy_from_slice(self.prior().belief().as_slice());
+        let mut logs = vec![0.0; n];
+        let mut kept: HashMap<usize, Vec<f64>> = HashMap::new();
         for (number, observation) in (1..).zip(observations) {
             let (before, after) = filtered.rows_mut(number);
+            let before = Held { linear: before, logs: kept.get(&(number - 1)).map(Vec::as_slice) };
             let predicted = smoothed.row_mut(number);
-            let log =
-                step(number).advance(observation.borrow(), before, predicted, after, &mut work)?;
-            log_likelihood.add(log);
+            let mut results = Results { predicted, after, logs: &mut logs };
+            let advanced =
+                step(number).advance(observation.borrow(), before, &mut results, &mut work)?;
+            log_likelihood.add(advanced.log);
+            if advanced.in_logs {
+                kept.insert(number, logs.clone());
+            }
         }
 
         // Backward.
@@ -120,15 +128,18 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let row = smoothed.row_mut(number);
             let held = divide(&gamma, row, &mut ratio);
             row.copy_from_slice(&gamma);
-            if let Some(control) = step(number).control {
-                let alpha = filtered.row(number - 1);
-                let held = held
-                    && retreat(self.transition(), control, alpha, &ratio, &mut back, &mut gamma);
-                if !held {
-                    let row = smoothed.row(number);
-                    step(number).retreat_in_logs(alpha, row, &mut ratio, &mut back, &mut gamma)?;
+            let step = step(number);
+            let Some(control) = step.control else { continue };
+            let (linear, logs) = (filtered.row(number - 1), kept.get(&(number - 1)));
+            let alpha = Held { linear, logs: logs.map(Vec::as_slice) };
+            if held && alpha.logs.is_none() {
+                let transition = self.transition();
+                if retreat(transition, control, linear, &ratio, &mut back, &mut gamma) {
+                    continue;
                 }
             }
+            let row = smoothed.row(number);
+            step.retreat_in_logs(control, alpha, row, [&mut ratio, &mut back, &mut gamma])?;
         }
         smoothed.row_mut(0).copy_from_slice(&gamma);
         Ok(Smoothing { filtered, smoothed, log_likelihood: log_likelihood.value() })
@@ -161,65 +172,40 @@ fn retreat<A: Transition>(
     gamma: &mut [f64],
 ) -> bool {
     transition.apply_transpose(control, ratio, back);
-    let lifted = kernels::multiply(alpha, back, gamma);
+    let lifted = kernels::multiply(alpha, back, gamma).lifted;
     kernels::normalise(gamma, lifted);
-    (lifted / LIFT - 1.0).abs() < 1e-6
+    is_one(lifted / LIFT)
 }
 
-/// How far below the largest a ratio may lie to share a product with it, as a
-/// logarithm: then its product with the smallest entry is still a normal double.
-const BAND: f64 = 600.0;
-
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// From γ_k to γ_{k-1} where linear space does not hold the ratios: they
-    /// are taken as logarithms, and applied band by band.
+    /// From γ_k to γ_{k-1} in logarithms, where linear space does not hold the
+    /// ratios. What γ_k itself rounds to 0 cannot matter: it would add no more
+    /// than that to γ_{k-1}.
     #[cold]
     fn retreat_in_logs(
         &self,
-        alpha: &[f64],
+        control: &A::Control,
+        alpha: Held<'_>,
         gamma_after: &[f64],
-        log_ratio: &mut [f64],
-        lifted: &mut [f64],
-        gamma: &mut [f64],
+        [ratio, back, gamma]: [&mut [f64]; 3],
     ) -> Result<(), InferenceError> {
-        let Some(control) = self.control else { return Ok(()) };
-        let largest = |x: &[f64]| x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        lifted.iter_mut().zip(alpha).for_each(|(out, p)| *out = p * LIFT);
-        self.predict(lifted, gamma)?;
-        for ((out, &g), &p) in log_ratio.iter_mut().zip(gamma_after).zip(&*gamma) {
-            *out = if g > 0.0 { g.ln() - (p.ln() - LN_LIFT) } else { f64::NEG_INFINITY };
+        let transition = self.hmm.transition();
+        alpha.logs_to(back);
+        transition.apply_log(control, back, gamma);
+        for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma_after).zip(&*gamma) {
+            *ratio = if g > 0.0 { g.ln() - predicted } else { f64::NEG_INFINITY };
         }
-        gamma.fill(f64::NEG_INFINITY);
-        let mut back = vec![0.0; lifted.len()];
-        let mut top = largest(log_ratio);
-        while top.is_finite() {
-            let mut next = f64::NEG_INFINITY;
-            for (out, &log) in lifted.iter_mut().zip(&*log_ratio) {
-                let in_band = log <= top && log > top - BAND;
-                *out = if in_band { (log - top + LN_LIFT).exp() } else { 0.0 };
-                if log <= top - BAND {
-                    next = next.max(log);
-                }
+        transition.apply_transpose_log(control, ratio, back);
+        alpha.logs_to(ratio);
+        // −∞ stays so, also where A' has led here from somewhere.
+        ratio.iter_mut().zip(&*back).for_each(|(out, back)| *out += back);
+        // As in linear space, the sum of γ must have stayed one.
+        match normalise_logs(ratio, gamma) {
+            Some(log) if is_one(log.exp()) => Ok(()),
+            sum => {
+                let sum = sum.map_or(0.0, f64::exp);
+                Err(InferenceError::PredictedSum { step: self.number, sum })
             }
-            self.hmm.transition().apply_transpose(control, lifted, &mut back);
-            for ((out, &alpha), &back) in gamma.iter_mut().zip(alpha).zip(&back) {
-                *out = log_add(*out, alpha.ln() + back.ln() - LN_LIFT + top);
-            }
-            top = next;
         }
-        let largest = largest(gamma);
-        if top == f64::INFINITY || !largest.is_finite() {
-            // A' leads from where A says that nothing comes to.
-            let state = gamma_after.iter().position(|&g| g > 0.0).unwrap_or(0);
-            return Err(InferenceError::Predicted { step: self.number, state, value: 0.0 });
-        }
-        exponentiate(gamma, largest);
-        Ok(())
     }
-}
-
-/// ln(e^a + e^b).
-fn log_add(a: f64, b: f64) -> f64 {
-    let (high, low) = if a > b { (a, b) } else { (b, a) };
-    if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }

@@ -1,19 +1,14 @@
 //! One step of the filter: prediction, update, normaliser (paper eq. 8).
 
-use std::f64::consts::LN_2;
-
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::Transition;
 
-/// ln of [`LIFT`].
-pub(super) const LN_LIFT: f64 = 1000.0 * LN_2;
-
 /// A step is taken in linear space if the normaliser is at least this part of
-/// the largest likelihood. What underflows in it is then below 2^-1040 of the
-/// result, so that a probability of 1e-300 still has 14 digits.
+/// the largest likelihood. What underflows in the prediction is then below
+/// 2^-1040 of the result, so that a probability of 1e-300 still has 14 digits.
 const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 /// Likelihoods with their largest value in this range are taken as they are.
 const UNSCALED: std::ops::RangeInclusive<f64> =
@@ -23,13 +18,49 @@ const UNSCALED: std::ops::RangeInclusive<f64> =
 #[derive(Debug, Clone)]
 pub(super) struct Workspace {
     scratch: Scratch,
-    values: Vec<f64>,
+    pub(super) values: Vec<f64>,
 }
 
 impl Workspace {
     pub(super) fn new(states: usize) -> Self {
         Self { scratch: Scratch::default(), values: vec![0.0; states] }
     }
+}
+
+/// A distribution; as logarithms too, if it has values above 0 that doubles
+/// do not hold.
+#[derive(Clone, Copy)]
+pub(super) struct Held<'a> {
+    pub(super) linear: &'a [f64],
+    pub(super) logs: Option<&'a [f64]>,
+}
+
+impl Held<'_> {
+    /// The logarithms, from wherever they are.
+    pub(super) fn logs_to(&self, out: &mut [f64]) {
+        match self.logs {
+            Some(logs) => out.copy_from_slice(logs),
+            None => out.iter_mut().zip(self.linear).for_each(|(out, p)| *out = p.ln()),
+        }
+    }
+}
+
+/// Where a step writes its results.
+pub(super) struct Results<'a> {
+    /// The prediction, which sums to one but for rounding.
+    pub(super) predicted: &'a mut [f64],
+    /// The belief after the observation.
+    pub(super) after: &'a mut [f64],
+    /// Its logarithms, if the step says so.
+    pub(super) logs: &'a mut [f64],
+}
+
+/// What else a step gives.
+pub(super) struct Advanced {
+    /// ln N, the log-likelihood of the observation.
+    pub(super) log: f64,
+    /// Whether the belief has to be kept as logarithms too.
+    pub(super) in_logs: bool,
 }
 
 /// The model at one step.
@@ -46,15 +77,17 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) -> Result<(), InferenceError> {
         match self.control {
             Some(control) => {
-                let transition = self.hmm.transition();
-                transition
-                    .check_control(control)
-                    .map_err(|source| InferenceError::Control { step: self.number, source })?;
-                transition.apply(control, before, after);
+                self.check_control(control)?;
+                self.hmm.transition().apply(control, before, after);
             }
             None => after.copy_from_slice(before),
         }
         Ok(())
+    }
+
+    pub(super) fn check_control(&self, control: &A::Control) -> Result<(), InferenceError> {
+        let wrap = |source| InferenceError::Control { step: self.number, source };
+        self.hmm.transition().check_control(control).map_err(wrap)
     }
 
     /// Checks the diagonal of an observation, and gives it with its largest
@@ -70,18 +103,21 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         Ok((diagonal, largest))
     }
 
-    /// From the last belief to the `predicted` one (which sums to one but for
-    /// rounding) and the one `after` the observation. Returns ln N, the
-    /// log-likelihood of the observation.
+    /// From the last belief to the predicted one and the one after the
+    /// observation.
+    ///
+    /// In linear space, unless logarithms are needed: because the belief before
+    /// is kept so, because the observation contradicts the prediction by more
+    /// than 2^32, or because a state that is possible would get 0. Tables are
+    /// excepted from the last: the far tails that they hold would make every
+    /// step a slow one.
     pub(super) fn advance(
         &self,
         observation: &B::Observation,
-        before: &[f64],
-        predicted: &mut [f64],
-        after: &mut [f64],
+        before: Held<'_>,
+        results: &mut Results<'_>,
         work: &mut Workspace,
-    ) -> Result<f64, InferenceError> {
-        self.predict(before, predicted)?;
+    ) -> Result<Advanced, InferenceError> {
         let Workspace { scratch, values } = work;
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
         // Likelihoods near one, with the logarithm of what was divided out.
@@ -104,52 +140,110 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 (values, 1.0, largest)
             }
         };
-        let lifted = kernels::multiply(predicted, linear, after);
-        let normaliser = lifted / LIFT;
-        if normaliser >= LEAST_NORMALISER * largest && lifted <= f64::MAX {
-            kernels::normalise(after, lifted);
-            return Ok(normaliser.ln() + log_scale + diagonal.log_factor);
+        if before.logs.is_none() {
+            self.predict(before.linear, results.predicted)?;
+            let sums = kernels::multiply(results.predicted, linear, results.after);
+            let normaliser = sums.lifted / LIFT;
+            let held = is_one(sums.absolute) && normaliser >= LEAST_NORMALISER * largest;
+            if held {
+                kernels::normalise(results.after, sums.lifted);
+                if !loses_states(&diagonal, results.predicted, results.after) {
+                    let log = normaliser.ln() + log_scale + diagonal.log_factor;
+                    return Ok(Advanced { log, in_logs: false });
+                }
+            }
         }
-        self.advance_in_logs(diagonal, log_scale, before, after, values)
+        self.advance_in_logs(diagonal, log_scale, before, results, values)
     }
 
-    /// The same step where linear space does not hold it: the likelihood
-    /// contradicts the prediction by more than 2^32. `log_scale` is taken out
-    /// of the logarithms first, so that they keep their digits.
+    /// The same step in logarithms. `log_scale` is taken out of those of the
+    /// likelihoods first, so that they keep their digits.
     #[cold]
     fn advance_in_logs(
         &self,
         diagonal: Diagonal<'_>,
         log_scale: f64,
-        before: &[f64],
-        after: &mut [f64],
-        lifted: &mut [f64],
-    ) -> Result<f64, InferenceError> {
-        lifted.iter_mut().zip(before).for_each(|(out, p)| *out = p * LIFT);
-        self.predict(lifted, after)?;
-        if let Err(state) = kernels::largest(after) {
-            let value = after[state] / LIFT;
-            return Err(InferenceError::Predicted { step: self.number, state, value });
+        before: Held<'_>,
+        results: &mut Results<'_>,
+        values: &mut [f64],
+    ) -> Result<Advanced, InferenceError> {
+        self.predict_in_logs(before, results, values)?;
+        for (out, log) in results.logs.iter_mut().zip(diagonal.logs()) {
+            *out += log - log_scale;
         }
-        let mut largest = f64::NEG_INFINITY;
-        for (out, log) in after.iter_mut().zip(diagonal.logs()) {
-            *out = out.ln() + (log - log_scale);
-            largest = largest.max(*out);
-        }
-        if largest == f64::NEG_INFINITY {
+        let Some(normaliser) = normalise_logs(results.logs, results.after) else {
             return Err(InferenceError::Impossible { step: self.number });
+        };
+        let log = normaliser + log_scale + diagonal.log_factor;
+        Ok(Advanced { log, in_logs: loses(results.logs, results.after) })
+    }
+
+    /// The prediction, in linear space and in logarithms (into those of the
+    /// results); checked to be a distribution.
+    pub(super) fn predict_in_logs(
+        &self,
+        before: Held<'_>,
+        results: &mut Results<'_>,
+        values: &mut [f64],
+    ) -> Result<(), InferenceError> {
+        before.logs_to(values);
+        match self.control {
+            Some(control) => {
+                self.check_control(control)?;
+                self.hmm.transition().apply_log(control, values, results.logs);
+            }
+            None => results.logs.copy_from_slice(values),
         }
-        let normaliser = exponentiate(after, largest);
-        Ok(largest + normaliser.ln() - LN_LIFT + log_scale + diagonal.log_factor)
+        let logs = results.logs.iter();
+        results.predicted.iter_mut().zip(logs).for_each(|(out, log)| *out = log.exp());
+        self.check_prediction(results.predicted)
+    }
+
+    /// A prediction must be a distribution, whatever operator made it.
+    pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<(), InferenceError> {
+        let step = self.number;
+        if let Err(state) = kernels::largest(predicted) {
+            return Err(InferenceError::Predicted { step, state, value: predicted[state] });
+        }
+        let sum = kernels::sum(predicted);
+        if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
 }
 
-/// From logarithms, of which the largest is given, to a distribution in
-/// proportion to what they are the logarithms of. Returns the sum of these
-/// over the largest.
-pub(super) fn exponentiate(logs: &mut [f64], largest: f64) -> f64 {
-    logs.iter_mut().for_each(|log| *log = (*log - largest).exp());
-    let sum = kernels::sum(logs);
-    kernels::normalise(logs, sum);
-    sum
+/// One, but for rounding and what columns may be off by.
+pub(super) fn is_one(sum: f64) -> bool {
+    (sum - 1.0).abs() <= 1e-6
+}
+
+/// Whether a state that the prediction and the likelihood allow has got 0.
+fn loses_states(diagonal: &Diagonal<'_>, predicted: &[f64], after: &[f64]) -> bool {
+    let lost = |(&p, &after): (&f64, &f64)| after == 0.0 && p > 0.0;
+    let states = predicted.iter().zip(after);
+    match diagonal.values {
+        Values::Checked { log2: Some(_), .. } => false,
+        Values::Linear(b) | Values::Checked { linear: b, .. } => {
+            states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
+        }
+        Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
+    }
+}
+
+/// Whether a probability above 0 rounds to 0.
+pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
+    logs.iter().zip(linear).any(|(log, p)| *p == 0.0 && *log > f64::NEG_INFINITY)
+}
+
+/// Makes logarithms those of a distribution, and the distribution itself.
+/// Returns the logarithm of their sum, or `None` if it is that of 0.
+pub(super) fn normalise_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return None;
+    }
+    linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
+    let sum = kernels::sum(linear);
+    kernels::normalise(linear, sum);
+    let normaliser = largest + sum.ln();
+    logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
+    Some(normaliser)
 }

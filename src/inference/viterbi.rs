@@ -54,8 +54,10 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     ///
     /// Of several best paths it is the one whose last state is the lowest, then
     /// the last but one, and so on. Paths tie if their factors are the same, in
-    /// any order and but for powers of two; paths whose probabilities differ by
-    /// less than rounding (1e-14 a factor) may count as either.
+    /// any order and but for powers of two, as long as none falls more than
+    /// 2^256 behind on the way; log-likelihoods tie as far as rounding lets them.
+    /// Paths that differ by less than rounding (1e-14 a factor) may count as
+    /// either.
     /// An empty sequence gives the empty path, with log-probability 0.
     ///
     /// O(E) a step; 4 n T bytes for the way back.
@@ -110,8 +112,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
                 let lifted: Vec<f64> =
                     self.prior().belief().as_slice().iter().map(|p| p * LIFT).collect();
                 step.predict(&lifted, &mut next)?;
-                next.iter_mut().for_each(|score| *score = kernels::log2(*score));
-                whole = -LIFT.log2();
+                next.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
             } else {
                 let from = &mut from[(index - 1) * n..index * n];
                 step.maximise(&score, &mut next, from)?;
@@ -153,11 +154,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         from: &mut [u32],
     ) -> Result<(), InferenceError> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
-        let transition = self.hmm.transition();
-        transition
-            .check_control(control)
-            .map_err(|source| InferenceError::Control { step: self.number, source })?;
-        transition.max_product(control, score, next, from);
+        self.check_control(control)?;
+        self.hmm.transition().max_product(control, score, next, from);
         Ok(())
     }
 }

@@ -37,7 +37,12 @@ impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
     pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
         let (expected, found) = (first.states(), second.states());
         if found != expected {
-            return Err(HmmError::StateCount { part: "second sensor", found, expected });
+            return Err(HmmError::StateCount {
+                part: "second sensor",
+                found,
+                first: "first sensor",
+                expected,
+            });
         }
         Ok(Self { first, second })
     }

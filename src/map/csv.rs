@@ -67,14 +67,14 @@ impl RoadMap {
 fn read(places: (&str, impl Read), roads: (&str, impl Read)) -> Result<RoadMap, MapError> {
     let mut builder = Builder::default();
     each_line(places, PLACES, |line| {
-        let (id, latitude, longitude) = (line.get(0)?, line.get(1)?, line.get(2)?);
+        let (id, latitude, longitude) = (line.id(0)?, line.number(1)?, line.number(2)?);
         let position = Position { latitude, longitude };
         builder
             .place(Place { id, position, name: line.text(3).to_owned() })
             .map_err(|error| error.to_string())
     })?;
     each_line(roads, ROADS, |line| {
-        let (from, to, class, metres) = (line.get(0)?, line.get(1)?, line.text(2), line.get(3)?);
+        let (from, to, class, metres) = (line.id(0)?, line.id(1)?, line.text(2), line.number(3)?);
         builder
             .road(Road { from, to, class: class.parse()?, metres })
             .map_err(|error| error.to_string())
@@ -93,12 +93,18 @@ impl Line<'_> {
         self.record.get(column).unwrap_or_default()
     }
 
-    fn get<T: std::str::FromStr>(&self, column: usize) -> Result<T, String> {
+    fn id(&self, column: usize) -> Result<u64, String> {
+        self.parse(column, "a whole number from 0")
+    }
+
+    fn number(&self, column: usize) -> Result<f64, String> {
+        self.parse(column, "a number")
+    }
+
+    fn parse<T: std::str::FromStr>(&self, column: usize, expected: &str) -> Result<T, String> {
         let found = self.text(column);
-        found.parse().map_err(|_| {
-            let kind = if std::mem::size_of::<T>() == 4 { "a whole number" } else { "a number" };
-            format!("{} is {found:?}, expected {kind}", self.columns[column])
-        })
+        let name = self.columns[column];
+        found.parse().map_err(|_| format!("{name} is {found:?}, expected {expected}"))
     }
 }
 

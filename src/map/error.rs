@@ -16,13 +16,13 @@ pub enum MapError {
     #[error("place {id} is given twice")]
     DuplicatePlace {
         /// The id.
-        id: u32,
+        id: u64,
     },
     /// A coordinate is not on Earth.
     #[error("place {id} has {coordinate} {value}, expected degrees from {} to {limit}", -limit)]
     Coordinate {
         /// The place's id.
-        id: u32,
+        id: u64,
         /// "latitude" or "longitude".
         coordinate: &'static str,
         /// What was found.
@@ -34,25 +34,25 @@ pub enum MapError {
     #[error("the road from place {from} to place {to} needs place {missing}, which does not exist")]
     UnknownPlace {
         /// Where the road starts, by id.
-        from: u32,
+        from: u64,
         /// Where it ends, by id.
-        to: u32,
+        to: u64,
         /// Which of the two is missing.
-        missing: u32,
+        missing: u64,
     },
     /// A road was given twice.
     #[error("the road from place {from} to place {to} is given twice")]
     DuplicateRoad {
         /// Where it starts, by id.
-        from: u32,
+        from: u64,
         /// Where it ends, by id.
-        to: u32,
+        to: u64,
     },
     /// A road leads from a place to itself.
     #[error("the road from place {id} leads to itself; staying is the turning rule's matter")]
     Loop {
         /// The place's id.
-        id: u32,
+        id: u64,
     },
     /// A road's length is NaN, infinite, zero or negative.
     #[error(
@@ -60,9 +60,9 @@ pub enum MapError {
     )]
     Length {
         /// Where it starts, by id.
-        from: u32,
+        from: u64,
         /// Where it ends, by id.
-        to: u32,
+        to: u64,
         /// What was found.
         length: f64,
     },
@@ -106,9 +106,9 @@ pub enum TurningError {
     )]
     NoRoad {
         /// Where the turn starts, by id.
-        from: u32,
+        from: u64,
         /// Where it ends, by id.
-        to: u32,
+        to: u64,
         /// Its probability.
         value: f64,
     },
@@ -116,7 +116,7 @@ pub enum TurningError {
     #[error("the turning probabilities of place {id} sum to {sum}, expected 1")]
     Sum {
         /// The place's id.
-        id: u32,
+        id: u64,
         /// What they sum to.
         sum: f64,
     },

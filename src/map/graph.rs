@@ -65,17 +65,13 @@ impl RoadMap {
         Some(a.position.metres_to(b.position))
     }
 
-    /// The place nearest to a position; of several, the lowest. O(places).
+    /// The place nearest to a position; of several, the lowest. `None` if the
+    /// position is not a number. O(places).
     #[must_use]
-    pub fn nearest(&self, position: Position) -> usize {
+    pub fn nearest(&self, position: Position) -> Option<usize> {
         let metres = self.places().iter().map(|place| place.position.metres_to(position));
-        let mut best = (0, f64::INFINITY);
-        for (i, metres) in metres.enumerate() {
-            if metres < best.1 {
-                best = (i, metres);
-            }
-        }
-        best.0
+        let numbers = metres.enumerate().filter(|(_, metres)| !metres.is_nan());
+        numbers.min_by(|a, b| a.1.total_cmp(&b.1)).map(|nearest| nearest.0)
     }
 
     /// Whether a drive leads from every place to every other.

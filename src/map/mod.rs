@@ -3,7 +3,7 @@
 //!
 //! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built by code or read from two
 //! CSV files, and answers what users ask of a map: neighbours, hops, metres,
-//! the nearest place. A [`TurningRule`] (or your own counts) gives
+//! the nearest place. A [`TurningRule`] (or your own frequencies) gives
 //! [`TurningProbabilities`] Φ, and these the transition operator A = Φ'.
 //!
 //! ```

@@ -29,6 +29,7 @@ impl Position {
         let half_sine = |x: f64| (x / 2.0).sin().powi(2);
         let longitudes = (other.longitude - self.longitude).to_radians();
         let h = half_sine(b - a) + a.cos() * b.cos() * half_sine(longitudes);
-        2.0 * EARTH_RADIUS * h.sqrt().min(1.0).asin()
+        let h = if h > 1.0 { 1.0 } else { h }; // rounding; NaN stays
+        2.0 * EARTH_RADIUS * h.sqrt().asin()
     }
 }

@@ -12,7 +12,7 @@ use super::Position;
 pub struct Place {
     /// What roads call it. Ids need not be consecutive; states are numbered
     /// from 0 in the order of the places.
-    pub id: u32,
+    pub id: u64,
     /// Where it is.
     pub position: Position,
     /// What people call it; may be empty.
@@ -61,9 +61,9 @@ impl fmt::Display for RoadClass {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Road {
     /// The id of the place where it starts.
-    pub from: u32,
+    pub from: u64,
     /// The id of the place where it ends.
-    pub to: u32,
+    pub to: u64,
     /// Its class.
     pub class: RoadClass,
     /// Its length in metres, above 0.
@@ -75,10 +75,10 @@ pub struct Road {
 /// Places are named by their **index** (from 0, the state of the model) in all
 /// methods, except where the name says id. See the [module](super) for an
 /// example.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct RoadMap {
     places: Vec<Place>,
-    indices: HashMap<u32, u32>,
+    indices: HashMap<u64, u32>,
     /// In order of their ends, as indices.
     roads: Vec<Road>,
     pub(super) outgoing: Adjacency,
@@ -144,7 +144,7 @@ impl RoadMap {
 
     /// The index of the place with this id, or `None`.
     #[must_use]
-    pub fn index_of_id(&self, id: u32) -> Option<usize> {
+    pub fn index_of_id(&self, id: u64) -> Option<usize> {
         self.indices.get(&id).map(|&index| index as usize)
     }
 
@@ -163,7 +163,7 @@ impl RoadMap {
 #[derive(Debug, Default)]
 pub(super) struct Builder {
     places: Vec<Place>,
-    indices: HashMap<u32, u32>,
+    indices: HashMap<u64, u32>,
     roads: HashMap<(u32, u32), Road>,
 }
 
@@ -186,7 +186,7 @@ impl Builder {
 
     pub(super) fn road(&mut self, road: Road) -> Result<(), MapError> {
         let Road { from, to, metres, .. } = road;
-        let index = |id: u32| {
+        let index = |id: u64| {
             let index = self.indices.get(&id).copied();
             index.ok_or(MapError::UnknownPlace { from, to, missing: id })
         };

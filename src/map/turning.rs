@@ -95,8 +95,8 @@ pub struct TurningProbabilities {
 }
 
 impl TurningProbabilities {
-    /// From entries (from, to, probability) by index, for instance counted
-    /// ones. What is not given is 0. O((places + entries) log).
+    /// From entries (from, to, probability) by index, for instance
+    /// relative frequencies. What is not given is 0. O((places + entries) log).
     ///
     /// # Errors
     ///

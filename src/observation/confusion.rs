@@ -13,7 +13,8 @@ use crate::map::RoadMap;
 /// that the mean of P_c(i | i) over all places is the one asked for; in the
 /// paper that is 0.7.
 ///
-/// Holds n² numbers. See the [module](super) for an example.
+/// Holds n² numbers, as the sensors made from it do: meant for up to some
+/// thousands of places. See the [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
     /// P_c(j | i) at `rows[i][j]`.

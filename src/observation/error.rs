@@ -30,7 +30,7 @@ pub enum ObservationError {
     )]
     TooManyNeighbours {
         /// The place's id.
-        id: u32,
+        id: u64,
         /// How many neighbours it has.
         neighbours: usize,
         /// What is left for seeing itself.

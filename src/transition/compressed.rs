@@ -125,7 +125,7 @@ impl Compressed {
     }
 
     /// The entries of a line, in ascending order of their index.
-    pub(super) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> {
+    pub(super) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let (indices, values) = self.slices(line);
         indices.iter().map(|&index| index as usize).zip(values.iter().copied())
     }

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use super::{Transition, TransitionEntries, best_of, check_columns, check_count};
+use super::{Transition, TransitionEntries, best_of, check_columns, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels;
 
@@ -11,7 +11,8 @@ const BLOCK: usize = 4;
 
 /// A dense transition matrix, stored by columns.
 ///
-/// Products cost O(n²). For a map, where most entries are 0, take
+/// Products cost O(n²), memory is 8 n² bytes, and as much again after the first
+/// Viterbi. For a map, where most entries are 0, take
 /// [`SparseTransition`](crate::SparseTransition).
 ///
 /// ```
@@ -105,6 +106,19 @@ impl DenseTransition {
         if to < n && from < n { self.columns[from * n + to] } else { 0.0 }
     }
 
+    /// The entries above 0 of a row.
+    fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        assert!(to < self.states, "there is no state {to}");
+        let row = self.columns[to..].iter().step_by(self.states).copied();
+        row.enumerate().filter(|entry| entry.1 > 0.0)
+    }
+
+    /// The entries above 0 of a column.
+    fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let column = &self.columns[from * self.states..(from + 1) * self.states];
+        column.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+    }
+
     fn check_slices(&self, x: &[f64], out: &[f64]) {
         assert_eq!(x.len(), self.states, "x must have one value per state");
         assert_eq!(out.len(), self.states, "out must have one value per state");
@@ -142,20 +156,31 @@ impl Transition for DenseTransition {
             *out = kernels::dot(a, x);
         }
     }
+
+    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.row(i), x);
+        }
+    }
+
+    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (j, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.column(j), x);
+        }
+    }
 }
 
 impl TransitionEntries for DenseTransition {
     fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let row = self.columns[to..].iter().step_by(self.states).copied();
-        row.enumerate().filter(|entry| entry.1 > 0.0)
+        self.row(to)
     }
 
     fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let column = &self.columns[from * self.states..(from + 1) * self.states];
-        column.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+        self.column(from)
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        self.check_slices(x, out);
         let n = self.states;
         let log2 = self.log2_rows.get_or_init(|| {
             let entries = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));

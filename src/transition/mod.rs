@@ -3,6 +3,8 @@
 
 mod compressed;
 mod dense;
+mod log;
+mod shared;
 mod sparse;
 mod switched;
 
@@ -14,7 +16,7 @@ use std::any::Any;
 
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
-use crate::kernels::log2;
+use crate::kernels::{self, log2};
 
 /// A transition operator A, whose columns sum to one:
 /// A\[i, j\] = p(`X_k` = i | `X_{k-1}` = j), as in the paper's eq. 6.
@@ -74,6 +76,21 @@ pub trait Transition {
     /// `out = A' x`, the transpose (paper eq. 12). Overwrites all of `out`.
     /// The rest is as for [`apply`](Self::apply).
     fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
+
+    /// The same product in logarithms: `out[i]` = ln Σ over j of A\[i, j\]
+    /// exp(`x[j]`), for `x` of any range, with −∞ for 0.
+    ///
+    /// Inference takes it where a double does not hold a belief. The default
+    /// calls [`apply`](Self::apply) once for every 600 nats of range, and
+    /// allocates; the operators of this crate sum entry by entry.
+    fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
+        log::by_bands(x, out, |x, out| self.apply(control, x, out));
+    }
+
+    /// As [`apply_log`](Self::apply_log), with A'.
+    fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
+        log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
+    }
 
     /// Whether there is an operator for this control; all are accepted unless
     /// an implementation says otherwise.
@@ -158,8 +175,9 @@ fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
     best
 }
 
-/// Checks the columns of an operator without a control: A' 1 = 1. An operator
-/// with one can't be checked here, since there is no control to ask it with.
+/// Checks an operator without a control: its columns sum to one, A' 1 = 1, and
+/// its two products belong together, v' (A u) = u' (A' v). An operator with a
+/// control can't be checked here, since there is none to ask it with.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
     let n = transition.states();
     if n == 0 {
@@ -168,9 +186,20 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
     let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
         return Ok(());
     };
-    let mut sums = vec![0.0; n];
-    transition.apply_transpose(control, &vec![1.0; n], &mut sums);
-    check_columns(&sums)
+    let (mut ones, mut product) = (vec![1.0; n], vec![0.0; n]);
+    transition.apply_transpose(control, &ones, &mut product);
+    check_columns(&product)?;
+    // Two vectors without a pattern that an operator could share: multiples of
+    // the golden ratio and of the square root of two, modulo one.
+    let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
+    let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
+    ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());
+    transition.apply(control, &ones, &mut product);
+    let forward = kernels::dot(&product, &v);
+    transition.apply_transpose(control, &v, &mut product);
+    let backward = kernels::dot(&product, &ones);
+    let close = (forward - backward).abs() <= 1e-9 * forward.abs();
+    if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
 }
 
 /// The first column whose sum is not one.

@@ -63,6 +63,14 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
         self.operators[control].apply_transpose(&(), x, out);
     }
 
+    fn apply_log(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
+        self.operators[control].apply_log(&(), x, out);
+    }
+
+    fn apply_transpose_log(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
+        self.operators[control].apply_transpose_log(&(), x, out);
+    }
+
     fn check_control(&self, &control: &usize) -> Result<(), TransitionError> {
         let count = self.operators.len();
         if control >= count {

@@ -1,0 +1,53 @@
+//! Products in logarithms, for numbers beyond the range of a double.
+
+use crate::kernels::LIFT;
+
+/// How far below the largest a number may lie to share a product with it, as a
+/// logarithm: then its product with the smallest entry is still a normal double.
+const BAND: f64 = 600.0;
+
+/// A product in logarithms by one in linear space, which is done for each band
+/// of numbers of about the same size.
+pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
+    let lift = LIFT.ln();
+    let mut band = vec![0.0; x.len()];
+    let mut sums = vec![0.0; x.len()];
+    out.fill(f64::NEG_INFINITY);
+    let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    while top.is_finite() {
+        let mut next = f64::NEG_INFINITY;
+        for (out, &log) in band.iter_mut().zip(x) {
+            let inside = log <= top && log > top - BAND;
+            *out = if inside { (log - top + lift).exp() } else { 0.0 };
+            if log <= top - BAND {
+                next = next.max(log);
+            }
+        }
+        product(&band, &mut sums);
+        for (out, sum) in out.iter_mut().zip(&sums) {
+            *out = add(*out, sum.ln() - lift + top);
+        }
+        top = next;
+    }
+}
+
+/// ln Σ of value · exp(x\[index\]) over entries (index, value).
+pub(super) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
+    let largest = entries.clone().map(|(j, _)| x[j]).fold(f64::NEG_INFINITY, f64::max);
+    if largest == f64::NEG_INFINITY {
+        return largest;
+    }
+    // Entries below e^-300 would get too near to the smallest double beside
+    // what is itself e^-400 of the largest.
+    let near = entries.clone().map(|(j, value)| value * (x[j] - largest).exp()).sum::<f64>();
+    if near >= 1e-130 {
+        return largest + near.ln();
+    }
+    entries.fold(f64::NEG_INFINITY, |sum, (j, value)| add(sum, value.ln() + x[j]))
+}
+
+/// ln(e^a + e^b); NaN if one of them is.
+fn add(a: f64, b: f64) -> f64 {
+    let (high, low) = if a > b { (a, b) } else { (b, a) };
+    if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
+}
