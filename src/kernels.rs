@@ -6,7 +6,7 @@
 
 const LANES: usize = 8;
 
-/// 2^1000: puts probabilities at the top of a double's range, so that their
+/// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a
 /// double loses digits, and each operation takes a hundred times as long.
 pub(crate) const LIFT: f64 = f64::from_bits((1023 + 1000) << 52);
@@ -44,31 +44,36 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
 
 /// What [`multiply`] sums up.
 pub(crate) struct Sums {
-    /// Σ xᵢ yᵢ [`LIFT`].
-    pub(crate) lifted: f64,
-    /// Σ |xᵢ|: one, if x is a distribution.
+    /// Σ xᵢ yᵢ.
+    pub(crate) products: f64,
+    /// Σ |xᵢ|: that of x, if no value is negative.
     pub(crate) absolute: f64,
 }
 
-/// `out = x ∘ y` times [`LIFT`], and its sums.
+/// `out = x ∘ y`, and its sums.
 pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> Sums {
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
     let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
-    let (mut lifted, mut absolute) = ([0.0; LANES], [0.0; LANES]);
+    let (mut products, mut absolute) = ([0.0; LANES], [0.0; LANES]);
     for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
         for l in 0..LANES {
-            out[l] = x[l] * LIFT * y[l];
-            lifted[l] += out[l];
+            out[l] = x[l] * y[l];
+            products[l] += out[l];
             absolute[l] += x[l].abs();
         }
     }
-    let mut sums = Sums { lifted: total(lifted), absolute: total(absolute) };
+    let mut sums = Sums { products: total(products), absolute: total(absolute) };
     for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
-        *out = x * LIFT * y;
-        sums.lifted += *out;
+        *out = x * y;
+        sums.products += *out;
         sums.absolute += x.abs();
     }
     sums
+}
+
+/// `out = x` times [`LIFT`].
+pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
+    out.iter_mut().zip(x).for_each(|(out, x)| *out = x * LIFT);
 }
 
 /// `x *= factor`.
@@ -168,8 +173,8 @@ mod tests {
             assert_eq!(dot(&x, &y), 2.0 * expected);
             let mut out = vec![f64::NAN; n];
             let sums = multiply(&x, &y, &mut out);
-            assert_eq!((sums.lifted, sums.absolute), (2.0 * LIFT * expected, expected));
-            assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * LIFT * x));
+            assert_eq!((sums.products, sums.absolute), (2.0 * expected, expected));
+            assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * x));
             assert_eq!(largest(&x), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {
                 for at in 0..n {

@@ -69,6 +69,26 @@ fn viterbi_ties_go_to_the_lowest_last_state_then_the_last_but_one() {
     check_ties(|a| SparseTransition::from_rows(3, a).unwrap());
 }
 
+/// Two states that see the same factors in another order, and never change:
+/// the lower one, whatever the factors.
+#[test]
+fn the_same_factors_in_another_order_tie() {
+    for prior in [before(uniform(2)), Prior::AtFirstObservation(uniform(2))] {
+        let hmm = Hmm::new(prior, identity(2), LikelihoodVector::linear(2)).unwrap();
+        let mut factor = 0.123_456_789;
+        for _ in 0..5000 {
+            let mut factors = [0.0; 5];
+            for f in &mut factors {
+                factor = (factor * 1_000.0 + 0.618_033_988_7_f64).fract();
+                *f = factor.max(1e-6);
+            }
+            let order = [3, 0, 4, 1, 2];
+            let ys: Vec<[f64; 2]> = (0..5).map(|k| [factors[k], factors[order[k]]]).collect();
+            assert_eq!(hmm.viterbi(&ys).unwrap().states(), [0; 5], "{ys:?}");
+        }
+    }
+}
+
 #[test]
 fn when_all_is_tied_state_0_it_is() {
     for n in [1, 2, 9, 20] {
@@ -169,6 +189,56 @@ fn a_step_through_numbers_beyond_a_double_is_exact() {
     let smoothing = hmm.smooth(&[[0.0, 0.0, 0.5]]).unwrap();
     assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), [0.0, 1.0, 0.0]);
     assert_eq!(hmm.viterbi(&[[0.0, 0.0, 0.5]]).unwrap().states(), [2]);
+}
+
+/// A parked car, a position sensor with Gaussian log-likelihoods, one fix that
+/// is a kilometre off (more than doubles hold), and then good ones: the filter
+/// comes back, and so does the log-likelihood.
+#[test]
+fn one_large_outlier_is_forgotten() {
+    let places = 40;
+    let fix =
+        |place: usize| move |i: usize| -0.5 * (i.abs_diff(place) as f64 * 100.0 / 20.0).powi(2);
+    let fixes: Vec<usize> = std::iter::once(25).chain([15; 10]).collect();
+    let ys: Vec<Vec<f64>> = fixes.iter().map(|&at| (0..places).map(fix(at)).collect()).collect();
+    let hmm = Hmm::new(before(uniform(places)), identity(places), LikelihoodVector::log(places));
+    let hmm = hmm.unwrap();
+    let mut filter = hmm.filter();
+    ys.iter().for_each(|y| filter.step(y).unwrap());
+    assert_eq!(filter.belief().mode(), 15);
+    // All paths stay where they are.
+    let sums = (0..places).map(|i| ys.iter().map(|y| y[i]).sum::<f64>() - (places as f64).ln());
+    let best = sums.fold(f64::NEG_INFINITY, f64::max);
+    let close = |found: f64| assert!((found - best).abs() <= 1e-9, "{found} {best}");
+    close(filter.log_likelihood());
+    let smoothing = hmm.smooth(&ys).unwrap();
+    close(smoothing.log_likelihood());
+    assert_eq!(smoothing.smoothed().modes(), [15; 11]);
+    close(hmm.viterbi(&ys).unwrap().log_probability());
+
+    // It goes on from a snapshot, too, where doubles alone would have lost it.
+    let mut first = hmm.filter();
+    first.step(&ys[0]).unwrap();
+    assert_eq!(first.belief().as_slice()[15], 0.0);
+    let mut second = hmm.filter();
+    second.restore(&first.snapshot()).unwrap();
+    ys[1..].iter().for_each(|y| second.step(y).unwrap());
+    assert_eq!(second.snapshot(), filter.snapshot());
+    // A prediction in between keeps it as well.
+    first.predict().unwrap();
+    ys[1..].iter().for_each(|y| first.step(y).unwrap());
+    assert_eq!(first.belief().mode(), 15);
+    first.relocate(&Belief::certain(places, 3).unwrap()).unwrap();
+    assert_eq!(first.belief().mode(), 3);
+}
+
+#[test]
+fn what_is_far_behind_is_not_impossible() {
+    let hmm = Hmm::new(before(uniform(2)), identity(2), LikelihoodVector::log(2)).unwrap();
+    let ys = [[0.0, -800.0], [f64::NEG_INFINITY, 0.0]];
+    let smoothing = hmm.smooth(&ys).unwrap();
+    assert!((smoothing.log_likelihood() - (-800.0 - 2_f64.ln())).abs() <= 1e-12);
+    assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), [0.0, 1.0]);
 }
 
 #[test]

@@ -86,7 +86,7 @@ fn check<A: TransitionEntries<Control = usize>>(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, max_global_rejects: 20_000, ..ProptestConfig::with_cases(2000) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
 
     #[test]
     fn sparse_equals_enumeration(model in models(Kind::Shifted)) {
@@ -98,8 +98,6 @@ proptest! {
     #[test]
     fn extremes_equal_enumeration(model in models(Kind::Extreme)) {
         let answer = model.enumerate();
-        // What is below 2.2e-308 after a step rounds to 0: such models are left out.
-        prop_assume!(answer.least > -660.0);
         let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(&model)).unwrap();
         check(&model, &hmm, &model.logs, &answer)?;
     }

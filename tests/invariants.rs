@@ -42,6 +42,19 @@ proptest! {
         }
     }
 
+    /// The sum over all paths is at least the best of them.
+    #[test]
+    fn the_best_path_is_no_likelier_than_all(model in models(Kind::Extreme)) {
+        let hmm = hmm(&model, model.own());
+        let path = hmm.viterbi_with(&model.controls(), &model.logs);
+        let smoothing = hmm.smooth_with(&model.controls(), &model.logs);
+        prop_assert_eq!(path.is_ok(), smoothing.is_ok());
+        if let (Ok(path), Ok(smoothing)) = (path, smoothing) {
+            let rounding = 1e-12 * smoothing.log_likelihood().abs().max(1.0);
+            prop_assert!(smoothing.log_likelihood() >= path.log_probability() - rounding);
+        }
+    }
+
     #[test]
     fn filter_and_smoother_are_the_same_at_the_end(model in models(Kind::Extreme)) {
         if let Ok(smoothing) = hmm(&model, model.sparse()).smooth_with(&model.controls(), &model.logs) {

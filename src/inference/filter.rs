@@ -78,10 +78,9 @@ impl FilterState {
 /// also takes an `Arc`, a `Box` or another pointer.
 ///
 /// What a double does not hold (below 2.2e-308 of the whole) is kept in
-/// logarithms, at some cost in time, if it comes from log-likelihoods, from
-/// vectors of likelihoods or from an observation that contradicts the belief by
-/// far: the filter can come back to such a state. Where the likelihood is a
-/// [table](crate::TableLikelihood), and in predictions alone, it rounds to 0.
+/// logarithms, at some cost in time, so that the filter can come back to such a
+/// state. Only after an observation of a [table](crate::TableLikelihood) it
+/// rounds to 0.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -176,16 +175,18 @@ where
         let control = self.model.prior().moves_at(number).then_some(control);
         let Self { model, state, predicted, after, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
-        let mut in_logs = false;
-        if state.logs.is_some() {
+        let mut in_logs = state.logs.is_some();
+        if !in_logs {
+            kernels::lift(state.belief.as_slice(), predicted);
+            step.predict(predicted, after)?;
+            step.check_prediction(after)?;
+            in_logs = normalise(after);
+        }
+        if in_logs {
             let mut results = Results { predicted, after, logs: after_logs };
             step.predict_in_logs(state.held(), &mut results, &mut work.values)?;
             normalise_logs(after_logs, after);
             in_logs = loses(after_logs, after);
-        } else {
-            step.predict(state.belief.as_slice(), after)?;
-            step.check_prediction(after)?;
-            normalise(after);
         }
         self.commit(number, &Advanced { log: 0.0, in_logs });
         Ok(())
@@ -213,11 +214,13 @@ where
     /// [`InferenceError`] if a control is not valid.
     pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
         let mut belief = self.state.belief.clone();
-        let mut next = vec![0.0; belief.states()];
+        let mut lifted = vec![0.0; belief.states()];
+        let mut next = lifted.clone();
         for (number, control) in (self.state.steps + 1..).zip(controls) {
             let control = self.model.prior().moves_at(number).then_some(control);
             let step = Step { hmm: &*self.model, number, control };
-            step.predict(belief.as_slice(), &mut next)?;
+            kernels::lift(belief.as_slice(), &mut lifted);
+            step.predict(&lifted, &mut next)?;
             step.check_prediction(&next)?;
             normalise(&mut next);
             mem::swap(belief.as_mut_vec(), &mut next);
@@ -373,7 +376,11 @@ where
 }
 
 /// A prediction sums to one but for rounding, which must not add up over many.
-fn normalise(predicted: &mut [f64]) {
+/// Returns whether something rounds to 0.
+fn normalise(predicted: &mut [f64]) -> bool {
     let sum = kernels::sum(predicted);
+    let least = f64::MIN_POSITIVE * sum;
+    let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);
     kernels::normalise(predicted, sum);
+    loses
 }

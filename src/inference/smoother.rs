@@ -146,16 +146,17 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// A ratio γ / p above 2^64 is not trusted if p is below 2^-960: too few
-/// digits of it may be left.
+/// A ratio γ / p above 2^64 is not taken in linear space if the lifted p is
+/// below 2^40: it might overflow.
 const LARGEST_RATIO: f64 = f64::from_bits((1023 + 64) << 52);
-const LEAST_PREDICTED: f64 = f64::from_bits((1023 - 960) << 52);
+const LEAST_PREDICTED: f64 = f64::from_bits((1023 + 40) << 52);
 
-/// `ratio = gamma / predicted`, 0 where γ is. Returns whether doubles held it.
+/// `ratio = gamma / predicted`, 0 where γ is; the prediction is lifted. Returns
+/// whether doubles held it.
 fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
     let mut held = true;
     for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {
-        *ratio = if g > 0.0 { g / p } else { 0.0 };
+        *ratio = if g > 0.0 { g * LIFT / p } else { 0.0 };
         held &= p >= LEAST_PREDICTED || *ratio <= LARGEST_RATIO;
     }
     held
@@ -172,9 +173,11 @@ fn retreat<A: Transition>(
     gamma: &mut [f64],
 ) -> bool {
     transition.apply_transpose(control, ratio, back);
-    let lifted = kernels::multiply(alpha, back, gamma).lifted;
-    kernels::normalise(gamma, lifted);
-    is_one(lifted / LIFT)
+    kernels::lift(alpha, gamma);
+    gamma.iter_mut().zip(back).for_each(|(gamma, back)| *gamma *= *back);
+    let sum = kernels::sum(gamma);
+    kernels::normalise(gamma, sum);
+    is_one(sum / LIFT)
 }
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {

@@ -47,7 +47,7 @@ impl Held<'_> {
 
 /// Where a step writes its results.
 pub(super) struct Results<'a> {
-    /// The prediction, which sums to one but for rounding.
+    /// The prediction, lifted by [`LIFT`], which it sums to but for rounding.
     pub(super) predicted: &'a mut [f64],
     /// The belief after the observation.
     pub(super) after: &'a mut [f64],
@@ -73,7 +73,7 @@ pub(super) struct Step<'m, A: Transition, B> {
 }
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// `after = A before`, or the same if nothing moves.
+    /// `after = A before`, or the same if nothing moves; of any scale.
     pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) -> Result<(), InferenceError> {
         match self.control {
             Some(control) => {
@@ -108,8 +108,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     ///
     /// In linear space, unless logarithms are needed: because the belief before
     /// is kept so, because the observation contradicts the prediction by more
-    /// than 2^32, or because a state that is possible would get 0. Tables are
-    /// excepted from the last: the far tails that they hold would make every
+    /// than 2^32, or because a state that is possible would get 0. The last does
+    /// not count after a table: the far tails that tables hold would make every
     /// step a slow one.
     pub(super) fn advance(
         &self,
@@ -141,12 +141,12 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             }
         };
         if before.logs.is_none() {
-            self.predict(before.linear, results.predicted)?;
+            kernels::lift(before.linear, results.after);
+            self.predict(results.after, results.predicted)?;
             let sums = kernels::multiply(results.predicted, linear, results.after);
-            let normaliser = sums.lifted / LIFT;
-            let held = is_one(sums.absolute) && normaliser >= LEAST_NORMALISER * largest;
-            if held {
-                kernels::normalise(results.after, sums.lifted);
+            let normaliser = sums.products / LIFT;
+            if is_one(sums.absolute / LIFT) && normaliser >= LEAST_NORMALISER * largest {
+                kernels::normalise(results.after, sums.products);
                 if !loses_states(&diagonal, results.predicted, results.after) {
                     let log = normaliser.ln() + log_scale + diagonal.log_factor;
                     return Ok(Advanced { log, in_logs: false });
@@ -175,7 +175,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             return Err(InferenceError::Impossible { step: self.number });
         };
         let log = normaliser + log_scale + diagonal.log_factor;
-        Ok(Advanced { log, in_logs: loses(results.logs, results.after) })
+        let in_logs = !is_table(&diagonal) && loses(results.logs, results.after);
+        Ok(Advanced { log, in_logs })
     }
 
     /// The prediction, in linear space and in logarithms (into those of the
@@ -195,17 +196,19 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             None => results.logs.copy_from_slice(values),
         }
         let logs = results.logs.iter();
-        results.predicted.iter_mut().zip(logs).for_each(|(out, log)| *out = log.exp());
+        let lift = LIFT.ln();
+        results.predicted.iter_mut().zip(logs).for_each(|(out, log)| *out = (log + lift).exp());
         self.check_prediction(results.predicted)
     }
 
-    /// A prediction must be a distribution, whatever operator made it.
+    /// A lifted prediction must be a distribution, whatever operator made it.
     pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<(), InferenceError> {
         let step = self.number;
         if let Err(state) = kernels::largest(predicted) {
-            return Err(InferenceError::Predicted { step, state, value: predicted[state] });
+            let value = predicted[state] / LIFT;
+            return Err(InferenceError::Predicted { step, state, value });
         }
-        let sum = kernels::sum(predicted);
+        let sum = kernels::sum(predicted) / LIFT;
         if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
 }
@@ -215,12 +218,20 @@ pub(super) fn is_one(sum: f64) -> bool {
     (sum - 1.0).abs() <= 1e-6
 }
 
-/// Whether a state that the prediction and the likelihood allow has got 0.
+/// Whether the likelihood comes from a table.
+fn is_table(diagonal: &Diagonal<'_>) -> bool {
+    matches!(diagonal.values, Values::Checked { log2: Some(_), .. })
+}
+
+/// Whether a state that the prediction and the likelihood allow has got 0, and
+/// that matters.
 fn loses_states(diagonal: &Diagonal<'_>, predicted: &[f64], after: &[f64]) -> bool {
+    if is_table(diagonal) {
+        return false;
+    }
     let lost = |(&p, &after): (&f64, &f64)| after == 0.0 && p > 0.0;
     let states = predicted.iter().zip(after);
     match diagonal.values {
-        Values::Checked { log2: Some(_), .. } => false,
         Values::Linear(b) | Values::Checked { linear: b, .. } => {
             states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
         }
