@@ -74,9 +74,16 @@
 //! Recursions are scaled and run in linear space; nothing is clamped, and no
 //! zero is softened. Likelihoods may have any scale, as numbers or as
 //! logarithms: adding a constant to the log-likelihoods of a step changes the
-//! log-likelihood by it, and nothing else but by rounding. A step that linear space cannot hold
-//! is taken in logarithms. A probability below the smallest normal double
-//! (2.2e-308 of the whole) rounds to 0 between steps of filter and smoother.
+//! log-likelihood by it, and nothing else but by rounding. Where doubles do not
+//! hold a belief, it is kept in logarithms, so that one wild sighting does not
+//! rule out for good what it makes 1e-1000 as likely. The exception is a
+//! [`TableLikelihood`]: after a symbol of it, what is below 2.2e-308 of the
+//! whole (the smallest normal double) is 0 in filter and smoother, because the
+//! tails that tables hold would make every step a slow one.
+//!
+//! A step in logarithms takes ten times as long or more. A sensor with a floor,
+//! such as a Gaussian mixed with a little of everything else, never needs one,
+//! and is the better model of a sensor that can be wrong.
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it

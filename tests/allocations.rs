@@ -60,4 +60,18 @@ fn a_step_allocates_nothing() {
         }
     });
     assert_eq!(found, 0, "fused sensors, after the first step");
+
+    // A position sensor far off: beliefs that are kept in logarithms.
+    let metres = LogLikelihoodFn::new(n, |&y: &f64, i| -(y - i as f64).powi(2) * 10.0);
+    let motion = canberra::turning().into_transition();
+    let hmm = Hmm::new(plain.prior().clone(), motion, metres).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&4.0).unwrap();
+    let found = allocations(|| {
+        for k in 0..200 {
+            filter.step(&f64::from(k % 100)).unwrap();
+            filter.predict().unwrap();
+        }
+    });
+    assert_eq!(found, 0, "steps in logarithms");
 }

@@ -1,7 +1,10 @@
 //! Control k drives the transition from k − 1 to k.
 
+use std::sync::Arc;
+
 use wayfix::{
-    Belief, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior, SwitchedTransition,
+    Belief, DenseTransition, Hmm, InferenceError, Likelihood, LikelihoodVector, Prior,
+    SwitchedTransition,
 };
 
 /// Control 0 stays, control 1 moves one on around three places.
@@ -62,4 +65,19 @@ fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
     assert!(matches!(error, InferenceError::Control { step: 2, .. }));
     let error = hmm.smooth_with(&[0], &[NOTHING; 2]).unwrap_err();
     assert_eq!(error.to_string(), "1 controls for 2 observations, expected one each");
+}
+
+#[test]
+fn operators_and_sensors_can_be_shared_and_chosen_at_run_time() {
+    let go = DenseTransition::from_fn(3, |i, j| f64::from(i == (j + 1) % 3)).unwrap();
+    let go = Arc::new(go);
+    let sensors: [Box<dyn Likelihood<Observation = [f64]>>; 2] =
+        [Box::new(LikelihoodVector::linear(3)), Box::new(LikelihoodVector::log(3))];
+    for sensor in sensors {
+        let prior = Prior::BeforeFirstTransition(Belief::certain(3, 0).unwrap());
+        let hmm = Hmm::new(prior, Arc::clone(&go), sensor).unwrap();
+        let ys = [[1.0; 3], [1.0; 3]];
+        assert_eq!(hmm.viterbi(&ys).unwrap().states(), [1, 2]);
+        assert_eq!(hmm.smooth(&ys).unwrap().smoothed().modes(), [1, 2]);
+    }
 }

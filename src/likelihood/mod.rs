@@ -4,6 +4,7 @@ mod diagonal;
 mod function;
 mod fused;
 mod optional;
+mod shared;
 mod table;
 mod vector;
 
@@ -25,6 +26,9 @@ use crate::error::LikelihoodError;
 /// The diagonal may have any positive scale, as long as it is the same for all
 /// states: posteriors do not depend on it, and the log-likelihood is that of
 /// the diagonal as it is given, with the log factor added back.
+///
+/// A sensor behind a reference, `Box`, `Rc` or `Arc` is a sensor too: share one
+/// among models, or choose one at run time as `Box<dyn Likelihood<…>>`.
 ///
 /// # Implement it yourself
 ///

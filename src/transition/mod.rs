@@ -29,6 +29,9 @@ use crate::kernels::{self, log2};
 /// k, such as odometry, elapsed time or a gear. An operator without one has
 /// `Control = ()`, and its columns are checked when a model is built from it.
 ///
+/// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator too, so
+/// that models can share a large one.
+///
 /// # Implement it yourself
 ///
 /// A drive around a loop: one place on with probability 0.9, else stay.
