@@ -173,6 +173,57 @@ fn log_factors_are_added_back_wherever_the_step_is_taken() {
     assert!((filter.log_likelihood() - expected).abs() <= 1e-11);
 }
 
+/// Log-likelihoods of any size keep the digits of their differences, fused or
+/// not, in linear space or in logarithms; and no sum becomes NaN.
+#[test]
+fn large_shifts_cost_no_digits() {
+    for shift in [0.0, 1e6, 1e9] {
+        let prior = Belief::new(vec![1.0, 1e-300]).unwrap();
+        let y = [shift, shift + 750.0];
+        let difference = (y[1] - y[0]) + 1e-300_f64.ln();
+        let expected = 1.0 / (1.0 + (-difference).exp());
+        let log = Hmm::new(before(prior.clone()), identity(2), LikelihoodVector::log(2)).unwrap();
+        let mut filter = log.filter();
+        filter.step(&y).unwrap();
+        assert!((filter.belief().as_slice()[1] - expected).abs() <= 1e-12);
+
+        let table = TableLikelihood::from_rows(&[[0.5, 0.5]; 2]).unwrap();
+        let fused = FusedLikelihood::new(LikelihoodVector::log(2).owned(), table).unwrap();
+        let fused = Hmm::new(before(prior), identity(2), fused).unwrap();
+        let mut filter = fused.filter();
+        filter.step(&(y.to_vec(), 1)).unwrap();
+        assert!((filter.belief().as_slice()[1] - expected).abs() <= 1e-12);
+    }
+    let hmm = Hmm::new(before(uniform(2)), identity(2), LikelihoodVector::log(2)).unwrap();
+    for huge in [f64::MAX, -f64::MAX] {
+        let ys = [[huge; 2]; 2];
+        let smoothing = hmm.smooth(&ys).unwrap();
+        assert!(!smoothing.log_likelihood().is_nan());
+        assert!(!hmm.viterbi(&ys).unwrap().log_probability().is_nan());
+        assert_eq!(smoothing.smoothed().get(2).unwrap().as_slice(), [0.5, 0.5]);
+    }
+}
+
+/// What underflows in a step that is otherwise an ordinary one.
+#[test]
+fn small_likelihoods_of_a_step_keep_their_digits() {
+    let prior = Belief::new(vec![0.4, 1e-9, 0.6 - 1e-9]).unwrap();
+    let never = f64::NEG_INFINITY;
+    let hmm = Hmm::new(before(prior), identity(3), LikelihoodVector::log(3)).unwrap();
+    let ys = [[-745.5, 0.0, never], [0.0, -735.0, 0.0]];
+    let mut filter = hmm.filter();
+    filter.step(&ys[0]).unwrap();
+    filter.step(&ys[1]).unwrap();
+    let odds = 1e-9 / 0.4 * (745.5_f64 - 735.0).exp();
+    assert!((filter.belief().as_slice()[0] - 1.0 / (1.0 + odds)).abs() <= 1e-12);
+
+    let prior = Belief::new(vec![1e-150, 1e-9, 1.0 - 1e-9]).unwrap();
+    let hmm = Hmm::new(before(prior), identity(3), LikelihoodVector::linear(3)).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&[3e-170, 1e-3, 0.0]).unwrap();
+    assert!((filter.belief().as_slice()[0] / 3e-308 - 1.0).abs() <= 1e-12);
+}
+
 /// What passes through 1e-600 within a step comes out right.
 #[test]
 fn a_step_through_numbers_beyond_a_double_is_exact() {

@@ -45,6 +45,7 @@ impl LogSum {
     }
 
     fn value(self) -> f64 {
-        self.sum + self.lost
+        // Beyond the range of a double nothing was lost but the number itself.
+        if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
     }
 }

@@ -147,7 +147,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             let normaliser = sums.products / LIFT;
             if is_one(sums.absolute / LIFT) && normaliser >= LEAST_NORMALISER * largest {
                 kernels::normalise(results.after, sums.products);
-                if !loses_states(&diagonal, results.predicted, results.after) {
+                if !loses_states(&diagonal, linear, results.predicted, results.after) {
                     let log = normaliser.ln() + log_scale + diagonal.log_factor;
                     return Ok(Advanced { log, in_logs: false });
                 }
@@ -223,14 +223,16 @@ fn is_table(diagonal: &Diagonal<'_>) -> bool {
     matches!(diagonal.values, Values::Checked { log2: Some(_), .. })
 }
 
-/// Whether a state that the prediction and the likelihood allow has got 0, and
-/// that matters.
-fn loses_states(diagonal: &Diagonal<'_>, predicted: &[f64], after: &[f64]) -> bool {
+/// Whether a state that prediction and likelihood allow has got 0, or a scaled
+/// likelihood too small to have all its digits; and whether that matters.
+fn loses_states(diagonal: &Diagonal<'_>, scaled: &[f64], predicted: &[f64], after: &[f64]) -> bool {
     if is_table(diagonal) {
         return false;
     }
-    let lost = |(&p, &after): (&f64, &f64)| after == 0.0 && p > 0.0;
-    let states = predicted.iter().zip(after);
+    let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
+        p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
+    };
+    let states = predicted.iter().zip(after).zip(scaled);
     match diagonal.values {
         Values::Linear(b) | Values::Checked { linear: b, .. } => {
             states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)

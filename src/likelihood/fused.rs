@@ -69,16 +69,22 @@ where
         let (left, right) = parts.split_at_mut(1);
         let first = self.first.diagonal(first, &mut left[0])?;
         let second = self.second.diagonal(second, &mut right[0])?;
-        first.check(n)?;
-        second.check(n)?;
+        let largest = (first.check(n)?, second.check(n)?);
         let log_factor = first.log_factor + second.log_factor;
         if multiply(first.values, second.values, product) {
             return Ok(Diagonal::linear(product).with_log_factor(log_factor));
         }
+        // Shifts of both are taken out first, so that the sums keep their digits.
+        let shift = (shift(first.values, largest.0), shift(second.values, largest.1));
         let logs = first.logs().zip(second.logs());
-        product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = a + b);
-        Ok(Diagonal::log(product).with_log_factor(log_factor))
+        product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
+        Ok(Diagonal::log(product).with_log_factor(log_factor + (shift.0 + shift.1)))
     }
+}
+
+/// What can be taken out of logarithms, of which the largest is given.
+fn shift(values: Values<'_>, largest: f64) -> f64 {
+    if matches!(values, Values::Log(_)) && largest.is_finite() { largest } else { 0.0 }
 }
 
 /// The product of two diagonals, unless one is in logarithms or a product

@@ -38,7 +38,7 @@ impl SparseTransition {
     /// # Errors
     ///
     /// [`TransitionError`] for no states, an index out of range, a value that
-    /// is NaN, negative or infinite, an entry given twice, a column that does
+    /// is NaN, negative or infinite, an entry above 0 given twice, a column that does
     /// not sum to one within 1e-9, or more than 2^32 − 1 states or entries.
     pub fn from_triplets(
         states: usize,
