@@ -84,13 +84,17 @@ pub(crate) fn scale(x: &mut [f64], factor: f64) {
 /// `x /= sum`, where `sum` is that of x: makes it a distribution.
 ///
 /// What would be below the smallest normal double becomes 0: the far tails of
-/// a Gaussian sensor alone would double the time of a step.
-pub(crate) fn normalise(x: &mut [f64], sum: f64) {
+/// a Gaussian sensor alone would double the time of a step. Returns whether
+/// a result is 0 or below 2^-980, where factors of it may have lost digits.
+pub(crate) fn normalise(x: &mut [f64], sum: f64) -> bool {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
+    let small = least * (1_u64 << 42) as f64;
+    let mut any_small = false;
     for x in x {
-        let kept = if *x >= least { *x } else { 0.0 };
-        *x = kept * factor;
+        any_small |= *x < small;
+        *x = if *x >= least { *x } else { 0.0 } * factor;
     }
+    any_small
 }
 
 /// Rounds to a multiple of 2^-45, which doubles of 128 and more are anyway.

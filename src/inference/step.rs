@@ -146,8 +146,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             let sums = kernels::multiply(results.predicted, linear, results.after);
             let normaliser = sums.products / LIFT;
             if is_one(sums.absolute / LIFT) && normaliser >= LEAST_NORMALISER * largest {
-                kernels::normalise(results.after, sums.products);
-                if !loses_states(&diagonal, linear, results.predicted, results.after) {
+                let small = kernels::normalise(results.after, sums.products);
+                if !(small && loses_states(&diagonal, linear, results.predicted, results.after)) {
                     let log = normaliser.ln() + log_scale + diagonal.log_factor;
                     return Ok(Advanced { log, in_logs: false });
                 }
