@@ -89,10 +89,19 @@ pub(crate) fn scale(x: &mut [f64], factor: f64) {
 pub(crate) fn normalise(x: &mut [f64], sum: f64) -> bool {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
     let small = least * (1_u64 << 42) as f64;
-    let mut any_small = false;
-    for x in x {
+    let keep = |x: f64| if x >= least { x } else { 0.0 } * factor;
+    let (chunks, rest) = x.as_chunks_mut::<LANES>();
+    let mut smallest = [f64::INFINITY; LANES];
+    for chunk in chunks {
+        for l in 0..LANES {
+            smallest[l] = if chunk[l] < smallest[l] { chunk[l] } else { smallest[l] };
+            chunk[l] = keep(chunk[l]);
+        }
+    }
+    let mut any_small = smallest.iter().any(|x| *x < small);
+    for x in rest {
         any_small |= *x < small;
-        *x = if *x >= least { *x } else { 0.0 } * factor;
+        *x = keep(*x);
     }
     any_small
 }
