@@ -68,10 +68,12 @@ fn run(Arguments { runs, seed, out }: Arguments) -> Result<(), Box<dyn Error>> {
     bar.finish_and_clear();
 
     print_tables(&rows, runs, seed);
-    write_table1(&out.join("table1.csv"), &rows, runs)?;
-    write_errors(&out.join("errors.csv"), &rows)?;
-    let figures = figures::draw_all(&out, &map, &rows, seed)?;
-    fs::write(out.join("index.html"), page::html(&rows, &figures, runs, seed))?;
+    let in_folder = |error: &dyn Error| format!("cannot write into {}: {error}", out.display());
+    write_table1(&out.join("table1.csv"), &rows, runs).map_err(|e| in_folder(&e))?;
+    write_errors(&out.join("errors.csv"), &rows).map_err(|e| in_folder(&e))?;
+    let figures = figures::draw_all(&out, &map, &rows, seed).map_err(|e| in_folder(&*e))?;
+    let page = page::html(&rows, &figures, runs, seed);
+    fs::write(out.join("index.html"), page).map_err(|e| in_folder(&e))?;
     println!("\nWrote tables, {} pictures and {}", figures.len(), out.join("index.html").display());
     Ok(())
 }

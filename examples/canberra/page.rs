@@ -74,7 +74,10 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
             100.0 * row.legal
         ));
     }
-    put(format_args!("</table>\n<h2>Pictures</h2>\n"));
+    put(format_args!(
+        "</table>\n<p>Both tables as CSV: <a href=\"table1.csv\">table1.csv</a>, \
+         <a href=\"errors.csv\">errors.csv</a>.</p>\n<h2>Pictures</h2>\n"
+    ));
     for Figure { file, caption } in figures {
         put(format_args!(
             "<figure><a href=\"{file}\"><img src=\"{file}\" alt=\"{caption}\"></a>\

@@ -4,66 +4,14 @@ use std::mem;
 use std::ops::Deref;
 
 use super::LogSum;
-use super::step::{Advanced, Held, Results, Step, Workspace, loses, normalise_logs};
+use super::filter_state::FilterState;
+use super::step::{Advanced, Results, Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
-use crate::hmm::{Hmm, Prior};
+use crate::hmm::Hmm;
 use crate::kernels;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
-
-/// All that a filter knows after k steps: plain data, to be kept, compared,
-/// sent elsewhere, and restored.
-///
-/// ```
-/// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9])?, LikelihoodVector::linear(2))?;
-/// let mut filter = hmm.filter();
-/// filter.step(&[0.9, 0.2])?;
-/// let snapshot = filter.snapshot();
-/// filter.step(&[0.1, 0.8])?;
-/// filter.restore(&snapshot)?;
-/// assert_eq!(filter.snapshot(), snapshot);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct FilterState {
-    steps: usize,
-    belief: Belief,
-    /// The logarithms of the belief, if it has values that doubles do not hold.
-    logs: Option<Vec<f64>>,
-    log_likelihood: LogSum,
-}
-
-impl FilterState {
-    fn new(prior: &Prior) -> Self {
-        let (belief, log_likelihood) = (prior.belief().clone(), LogSum::default());
-        Self { steps: 0, belief, logs: None, log_likelihood }
-    }
-
-    fn held(&self) -> Held<'_> {
-        Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
-    }
-
-    /// How many steps have been taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// The belief after these steps.
-    #[must_use]
-    pub fn belief(&self) -> &Belief {
-        &self.belief
-    }
-
-    /// ln p(y_1 … y_k), over the observations made.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
-    }
-}
 
 /// The streaming filter: the distribution of the present state given all
 /// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
@@ -147,7 +95,7 @@ where
     /// One time step: prediction under `control`, then update with
     /// `observation`. The control drives the transition that leads here.
     ///
-    /// Under [`Prior::AtFirstObservation`] the first step has no transition,
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has no transition,
     /// and its control is not looked at.
     ///
     /// # Errors
@@ -195,7 +143,9 @@ where
     /// Update with an observation alone: no time passes. For a further sensor
     /// at the same step, or after [`predict`](Self::predict).
     ///
-    /// Under [`Prior::AtFirstObservation`] the first update makes step 1.
+    /// Before any step, under [`Prior::BeforeFirstTransition`](crate::Prior::BeforeFirstTransition), it is an
+    /// observation of X_0, and errors call it step 0. Under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first update makes step 1.
     ///
     /// # Errors
     ///
@@ -207,7 +157,9 @@ where
     }
 
     /// The distribution `controls.len()` steps ahead, without observations,
-    /// under one control a step. The filter stays where it is.
+    /// under one control a step. The filter stays where it is. (From a fresh
+    /// filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step is to X_1,
+    /// which is distributed as the prior.)
     ///
     /// # Errors
     ///

@@ -2,13 +2,15 @@
 //! what they share: a prediction, a checked diagonal, a normaliser.
 
 mod filter;
+mod filter_state;
 mod posteriors;
 mod simulate;
 mod smoother;
 mod step;
 mod viterbi;
 
-pub use filter::{Filter, FilterState};
+pub use filter::Filter;
+pub use filter_state::FilterState;
 pub use posteriors::Posteriors;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;
