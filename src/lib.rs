@@ -81,7 +81,7 @@
 //! whole (the smallest normal double) is 0 in filter and smoother, because the
 //! tails that tables hold would make every step a slow one.
 //!
-//! A step in logarithms takes ten times as long or more. A sensor with a floor,
+//! A step in logarithms takes several times as long. A sensor with a floor,
 //! such as a Gaussian mixed with a little of everything else, never needs one,
 //! and is the better model of a sensor that can be wrong.
 //!
