@@ -76,11 +76,6 @@ pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
     out.iter_mut().zip(x).for_each(|(out, x)| *out = x * LIFT);
 }
 
-/// `x *= factor`.
-pub(crate) fn scale(x: &mut [f64], factor: f64) {
-    x.iter_mut().for_each(|x| *x *= factor);
-}
-
 /// `x /= sum`, where `sum` is that of x: makes it a distribution.
 ///
 /// What would be below the smallest normal double becomes 0: the far tails of

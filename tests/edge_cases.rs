@@ -283,6 +283,21 @@ fn one_large_outlier_is_forgotten() {
     assert_eq!(first.belief().mode(), 3);
 }
 
+/// Log-likelihoods so far apart that their sums are rounded to hundredths:
+/// less exact, but no error.
+#[test]
+fn a_centimetre_sensor_may_be_wrong_by_kilometres() {
+    // 0 and 1 are one component, 2 another; each can be left to itself only.
+    let a = SparseTransition::from_rows(3, &[0.3, 0.6, 0.0, 0.7, 0.4, 0.0, 0.0, 0.0, 1.0]);
+    let hmm = Hmm::new(before(uniform(3)), a.unwrap(), LikelihoodVector::log(3)).unwrap();
+    for far in [1e8, 1e10, 1.3e12, 1e14] {
+        let ys = [[-far, -far, 0.0], [0.0, -1.0, -2.0 * far], [-1.0, 0.0, 0.0]];
+        let smoothing = hmm.smooth(&ys).unwrap_or_else(|error| panic!("{far}: {error}"));
+        assert!(smoothing.smoothed().iter().all(|belief| belief.as_slice()[2] == 0.0));
+        assert!((smoothing.log_likelihood() + far).abs() <= 10.0);
+    }
+}
+
 #[test]
 fn what_is_far_behind_is_not_impossible() {
     let hmm = Hmm::new(before(uniform(2)), identity(2), LikelihoodVector::log(2)).unwrap();

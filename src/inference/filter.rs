@@ -95,8 +95,8 @@ where
     /// One time step: prediction under `control`, then update with
     /// `observation`. The control drives the transition that leads here.
     ///
-    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has no transition,
-    /// and its control is not looked at.
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
+    /// first step has no transition, and its control is not looked at.
     ///
     /// # Errors
     ///
@@ -127,8 +127,8 @@ where
         if !in_logs {
             kernels::lift(state.belief.as_slice(), predicted);
             step.predict(predicted, after)?;
-            step.check_prediction(after)?;
-            in_logs = normalise(after);
+            let sum = step.check_prediction(after)?;
+            in_logs = normalise(after, sum);
         }
         if in_logs {
             let mut results = Results { predicted, after, logs: after_logs };
@@ -143,9 +143,9 @@ where
     /// Update with an observation alone: no time passes. For a further sensor
     /// at the same step, or after [`predict`](Self::predict).
     ///
-    /// Before any step, under [`Prior::BeforeFirstTransition`](crate::Prior::BeforeFirstTransition), it is an
-    /// observation of X_0, and errors call it step 0. Under
-    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first update makes step 1.
+    /// Before any step, it is an observation of X_0, and errors call it step 0;
+    /// but under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
+    /// it makes step 1.
     ///
     /// # Errors
     ///
@@ -158,8 +158,8 @@ where
 
     /// The distribution `controls.len()` steps ahead, without observations,
     /// under one control a step. The filter stays where it is. (From a fresh
-    /// filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step is to X_1,
-    /// which is distributed as the prior.)
+    /// filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
+    /// the first step is to X_1, which is distributed as the prior.)
     ///
     /// # Errors
     ///
@@ -173,8 +173,8 @@ where
             let step = Step { hmm: &*self.model, number, control };
             kernels::lift(belief.as_slice(), &mut lifted);
             step.predict(&lifted, &mut next)?;
-            step.check_prediction(&next)?;
-            normalise(&mut next);
+            let sum = step.check_prediction(&next)?;
+            normalise(&mut next, sum);
             mem::swap(belief.as_mut_vec(), &mut next);
         }
         Ok(belief)
@@ -329,8 +329,7 @@ where
 
 /// A prediction sums to one but for rounding, which must not add up over many.
 /// Returns whether something rounds to 0.
-fn normalise(predicted: &mut [f64]) -> bool {
-    let sum = kernels::sum(predicted);
+fn normalise(predicted: &mut [f64], sum: f64) -> bool {
     let least = f64::MIN_POSITIVE * sum;
     let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);
     kernels::normalise(predicted, sum);

@@ -200,11 +200,18 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         transition.apply_transpose_log(control, ratio, back);
         alpha.logs_to(ratio);
-        // −∞ stays so, also where A' has led here from somewhere.
-        ratio.iter_mut().zip(&*back).for_each(|(out, back)| *out += back);
-        // As in linear space, the sum of γ must have stayed one.
+        // As in linear space, the sum of γ must have stayed one, as far as the
+        // digits of the logarithms go. (−∞ stays so, also where A' has led here
+        // from somewhere.)
+        let mut size = 0.0_f64;
+        for (out, &back) in ratio.iter_mut().zip(&*back) {
+            if out.is_finite() {
+                size = size.max(out.abs()).max(back.abs());
+            }
+            *out += back;
+        }
         match normalise_logs(ratio, gamma) {
-            Some(log) if is_one(log.exp()) => Ok(()),
+            Some(log) if log.abs() <= 1e-6 + 16.0 * f64::EPSILON * size => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);
                 Err(InferenceError::PredictedSum { step: self.number, sum })

@@ -7,8 +7,8 @@ use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::Transition;
 
 /// A step is taken in linear space if the normaliser is at least this part of
-/// the largest likelihood. What underflows in the prediction is then below
-/// 2^-1040 of the result, so that a probability of 1e-300 still has 14 digits.
+/// the largest likelihood. A likelihood that has lost digits by scaling then
+/// gives a result below 2^-990, which is looked at again.
 const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 /// Likelihoods with their largest value in this range are taken as they are.
 const UNSCALED: std::ops::RangeInclusive<f64> =
@@ -198,18 +198,21 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let logs = results.logs.iter();
         let lift = LIFT.ln();
         results.predicted.iter_mut().zip(logs).for_each(|(out, log)| *out = (log + lift).exp());
-        self.check_prediction(results.predicted)
+        self.check_prediction(results.predicted)?;
+        Ok(())
     }
 
     /// A lifted prediction must be a distribution, whatever operator made it.
-    pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<(), InferenceError> {
+    /// Returns its sum.
+    pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
         let step = self.number;
         if let Err(state) = kernels::largest(predicted) {
             let value = predicted[state] / LIFT;
             return Err(InferenceError::Predicted { step, state, value });
         }
-        let sum = kernels::sum(predicted) / LIFT;
-        if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+        let lifted = kernels::sum(predicted);
+        let sum = lifted / LIFT;
+        if is_one(sum) { Ok(lifted) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
 }
 

@@ -80,7 +80,7 @@ impl Confusion {
                 // Place i itself counts 1, so the sum is not 0.
                 Metric::Hops | Metric::Metres => 1.0 / kernels::sum(&gaussian),
             };
-            kernels::scale(&mut gaussian, height);
+            gaussian.iter_mut().for_each(|g| *g *= height);
             let normaliser = 1.0 + kernels::sum(&gaussian);
             row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normaliser);
         }

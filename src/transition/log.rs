@@ -37,8 +37,8 @@ pub(super) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
     if largest == f64::NEG_INFINITY {
         return largest;
     }
-    // Entries below e^-300 would get too near to the smallest double beside
-    // what is itself e^-400 of the largest.
+    // What underflows in this sum is below 1e-190 of it, unless all large terms
+    // have tiny entries: then term by term.
     let near = entries.clone().map(|(j, value)| value * (x[j] - largest).exp()).sum::<f64>();
     if near >= 1e-130 {
         return largest + near.ln();
