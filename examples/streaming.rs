@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         match position.step(&place_seen.map(|place| place - 1)) {
             // Not from here: the filter is as it was, so drive on without this sighting.
             Err(InferenceError::Impossible { .. }) => position.predict()?,
-            other => other?,
+            other => drop(other?),
         }
         let belief = position.belief();
         let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();

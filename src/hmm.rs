@@ -63,7 +63,7 @@ impl Prior {
 /// )?;
 /// let (umbrella, none) = (0, 1);
 /// let smoothing = hmm.smooth(&[umbrella, umbrella, none])?;
-/// assert_eq!(smoothing.smoothed().modes(), [0, 0, 1]);
+/// assert_eq!(smoothing.posteriors().modes(), [0, 0, 1]);
 /// assert_eq!(hmm.viterbi(&[umbrella, umbrella, none])?.states(), [0, 0, 1]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

@@ -23,7 +23,7 @@
 //!
 //! let sightings = [0, 2, 2]; // afterwards, with all of them
 //! let smoothing = hmm.smooth(&sightings)?;
-//! assert_eq!(smoothing.smoothed().modes(), [1, 2, 2]); // it had left already
+//! assert_eq!(smoothing.posteriors().modes(), [1, 2, 2]); // it had left already
 //! assert_eq!(hmm.viterbi(&sightings)?.states(), [1, 2, 2]);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -114,6 +114,7 @@ mod inference;
 mod kernels;
 mod likelihood;
 mod random;
+mod sequence;
 mod transition;
 
 pub mod canberra;
@@ -126,11 +127,14 @@ pub use error::{
     BeliefError, HmmError, InferenceError, LikelihoodError, TableError, TransitionError,
 };
 pub use hmm::{Hmm, Prior};
-pub use inference::{Filter, FilterState, Posteriors, Simulation, Smoothing, ViterbiPath};
+pub use inference::{
+    Filter, FilterState, Filtering, Posteriors, Simulation, Smoothing, ViterbiPath,
+};
 pub use likelihood::{
     Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood,
     SampleObservation, Scratch, TableLikelihood,
 };
+pub use sequence::{Controlled, Sequence};
 pub use transition::{
     DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries,
 };

@@ -7,7 +7,7 @@ use wayfix::map::{
 };
 use wayfix::observation::{Confusion, Metric};
 use wayfix::{
-    Belief, DenseTransition, FusedLikelihood, Hmm, InferenceError, LikelihoodVector,
+    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, LikelihoodVector,
     LogLikelihoodFn, Prior, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
     evaluate,
 };
@@ -195,7 +195,7 @@ fn operators_that_break_their_contract_give_errors_and_no_nan() {
             filter.step_with(&rate, &y).unwrap_err(),
             filter.predict_with(&rate).unwrap_err(),
             filter.forecast_with(&[rate]).unwrap_err(),
-            hmm.smooth_with(&[rate], &[y]).unwrap_err(),
+            hmm.smooth(&Controlled::new(&[rate], &[y]).unwrap()).unwrap_err(),
         ] {
             assert!(matches!(error, InferenceError::Predicted { step: 1, .. }), "{error}");
         }
@@ -206,7 +206,7 @@ fn operators_that_break_their_contract_give_errors_and_no_nan() {
         "at step 1 the transition operator predicts -1 for state 0, expected a probability",
     );
     // Its transpose is wrong, which the smoother notices.
-    let error = hmm.smooth_with(&[0.5, 0.5], &[y, y]).unwrap_err();
+    let error = hmm.smooth(&Controlled::new(&[0.5, 0.5], &[y, y]).unwrap()).unwrap_err();
     assert!(matches!(error, InferenceError::PredictedSum { .. }), "{error}");
 }
 

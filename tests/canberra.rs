@@ -149,8 +149,8 @@ fn table_1() {
             let smoothing = hmm.smooth(drive.observations()).unwrap();
             let estimates = [
                 drive.observations().to_vec(),
-                smoothing.filtered().modes(),
-                smoothing.smoothed().modes(),
+                hmm.forward(drive.observations()).unwrap().posteriors().modes(),
+                smoothing.posteriors().modes(),
             ];
             for (all, estimate) in accuracies.iter_mut().zip(&estimates) {
                 all.push(evaluate::accuracy(drive.states(), estimate).unwrap());

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use wayfix::{
-    Belief, DenseTransition, Hmm, InferenceError, Likelihood, LikelihoodVector, Prior,
+    Belief, Controlled, DenseTransition, Hmm, InferenceError, Likelihood, LikelihoodVector, Prior,
     SwitchedTransition,
 };
 
@@ -22,10 +22,10 @@ fn a_control_drives_the_step_to_its_observation() {
     let hmm = hmm(Prior::BeforeFirstTransition(Belief::certain(3, 0).unwrap()));
     let controls = [1, 0, 1];
     let expected = [1, 1, 2];
-    let smoothing = hmm.smooth_with(&controls, &[NOTHING; 3]).unwrap();
-    assert_eq!(smoothing.filtered().modes(), expected);
-    assert_eq!(smoothing.smoothed().modes(), expected);
-    assert_eq!(hmm.viterbi_with(&controls, &[NOTHING; 3]).unwrap().states(), expected);
+    let drive = Controlled::new(&controls, &[NOTHING; 3]).unwrap();
+    assert_eq!(hmm.forward(&drive).unwrap().posteriors().modes(), expected);
+    assert_eq!(hmm.smooth(&drive).unwrap().posteriors().modes(), expected);
+    assert_eq!(hmm.viterbi(&drive).unwrap().states(), expected);
     let mut filter = hmm.filter();
     for (control, state) in controls.iter().zip(expected) {
         filter.step_with(control, &NOTHING).unwrap();
@@ -38,10 +38,11 @@ fn the_first_control_is_not_looked_at_if_the_prior_is_at_the_first_observation()
     let hmm = hmm(Prior::AtFirstObservation(Belief::certain(3, 0).unwrap()));
     let controls = [usize::MAX, 1, 0];
     let expected = [0, 1, 1];
-    let smoothing = hmm.smooth_with(&controls, &[NOTHING; 3]).unwrap();
-    assert_eq!(smoothing.smoothed().modes(), expected);
-    assert_eq!(smoothing.smoothed().get(0), smoothing.smoothed().get(1));
-    assert_eq!(hmm.viterbi_with(&controls, &[NOTHING; 3]).unwrap().states(), expected);
+    let drive = Controlled::new(&controls, &[NOTHING; 3]).unwrap();
+    let smoothing = hmm.smooth(&drive).unwrap();
+    assert_eq!(smoothing.posteriors().modes(), expected);
+    assert_eq!(smoothing.posteriors().get(0), smoothing.posteriors().get(1));
+    assert_eq!(hmm.viterbi(&drive).unwrap().states(), expected);
 }
 
 #[test]
@@ -59,11 +60,11 @@ fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
     assert!(filter.forecast_with(&[0, 2]).is_err());
     assert_eq!(filter.snapshot(), before);
 
-    let error = hmm.smooth_with(&[0, 2], &[NOTHING; 2]).unwrap_err();
+    let error = hmm.smooth(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
     assert!(matches!(error, InferenceError::Control { step: 2, .. }));
-    let error = hmm.viterbi_with(&[0, 2], &[NOTHING; 2]).unwrap_err();
+    let error = hmm.viterbi(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
     assert!(matches!(error, InferenceError::Control { step: 2, .. }));
-    let error = hmm.smooth_with(&[0], &[NOTHING; 2]).unwrap_err();
+    let error = Controlled::new(&[0], &[NOTHING; 2]).unwrap_err();
     assert_eq!(error.to_string(), "1 controls for 2 observations, expected one each");
 }
 
@@ -78,6 +79,6 @@ fn operators_and_sensors_can_be_shared_and_chosen_at_run_time() {
         let hmm = Hmm::new(prior, Arc::clone(&go), sensor).unwrap();
         let ys = [[1.0; 3], [1.0; 3]];
         assert_eq!(hmm.viterbi(&ys).unwrap().states(), [1, 2]);
-        assert_eq!(hmm.smooth(&ys).unwrap().smoothed().modes(), [1, 2]);
+        assert_eq!(hmm.smooth(&ys).unwrap().posteriors().modes(), [1, 2]);
     }
 }

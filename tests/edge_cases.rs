@@ -97,7 +97,7 @@ fn when_all_is_tied_state_0_it_is() {
         let ys = vec![vec![1.0; n]; 5];
         assert_eq!(hmm.viterbi(&ys).unwrap().states(), [0; 5]);
         assert_eq!(hmm.filter().belief().mode(), 0);
-        assert_eq!(hmm.smooth(&ys).unwrap().smoothed().modes(), [0; 5]);
+        assert_eq!(hmm.smooth(&ys).unwrap().posteriors().modes(), [0; 5]);
     }
 }
 
@@ -108,9 +108,9 @@ fn an_empty_sequence_leaves_the_prior() {
         let none: [[f64; 3]; 0] = [];
         let smoothing = hmm.smooth(&none).unwrap();
         assert_eq!(smoothing.log_likelihood(), 0.0);
-        assert_eq!(smoothing.smoothed().steps(), 0);
-        assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), uniform(3).as_slice());
-        assert!(smoothing.smoothed().modes().is_empty());
+        assert_eq!(smoothing.posteriors().steps(), 0);
+        assert_eq!(smoothing.posteriors().get(0).unwrap().as_slice(), uniform(3).as_slice());
+        assert!(smoothing.posteriors().modes().is_empty());
         let path = hmm.viterbi(&none).unwrap();
         assert_eq!((path.states(), path.log_probability()), (&[][..], 0.0));
         assert_eq!(hmm.filter().forecast(0).unwrap(), uniform(3));
@@ -122,7 +122,7 @@ fn one_state_is_always_that_state() {
     let a = SparseTransition::from_rows(1, &[1.0]).unwrap();
     let hmm = Hmm::new(before(uniform(1)), a, LikelihoodVector::linear(1)).unwrap();
     let smoothing = hmm.smooth(&[[0.5], [1e-300], [1e300]]).unwrap();
-    assert!(smoothing.smoothed().as_slice().iter().all(|p| *p == 1.0));
+    assert!(smoothing.posteriors().as_slice().iter().all(|p| *p == 1.0));
     assert!((smoothing.log_likelihood() - 0.5_f64.ln()).abs() <= 1e-12);
     let impossible = hmm.smooth(&[[0.5], [0.0]]).unwrap_err();
     assert!(matches!(impossible, InferenceError::Impossible { step: 2 }));
@@ -155,7 +155,9 @@ fn log_factors_are_added_back_wherever_the_step_is_taken() {
     close(hmm.smooth(&ys).unwrap().log_likelihood());
     close(hmm.viterbi(&ys).unwrap().log_probability());
     let mut filter = hmm.filter();
-    ys.iter().for_each(|y| filter.step(y).unwrap());
+    for y in &ys {
+        filter.step(y).unwrap();
+    }
     close(filter.log_likelihood());
 
     let wrong = hmm.filter().step(&([1.0, 1.0], f64::NAN)).unwrap_err();
@@ -200,7 +202,7 @@ fn large_shifts_cost_no_digits() {
         let smoothing = hmm.smooth(&ys).unwrap();
         assert!(!smoothing.log_likelihood().is_nan());
         assert!(!hmm.viterbi(&ys).unwrap().log_probability().is_nan());
-        assert_eq!(smoothing.smoothed().get(2).unwrap().as_slice(), [0.5, 0.5]);
+        assert_eq!(smoothing.posteriors().get(2).unwrap().as_slice(), [0.5, 0.5]);
     }
 }
 
@@ -238,7 +240,7 @@ fn a_step_through_numbers_beyond_a_double_is_exact() {
     let expected = 2.0 * 1e-300_f64.ln() + 0.5_f64.ln();
     assert!((filter.log_likelihood() - expected).abs() <= 1e-11);
     let smoothing = hmm.smooth(&[[0.0, 0.0, 0.5]]).unwrap();
-    assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), [0.0, 1.0, 0.0]);
+    assert_eq!(smoothing.posteriors().get(0).unwrap().as_slice(), [0.0, 1.0, 0.0]);
     assert_eq!(hmm.viterbi(&[[0.0, 0.0, 0.5]]).unwrap().states(), [2]);
 }
 
@@ -255,7 +257,9 @@ fn one_large_outlier_is_forgotten() {
     let hmm = Hmm::new(before(uniform(places)), identity(places), LikelihoodVector::log(places));
     let hmm = hmm.unwrap();
     let mut filter = hmm.filter();
-    ys.iter().for_each(|y| filter.step(y).unwrap());
+    for y in &ys {
+        filter.step(y).unwrap();
+    }
     assert_eq!(filter.belief().mode(), 15);
     // All paths stay where they are.
     let sums = (0..places).map(|i| ys.iter().map(|y| y[i]).sum::<f64>() - (places as f64).ln());
@@ -264,7 +268,7 @@ fn one_large_outlier_is_forgotten() {
     close(filter.log_likelihood());
     let smoothing = hmm.smooth(&ys).unwrap();
     close(smoothing.log_likelihood());
-    assert_eq!(smoothing.smoothed().modes(), [15; 31]);
+    assert_eq!(smoothing.posteriors().modes(), [15; 31]);
     close(hmm.viterbi(&ys).unwrap().log_probability());
 
     // It goes on from a snapshot, too, where doubles alone would have lost it.
@@ -273,11 +277,15 @@ fn one_large_outlier_is_forgotten() {
     assert_eq!(first.belief().as_slice()[15], 0.0);
     let mut second = hmm.filter();
     second.restore(&first.snapshot()).unwrap();
-    ys[1..].iter().for_each(|y| second.step(y).unwrap());
+    for y in &ys[1..] {
+        second.step(y).unwrap();
+    }
     assert_eq!(second.snapshot(), filter.snapshot());
     // A prediction in between keeps it as well.
     first.predict().unwrap();
-    ys[1..].iter().for_each(|y| first.step(y).unwrap());
+    for y in &ys[1..] {
+        first.step(y).unwrap();
+    }
     assert_eq!(first.belief().mode(), 15);
     first.relocate(&Belief::certain(places, 3).unwrap()).unwrap();
     assert_eq!(first.belief().mode(), 3);
@@ -293,7 +301,7 @@ fn a_centimetre_sensor_may_be_wrong_by_kilometres() {
     for far in [1e8, 1e10, 1.3e12, 1e14] {
         let ys = [[-far, -far, 0.0], [0.0, -1.0, -2.0 * far], [-1.0, 0.0, 0.0]];
         let smoothing = hmm.smooth(&ys).unwrap_or_else(|error| panic!("{far}: {error}"));
-        assert!(smoothing.smoothed().iter().all(|belief| belief.as_slice()[2] == 0.0));
+        assert!(smoothing.posteriors().iter().all(|belief| belief.as_slice()[2] == 0.0));
         assert!((smoothing.log_likelihood() + far).abs() <= 10.0);
     }
 }
@@ -304,7 +312,7 @@ fn what_is_far_behind_is_not_impossible() {
     let ys = [[0.0, -800.0], [f64::NEG_INFINITY, 0.0]];
     let smoothing = hmm.smooth(&ys).unwrap();
     assert!((smoothing.log_likelihood() - (-800.0 - 2_f64.ln())).abs() <= 1e-12);
-    assert_eq!(smoothing.smoothed().get(0).unwrap().as_slice(), [0.0, 1.0]);
+    assert_eq!(smoothing.posteriors().get(0).unwrap().as_slice(), [0.0, 1.0]);
 }
 
 #[test]

@@ -4,7 +4,9 @@ mod common;
 
 use common::{Answer, Kind, Model, models};
 use proptest::prelude::*;
-use wayfix::{Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, TransitionEntries};
+use wayfix::{
+    Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, TransitionEntries,
+};
 
 type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
 
@@ -42,6 +44,7 @@ fn check<A: TransitionEntries<Control = usize>>(
     answer: &Answer,
 ) -> Result<(), TestCaseError> {
     let controls = model.controls();
+    let drive = Controlled::new(&controls, ys).unwrap();
     let tolerance = 1e-11;
     let impossible = |error: InferenceError| match error {
         InferenceError::Impossible { step } => Ok(step),
@@ -60,22 +63,25 @@ fn check<A: TransitionEntries<Control = usize>>(
         all_close(filter.belief().as_slice(), &answer.filtered[index + 1], tolerance)?;
     }
     if let Some(step) = answer.impossible_at {
-        prop_assert_eq!(impossible(hmm.smooth_with(&controls, ys).unwrap_err())?, step);
-        prop_assert_eq!(impossible(hmm.viterbi_with(&controls, ys).unwrap_err())?, step);
+        prop_assert_eq!(impossible(hmm.smooth(&drive).unwrap_err())?, step);
+        prop_assert_eq!(impossible(hmm.viterbi(&drive).unwrap_err())?, step);
         return Ok(());
     }
     close_logs(filter.log_likelihood(), answer.log_likelihood)?;
 
-    let smoothing = hmm.smooth_with(&controls, ys).unwrap();
+    let filtering = hmm.forward(&drive).unwrap();
+    close_logs(filtering.log_likelihood(), answer.log_likelihood)?;
+    close_logs(hmm.score(&drive).unwrap(), answer.log_likelihood)?;
+    let smoothing = hmm.smooth(&drive).unwrap();
     close_logs(smoothing.log_likelihood(), answer.log_likelihood)?;
     for k in 0..=model.steps() {
-        let filtered = smoothing.filtered().get(k).unwrap();
-        let smoothed = smoothing.smoothed().get(k).unwrap();
+        let filtered = filtering.posteriors().get(k).unwrap();
+        let smoothed = smoothing.posteriors().get(k).unwrap();
         all_close(filtered.as_slice(), &answer.filtered[k], tolerance)?;
         all_close(smoothed.as_slice(), &answer.smoothed[k], tolerance)?;
     }
 
-    let path = hmm.viterbi_with(&controls, ys).unwrap();
+    let path = hmm.viterbi(&drive).unwrap();
     prop_assert_eq!(path.states().len(), model.steps());
     if model.steps() > 0 {
         close_logs(path.log_probability(), answer.viterbi)?;
@@ -130,13 +136,13 @@ proptest! {
         let count = model.logs.iter().flatten().count() as f64;
         let smooth = |model: &Model| {
             let hmm = Hmm::new(model.prior(), model.sparse(), log_sensor(model)).unwrap();
-            hmm.smooth_with(&model.controls(), &model.logs).ok()
+            hmm.smooth(&model).ok()
         };
         match (smooth(&model), smooth(&shifted)) {
             (Some(plain), Some(moved)) => {
                 let expected = plain.log_likelihood() + count * shift;
                 prop_assert!((moved.log_likelihood() - expected).abs() <= 1e-9);
-                for (a, b) in plain.smoothed().as_slice().iter().zip(moved.smoothed().as_slice()) {
+                for (a, b) in plain.posteriors().as_slice().iter().zip(moved.posteriors().as_slice()) {
                     prop_assert!((a - b).abs() <= 1e-9);
                 }
             }

@@ -35,8 +35,9 @@ proptest! {
             is_distribution(filter.forecast_with(&vec![*control; ahead]).unwrap().as_slice())?;
             prop_assert!(filter.log_likelihood().is_finite());
         }
-        if let Ok(smoothing) = hmm.smooth_with(&model.controls(), &model.logs) {
-            for belief in smoothing.filtered().iter().chain(smoothing.smoothed().iter()) {
+        if let Ok(smoothing) = hmm.smooth(&model) {
+            let filtering = hmm.forward(&model).unwrap();
+            for belief in filtering.posteriors().iter().chain(smoothing.posteriors().iter()) {
                 is_distribution(belief.as_slice())?;
             }
         }
@@ -46,8 +47,8 @@ proptest! {
     #[test]
     fn the_best_path_is_no_likelier_than_all(model in models(Kind::Extreme)) {
         let hmm = hmm(&model, model.own());
-        let path = hmm.viterbi_with(&model.controls(), &model.logs);
-        let smoothing = hmm.smooth_with(&model.controls(), &model.logs);
+        let path = hmm.viterbi(&model);
+        let smoothing = hmm.smooth(&model);
         prop_assert_eq!(path.is_ok(), smoothing.is_ok());
         if let (Ok(path), Ok(smoothing)) = (path, smoothing) {
             let rounding = 1e-12 * smoothing.log_likelihood().abs().max(1.0);
@@ -57,24 +58,28 @@ proptest! {
 
     #[test]
     fn filter_and_smoother_are_the_same_at_the_end(model in models(Kind::Extreme)) {
-        if let Ok(smoothing) = hmm(&model, model.sparse()).smooth_with(&model.controls(), &model.logs) {
+        let hmm = hmm(&model, model.sparse());
+        if let Ok(smoothing) = hmm.smooth(&model) {
             let end = model.steps();
-            prop_assert_eq!(smoothing.filtered().get(end), smoothing.smoothed().get(end));
-            prop_assert!(smoothing.smoothed().get(end + 1).is_none());
+            let filtering = hmm.forward(&model).unwrap();
+            prop_assert_eq!(filtering.posteriors().get(end), smoothing.posteriors().get(end));
+            prop_assert!(smoothing.posteriors().get(end + 1).is_none());
         }
     }
 
     #[test]
     fn streaming_is_the_batch(model in models(Kind::Shifted)) {
         let hmm = hmm(&model, model.dense());
-        if let Ok(smoothing) = hmm.smooth_with(&model.controls(), &model.logs) {
+        if let Ok(filtering) = hmm.forward(&model) {
             let mut filter = hmm.filter();
             for (k, (control, y)) in model.controls().iter().zip(&model.logs).enumerate() {
-                filter.step_with(control, y).unwrap();
-                prop_assert_eq!(Some(filter.belief()), smoothing.filtered().get(k + 1));
+                let log_likelihood = filter.step_with(control, y).unwrap();
+                prop_assert_eq!(log_likelihood, filtering.log_likelihoods()[k]);
+                prop_assert_eq!(Some(filter.belief()), filtering.posteriors().get(k + 1));
                 prop_assert_eq!(filter.steps(), k + 1);
             }
-            prop_assert_eq!(filter.log_likelihood(), smoothing.log_likelihood());
+            prop_assert_eq!(filter.log_likelihood(), filtering.log_likelihood());
+            prop_assert_eq!(filter.log_likelihood(), hmm.score(&model).unwrap());
         }
     }
 
@@ -82,9 +87,9 @@ proptest! {
     fn sparse_dense_and_own_operators_agree(model in models(Kind::Shifted)) {
         fn answer<A: TransitionEntries<Control = usize>>(model: &Model, a: A) -> Option<(Vec<f64>, f64, f64)> {
             let hmm = hmm(model, a);
-            let smoothing = hmm.smooth_with(&model.controls(), &model.logs).ok()?;
-            let path = hmm.viterbi_with(&model.controls(), &model.logs).unwrap();
-            Some((smoothing.smoothed().as_slice().to_vec(), smoothing.log_likelihood(), path.log_probability()))
+            let smoothing = hmm.smooth(&model).ok()?;
+            let path = hmm.viterbi(&model).unwrap();
+            Some((smoothing.posteriors().as_slice().to_vec(), smoothing.log_likelihood(), path.log_probability()))
         }
         let answers = [answer(&model, model.sparse()), answer(&model, model.dense()), answer(&model, model.own())];
         for other in &answers[1..] {

@@ -41,7 +41,7 @@ fn the_log_likelihood_of_a_million_steps_has_all_its_digits() {
     let smoothing = hmm.smooth(&vec![y; STEPS]).unwrap();
     assert_eq!(smoothing.log_likelihood(), filter.log_likelihood());
     for k in [0, 1, STEPS / 2, STEPS] {
-        assert!((smoothing.smoothed().get(k).unwrap().as_slice()[0] - 0.5).abs() <= 1e-12);
+        assert!((smoothing.posteriors().get(k).unwrap().as_slice()[0] - 0.5).abs() <= 1e-12);
     }
     let path = hmm.viterbi(&vec![y; STEPS]).unwrap();
     // One start, then stay: ties go to the lowest state.

@@ -2,8 +2,8 @@
 #![allow(clippy::excessive_precision, clippy::unreadable_literal, reason = "printed answers")]
 
 use wayfix::{
-    Belief, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition,
-    SwitchedTransition, TransitionEntries,
+    Belief, Controlled, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior,
+    SparseTransition, SwitchedTransition, TransitionEntries,
 };
 
 struct Case {
@@ -64,14 +64,16 @@ impl Case {
             assert!((found - expected).abs() <= 1e-12, "{}, {what}: {found}", self.name);
         };
 
-        let smoothing = hmm.smooth_with(&controls, self.likelihoods).unwrap();
+        let drive = Controlled::new(&controls, self.likelihoods).unwrap();
+        let filtering = hmm.forward(&drive).unwrap();
+        let smoothing = hmm.smooth(&drive).unwrap();
         close("log-likelihood", smoothing.log_likelihood(), self.log_likelihood);
         let mut filter = hmm.filter();
         for (index, (control, y)) in controls.iter().zip(self.likelihoods).enumerate() {
             filter.step_with(control, y).unwrap();
             for i in 0..n {
-                let filtered = smoothing.filtered().get(index + 1).unwrap().as_slice()[i];
-                let smoothed = smoothing.smoothed().get(index + 1).unwrap().as_slice()[i];
+                let filtered = filtering.posteriors().get(index + 1).unwrap().as_slice()[i];
+                let smoothed = smoothing.posteriors().get(index + 1).unwrap().as_slice()[i];
                 close("streaming filter", filter.belief().as_slice()[i], self.filtered[index][i]);
                 close("filtered", filtered, self.filtered[index][i]);
                 close("smoothed", smoothed, self.smoothed[index][i]);
@@ -79,7 +81,7 @@ impl Case {
         }
         close("streaming log-likelihood", filter.log_likelihood(), self.log_likelihood);
 
-        let path = hmm.viterbi_with(&controls, self.likelihoods).unwrap();
+        let path = hmm.viterbi(&drive).unwrap();
         assert_eq!(path.states(), self.viterbi, "{}", self.name);
         close("Viterbi", path.log_probability(), self.viterbi_log);
     }

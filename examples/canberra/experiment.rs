@@ -153,14 +153,13 @@ fn drive(hmm: &Model, setting: &Setting, seed: u64, run: u64) -> Result<Drive, B
         SETTINGS.iter().position(|s| s.initial == setting.initial && s.sigma == setting.sigma);
     rng.set_stream((number.unwrap_or(SETTINGS.len()) as u64) << 32 | run);
     let drive = hmm.simulate(STEPS, &mut rng);
-    let smoothing = hmm.smooth(drive.observations())?;
     Ok(Drive {
         initial: drive.initial().ok_or("the drive has no start")?,
         truth: drive.states().to_vec(),
         estimates: [
             drive.observations().to_vec(),
-            smoothing.filtered().modes(),
-            smoothing.smoothed().modes(),
+            hmm.forward(drive.observations())?.posteriors().modes(),
+            hmm.smooth(drive.observations())?.posteriors().modes(),
             hmm.viterbi(drive.observations())?.into_states(),
         ],
     })

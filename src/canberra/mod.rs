@@ -20,7 +20,7 @@
 //! let hmm = canberra::hmm(5, 1.0)?;
 //! let drive = hmm.simulate(50, &mut ChaCha8Rng::seed_from_u64(1));
 //! let smoothing = hmm.smooth(drive.observations())?;
-//! let accuracy = evaluate::accuracy(drive.states(), &smoothing.smoothed().modes())?;
+//! let accuracy = evaluate::accuracy(drive.states(), &smoothing.posteriors().modes())?;
 //! # assert!(accuracy > 0.0);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

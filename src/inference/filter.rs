@@ -5,7 +5,7 @@ use std::ops::Deref;
 
 use super::LogSum;
 use super::filter_state::FilterState;
-use super::step::{Advanced, Results, Step, Workspace, loses, normalise_logs};
+use super::step::{Advanced, Held, Results, Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -94,6 +94,8 @@ where
 
     /// One time step: prediction under `control`, then update with
     /// `observation`. The control drives the transition that leads here.
+    /// Returns ln p(y_k | y_1 … y_{k-1}), how well the observation was
+    /// predicted.
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
     /// first step has no transition, and its control is not looked at.
@@ -106,7 +108,7 @@ where
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<f64, InferenceError> {
         let number = self.state.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
         self.advance(number, control, observation)
@@ -141,7 +143,8 @@ where
     }
 
     /// Update with an observation alone: no time passes. For a further sensor
-    /// at the same step, or after [`predict`](Self::predict).
+    /// at the same step, or after [`predict`](Self::predict). Returns the
+    /// logarithm of its probability given all before.
     ///
     /// Before any step, it is an observation of X_0, and errors call it step 0;
     /// but under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
@@ -150,7 +153,7 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn update(&mut self, observation: &B::Observation) -> Result<(), InferenceError> {
+    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
         self.advance(number, None, observation)
@@ -261,13 +264,17 @@ where
         number: usize,
         control: Option<&A::Control>,
         observation: &B::Observation,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<f64, InferenceError> {
         let Self { model, state, predicted, after, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
         let mut results = Results { predicted, after, logs: after_logs };
         let advanced = step.advance(observation, state.held(), &mut results, work)?;
         self.commit(number, &advanced);
-        Ok(())
+        Ok(advanced.log)
+    }
+
+    pub(super) fn held(&self) -> Held<'_> {
+        self.state.held()
     }
 
     /// Only here does a step change the filter.
@@ -297,12 +304,13 @@ where
     A: Transition<Control = ()>,
     B: Likelihood,
 {
-    /// One time step: prediction, then update with `observation`.
+    /// One time step: prediction, then update with `observation`. Returns
+    /// ln p(y_k | y_1 … y_{k-1}), how well the observation was predicted.
     ///
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<(), InferenceError> {
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
         self.step_with(&(), observation)
     }
 

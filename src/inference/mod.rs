@@ -1,8 +1,11 @@
 //! Filter, smoother, decoder, simulation: one algorithm a file. `step` holds
 //! what they share: a prediction, a checked diagonal, a normaliser.
 
+mod backward;
+mod block;
 mod filter;
 mod filter_state;
+mod filtering;
 mod posteriors;
 mod simulate;
 mod smoother;
@@ -11,21 +14,11 @@ mod viterbi;
 
 pub use filter::Filter;
 pub use filter_state::FilterState;
+pub use filtering::Filtering;
 pub use posteriors::Posteriors;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;
 pub use viterbi::ViterbiPath;
-
-use crate::error::InferenceError;
-
-/// As many controls as observations, or an error.
-fn check_controls<U, Y>(controls: &[U], observations: &[Y]) -> Result<(), InferenceError> {
-    let (controls, observations) = (controls.len(), observations.len());
-    if controls != observations {
-        return Err(InferenceError::ControlCount { controls, observations });
-    }
-    Ok(())
-}
 
 /// A sum of many logarithms that keeps what rounding would lose (Neumaier
 /// 1974), so that a million steps do not drift.

@@ -14,7 +14,7 @@ use crate::belief::{Belief, BeliefView};
 /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
 /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, LikelihoodVector::linear(2))?;
 /// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
-/// let posteriors = smoothing.smoothed();
+/// let posteriors = smoothing.posteriors();
 /// assert_eq!(posteriors.steps(), 2);
 /// assert!((posteriors.get(2).unwrap().as_slice()[0] - 0.883_357_041_251_778).abs() < 1e-12);
 /// assert_eq!(posteriors.modes(), [0, 0]);
@@ -79,11 +79,5 @@ impl Posteriors {
 
     pub(super) fn row_mut(&mut self, step: usize) -> &mut [f64] {
         &mut self.values[step * self.states..(step + 1) * self.states]
-    }
-
-    /// Step k − 1, and step k to write to.
-    pub(super) fn rows_mut(&mut self, step: usize) -> (&[f64], &mut [f64]) {
-        let (before, after) = self.values.split_at_mut(step * self.states);
-        (&before[(step - 1) * self.states..], &mut after[..self.states])
     }
 }

@@ -4,6 +4,7 @@ use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// A step is taken in linear space if the normaliser is at least this part of
@@ -72,7 +73,16 @@ pub(super) struct Step<'m, A: Transition, B> {
     pub(super) control: Option<&'m A::Control>,
 }
 
-impl<A: Transition, B: Likelihood> Step<'_, A, B> {
+impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
+    /// A step of a sequence.
+    pub(super) fn of<S>(hmm: &'m Hmm<A, B>, sequence: &'m S, number: usize) -> Self
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let control = hmm.prior().moves_at(number).then(|| sequence.control(number));
+        Self { hmm, number, control }
+    }
+
     /// `after = A before`, or the same if nothing moves; of any scale.
     pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) -> Result<(), InferenceError> {
         match self.control {

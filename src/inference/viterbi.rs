@@ -5,15 +5,15 @@
 //! them at every step, which is exact too, and keeps their digits over any
 //! number of steps.
 
-use std::borrow::Borrow;
 use std::f64::consts::{LN_2, LOG2_E};
 
+use super::LogSum;
 use super::step::Step;
-use super::{LogSum, check_controls};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
 /// The most probable path of hidden states, and its probability.
@@ -65,35 +65,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`InferenceError`] with the step at which an observation is impossible
-    /// or has no valid likelihood.
-    pub fn viterbi<Y>(&self, observations: &[Y]) -> Result<ViterbiPath, InferenceError>
+    /// or has no valid likelihood, or a control is not valid.
+    pub fn viterbi<S>(&self, sequence: &S) -> Result<ViterbiPath, InferenceError>
     where
-        A: TransitionEntries<Control = ()>,
-        Y: Borrow<B::Observation>,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        self.viterbi_with(&vec![(); observations.len()], observations)
-    }
-
-    /// The same under controls: `controls[k - 1]` drives the transition from
-    /// k − 1 to k, the one before `observations[k - 1]`.
-    ///
-    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
-    /// the first control is not looked at.
-    ///
-    /// # Errors
-    ///
-    /// As [`viterbi`](Self::viterbi), and if a control is not valid or there is
-    /// not one for each observation.
-    pub fn viterbi_with<Y>(
-        &self,
-        controls: &[A::Control],
-        observations: &[Y],
-    ) -> Result<ViterbiPath, InferenceError>
-    where
-        Y: Borrow<B::Observation>,
-    {
-        check_controls(controls, observations)?;
-        let (n, steps) = (self.states(), observations.len());
+        let (n, steps) = (self.states(), sequence.steps());
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
@@ -104,20 +81,18 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut whole = 0.0; // taken out of the scores: an integer, exactly
         let mut factors = LogSum::default();
 
-        for (index, observation) in observations.iter().enumerate() {
-            let number = index + 1;
-            let control = self.prior().moves_at(number).then(|| &controls[index]);
-            let step = Step { hmm: self, number, control };
-            if index == 0 {
+        for number in 1..=steps {
+            let step = Step::of(self, sequence, number);
+            if number == 1 {
                 let lifted: Vec<f64> =
                     self.prior().belief().as_slice().iter().map(|p| p * LIFT).collect();
                 step.predict(&lifted, &mut next)?;
                 next.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
             } else {
-                let from = &mut from[(index - 1) * n..index * n];
+                let from = &mut from[(number - 2) * n..(number - 1) * n];
                 step.maximise(&score, &mut next, from)?;
             }
-            let (diagonal, largest) = step.diagonal(observation.borrow(), &mut scratch)?;
+            let (diagonal, largest) = step.diagonal(sequence.observation(number), &mut scratch)?;
             factors.add(add_likelihoods(diagonal, largest, &mut next));
             let best = next.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {

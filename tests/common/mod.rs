@@ -4,7 +4,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, DenseTransition, Prior, SparseTransition, SwitchedTransition, Transition,
+    Belief, DenseTransition, Prior, Sequence, SparseTransition, SwitchedTransition, Transition,
     TransitionEntries,
 };
 
@@ -18,6 +18,18 @@ pub struct Model {
     pub matrices: Vec<Vec<Vec<f64>>>,
     /// ln `b_i` of each step, `None` where nothing is observed.
     pub logs: Vec<Option<Vec<f64>>>,
+}
+
+impl Sequence<usize, Option<Vec<f64>>> for Model {
+    fn steps(&self) -> usize {
+        self.logs.len()
+    }
+    fn control(&self, step: usize) -> &usize {
+        &[0, 1, 2, 3, 4, 5][step - 1]
+    }
+    fn observation(&self, step: usize) -> &Option<Vec<f64>> {
+        &self.logs[step - 1]
+    }
 }
 
 /// What there is to know, by enumeration.

@@ -1,0 +1,62 @@
+//! The filtered distributions of a stretch of steps, kept for going back.
+
+use std::collections::HashMap;
+
+use super::filter::Filter;
+use super::posteriors::Posteriors;
+use super::step::Held;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Row r is the belief r steps after the first one.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) posteriors: Posteriors,
+    /// The logarithms of the rows that have values beyond doubles.
+    pub(super) logs: HashMap<usize, Vec<f64>>,
+}
+
+impl Block {
+    pub(super) fn new(states: usize, steps: usize) -> Self {
+        Self { posteriors: Posteriors::new(states, steps), logs: HashMap::new() }
+    }
+
+    /// Runs a filter `steps` further and keeps all beliefs, beginning with the
+    /// present one. Hands ln p(y_k | y_1 … y_{k-1}) to `each`.
+    pub(super) fn fill<A, B, S>(
+        &mut self,
+        filter: &mut Filter<&Hmm<A, B>>,
+        sequence: &S,
+        steps: usize,
+        mut each: impl FnMut(f64),
+    ) -> Result<(), InferenceError>
+    where
+        A: Transition,
+        B: Likelihood,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        self.logs.clear();
+        self.keep(0, filter);
+        for row in 1..=steps {
+            let step = filter.steps() + 1;
+            each(filter.step_with(sequence.control(step), sequence.observation(step))?);
+            self.keep(row, filter);
+        }
+        Ok(())
+    }
+
+    fn keep<A: Transition, B: Likelihood>(&mut self, row: usize, filter: &Filter<&Hmm<A, B>>) {
+        let held = filter.held();
+        self.posteriors.row_mut(row).copy_from_slice(held.linear);
+        if let Some(logs) = held.logs {
+            self.logs.insert(row, logs.to_vec());
+        }
+    }
+
+    pub(super) fn held(&self, row: usize) -> Held<'_> {
+        Held { linear: self.posteriors.row(row), logs: self.logs.get(&row).map(Vec::as_slice) }
+    }
+}

@@ -1,0 +1,108 @@
+//! The forward pass over a whole sequence.
+
+use super::block::Block;
+use super::posteriors::Posteriors;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Filtered distributions of a whole sequence, and how well each observation
+/// was predicted.
+///
+/// Made by [`Hmm::forward`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filtering {
+    posteriors: Posteriors,
+    log_likelihoods: Vec<f64>,
+    log_likelihood: f64,
+}
+
+impl Filtering {
+    /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
+    #[must_use]
+    pub fn posteriors(&self) -> &Posteriors {
+        &self.posteriors
+    }
+
+    /// ln p(y_k | y_1 … y_{k-1}) at k − 1, for k = 1 … T.
+    #[must_use]
+    pub fn log_likelihoods(&self) -> &[f64] {
+        &self.log_likelihoods
+    }
+
+    /// ln p(y_1 … y_T).
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// Filters a whole sequence: the forward pass (paper eq. 10), scaled.
+    ///
+    /// Gives what a [filter](Self::filter) gives, to the bit. One product with
+    /// A and O(n) a step; the result holds n (T + 1) numbers.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// let filtering = hmm.forward(&[0, 0, 1])?;
+    /// assert_eq!(filtering.posteriors().modes(), [0, 0, 1]);
+    /// assert!((filtering.log_likelihoods()[0] - 0.55_f64.ln()).abs() < 1e-15);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step at which an observation is impossible
+    /// or has no valid likelihood, or a control is not valid.
+    pub fn forward<S>(&self, sequence: &S) -> Result<Filtering, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let steps = sequence.steps();
+        let mut filter = self.filter();
+        let mut log_likelihoods = Vec::with_capacity(steps);
+        let mut block = Block::new(self.states(), steps);
+        block.fill(&mut filter, sequence, steps, |log| log_likelihoods.push(log))?;
+        let log_likelihood = filter.log_likelihood();
+        Ok(Filtering { posteriors: block.posteriors, log_likelihoods, log_likelihood })
+    }
+
+    /// ln p(y_1 … y_T), without storing anything for each step.
+    ///
+    /// One product with A and O(n) a step, O(n) memory.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let hmm = |stay: f64| -> Result<_, Box<dyn std::error::Error>> {
+    /// #     let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// #     let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// #     let a = DenseTransition::from_rows(2, &[stay, 1.0 - stay, 1.0 - stay, stay])?;
+    /// #     Ok(Hmm::new(prior, a, table)?)
+    /// # };
+    /// # let (slow, fast) = (hmm(0.9)?, hmm(0.5)?);
+    /// // Which of two models explains the sightings better, and by how much?
+    /// let log_odds = slow.score(&[0, 0, 0, 1, 1])? - fast.score(&[0, 0, 0, 1, 1])?;
+    /// assert!(log_odds > 0.0); // the slow one
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`forward`](Self::forward).
+    pub fn score<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let mut filter = self.filter();
+        for step in 1..=sequence.steps() {
+            filter.step_with(sequence.control(step), sequence.observation(step))?;
+        }
+        Ok(filter.log_likelihood())
+    }
+}

@@ -1,0 +1,148 @@
+//! What a batch routine goes through: the observations of a drive, and what
+//! drove it.
+
+use std::borrow::Borrow;
+
+use crate::error::InferenceError;
+
+/// A sequence of steps 1 to T, each with an observation of type `Y` and a
+/// control of type `U`.
+///
+/// Arrays, slices and vectors of observations (or of what can be borrowed as
+/// one: `[Vec<f64>]` for observations of type `[f64]`) are sequences for models
+/// without a control; [`Controlled`] puts a control beside each observation.
+///
+/// # Implement it yourself
+///
+/// ```
+/// use wayfix::Sequence;
+///
+/// /// A log of (metres driven since the last sighting, place seen).
+/// struct Log(Vec<(f64, usize)>);
+///
+/// impl Sequence<f64, usize> for Log {
+///     fn steps(&self) -> usize {
+///         self.0.len()
+///     }
+///     fn control(&self, step: usize) -> &f64 {
+///         &self.0[step - 1].0
+///     }
+///     fn observation(&self, step: usize) -> &usize {
+///         &self.0[step - 1].1
+///     }
+/// }
+/// # assert_eq!(Log(vec![(10.0, 3)]).observation(1), &3);
+/// ```
+pub trait Sequence<U, Y: ?Sized> {
+    /// The number of steps, T.
+    fn steps(&self) -> usize;
+
+    /// What drives the transition from `step` − 1 to `step`, the one before the
+    /// observation of `step`; steps are counted from 1.
+    fn control(&self, step: usize) -> &U;
+
+    /// The observation of a step, from 1 to T.
+    fn observation(&self, step: usize) -> &Y;
+}
+
+impl<Y: ?Sized, T: Borrow<Y>> Sequence<(), Y> for [T] {
+    fn steps(&self) -> usize {
+        self.len()
+    }
+
+    fn control(&self, _: usize) -> &() {
+        &()
+    }
+
+    fn observation(&self, step: usize) -> &Y {
+        self[step - 1].borrow()
+    }
+}
+
+/// Sequences that are another one.
+macro_rules! as_another {
+    ($([$($generics:tt)*] $type:ty => $other:ty, $control:ty, [$($bound:tt)*];)*) => {$(
+        impl<Y: ?Sized, $($generics)*> Sequence<$control, Y> for $type where $($bound)* {
+            fn steps(&self) -> usize {
+                <$other as Sequence<$control, Y>>::steps(self)
+            }
+
+            fn control(&self, step: usize) -> &$control {
+                <$other as Sequence<$control, Y>>::control(self, step)
+            }
+
+            fn observation(&self, step: usize) -> &Y {
+                <$other as Sequence<$control, Y>>::observation(self, step)
+            }
+        }
+    )*};
+}
+
+as_another! {
+    [T, const N: usize] [T; N] => [T], (), [T: Borrow<Y>];
+    [T] Vec<T> => [T], (), [T: Borrow<Y>];
+    [U, S: ?Sized] &S => S, U, [S: Sequence<U, Y>];
+}
+
+/// Observations with a control for each: `controls[k - 1]` drives the
+/// transition from k − 1 to k, the one before `observations[k - 1]`.
+///
+/// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) no
+/// transition leads to step 1, and the first control is not looked at.
+///
+/// ```
+/// use wayfix::{Belief, Controlled, DenseTransition, Hmm, LikelihoodVector, Prior, SwitchedTransition};
+///
+/// let park = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+/// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;
+/// let gears = SwitchedTransition::new(vec![park, drive])?;
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
+/// let hmm = Hmm::new(prior, gears, LikelihoodVector::linear(2))?;
+///
+/// let ys = [[0.5, 0.5], [0.5, 0.5]];
+/// let smoothing = hmm.smooth(&Controlled::new(&[0, 1], &ys)?)?;
+/// assert_eq!(smoothing.posteriors().modes(), [0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct Controlled<'a, U, T> {
+    controls: &'a [U],
+    observations: &'a [T],
+}
+
+impl<'a, U, T> Controlled<'a, U, T> {
+    /// One control for each observation.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::ControlCount`] if there are not as many.
+    pub fn new(controls: &'a [U], observations: &'a [T]) -> Result<Self, InferenceError> {
+        if controls.len() != observations.len() {
+            let (controls, observations) = (controls.len(), observations.len());
+            return Err(InferenceError::ControlCount { controls, observations });
+        }
+        Ok(Self { controls, observations })
+    }
+}
+
+impl<U, T> Clone for Controlled<'_, U, T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<U, T> Copy for Controlled<'_, U, T> {}
+
+impl<U, Y: ?Sized, T: Borrow<Y>> Sequence<U, Y> for Controlled<'_, U, T> {
+    fn steps(&self) -> usize {
+        self.observations.len()
+    }
+
+    fn control(&self, step: usize) -> &U {
+        &self.controls[step - 1]
+    }
+
+    fn observation(&self, step: usize) -> &Y {
+        self.observations[step - 1].borrow()
+    }
+}
