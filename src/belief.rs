@@ -110,6 +110,11 @@ impl Belief {
         self.probabilities
     }
 
+    /// For values that are known to be a distribution.
+    pub(crate) fn known(probabilities: Vec<f64>) -> Self {
+        Self { probabilities }
+    }
+
     /// For inference, which keeps the invariant itself.
     pub(crate) fn as_mut_vec(&mut self) -> &mut Vec<f64> {
         &mut self.probabilities
@@ -136,7 +141,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.values().len()
     }
 
-    fn values(&self) -> &[f64] {
+    pub(crate) fn values(&self) -> &[f64] {
         self.probabilities.as_ref()
     }
 

@@ -128,7 +128,8 @@ pub use error::{
 };
 pub use hmm::{Hmm, Prior};
 pub use inference::{
-    Filter, FilterState, Filtering, Posteriors, Simulation, Smoothing, ViterbiPath,
+    Filter, FilterState, Filtering, FixedLag, FixedLagState, Move, MoveCounts, OnlineViterbi,
+    Order, Pairs, PathSampler, Posteriors, Simulation, SmoothedStep, Smoothing, ViterbiPath,
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood,

@@ -2,13 +2,14 @@
 
 use rand::{Rng, RngExt};
 
-/// Draws an index in proportion to its weight. The weights sum to one but for
-/// rounding; an index of weight 0 is not drawn (unless there is no other).
+/// Draws an index in proportion to its weight. The weights sum to `total` but
+/// for rounding; an index of weight 0 is not drawn (unless there is no other).
 pub(crate) fn index<R: Rng + ?Sized>(
     weights: impl Iterator<Item = (usize, f64)>,
+    total: f64,
     rng: &mut R,
 ) -> usize {
-    let mut left: f64 = rng.random();
+    let mut left = rng.random::<f64>() * total;
     let mut last = 0;
     for (index, weight) in weights {
         if weight > 0.0 {

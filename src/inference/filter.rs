@@ -277,6 +277,10 @@ where
         self.state.held()
     }
 
+    pub(super) fn state(&self) -> &FilterState {
+        &self.state
+    }
+
     /// Only here does a step change the filter.
     fn commit(&mut self, number: usize, advanced: &Advanced) {
         mem::swap(self.state.belief.as_mut_vec(), &mut self.after);

@@ -20,13 +20,13 @@ use crate::hmm::Prior;
 /// assert_eq!(filter.snapshot(), snapshot);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct FilterState {
-    pub(super) steps: usize,
-    pub(super) belief: Belief,
+    pub(crate) steps: usize,
+    pub(crate) belief: Belief,
     /// The logarithms of the belief, if it has values that doubles do not hold.
-    pub(super) logs: Option<Vec<f64>>,
-    pub(super) log_likelihood: LogSum,
+    pub(crate) logs: Option<Vec<f64>>,
+    pub(crate) log_likelihood: LogSum,
 }
 
 impl FilterState {
@@ -55,5 +55,22 @@ impl FilterState {
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()
+    }
+}
+
+impl Clone for FilterState {
+    fn clone(&self) -> Self {
+        let Self { steps, belief, logs, log_likelihood } = self;
+        let (belief, logs) = (belief.clone(), logs.clone());
+        Self { steps: *steps, belief, logs, log_likelihood: *log_likelihood }
+    }
+
+    /// Allocates nothing if the sizes are the same.
+    fn clone_from(&mut self, source: &Self) {
+        (self.steps, self.log_likelihood) = (source.steps, source.log_likelihood);
+        let belief = self.belief.as_mut_vec();
+        belief.clear();
+        belief.extend_from_slice(source.belief.as_slice());
+        self.logs.clone_from(&source.logs);
     }
 }

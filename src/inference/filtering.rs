@@ -87,7 +87,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # };
     /// # let (slow, fast) = (hmm(0.9)?, hmm(0.5)?);
     /// // Which of two models explains the sightings better, and by how much?
-    /// let log_odds = slow.score(&[0, 0, 0, 1, 1])? - fast.score(&[0, 0, 0, 1, 1])?;
+    /// let seen = [0, 0, 0, 0, 1, 1, 1, 1];
+    /// let log_odds = slow.score(&seen)? - fast.score(&seen)?;
     /// assert!(log_odds > 0.0); // the slow one
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```

@@ -3,19 +3,32 @@
 
 mod backward;
 mod block;
+mod checkpoints;
+mod entropy;
 mod filter;
 mod filter_state;
 mod filtering;
+mod fixed_lag;
+mod k_best;
+mod online_viterbi;
+mod pairs;
 mod posteriors;
+mod sampler;
+mod scores;
 mod simulate;
 mod smoother;
 mod step;
 mod viterbi;
 
+pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
 pub use filter_state::FilterState;
 pub use filtering::Filtering;
+pub use fixed_lag::{FixedLag, FixedLagState};
+pub use online_viterbi::OnlineViterbi;
+pub use pairs::{Move, MoveCounts, Pairs};
 pub use posteriors::Posteriors;
+pub use sampler::PathSampler;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;
 pub use viterbi::ViterbiPath;
@@ -23,7 +36,7 @@ pub use viterbi::ViterbiPath;
 /// A sum of many logarithms that keeps what rounding would lose (Neumaier
 /// 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct LogSum {
+pub(crate) struct LogSum {
     sum: f64,
     lost: f64,
 }

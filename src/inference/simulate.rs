@@ -1,16 +1,20 @@
 //! Simulation: states and observations drawn from the model.
 
+use std::ops::Deref;
+
 use rand::Rng;
 
+use super::filter::Filter;
+use super::step::Step;
 use crate::error::InferenceError;
-use crate::hmm::{Hmm, Prior};
+use crate::hmm::Hmm;
 use crate::likelihood::SampleObservation;
 use crate::random::index;
 use crate::transition::TransitionEntries;
 
 /// A drive drawn from a model: what was true, and what was seen.
 ///
-/// Made by [`Hmm::simulate`].
+/// Made by [`Hmm::simulate`] and [`Filter::simulate`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation<Y> {
     initial: Option<usize>,
@@ -19,7 +23,8 @@ pub struct Simulation<Y> {
 }
 
 impl<Y> Simulation<Y> {
-    /// X_0, if the prior is of the state before the first transition.
+    /// The state before the first transition: X_0, or that of a filter; `None`
+    /// if none leads to the first step.
     #[must_use]
     pub fn initial(&self) -> Option<usize> {
         self.initial
@@ -64,7 +69,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     where
         A: TransitionEntries<Control = ()>,
     {
-        self.draw(&vec![(); steps], rng)
+        self.draw(self.prior().belief().as_slice(), 0, &vec![(); steps], rng)
     }
 
     /// The same under controls, one a step: `controls[k - 1]` drives the
@@ -78,33 +83,79 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         controls: &[A::Control],
         rng: &mut R,
     ) -> Result<Simulation<B::Observation>, InferenceError> {
-        for (step, control) in (1..).zip(controls) {
-            if self.prior().moves_at(step) {
-                self.transition()
-                    .check_control(control)
-                    .map_err(|source| InferenceError::Control { step, source })?;
+        self.check_controls(0, controls)?;
+        Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
+    }
+
+    /// Checks the controls of the steps after those taken.
+    fn check_controls(&self, taken: usize, controls: &[A::Control]) -> Result<(), InferenceError> {
+        for (number, control) in (taken + 1..).zip(controls) {
+            if self.prior().moves_at(number) {
+                Step { hmm: self, number, control: Some(control) }.check_control(control)?;
             }
         }
-        Ok(self.draw(controls, rng))
+        Ok(())
     }
 
     fn draw<R: Rng + ?Sized>(
         &self,
+        belief: &[f64],
+        taken: usize,
         controls: &[A::Control],
         rng: &mut R,
     ) -> Simulation<B::Observation> {
-        let first = index(self.prior().belief().as_slice().iter().copied().enumerate(), rng);
-        let before = matches!(self.prior(), Prior::BeforeFirstTransition(_));
-        let mut state = first;
+        let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
+        let initial = self.prior().moves_at(taken + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
         let mut observations = Vec::with_capacity(controls.len());
-        for (step, control) in (1..).zip(controls) {
+        for (step, control) in (taken + 1..).zip(controls) {
             if self.prior().moves_at(step) {
-                state = index(self.transition().outgoing(control, state), rng);
+                state = index(self.transition().outgoing(control, state), 1.0, rng);
             }
             states.push(state);
             observations.push(self.likelihood().sample(state, rng));
         }
-        Simulation { initial: before.then_some(first), states, observations }
+        Simulation { initial, states, observations }
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries,
+    B: SampleObservation,
+{
+    /// Draws what may come next: a present state from the belief, then states
+    /// and observations of the next `steps` steps. Its `initial` is the present
+    /// state. The filter stays where it is.
+    ///
+    /// ```
+    /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&4)?;
+    /// let ahead = filter.simulate(10, &mut ChaCha8Rng::seed_from_u64(1));
+    /// assert_eq!(ahead.states().len(), 10);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Observation>
+    where
+        A: TransitionEntries<Control = ()>,
+    {
+        self.model().draw(self.belief().as_slice(), self.steps(), &vec![(); steps], rng)
+    }
+
+    /// The same under controls, one a step.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Control`] with the step whose control is not valid.
+    pub fn simulate_with<R: Rng + ?Sized>(
+        &self,
+        controls: &[A::Control],
+        rng: &mut R,
+    ) -> Result<Simulation<B::Observation>, InferenceError> {
+        self.model().check_controls(self.steps(), controls)?;
+        Ok(self.model().draw(self.belief().as_slice(), self.steps(), controls, rng))
     }
 }

@@ -42,7 +42,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Three products with A or A' and O(n) a step; the result holds n (T + 1)
     /// numbers, and nothing else grows with T (but for steps that doubles do
     /// not hold, which keep n more). For long sequences there is
-    /// a smoother with checkpoints, for live ones
+    /// [`smooth_each`](Self::smooth_each), for live ones
     /// a fixed lag.
     ///
     /// ```

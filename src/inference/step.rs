@@ -30,13 +30,18 @@ impl Workspace {
 
 /// A distribution; as logarithms too, if it has values above 0 that doubles
 /// do not hold.
-#[derive(Clone, Copy)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Held<'a> {
     pub(super) linear: &'a [f64],
     pub(super) logs: Option<&'a [f64]>,
 }
 
 impl Held<'_> {
+    /// The logarithm of one probability.
+    pub(super) fn log(&self, state: usize) -> f64 {
+        self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
+    }
+
     /// The logarithms, from wherever they are.
     pub(super) fn logs_to(&self, out: &mut [f64]) {
         match self.logs {

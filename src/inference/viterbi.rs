@@ -1,28 +1,20 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
-//!
-//! Scores are sums of logarithms to base 2 on a grid on which sums are exact
-//! (see `kernels::log2`), so that ties are ties; whole numbers are taken out of
-//! them at every step, which is exact too, and keeps their digits over any
-//! number of steps.
 
-use std::f64::consts::{LN_2, LOG2_E};
-
-use super::LogSum;
+use super::scores::{TakenOut, best};
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT};
-use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
 /// The most probable path of hidden states, and its probability.
 ///
-/// Made by [`Hmm::viterbi`].
+/// Made by [`Hmm::viterbi`] and [`Hmm::k_best`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViterbiPath {
-    states: Vec<usize>,
-    log_probability: f64,
+    pub(super) states: Vec<usize>,
+    pub(super) log_probability: f64,
 }
 
 impl ViterbiPath {
@@ -75,93 +67,30 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
         let mut scratch = Scratch::default();
-        let mut score = vec![0.0; n];
+        let mut scores = vec![0.0; n];
         let mut next = vec![0.0; n];
         let mut from = vec![0_u32; n * (steps - 1)];
-        let mut whole = 0.0; // taken out of the scores: an integer, exactly
-        let mut factors = LogSum::default();
-
+        let mut taken_out = TakenOut::default();
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
             if number == 1 {
-                let lifted: Vec<f64> =
-                    self.prior().belief().as_slice().iter().map(|p| p * LIFT).collect();
-                step.predict(&lifted, &mut next)?;
-                next.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
+                step.first_scores(&mut next)?;
             } else {
                 let from = &mut from[(number - 2) * n..(number - 1) * n];
-                step.maximise(&score, &mut next, from)?;
+                step.maximise(&scores, &mut next, from)?;
             }
-            let (diagonal, largest) = step.diagonal(sequence.observation(number), &mut scratch)?;
-            factors.add(add_likelihoods(diagonal, largest, &mut next));
-            let best = next.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            if best == f64::NEG_INFINITY {
-                return Err(InferenceError::Impossible { step: number });
-            }
-            let floor = best.floor();
-            score.iter_mut().zip(&next).for_each(|(score, next)| *score = next - floor);
-            whole += floor;
+            let observation = sequence.observation(number);
+            step.observe(observation, &mut scratch, &mut next, &mut taken_out)?;
+            step.settle(&mut next, &mut taken_out)?;
+            std::mem::swap(&mut scores, &mut next);
         }
-
-        let mut state = 0;
-        for (i, &s) in score.iter().enumerate() {
-            if s > score[state] {
-                state = i;
-            }
-        }
-        factors.add(whole * LN_2);
-        factors.add(score[state] * LN_2);
+        let mut state = best(&scores);
+        let log_probability = taken_out.log_probability(scores[state]);
         let mut states = vec![state; steps];
         for index in (0..steps - 1).rev() {
             state = from[index * n + state] as usize;
             states[index] = state;
         }
-        Ok(ViterbiPath { states, log_probability: factors.value() })
+        Ok(ViterbiPath { states, log_probability })
     }
-}
-
-impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// The best way into each state.
-    fn maximise(
-        &self,
-        score: &[f64],
-        next: &mut [f64],
-        from: &mut [u32],
-    ) -> Result<(), InferenceError> {
-        let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
-        self.check_control(control)?;
-        self.hmm.transition().max_product(control, score, next, from);
-        Ok(())
-    }
-}
-
-/// Adds log2 b to the scores, but for a common part that keeps them small;
-/// returns what was left out, as a natural logarithm.
-fn add_likelihoods(diagonal: Diagonal<'_>, largest: f64, score: &mut [f64]) -> f64 {
-    fn add(score: &mut [f64], log2: impl Iterator<Item = f64>) {
-        score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
-    }
-    let impossible = |score: &mut [f64]| {
-        score.fill(f64::NEG_INFINITY);
-        0.0
-    };
-    // Whole powers of two can be taken out without rounding.
-    let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
-    let left_out = match diagonal.values {
-        Values::Log(_) if largest == f64::NEG_INFINITY => impossible(score),
-        Values::Log(logs) => {
-            add(score, logs.iter().map(|log| kernels::on_grid((log - largest) * LOG2_E)));
-            largest
-        }
-        _ if largest == 0.0 => impossible(score),
-        Values::Checked { log2: Some(log2), .. } => {
-            add(score, log2.iter().map(|log2| log2 - whole));
-            whole * LN_2
-        }
-        Values::Linear(linear) | Values::Checked { linear, .. } => {
-            add(score, linear.iter().map(|&b| kernels::log2(b) - whole));
-            whole * LN_2
-        }
-    };
-    left_out + diagonal.log_factor
 }

@@ -3,7 +3,7 @@
 use rand::Rng;
 
 use super::{Diagonal, Likelihood, SampleObservation, Scratch};
-use crate::belief::SUM_TOLERANCE;
+use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
 use crate::kernels;
 use crate::random::index;
@@ -87,6 +87,36 @@ impl TableLikelihood {
         self.largest.len()
     }
 
+    /// The distribution of the symbol that is seen next, where `belief` is that
+    /// of the state: p(y) = Σ_i p(i) p(y | i). O(n m).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// let filter = hmm.filter();
+    /// let tomorrow = hmm.likelihood().predictive(&filter.forecast(1)?)?;
+    /// assert!((tomorrow.as_slice()[0] - 0.55).abs() < 1e-15);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LikelihoodError::WrongLength`] if the belief has another number of
+    /// states.
+    pub fn predictive<S: AsRef<[f64]>>(
+        &self,
+        belief: &Belief<S>,
+    ) -> Result<Belief, LikelihoodError> {
+        let (found, expected) = (belief.states(), self.states);
+        if found != expected {
+            return Err(LikelihoodError::WrongLength { found, expected });
+        }
+        let columns = self.columns.chunks_exact(self.states);
+        Ok(Belief::known(columns.map(|column| kernels::dot(column, belief.values())).collect()))
+    }
+
     /// p(symbol | state), or `None` where there is no such state or symbol.
     #[must_use]
     pub fn probability(&self, state: usize, symbol: usize) -> Option<f64> {
@@ -120,6 +150,6 @@ impl Likelihood for TableLikelihood {
 impl SampleObservation for TableLikelihood {
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
         let row = self.columns[state..].iter().step_by(self.states).copied();
-        index(row.enumerate(), rng)
+        index(row.enumerate(), 1.0, rng)
     }
 }

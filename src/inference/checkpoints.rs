@@ -1,0 +1,264 @@
+//! The smoother with checkpoints: any length in O(n √T) memory.
+//!
+//! The filter runs once over the sequence and leaves a snapshot at every
+//! boundary between segments. Each segment is then filtered again from its
+//! snapshot, and gone back through (Griewank 1992).
+
+use super::backward::Backward;
+use super::block::Block;
+use super::filter::Filter;
+use super::filter_state::FilterState;
+use super::pairs::{MoveCounts, Pairs};
+use super::posteriors::Posteriors;
+use super::step::Step;
+use crate::belief::{Belief, BeliefView};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::{Transition, TransitionEntries};
+
+/// Sequences of fewer numbers (states times steps) than this are one segment:
+/// half a megabyte a block, which a cache holds.
+const ONE_SEGMENT: usize = 1 << 16;
+
+/// In which order steps are visited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// 0 to T. Takes one more pass back than the other.
+    Forward,
+    /// T to 0.
+    Backward,
+}
+
+/// What is known of one step, given all observations.
+///
+/// Handed out by [`Hmm::smooth_each`].
+#[derive(Debug)]
+pub struct SmoothedStep<'a, A: Transition> {
+    step: usize,
+    filtered: &'a [f64],
+    smoothed: &'a [f64],
+    pairs: Option<Pairs<'a, A>>,
+}
+
+impl<'a, A: Transition> SmoothedStep<'a, A> {
+    /// The step k, from 0 to T.
+    #[must_use]
+    pub fn step(&self) -> usize {
+        self.step
+    }
+
+    /// p(X_k | y_1 … y_k).
+    #[must_use]
+    pub fn filtered(&self) -> BeliefView<'a> {
+        Belief::view(self.filtered)
+    }
+
+    /// p(X_k | y_1 … y_T).
+    #[must_use]
+    pub fn smoothed(&self) -> BeliefView<'a> {
+        Belief::view(self.smoothed)
+    }
+
+    /// p(X_{k-1}, X_k | y_1 … y_T), or `None` where nothing moves to step k: at
+    /// 0, and at 1 under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
+    #[must_use]
+    pub fn pairs(&self) -> Option<&Pairs<'a, A>> {
+        self.pairs.as_ref()
+    }
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// Smooths a sequence of any length in O(n √T) memory, and hands each step
+    /// to a visitor, with the pairwise posterior of the move that leads to it.
+    /// Returns ln p(y_1 … y_T).
+    ///
+    /// Gives what [`smooth`](Self::smooth) gives, to the bit. Takes four
+    /// products with A or A' a step in backward order and seven in forward
+    /// order (three in either, if n T is below 65,536), and O(n).
+    ///
+    /// ```
+    /// use wayfix::Order;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    ///
+    /// // How probable is it that the weather changed on the way to each day?
+    /// let mut changed = Vec::new();
+    /// hmm.smooth_each(&[0, 0, 1], Order::Forward, |step| {
+    ///     if let Some(pairs) = step.pairs() {
+    ///         changed.push(pairs.moves().filter(|m| m.from != m.to).map(|m| m.weight).sum::<f64>());
+    ///     }
+    /// })?;
+    /// assert!(changed[2] > changed[1], "{changed:?}");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth). Nothing has been visited then, unless the
+    /// operator breaks its contract.
+    pub fn smooth_each<S>(
+        &self,
+        sequence: &S,
+        order: Order,
+        mut visit: impl FnMut(&SmoothedStep<'_, A>),
+    ) -> Result<f64, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let (n, steps) = (self.states(), sequence.steps());
+        let length =
+            if n.saturating_mul(steps) < ONE_SEGMENT { steps.max(1) } else { steps.isqrt() + 1 };
+        let mut segments = Segments {
+            hmm: self,
+            sequence,
+            block: Block::new(n, length.min(steps)),
+            smoothed: Posteriors::new(n, length.min(steps)),
+            ratios: vec![0.0; n * length.min(steps)],
+            in_logs: vec![false; length.min(steps)],
+            held: None,
+            filter: self.filter(),
+            backward: Backward::new(n),
+        };
+        let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
+        if order == Order::Forward {
+            // Where each segment ends, as the pass back finds it.
+            let mut ends = vec![segments.filter.held().linear.to_vec()];
+            for start in checkpoints[1..].iter().rev() {
+                let end = ends[ends.len() - 1].clone();
+                segments.run(start, length, &end)?;
+                ends.push(segments.smoothed.row(0).to_vec());
+            }
+            for (start, end) in checkpoints.iter().zip(ends.iter().rev()) {
+                let rows = segments.run(start, length, end)?;
+                let first = usize::from(start.steps() > 0);
+                (first..=rows).for_each(|row| visit(&segments.step(row, start)));
+            }
+        } else {
+            let mut end = segments.filter.held().linear.to_vec();
+            for start in checkpoints.iter().rev() {
+                let rows = segments.run(start, length, &end)?;
+                let first = usize::from(start.steps() > 0);
+                (first..=rows).rev().for_each(|row| visit(&segments.step(row, start)));
+                end.copy_from_slice(segments.smoothed.row(0));
+            }
+        }
+        Ok(log_likelihood)
+    }
+
+    /// The expected number of moves from each state to each other, the sum over
+    /// all steps of p(X_{k-1}, X_k | y_1 … y_T).
+    ///
+    /// As [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds
+    /// a number for each entry of A, never n × n for a sparse one.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// let counts = hmm.expected_moves(&[0, 0, 1, 0, 0])?;
+    /// assert!((counts.get(0, 0) - 2.080_186_188_659_151).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth).
+    pub fn expected_moves<S>(&self, sequence: &S) -> Result<MoveCounts, InferenceError>
+    where
+        A: TransitionEntries,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let mut counts = MoveCounts::default();
+        self.smooth_each(sequence, Order::Backward, |step| {
+            counts.add(step.pairs().into_iter().flat_map(Pairs::moves));
+        })?;
+        Ok(counts)
+    }
+}
+
+/// Segments of a sequence, of which one at a time is held.
+struct Segments<'m, A: Transition, B, S: ?Sized> {
+    hmm: &'m Hmm<A, B>,
+    sequence: &'m S,
+    /// The filtered beliefs of the segment that starts after `held` steps.
+    block: Block,
+    held: Option<usize>,
+    smoothed: Posteriors,
+    /// γ / p of each step, or their logarithms.
+    ratios: Vec<f64>,
+    in_logs: Vec<bool>,
+    filter: Filter<&'m Hmm<A, B>>,
+    backward: Backward,
+}
+
+impl<A, B, S> Segments<'_, A, B, S>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    /// Runs the filter over all, and keeps its state every `length` steps.
+    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterState>, f64), InferenceError> {
+        let mut checkpoints = Vec::new();
+        loop {
+            let start = self.filter.snapshot();
+            self.fill(start.steps(), length)?;
+            checkpoints.push(start);
+            if self.filter.steps() == self.sequence.steps() {
+                return Ok((checkpoints, self.filter.log_likelihood()));
+            }
+        }
+    }
+
+    /// Filters a segment, unless it is the one at hand. Returns how many steps
+    /// it has.
+    fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
+        let rows = length.min(self.sequence.steps() - start);
+        if self.held.replace(start) != Some(start) {
+            self.block.fill(&mut self.filter, self.sequence, rows, |_| ())?;
+        }
+        Ok(rows)
+    }
+
+    /// Filters a segment and goes back through it from the γ at its end.
+    /// Returns how many steps it has.
+    fn run(
+        &mut self,
+        start: &FilterState,
+        length: usize,
+        end: &[f64],
+    ) -> Result<usize, InferenceError> {
+        let n = self.hmm.states();
+        self.filter.restore(start)?;
+        let rows = self.fill(start.steps(), length)?;
+        self.smoothed.row_mut(rows).copy_from_slice(end);
+        for row in (1..=rows).rev() {
+            let step = Step::of(self.hmm, self.sequence, start.steps() + row);
+            self.backward.retreat(&step, self.block.held(row - 1), self.smoothed.row(row))?;
+            self.smoothed.row_mut(row - 1).copy_from_slice(&self.backward.gamma);
+            self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
+            self.in_logs[row - 1] = self.backward.in_logs;
+        }
+        Ok(rows)
+    }
+
+    fn step(&self, row: usize, start: &FilterState) -> SmoothedStep<'_, A> {
+        let (n, number) = (self.hmm.states(), start.steps() + row);
+        let moves = row > 0 && self.hmm.prior().moves_at(number);
+        let pairs = moves.then(|| Pairs {
+            transition: self.hmm.transition(),
+            control: self.sequence.control(number),
+            alpha: self.block.held(row - 1),
+            ratio: &self.ratios[(row - 1) * n..row * n],
+            in_logs: self.in_logs[row - 1],
+        });
+        let (filtered, smoothed) = (self.block.posteriors.row(row), self.smoothed.row(row));
+        SmoothedStep { step: number, filtered, smoothed, pairs }
+    }
+}

@@ -1,0 +1,105 @@
+//! The entropy of the whole path given the observations (Hernando, Crespi and
+//! Cybenko 2005).
+
+use super::filter::Filter;
+use super::step::{Held, Step};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::TransitionEntries;
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// The Shannon entropy of p(x_1 … x_T | y_1 … y_T), in nats: 0 if only one
+    /// path is possible, and how unsure the drive as a whole still is. It is no
+    /// more than the sum of the entropies of the smoothed beliefs.
+    ///
+    /// In one pass forward, O(E) a step and O(n) memory. Every term is at least
+    /// 0, so that nothing cancels.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.5]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, table)?;
+    /// // Nothing is known of two states that are drawn anew at each of 3 steps.
+    /// assert!((hmm.path_entropy(&[0, 1, 0])? - 8.0_f64.ln()).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth).
+    pub fn path_entropy<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let n = self.states();
+        let mut filter = self.filter();
+        // H(x_1 … x_{k-1} | x_k, y_1 … y_{k-1}) for each x_k.
+        let mut entropy = vec![0.0; n];
+        let mut next = entropy.clone();
+        for number in 1..=sequence.steps() {
+            if number > 1 {
+                let step = Step::of(self, sequence, number);
+                step.entropies(filter.held(), &entropy, &mut next)?;
+                std::mem::swap(&mut entropy, &mut next);
+            }
+            filter.step_with(sequence.control(number), sequence.observation(number))?;
+        }
+        if sequence.steps() == 0 {
+            return Ok(0.0);
+        }
+        Ok(total(&filter, &entropy))
+    }
+}
+
+/// Σ γ_T(i) (H(path | i) − ln γ_T(i)).
+fn total<A, B>(filter: &Filter<&Hmm<A, B>>, entropy: &[f64]) -> f64
+where
+    A: TransitionEntries,
+    B: Likelihood,
+{
+    let held = filter.held();
+    let mut sum = 0.0;
+    for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
+        if p > 0.0 {
+            sum += p * (entropy - held.log(i));
+        }
+    }
+    sum
+}
+
+impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
+    /// H_k(i) = Σ_j q_j (H_{k-1}(j) − ln q_j), where q_j is the probability
+    /// that i was reached from j: in proportion to A\[i, j\] α_{k-1}(j).
+    fn entropies(
+        &self,
+        alpha: Held<'_>,
+        before: &[f64],
+        after: &mut [f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
+        self.check_control(control)?;
+        let mut ways: Vec<(usize, f64)> = Vec::new();
+        for (i, after) in after.iter_mut().enumerate() {
+            ways.clear();
+            let incoming = self.hmm.transition().incoming(control, i);
+            ways.extend(incoming.map(|(j, p)| (j, alpha.log(j) + p.ln())));
+            let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+            *after = 0.0;
+            if largest == f64::NEG_INFINITY {
+                continue; // not reached at all
+            }
+            let sum: f64 = ways.iter().map(|way| (way.1 - largest).exp()).sum();
+            for &(j, log) in &ways {
+                let log = log - largest - sum.ln();
+                let q = log.exp();
+                if q > 0.0 {
+                    *after += q * (before[j] - log);
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,232 @@
+//! Viterbi decoding as a stream: what all surviving paths agree on is final
+//! (Šrámek, Brejová and Vinař 2007).
+
+use std::collections::VecDeque;
+use std::mem;
+use std::ops::Deref;
+
+use super::scores::{TakenOut, best};
+use super::step::Step;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::{Likelihood, Scratch};
+use crate::transition::TransitionEntries;
+
+/// A decoder for a live stream: it commits the states of a step as soon as the
+/// best paths to all possible present states agree on it, and never revises
+/// what it has committed.
+///
+/// Committed and [undecided](Self::undecided) states together are, at any time,
+/// the path of [`Hmm::viterbi`]. A step costs one max-product and O(n) on
+/// average; memory is 8 n bytes for each undecided step, of which there may be
+/// many if two paths stay apart. After an error it is as it was before the
+/// call.
+///
+/// `M` is how the model is held, as for [`Filter`](crate::Filter).
+///
+/// ```
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+/// let mut decoder = hmm.online_viterbi();
+/// let mut path = Vec::new();
+/// for sighting in [0, 0, 1, 0, 0] {
+///     path.extend_from_slice(decoder.step(&sighting)?);
+/// }
+/// assert!(!path.is_empty()); // known before the end
+/// path.extend(decoder.undecided());
+/// assert_eq!(path, hmm.viterbi(&[0, 0, 1, 0, 0])?.states());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct OnlineViterbi<M> {
+    model: M,
+    steps: usize,
+    scores: Vec<f64>,
+    taken_out: TakenOut,
+    /// The undecided steps, the oldest first.
+    levels: VecDeque<Level>,
+    committed: Vec<usize>,
+    next: Vec<f64>,
+    from: Vec<u32>,
+    scratch: Scratch,
+    spare: Vec<Level>,
+}
+
+/// The states of one step as nodes of the tree of best paths.
+#[derive(Debug, Clone)]
+struct Level {
+    /// The best state before each.
+    from: Vec<u32>,
+    /// How many surviving nodes of the next level go on from each; at the last
+    /// level, whether the state is possible.
+    uses: Vec<u32>,
+    /// How many nodes are used.
+    alive: usize,
+}
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// A decoder for a live stream, which borrows the model.
+    #[must_use]
+    pub fn online_viterbi(&self) -> OnlineViterbi<&Self> {
+        OnlineViterbi::new(self)
+    }
+}
+
+impl<M, A, B> OnlineViterbi<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries,
+    B: Likelihood,
+{
+    /// A decoder before the first step, with any pointer to a model.
+    #[must_use]
+    pub fn new(model: M) -> Self {
+        let n = model.states();
+        Self {
+            model,
+            steps: 0,
+            scores: vec![0.0; n],
+            taken_out: TakenOut::default(),
+            levels: VecDeque::new(),
+            committed: Vec::new(),
+            next: vec![0.0; n],
+            from: vec![0; n],
+            scratch: Scratch::default(),
+            spare: Vec::new(),
+        }
+    }
+
+    /// One step under a control, which drives the transition that leads here.
+    /// Returns the states that it commits, those of the oldest undecided steps;
+    /// often none, sometimes many.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step, as [`Hmm::viterbi`].
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<&[usize], InferenceError> {
+        let Self { model, scores, next, from, scratch, taken_out, .. } = self;
+        let number = self.steps + 1;
+        let control = model.prior().moves_at(number).then_some(control);
+        let step = Step { hmm: &**model, number, control };
+        if number == 1 {
+            step.first_scores(next)?;
+        } else {
+            step.maximise(scores, next, from)?;
+        }
+        let mut taken_out = taken_out.clone();
+        step.observe(observation, scratch, next, &mut taken_out)?;
+        step.settle(next, &mut taken_out)?;
+        // From here on nothing fails.
+        self.taken_out = taken_out;
+        mem::swap(&mut self.scores, &mut self.next);
+        self.steps = number;
+        self.grow();
+        self.commit();
+        Ok(&self.committed)
+    }
+
+    /// The states of the steps not yet committed, on the best path so far:
+    /// after the last observation, the rest of the decoded path.
+    #[must_use]
+    pub fn undecided(&self) -> Vec<usize> {
+        let mut state = best(&self.scores);
+        let mut states = vec![0; self.levels.len()];
+        for (out, level) in states.iter_mut().zip(&self.levels).rev() {
+            *out = state;
+            state = level.from[state] as usize;
+        }
+        states
+    }
+
+    /// ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
+    #[must_use]
+    pub fn log_probability(&self) -> f64 {
+        self.taken_out.log_probability(self.scores[best(&self.scores)])
+    }
+
+    /// How many steps have been taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &Hmm<A, B> {
+        &self.model
+    }
+
+    /// Puts the present step on the tree, and takes off what no path to it
+    /// uses.
+    fn grow(&mut self) {
+        let n = self.scores.len();
+        let fresh = || Level { from: vec![0; n], uses: vec![0; n], alive: 0 };
+        let mut level = self.spare.pop().unwrap_or_else(fresh);
+        level.from.copy_from_slice(&self.from);
+        let possible = self.scores.iter().map(|score| u32::from(*score > f64::NEG_INFINITY));
+        level.uses.iter_mut().zip(possible).for_each(|(uses, possible)| *uses = possible);
+        level.alive = level.uses.iter().filter(|uses| **uses > 0).count();
+        if let Some(last) = self.levels.back_mut() {
+            // One use of a possible state stood for being at the end.
+            for (&from, &uses) in level.from.iter().zip(&level.uses) {
+                last.uses[from as usize] += uses;
+            }
+            for state in 0..n {
+                if self.levels[self.levels.len() - 1].uses[state] > 0 {
+                    self.release(self.levels.len() - 1, state);
+                }
+            }
+        }
+        self.levels.push_back(level);
+    }
+
+    /// One use less of a node; without any it goes, and so may those before it.
+    fn release(&mut self, mut at: usize, mut state: usize) {
+        loop {
+            let level = &mut self.levels[at];
+            level.uses[state] -= 1;
+            if level.uses[state] > 0 {
+                return;
+            }
+            level.alive -= 1;
+            state = level.from[state] as usize;
+            match at.checked_sub(1) {
+                Some(before) => at = before,
+                None => return,
+            }
+        }
+    }
+
+    /// Commits the oldest steps of which one node is left.
+    fn commit(&mut self) {
+        self.committed.clear();
+        while self.levels.front().is_some_and(|level| level.alive == 1) {
+            if let Some(level) = self.levels.pop_front() {
+                self.committed.extend(level.uses.iter().position(|uses| *uses > 0));
+                self.spare.push(level);
+            }
+        }
+    }
+}
+
+impl<M, A, B> OnlineViterbi<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: Likelihood,
+{
+    /// One step. Returns the states that it commits.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], InferenceError> {
+        self.step_with(&(), observation)
+    }
+}

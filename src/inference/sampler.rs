@@ -1,0 +1,117 @@
+//! Forward filtering, backward sampling (Carter and Kohn 1994,
+//! Frühwirth-Schnatter 1994).
+
+use std::fmt;
+
+use rand::Rng;
+
+use super::block::Block;
+use super::step::{Held, Step};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::kernels::LIFT;
+use crate::likelihood::Likelihood;
+use crate::random::index;
+use crate::sequence::Sequence;
+use crate::transition::TransitionEntries;
+
+/// Draws whole paths from p(x_1 … x_T | y_1 … y_T).
+///
+/// Made by [`Hmm::path_sampler`], which filters; each draw then goes back once.
+pub struct PathSampler<'m, A, B, S: ?Sized> {
+    hmm: &'m Hmm<A, B>,
+    sequence: &'m S,
+    block: Block,
+}
+
+impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("PathSampler").field("block", &self.block).finish_non_exhaustive()
+    }
+}
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// Filters a sequence, to draw paths of hidden states given all of it. For
+    /// questions that no marginal answers: how long a drive was on a road, or
+    /// whether it passed a place at all.
+    ///
+    /// One product with A and O(n) a step, and n (T + 1) numbers; a draw then
+    /// takes O(ways into a state) a step.
+    ///
+    /// ```
+    /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
+    /// let sightings = [4, 5, 5, 7, 8];
+    /// let sampler = hmm.path_sampler(&sightings)?;
+    /// let mut rng = ChaCha8Rng::seed_from_u64(1);
+    /// // The probability of having been at place 7 (state 6) at some step.
+    /// let drives = 1000;
+    /// let passed = (0..drives).filter(|_| sampler.draw(&mut rng).contains(&6)).count();
+    /// # assert!(passed > 0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth).
+    pub fn path_sampler<'m, S>(
+        &'m self,
+        sequence: &'m S,
+    ) -> Result<PathSampler<'m, A, B, S>, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let mut block = Block::new(self.states(), sequence.steps());
+        block.fill(&mut self.filter(), sequence, sequence.steps(), |_| ())?;
+        Ok(PathSampler { hmm: self, sequence, block })
+    }
+}
+
+impl<A, B, S> PathSampler<'_, A, B, S>
+where
+    A: TransitionEntries,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    /// Draws the states of steps 1 to T. The same generator in the same state
+    /// gives the same path.
+    pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Vec<usize> {
+        let mut states = vec![0; self.sequence.steps()];
+        let mut ways = Vec::new();
+        for at in (0..states.len()).rev() {
+            let row = at + 1; // of the step
+            let alpha = self.block.held(row);
+            ways.clear();
+            match states.get(at + 1) {
+                None => ways.extend(alpha.linear.iter().copied().enumerate()),
+                Some(&to) => {
+                    let step = Step::of(self.hmm, self.sequence, row + 1);
+                    let Some(control) = step.control else { continue }; // only step 1 has none
+                    let incoming = || self.hmm.transition().incoming(control, to);
+                    weigh(alpha, incoming, &mut ways);
+                }
+            }
+            let total = ways.iter().map(|way| way.1).sum();
+            states[at] = index(ways.iter().copied(), total, rng);
+        }
+        states
+    }
+}
+
+/// The ways into a state in proportion to α_{k-1}(j) A\[i, j\].
+fn weigh<I: Iterator<Item = (usize, f64)>>(
+    alpha: Held<'_>,
+    incoming: impl Fn() -> I,
+    ways: &mut Vec<(usize, f64)>,
+) {
+    ways.extend(incoming().map(|(from, p)| (from, alpha.linear[from] * LIFT * p)));
+    let total: f64 = ways.iter().map(|way| way.1).sum();
+    if alpha.logs.is_none() && total >= 1.0 / LIFT {
+        return;
+    }
+    // Too small for doubles, or some of it is.
+    ways.clear();
+    ways.extend(incoming().map(|(from, p)| (from, alpha.log(from) + p.ln())));
+    let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+    ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
+}
