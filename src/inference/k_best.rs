@@ -65,7 +65,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
                 None => step.first_ways(&mut added)?,
-                Some(before) => step.best_ways(before, count)?,
+                // One at least, to know whether the observations are possible.
+                Some(before) => step.best_ways(before, count.max(1))?,
             };
             added.fill(0.0);
             let observation = sequence.observation(number);

@@ -176,6 +176,29 @@ impl Model {
         }
     }
 
+    /// Every possible path x_0 … x_T with ln p(path | all observations).
+    pub fn posterior_paths(&self) -> Vec<(Vec<usize>, f64)> {
+        let n = self.states;
+        let mut paths: Vec<(Vec<usize>, f64)> =
+            (0..n).map(|i| (vec![i], self.prior[i].ln())).collect();
+        for step in 1..=self.steps() {
+            let longer = |(path, log): &(Vec<usize>, f64)| {
+                let (path, log) = (path.clone(), *log);
+                (0..n).map(move |to| {
+                    let log = log + self.log_a(step, to, path[step - 1]) + self.log_b(step, to);
+                    ([&path[..], &[to]].concat(), log)
+                })
+            };
+            paths = paths.iter().flat_map(|path| longer(path).collect::<Vec<_>>()).collect();
+            paths.retain(|path| path.1 > f64::NEG_INFINITY);
+        }
+        let mut total = f64::NEG_INFINITY;
+        paths.iter().for_each(|path| log_add(&mut total, path.1));
+        paths.iter_mut().for_each(|path| path.1 -= total);
+        paths.retain(|path| path.1 > f64::NEG_INFINITY);
+        paths
+    }
+
     /// ln of the probability of one path x_1 … x_T, X_0 summed over.
     pub fn log_probability(&self, path: &[usize]) -> f64 {
         let mut first = f64::NEG_INFINITY;
@@ -297,6 +320,35 @@ pub fn models(kind: Kind) -> impl Strategy<Value = Model> {
                     matrices: matrices.collect(),
                     logs,
                 }
+            },
+        )
+    })
+}
+
+/// Models whose numbers are all powers of two, so that products of doubles are
+/// exact and many paths tie.
+pub fn dyadic_models() -> impl Strategy<Value = Model> {
+    const COLUMNS: [&[f64]; 4] = [&[1.0], &[0.5, 0.5], &[0.5, 0.25, 0.25], &[0.25; 4]];
+    (1..=5_usize, 0..=5_usize, any::<bool>()).prop_flat_map(|(n, steps, at_first)| {
+        // Where the shares of a distribution go: from a start, every so many.
+        let column = move || {
+            (0..4_usize, 0..n).prop_map(move |(which, start)| {
+                let shares = COLUMNS[which.min(n - 1)];
+                let mut column = vec![0.0; n];
+                shares.iter().enumerate().for_each(|(d, p)| column[(start + d) % n] += p);
+                column
+            })
+        };
+        let likelihood =
+            prop_oneof![1 => Just(f64::NEG_INFINITY), 4 => Just(0.0), 2 => Just(0.5_f64.ln())];
+        let observed = prop_oneof![1 => Just(None), 5 => vec(likelihood, n).prop_map(Some)];
+        (column(), vec(vec(column(), n), steps), vec(observed, steps)).prop_map(
+            move |(prior, columns, logs)| {
+                let matrix = |columns: Vec<Vec<f64>>| {
+                    (0..n).map(|to| (0..n).map(|from| columns[from][to]).collect()).collect()
+                };
+                let matrices = columns.into_iter().map(matrix).collect();
+                Model { states: n, at_first, prior, matrices, logs }
             },
         )
     })
