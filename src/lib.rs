@@ -109,6 +109,7 @@
 
 mod belief;
 mod error;
+mod fixed;
 mod hmm;
 mod inference;
 mod kernels;
@@ -124,12 +125,15 @@ pub mod observation;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{
-    BeliefError, HmmError, InferenceError, LikelihoodError, TableError, TransitionError,
+    BeliefError, HmmError, InferenceError, LearnError, LikelihoodError, SequenceError, TableError,
+    TransitionError,
 };
+pub use fixed::Fixed;
 pub use hmm::{Hmm, Prior};
 pub use inference::{
-    Filter, FilterState, Filtering, FixedLag, FixedLagState, Move, MoveCounts, OnlineViterbi,
-    Order, Pairs, PathSampler, Posteriors, Simulation, SmoothedStep, Smoothing, ViterbiPath,
+    Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled, LearnLikelihood,
+    LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order, Pairs, PathSampler,
+    Posteriors, Simulation, SmoothedStep, Smoothing, StopReason, ViterbiPath,
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood,
@@ -137,7 +141,8 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries,
+    DenseTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
+    TransitionEntries,
 };
 
 /// The README's example compiles.

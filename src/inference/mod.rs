@@ -2,6 +2,7 @@
 //! what they share: a prediction, a checked diagonal, a normaliser.
 
 mod backward;
+mod baum_welch;
 mod block;
 mod checkpoints;
 mod entropy;
@@ -10,6 +11,9 @@ mod filter_state;
 mod filtering;
 mod fixed_lag;
 mod k_best;
+mod labelled;
+mod learnable;
+mod many;
 mod online_viterbi;
 mod pairs;
 mod posteriors;
@@ -20,11 +24,14 @@ mod smoother;
 mod step;
 mod viterbi;
 
+pub use baum_welch::{Learned, Learning, StopReason};
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
 pub use filter_state::FilterState;
 pub use filtering::Filtering;
 pub use fixed_lag::{FixedLag, FixedLagState};
+pub use labelled::Labelled;
+pub use learnable::{LearnLikelihood, LearnTransition};
 pub use online_viterbi::OnlineViterbi;
 pub use pairs::{Move, MoveCounts, Pairs};
 pub use posteriors::Posteriors;

@@ -4,6 +4,7 @@ mod diagonal;
 mod function;
 mod fused;
 mod optional;
+mod reestimate;
 mod shared;
 mod table;
 mod vector;

@@ -1,14 +1,20 @@
-//! Sensors behind a pointer are sensors.
+//! Sensors behind a pointer or in a wrapper are sensors.
 
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::{Diagonal, Likelihood, Scratch};
-use crate::error::LikelihoodError;
+use rand::Rng;
 
-macro_rules! behind_a_pointer {
-    ($($pointer:ty),*) => {$(
-        impl<B: Likelihood + ?Sized> Likelihood for $pointer {
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::LikelihoodError;
+use crate::fixed::Fixed;
+
+macro_rules! as_target {
+    ($([$($generics:tt)*] $type:ty,)*) => {$(
+        impl<$($generics)*> Likelihood for $type
+        where
+            B: Likelihood,
+        {
             type Observation = B::Observation;
 
             fn states(&self) -> usize {
@@ -26,4 +32,16 @@ macro_rules! behind_a_pointer {
     )*};
 }
 
-behind_a_pointer!(&B, Box<B>, Rc<B>, Arc<B>);
+as_target! {
+    [B: ?Sized] &B,
+    [B: ?Sized] Box<B>,
+    [B: ?Sized] Rc<B>,
+    [B: ?Sized] Arc<B>,
+    [B] Fixed<B>,
+}
+
+impl<B: SampleObservation> SampleObservation for Fixed<B> {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+        self.0.sample(state, rng)
+    }
+}

@@ -2,7 +2,7 @@
 
 use super::{RoadClass, RoadMap, TurningError};
 use crate::belief::SUM_TOLERANCE;
-use crate::transition::{SparseTransition, TransitionEntries};
+use crate::transition::{SparseTransition, TiedTransition, TransitionEntries};
 
 /// A number for each [`RoadClass`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -171,6 +171,26 @@ impl TurningProbabilities {
     /// If there is no such place.
     pub fn row(&self, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.transition.outgoing(&(), from)
+    }
+
+    /// The transition operator, with parameters shared by the classes of the
+    /// roads of `map`: places with the same classes of roads out of them have
+    /// the same turning probabilities, and where these were not the same their
+    /// mean. To learn them from drives.
+    ///
+    /// ```
+    /// use wayfix::canberra;
+    ///
+    /// let tied = canberra::turning().tied(&canberra::map());
+    /// assert_eq!(tied.entries(), 420);
+    /// assert!(tied.parameters() < 100);
+    /// ```
+    #[must_use]
+    pub fn tied(self, map: &RoadMap) -> TiedTransition {
+        TiedTransition::new(self.transition, |from, to| {
+            let road = map.roads_from(from).find(|road| road.0 == to);
+            road.map_or(0, |(_, road)| 1 + road.class as usize)
+        })
     }
 
     /// The transition operator A = Φ'.

@@ -4,13 +4,16 @@
 mod compressed;
 mod dense;
 mod log;
+mod reestimate;
 mod shared;
 mod sparse;
 mod switched;
+mod tied;
 
 pub use dense::DenseTransition;
 pub use sparse::SparseTransition;
 pub use switched::SwitchedTransition;
+pub use tied::TiedTransition;
 
 use std::any::Any;
 

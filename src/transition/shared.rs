@@ -1,45 +1,52 @@
-//! Operators behind a pointer are operators.
+//! Operators behind a pointer or in a wrapper are operators.
 
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::{Transition, TransitionEntries};
+use super::{SparseTransition, TiedTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
+use crate::fixed::Fixed;
 
-macro_rules! behind_a_pointer {
-    ($($pointer:ty),*) => {$(
-        impl<A: Transition + ?Sized> Transition for $pointer {
-            type Control = A::Control;
+macro_rules! as_target {
+    ($([$($generics:tt)*] $type:ty => $target:ty,)*) => {$(
+        impl<$($generics)*> Transition for $type
+        where
+            $target: Transition,
+        {
+            type Control = <$target as Transition>::Control;
 
             fn states(&self) -> usize {
                 (**self).states()
             }
 
-            fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+            fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply(control, x, out);
             }
 
-            fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+            fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply_transpose(control, x, out);
             }
 
-            fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+            fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply_log(control, x, out);
             }
 
-            fn apply_transpose_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
+            fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply_transpose_log(control, x, out);
             }
 
-            fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
+            fn check_control(&self, control: &Self::Control) -> Result<(), TransitionError> {
                 (**self).check_control(control)
             }
         }
 
-        impl<A: TransitionEntries> TransitionEntries for $pointer {
+        impl<$($generics)*> TransitionEntries for $type
+        where
+            $target: TransitionEntries,
+        {
             fn incoming(
                 &self,
-                control: &A::Control,
+                control: &Self::Control,
                 to: usize,
             ) -> impl Iterator<Item = (usize, f64)> {
                 (**self).incoming(control, to)
@@ -47,7 +54,7 @@ macro_rules! behind_a_pointer {
 
             fn outgoing(
                 &self,
-                control: &A::Control,
+                control: &Self::Control,
                 from: usize,
             ) -> impl Iterator<Item = (usize, f64)> {
                 (**self).outgoing(control, from)
@@ -55,7 +62,7 @@ macro_rules! behind_a_pointer {
 
             fn max_product(
                 &self,
-                control: &A::Control,
+                control: &Self::Control,
                 x: &[f64],
                 out: &mut [f64],
                 from: &mut [u32],
@@ -66,4 +73,11 @@ macro_rules! behind_a_pointer {
     )*};
 }
 
-behind_a_pointer!(&A, Box<A>, Rc<A>, Arc<A>);
+as_target! {
+    [A: ?Sized] &A => A,
+    [A: ?Sized] Box<A> => A,
+    [A: ?Sized] Rc<A> => A,
+    [A: ?Sized] Arc<A> => A,
+    [A] Fixed<A> => A,
+    [] TiedTransition => SparseTransition,
+}

@@ -24,7 +24,7 @@ use crate::error::TransitionError;
 /// ```
 #[derive(Debug, Clone)]
 pub struct SwitchedTransition<A> {
-    operators: Vec<A>,
+    pub(super) operators: Vec<A>,
 }
 
 impl<A: Transition<Control = ()>> SwitchedTransition<A> {

@@ -5,6 +5,10 @@
 //! has a source, the source says so. States and
 //! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
+mod inference;
+
+pub use inference::{InferenceError, LearnError, SequenceError};
+
 use thiserror::Error;
 
 /// Why a vector is not a probability distribution over states.
@@ -117,6 +121,16 @@ pub enum TransitionError {
         forward: f64,
         /// By A'.
         backward: f64,
+    },
+    /// A move was seen or expected that the operator does not allow.
+    #[error(
+        "the move from state {from} to state {to} is forbidden, the transition operator has no such entry"
+    )]
+    Forbidden {
+        /// The state that is reached.
+        to: usize,
+        /// The state that is left.
+        from: usize,
     },
     /// More states or entries than 32-bit indices can name.
     #[error("{count} {what}, expected at most 4294967295 (32-bit indices)")]
@@ -249,77 +263,4 @@ pub enum HmmError {
     /// The transition operator is not valid.
     #[error("the transition operator is not valid")]
     Transition(#[from] TransitionError),
-}
-
-/// Why inference stopped at a step.
-///
-/// Steps are counted from 1: step k is about observation `y_k`, which is
-/// `ys[k - 1]` of a batch.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum InferenceError {
-    /// The model rules the observation out: its probability given all before
-    /// it is 0. (With a [table](crate::TableLikelihood) filter and smoother
-    /// count what was below 2.2e-308 of the whole as ruled out, too.)
-    #[error("the observation of step {step} is impossible under the model")]
-    Impossible {
-        /// The step, from 1.
-        step: usize,
-    },
-    /// The likelihood could not be had.
-    #[error("step {step} has no valid likelihood")]
-    Likelihood {
-        /// The step, from 1.
-        step: usize,
-        /// What was wrong.
-        source: LikelihoodError,
-    },
-    /// The control is not one that the transition operator knows.
-    #[error("step {step} has no valid control")]
-    Control {
-        /// The step, from 1.
-        step: usize,
-        /// What was wrong.
-        source: TransitionError,
-    },
-    /// The transition operator gave a value that is no probability: it does
-    /// not keep its contract.
-    #[error(
-        "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
-    )]
-    Predicted {
-        /// The step, from 1.
-        step: usize,
-        /// The state, from 0.
-        state: usize,
-        /// What it predicted.
-        value: f64,
-    },
-    /// The predictions do not sum to one: the transition operator does not keep
-    /// its contract, or its transpose is not that of it.
-    #[error(
-        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1"
-    )]
-    PredictedSum {
-        /// The step, from 1.
-        step: usize,
-        /// What they sum to.
-        sum: f64,
-    },
-    /// A batch has not as many controls as observations.
-    #[error("{controls} controls for {observations} observations, expected one each")]
-    ControlCount {
-        /// Controls given.
-        controls: usize,
-        /// Observations given.
-        observations: usize,
-    },
-    /// A snapshot is of another model.
-    #[error("the snapshot has {found} states, expected {expected} as the model")]
-    Snapshot {
-        /// States in the snapshot.
-        found: usize,
-        /// States of the model.
-        expected: usize,
-    },
 }

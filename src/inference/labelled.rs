@@ -1,0 +1,139 @@
+//! Estimation by counting, from drives whose states are known.
+
+use super::baum_welch::Learning;
+use super::learnable::{LearnLikelihood, LearnTransition};
+use super::pairs::Move;
+use super::step::Step;
+use crate::error::{LearnError, SequenceError};
+use crate::hmm::{Hmm, Prior};
+use crate::likelihood::Scratch;
+use crate::sequence::Sequence;
+
+/// A drive whose states are known, as of a [`Simulation`](crate::Simulation).
+#[derive(Debug, Clone, Copy)]
+pub struct Labelled<'a, S: ?Sized> {
+    /// X_0, where it is known. (Under
+    /// [`Prior::AtFirstObservation`] there is none, and it is not looked at.)
+    pub initial: Option<usize>,
+    /// X_1 … X_T.
+    pub states: &'a [usize],
+    /// The observations, and controls if there are any.
+    pub sequence: &'a S,
+}
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// The model estimated from labelled drives: relative frequencies, with the
+    /// pseudo-counts of `learning` added to what this model allows. O(T n) for
+    /// each drive.
+    ///
+    /// What has probability 0 in this model keeps it, so that smoothing puts
+    /// nothing where the map has no road; what is never seen, without
+    /// pseudo-counts, stays as it is.
+    ///
+    /// ```
+    /// use wayfix::{Belief, Hmm, Labelled, Learning, Prior, SparseTransition, TableLikelihood};
+    ///
+    /// let hmm = Hmm::new(
+    ///     Prior::BeforeFirstTransition(Belief::certain(3, 0)?),
+    ///     SparseTransition::from_triplets(
+    ///         3, // which moves there are; how probable they are is to be learned
+    ///         [(0, 0, 0.5), (1, 0, 0.5), (1, 1, 0.5), (2, 1, 0.5), (2, 2, 1.0)],
+    ///     )?,
+    ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
+    /// )?;
+    /// let drive = Labelled { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
+    /// let learning = Learning { transition_pseudo_count: 1.0, ..Learning::default() };
+    /// let learned = hmm.learn_labelled(&[drive], &learning)?;
+    /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
+    /// assert_eq!(learned.transition().get(2, 0), 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError`] with the drive and the step for a state that does not
+    /// exist, a move that the model forbids, an observation without a valid
+    /// likelihood, or a control that is not valid.
+    pub fn learn_labelled<S>(
+        &self,
+        drives: &[Labelled<'_, S>],
+        learning: &Learning,
+    ) -> Result<Self, LearnError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        learning.check()?;
+        if drives.is_empty() {
+            return Err(LearnError::Nothing { first: None });
+        }
+        let mut expected = self.nothing_expected();
+        let mut certain = vec![0.0; self.states()];
+        let mut moves = vec![Vec::new(); expected.moves.len()];
+        for (number, drive) in drives.iter().enumerate() {
+            self.check_drive(number, drive)?;
+            let (mut before, first) = match self.prior() {
+                Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
+                Prior::AtFirstObservation(_) => (None, drive.states.first().copied()),
+            };
+            first.into_iter().for_each(|state| expected.first[state] += 1.0);
+            for (step, &to) in (1..).zip(drive.states) {
+                certain[to] = 1.0;
+                let observation = drive.sequence.observation(step);
+                self.likelihood().add(&mut expected.sensor, observation, &certain);
+                certain[to] = 0.0;
+                if let Some(from) = before {
+                    let family = self.transition().family(drive.sequence.control(step));
+                    moves[family].push(Move { from, to, weight: 1.0 });
+                }
+                before = Some(to);
+            }
+        }
+        for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
+            moves.sort_by_key(|m| (m.from, m.to));
+            counts.add(moves);
+        }
+        self.maximise(&expected, learning)
+    }
+
+    /// Whether the model allows what the drive does.
+    fn check_drive<S>(&self, drive: usize, labelled: &Labelled<'_, S>) -> Result<(), LearnError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let Labelled { initial, states: path, sequence } = *labelled;
+        let (states, observations) = (path.len(), sequence.steps());
+        if states != observations {
+            return Err(LearnError::Length { drive, states, observations });
+        }
+        let states = self.states();
+        let initial = initial.filter(|_| self.prior().moves_at(1));
+        let all =
+            initial.map(|state| (0, state)).into_iter().chain((1..).zip(path.iter().copied()));
+        for (step, state) in all.clone() {
+            if state >= states {
+                return Err(LearnError::State { drive, step, state, states });
+            }
+        }
+        let start = if self.prior().moves_at(1) { initial } else { path.first().copied() };
+        if let Some(state) = start
+            && self.prior().belief().as_slice()[state] == 0.0
+        {
+            return Err(LearnError::Start { drive, state });
+        }
+        let mut scratch = Scratch::default();
+        let mut before = initial;
+        for (number, to) in all.filter(|step| step.0 > 0) {
+            let step = Step::of(self, sequence, number);
+            let wrap = |source| SequenceError { sequence: drive, source };
+            step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            if let (Some(control), Some(from)) = (step.control, before) {
+                step.check_control(control).map_err(wrap)?;
+                if !self.transition().outgoing(control, from).any(|way| way.0 == to) {
+                    return Err(LearnError::Forbidden { drive, step: number, from, to });
+                }
+            }
+            before = Some(to);
+        }
+        Ok(())
+    }
+}

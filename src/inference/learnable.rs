@@ -1,0 +1,140 @@
+//! What learning asks of the parts of a model.
+
+use std::error::Error;
+
+use super::pairs::MoveCounts;
+use crate::error::TransitionError;
+use crate::likelihood::Likelihood;
+use crate::transition::TransitionEntries;
+
+/// A transition operator that can be estimated from expected moves.
+///
+/// [`SparseTransition`](crate::SparseTransition) and
+/// [`DenseTransition`](crate::DenseTransition) have a free parameter for each
+/// entry above 0, [`TiedTransition`](crate::TiedTransition) shares some of them,
+/// [`SwitchedTransition`](crate::SwitchedTransition) learns each of its
+/// operators, and [`Fixed`](crate::Fixed) keeps any operator as it is.
+pub trait LearnTransition: TransitionEntries + Sized {
+    /// How many sets of moves are counted apart: one, unless controls choose
+    /// among several operators.
+    fn families(&self) -> usize {
+        1
+    }
+
+    /// The set, below [`families`](Self::families), in which the moves of a step
+    /// under this control are counted.
+    fn family(&self, control: &Self::Control) -> usize {
+        let _ = control;
+        0
+    }
+
+    /// The operator that makes these moves most probable, each free parameter
+    /// having been seen `pseudo_count` times besides. What is 0 stays 0, and
+    /// what was not seen at all stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Forbidden`] for a move that the operator does not
+    /// allow.
+    fn reestimate(&self, counts: &[MoveCounts], pseudo_count: f64)
+    -> Result<Self, TransitionError>;
+
+    /// What the pseudo-counts stand for, the logarithm of a Dirichlet density
+    /// but for a constant: `pseudo_count` Σ ln θ over the free parameters above
+    /// 0.
+    fn log_prior(&self, pseudo_count: f64) -> f64;
+}
+
+/// A sensor that can be estimated from observations whose states are known with
+/// some probability.
+///
+/// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions
+/// learn their parts; [`Fixed`](crate::Fixed) keeps any sensor as it is.
+///
+/// # Implement it yourself
+///
+/// Readings with a mean for each state, and Gaussian noise of one unit:
+///
+/// ```
+/// use std::error::Error;
+/// use wayfix::{Diagonal, LearnLikelihood, Likelihood, LikelihoodError, Scratch};
+///
+/// #[derive(Clone)]
+/// struct Readings(Vec<f64>);
+///
+/// impl Likelihood for Readings {
+///     type Observation = f64;
+///     fn states(&self) -> usize {
+///         self.0.len()
+///     }
+///     fn diagonal<'a>(&'a self, y: &f64, scratch: &'a mut Scratch) -> Result<Diagonal<'a>, LikelihoodError> {
+///         let logs = scratch.values(self.0.len());
+///         logs.iter_mut().zip(&self.0).for_each(|(log, mean)| *log = -0.5 * (y - mean).powi(2));
+///         Ok(Diagonal::log(logs))
+///     }
+/// }
+///
+/// impl LearnLikelihood for Readings {
+///     type Statistics = Vec<(f64, f64)>; // for each state Σ weight and Σ weight y
+///     fn statistics(&self) -> Self::Statistics {
+///         vec![(0.0, 0.0); self.0.len()]
+///     }
+///     fn add(&self, statistics: &mut Self::Statistics, y: &f64, posterior: &[f64]) {
+///         statistics.iter_mut().zip(posterior).for_each(|(s, p)| *s = (s.0 + p, s.1 + p * y));
+///     }
+///     fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
+///         statistics.iter_mut().zip(other).for_each(|(s, o)| *s = (s.0 + o.0, s.1 + o.1));
+///     }
+///     fn reestimate(&self, statistics: &Self::Statistics, _: f64) -> Result<Self, Box<dyn Error + Send + Sync>> {
+///         let means = statistics.iter().zip(&self.0);
+///         Ok(Self(means.map(|(s, old)| if s.0 > 0.0 { s.1 / s.0 } else { *old }).collect()))
+///     }
+/// }
+///
+/// # use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior};
+/// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.8, 0.2, 0.2, 0.8])?, Readings(vec![0.0, 1.0]))?;
+/// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &Learning::default())?;
+/// let means = &learned.model().likelihood().0;
+/// assert!((means[0] + 5.0).abs() < 0.1 && (means[1] - 5.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn Error>>(())
+/// ```
+pub trait LearnLikelihood: Likelihood + Sized {
+    /// What is gathered over the observations.
+    type Statistics: Send;
+
+    /// Nothing gathered yet.
+    fn statistics(&self) -> Self::Statistics;
+
+    /// Adds one observation, where `posterior[i]` is the probability that it
+    /// was made in state i.
+    fn add(
+        &self,
+        statistics: &mut Self::Statistics,
+        observation: &Self::Observation,
+        posterior: &[f64],
+    );
+
+    /// Adds what another sequence gave.
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics);
+
+    /// The sensor that makes these observations most probable, each free
+    /// parameter having been seen `pseudo_count` times besides; what was not
+    /// seen at all stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// Any, when there is no such sensor.
+    fn reestimate(
+        &self,
+        statistics: &Self::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>>;
+
+    /// As [`LearnTransition::log_prior`]; 0 for a sensor that has no use for
+    /// pseudo-counts.
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        let _ = pseudo_count;
+        0.0
+    }
+}

@@ -1,0 +1,82 @@
+//! The same routine for many sequences, in parallel with the feature `rayon`.
+
+use super::filtering::Filtering;
+use super::smoother::Smoothing;
+use super::viterbi::ViterbiPath;
+use crate::error::{InferenceError, SequenceError};
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::{Transition, TransitionEntries};
+
+/// The result for each sequence, in order.
+type Results<R> = Vec<Result<R, SequenceError>>;
+
+/// Applies a routine to each sequence. Each result is made by one thread, and
+/// does not depend on how many there are.
+pub(super) fn each<S: Sync, R: Send>(
+    sequences: &[S],
+    routine: impl Fn(&S) -> Result<R, InferenceError> + Sync,
+) -> Results<R> {
+    let one = |(sequence, s): (usize, &S)| {
+        routine(s).map_err(|source| SequenceError { sequence, source })
+    };
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        sequences.par_iter().enumerate().map(one).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    sequences.iter().enumerate().map(one).collect()
+}
+
+/// For many sequences, of any lengths: the verb for one with `_all`. With the
+/// feature `rayon` in parallel, with the same results to the bit.
+///
+/// The result at index i is that of sequence i. One that fails does not hinder
+/// the others; its [`SequenceError`] names it, so that the results can also be
+/// collected into one.
+///
+/// ```
+/// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
+/// let drives = [vec![4, 5, 6], vec![4, 4, 5, 5], vec![80]];
+/// let smoothed = hmm.smooth_all(&drives);
+/// assert_eq!(smoothed[1].as_ref().unwrap().posteriors().steps(), 4);
+/// let scores: Vec<f64> = hmm.score_all(&drives[..2]).into_iter().collect::<Result<_, _>>()?;
+/// # assert_eq!(scores.len(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
+    /// [`forward`](Self::forward) for each sequence.
+    pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<Filtering, SequenceError>>
+    where
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        each(sequences, |sequence| self.forward(sequence))
+    }
+
+    /// [`smooth`](Self::smooth) for each sequence.
+    pub fn smooth_all<S>(&self, sequences: &[S]) -> Vec<Result<Smoothing, SequenceError>>
+    where
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        each(sequences, |sequence| self.smooth(sequence))
+    }
+
+    /// [`score`](Self::score) for each sequence.
+    pub fn score_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
+    where
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        each(sequences, |sequence| self.score(sequence))
+    }
+
+    /// [`viterbi`](Self::viterbi) for each sequence.
+    pub fn viterbi_all<S>(&self, sequences: &[S]) -> Vec<Result<ViterbiPath, SequenceError>>
+    where
+        A: TransitionEntries,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        each(sequences, |sequence| self.viterbi(sequence))
+    }
+}

@@ -1,0 +1,111 @@
+//! Sensors from observations whose states are known with some probability.
+
+use std::error::Error;
+
+use super::{FusedLikelihood, OptionalLikelihood, TableLikelihood};
+use crate::inference::LearnLikelihood;
+use crate::likelihood::Likelihood;
+
+type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+impl LearnLikelihood for TableLikelihood {
+    /// Expected sightings, p(y | i) at y n + i.
+    type Statistics = Vec<f64>;
+
+    fn statistics(&self) -> Vec<f64> {
+        vec![0.0; self.columns.len()]
+    }
+
+    fn add(&self, statistics: &mut Vec<f64>, &symbol: &usize, posterior: &[f64]) {
+        let column = &mut statistics[symbol * posterior.len()..];
+        column.iter_mut().zip(posterior).for_each(|(sum, p)| *sum += p);
+    }
+
+    fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+        statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+    }
+
+    fn reestimate(&self, statistics: &Vec<f64>, pseudo_count: f64) -> Outcome<Self> {
+        let row = |state: usize| {
+            let at = || (state..self.columns.len()).step_by(self.states());
+            let old: Vec<f64> = at().map(|at| self.columns[at]).collect();
+            let seen = at().zip(&old);
+            let weights: Vec<f64> = seen
+                .map(|(at, p)| if *p > 0.0 { statistics[at] + pseudo_count } else { 0.0 })
+                .collect();
+            let sum: f64 = weights.iter().sum();
+            if sum > 0.0 { weights.iter().map(|w| w / sum).collect() } else { old }
+        };
+        Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        if pseudo_count == 0.0 {
+            return 0.0;
+        }
+        let possible = self.columns.iter().filter(|p| **p > 0.0);
+        pseudo_count * possible.map(|p| p.ln()).sum::<f64>()
+    }
+}
+
+impl<B: LearnLikelihood<Observation: Sized>> LearnLikelihood for OptionalLikelihood<B> {
+    type Statistics = B::Statistics;
+
+    fn statistics(&self) -> B::Statistics {
+        self.sensor.statistics()
+    }
+
+    fn add(&self, statistics: &mut B::Statistics, y: &Option<B::Observation>, posterior: &[f64]) {
+        if let Some(y) = y {
+            self.sensor.add(statistics, y, posterior);
+        }
+    }
+
+    fn merge(&self, statistics: &mut B::Statistics, other: &B::Statistics) {
+        self.sensor.merge(statistics, other);
+    }
+
+    fn reestimate(&self, statistics: &B::Statistics, pseudo_count: f64) -> Outcome<Self> {
+        Ok(Self {
+            sensor: self.sensor.reestimate(statistics, pseudo_count)?,
+            ones: self.ones.clone(),
+        })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.sensor.log_prior(pseudo_count)
+    }
+}
+
+impl<B1, B2> LearnLikelihood for FusedLikelihood<B1, B2>
+where
+    B1: LearnLikelihood<Observation: Sized>,
+    B2: LearnLikelihood<Observation: Sized>,
+{
+    type Statistics = (B1::Statistics, B2::Statistics);
+
+    fn statistics(&self) -> Self::Statistics {
+        (self.first.statistics(), self.second.statistics())
+    }
+
+    fn add(&self, statistics: &mut Self::Statistics, y: &Self::Observation, posterior: &[f64]) {
+        self.first.add(&mut statistics.0, &y.0, posterior);
+        self.second.add(&mut statistics.1, &y.1, posterior);
+    }
+
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
+        self.first.merge(&mut statistics.0, &other.0);
+        self.second.merge(&mut statistics.1, &other.1);
+    }
+
+    fn reestimate(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
+        Ok(Self {
+            first: self.first.reestimate(&statistics.0, pseudo_count)?,
+            second: self.second.reestimate(&statistics.1, pseudo_count)?,
+        })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.first.log_prior(pseudo_count) + self.second.log_prior(pseudo_count)
+    }
+}

@@ -1,0 +1,124 @@
+//! Transition probabilities from expected moves.
+
+use super::{DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries};
+use crate::error::TransitionError;
+use crate::inference::{LearnTransition, Move, MoveCounts};
+
+/// Each entry above 0 with how often the move was expected: (to, from, weight),
+/// column by column. Moves without an entry are an error.
+pub(super) fn weights<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    counts: &MoveCounts,
+) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
+    let mut moves = counts.moves().peekable();
+    let mut weights = Vec::new();
+    for from in 0..transition.states() {
+        for (to, _) in transition.outgoing(&(), from) {
+            let seen = moves.next_if(|m| (m.from, m.to) == (from, to));
+            weights.push((to, from, seen.map_or(0.0, |m| m.weight)));
+        }
+    }
+    match moves.next() {
+        Some(Move { from, to, .. }) => Err(TransitionError::Forbidden { to, from }),
+        None => Ok(weights),
+    }
+}
+
+/// Makes columns of weights distributions; a column of nothing but 0 keeps the
+/// entries that it has in the operator.
+pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    mut weights: Vec<(usize, usize, f64)>,
+) -> Vec<(usize, usize, f64)> {
+    for column in weights.chunk_by_mut(|a, b| a.1 == b.1) {
+        let from = column[0].1;
+        let sum: f64 = column.iter().map(|entry| entry.2).sum();
+        if sum > 0.0 {
+            column.iter_mut().for_each(|entry| entry.2 /= sum);
+        } else {
+            let old = transition.outgoing(&(), from);
+            column.iter_mut().zip(old).for_each(|(entry, old)| entry.2 = old.1);
+        }
+    }
+    weights
+}
+
+/// The columns that make moves most probable, where each entry is free.
+fn free<A: TransitionEntries<Control = ()>>(
+    transition: &A,
+    counts: &[MoveCounts],
+    pseudo_count: f64,
+) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
+    let mut weights = weights(transition, &counts[0])?;
+    weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
+    Ok(normalised(transition, weights))
+}
+
+/// Σ ln p over the entries, times the pseudo-count.
+fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
+    if pseudo_count == 0.0 {
+        return 0.0;
+    }
+    let columns = (0..transition.states()).flat_map(|from| transition.outgoing(&(), from));
+    pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
+}
+
+impl LearnTransition for SparseTransition {
+    fn reestimate(
+        &self,
+        counts: &[MoveCounts],
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        free_log_prior(self, pseudo_count)
+    }
+}
+
+impl LearnTransition for DenseTransition {
+    fn reestimate(
+        &self,
+        counts: &[MoveCounts],
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let n = self.states();
+        let mut matrix = vec![0.0; n * n];
+        for (to, from, p) in free(self, counts, pseudo_count)? {
+            matrix[to * n + from] = p;
+        }
+        Self::from_rows(n, &matrix)
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        free_log_prior(self, pseudo_count)
+    }
+}
+
+impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A> {
+    fn families(&self) -> usize {
+        self.operators.len()
+    }
+
+    fn family(&self, &control: &usize) -> usize {
+        control
+    }
+
+    fn reestimate(
+        &self,
+        counts: &[MoveCounts],
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let learned = self.operators.iter().zip(counts);
+        Self::new(
+            learned
+                .map(|(a, counts)| a.reestimate(std::slice::from_ref(counts), pseudo_count))
+                .collect::<Result<_, _>>()?,
+        )
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.operators.iter().map(|a| a.log_prior(pseudo_count)).sum()
+    }
+}
