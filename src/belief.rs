@@ -136,7 +136,7 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.values().len()
     }
 
-    fn values(&self) -> &[f64] {
+    pub(crate) fn values(&self) -> &[f64] {
         self.probabilities.as_ref()
     }
 
