@@ -311,7 +311,14 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                         out[state + 1] = self.log2_stay[state] + x[state];
                         from[state + 1] = state as u32;
                     }
-                    let (value, state) = (self.log2_stay[last] + x[last], last as u32);
+                    // One state can go to itself in both ways: a sum of two entries.
+                    let mut stay = self.log2_stay[last];
+                    if first == last && self.stay[last] > 0.0 {
+                        let mut moves = self.moves.incoming(control, place);
+                        let again = moves.find(|entry| entry.0 == place).map_or(0.0, |e| e.1);
+                        stay = log2(self.stay[last] + again * self.leave[last]);
+                    }
+                    let (value, state) = (stay + x[last], last as u32);
                     if value > out[last] || (value == out[last] && state < from[last]) {
                         (out[last], from[last]) = (value, state);
                     }

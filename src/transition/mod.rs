@@ -243,7 +243,7 @@ fn check_sum(
         let expected = "a finite value of at least 0";
         return Err(TransitionError::Parameter { what: name(at), value: values[at], expected });
     }
-    let sum: f64 = values.iter().sum();
+    let sum = kernels::sum(values);
     if (sum - 1.0).abs() > SUM_TOLERANCE {
         return Err(TransitionError::Parameter { what: whole, value: sum, expected: "1" });
     }

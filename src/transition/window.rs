@@ -42,8 +42,9 @@ pub struct WindowTransition {
     window: Vec<Entry>,
     /// …if j is one of these.
     whole: Range<usize>,
-    /// The columns of the other places: those before, then those after.
-    ends: Vec<Vec<Entry>>,
+    /// The columns of the places before these, and after.
+    before: Vec<Vec<Entry>>,
+    after: Vec<Vec<Entry>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -117,16 +118,25 @@ impl WindowTransition {
                 kept.1 += if same { next.1 } else { 0.0 };
                 same
             });
-            let sum: f64 = column.iter().map(|entry| entry.1).sum();
+            let sum = column.iter().fold(0.0, |sum, entry| sum + entry.1);
             let scale = if ends == Ends::Renormalise { sum } else { 1.0 };
             if scale == 0.0 {
                 return Err(TransitionError::ColumnSum { column: from, sum });
             }
             Ok(column.into_iter().map(|(to, value)| Entry::new(to, value / scale)).collect())
         };
-        let ends = (0..whole.start).chain(whole.end..states).map(column);
-        let ends = ends.collect::<Result<_, _>>()?;
-        Ok(Self { states, first, window, whole, ends })
+        let before = (0..whole.start).map(column).collect::<Result<_, _>>()?;
+        let after = (whole.end..states).map(column).collect::<Result<_, _>>()?;
+        Ok(Self { states, first, window, whole, before, after })
+    }
+
+    /// The columns near the ends, with their places.
+    fn before(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (0..).zip(&self.before)
+    }
+
+    fn after(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (self.whole.end..).zip(&self.after)
     }
 
     /// The places with a whole window, in blocks.
@@ -135,36 +145,19 @@ impl WindowTransition {
         starts.map(|start| start..self.whole.end.min(start + BLOCK))
     }
 
-    /// Where the window leads from place `from`, but for what its entries add.
-    fn base(&self, from: usize) -> usize {
-        from.wrapping_add_signed(self.first)
-    }
-
     /// Where an entry of the window leads from a block.
     fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
-        let start = self.base(block.start) + entry.to;
+        let start = block.start.wrapping_add_signed(self.first) + entry.to;
         start..start + block.len()
-    }
-
-    /// The columns near the ends, with their places.
-    fn ends(&self, places: Range<usize>) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
-        let before = self.whole.start;
-        let at = if places.start < before { 0 } else { before };
-        places.zip(&self.ends[at..])
-    }
-
-    fn all_ends(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
-        self.ends(0..self.whole.start).chain(self.ends(self.whole.end..self.states))
     }
 
     fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         assert!(from < self.states, "there is no state {from}");
         let (base, entries) = if self.whole.contains(&from) {
-            (self.base(from), &self.window)
-        } else if from < self.whole.start {
-            (0, &self.ends[from])
+            (from.wrapping_add_signed(self.first), &self.window)
         } else {
-            (0, &self.ends[self.whole.start + from - self.whole.end])
+            let after = from.checked_sub(self.whole.end).map(|at| &self.after[at]);
+            (0, after.unwrap_or_else(|| &self.before[from]))
         };
         entries.iter().map(move |entry| (base + entry.to, entry.value))
     }
@@ -192,7 +185,7 @@ impl Transition for WindowTransition {
                 out.iter_mut().zip(&x[block.clone()]).for_each(|(out, x)| *out += entry.value * x);
             }
         }
-        for (from, column) in self.all_ends() {
+        for (from, column) in self.before().chain(self.after()) {
             column.iter().for_each(|entry| out[entry.to] += entry.value * x[from]);
         }
     }
@@ -207,7 +200,7 @@ impl Transition for WindowTransition {
                 out.iter_mut().zip(x).for_each(|(out, x)| *out += entry.value * x);
             }
         }
-        for (from, column) in self.all_ends() {
+        for (from, column) in self.before().chain(self.after()) {
             out[from] = column.iter().map(|entry| entry.value * x[entry.to]).sum();
         }
     }
@@ -240,8 +233,7 @@ impl TransitionEntries for WindowTransition {
             let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
             self.whole.contains(&from).then_some((from, entry.value))
         });
-        let before = self.ends(0..self.whole.start).filter_map(find);
-        before.chain(whole).chain(self.ends(self.whole.end..self.states).filter_map(find))
+        self.before().filter_map(find).chain(whole).chain(self.after().filter_map(find))
     }
 
     fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
@@ -249,21 +241,23 @@ impl TransitionEntries for WindowTransition {
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        fn offer(out: &mut f64, from: &mut u32, value: f64, place: usize) {
-            let better = value > *out;
-            *out = if better { value } else { *out };
-            *from = if better { place as u32 } else { *from };
-        }
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
         // Each state is offered its predecessors in ascending order, so that of
         // equal ones the lowest stays.
-        for (place, column) in self.ends(0..self.whole.start) {
-            for entry in column {
-                offer(&mut out[entry.to], &mut from[entry.to], entry.log2 + x[place], place);
-            }
-        }
+        let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
+            let better = value > *out;
+            *out = if better { value } else { *out };
+            *from = if better { place as u32 } else { *from };
+        };
+        let offer_column =
+            |(place, column): (usize, &Vec<Entry>), out: &mut [f64], from: &mut [u32]| {
+                for entry in column {
+                    offer(&mut out[entry.to], &mut from[entry.to], entry.log2 + x[place], place);
+                }
+            };
+        self.before().for_each(|column| offer_column(column, out, from));
         for block in self.blocks() {
             for entry in self.window.iter().rev() {
                 let target = self.target(&block, entry);
@@ -273,10 +267,6 @@ impl TransitionEntries for WindowTransition {
                 }
             }
         }
-        for (place, column) in self.ends(self.whole.end..self.states) {
-            for entry in column {
-                offer(&mut out[entry.to], &mut from[entry.to], entry.log2 + x[place], place);
-            }
-        }
+        self.after().for_each(|column| offer_column(column, out, from));
     }
 }
