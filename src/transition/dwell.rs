@@ -4,7 +4,7 @@ use std::iter::once;
 use std::ops::Range;
 
 use super::{Transition, TransitionEntries, best_of, buffers, check_count, check_slices};
-use super::{check_sum, log, merge};
+use super::{check_probability, check_sum, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::{GroupError, Groups};
@@ -72,18 +72,13 @@ impl<A: Transition> DwellTransition<A> {
                 format!("the probability of {} steps in place {place}", at + 1)
             })?;
             let end = dwell.iter().rposition(|p| *p > 0.0).map_or(0, |last| last + 1);
-            let mut longer = 0.0; // the probability to stay for more steps
-            let mut ages: Vec<_> = dwell[..end]
-                .iter()
-                .rev()
-                .map(|p| {
-                    let reached = p + longer;
-                    let age = (p / reached, longer / reached);
-                    longer = reached;
-                    age
-                })
-                .collect();
-            ages.reverse();
+            let mut ages = vec![(1.0, 0.0); end];
+            let mut longer = 0.0; // the probability of more steps than these
+            for (age, p) in ages.iter_mut().zip(&dwell[..end]).rev() {
+                let reached = p + longer;
+                *age = (p / reached, longer / reached);
+                longer = reached;
+            }
             Ok(ages)
         };
         Self::from_ages(moves, dwell.iter().enumerate().map(split).collect::<Result<_, _>>()?)
@@ -101,18 +96,19 @@ impl<A: Transition> DwellTransition<A> {
     pub fn from_leaving<D: AsRef<[f64]>>(moves: A, leaving: &[D]) -> Result<Self, TransitionError> {
         let split = |(place, leaving): (usize, &D)| {
             let leaving = leaving.as_ref();
-            let wrong =
-                |what, value, expected| TransitionError::Parameter { what, value, expected };
             if leaving.is_empty() {
                 let what = format!("the number of leaving probabilities of place {place}");
-                return Err(wrong(what, 0.0, "at least 1"));
+                return Err(TransitionError::Parameter {
+                    what,
+                    value: 0.0,
+                    expected: "at least 1",
+                });
             }
             let age = |(at, &leave): (usize, &f64)| {
-                let what =
-                    || format!("the probability of leaving place {place} after {} steps", at + 1);
-                let valid = (0.0..=1.0).contains(&leave);
-                let error = || wrong(what(), leave, "a value from 0 to 1");
-                valid.then_some((leave, 1.0 - leave)).ok_or_else(error)
+                check_probability(leave, || {
+                    format!("the probability of leaving place {place} after {} steps", at + 1)
+                })?;
+                Ok((leave, 1.0 - leave))
             };
             leaving.iter().enumerate().map(age).collect()
         };
@@ -129,10 +125,7 @@ impl<A: Transition> DwellTransition<A> {
             return Err(TransitionError::Empty);
         }
         let mut starts = vec![0];
-        starts.extend(ages.iter().scan(0, |end, ages| {
-            *end += ages.len();
-            Some(*end)
-        }));
+        ages.iter().for_each(|ages| starts.push(starts[starts.len() - 1] + ages.len()));
         check_count("states", starts[expected])?;
         let of = (0..expected).flat_map(|place| vec![place; ages[place].len()]).collect();
         let groups = Groups::numbered(of, expected);
@@ -311,9 +304,9 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                         out[state + 1] = self.log2_stay[state] + x[state];
                         from[state + 1] = state as u32;
                     }
-                    // One state can go to itself in both ways: a sum of two entries.
                     let mut stay = self.log2_stay[last];
                     if first == last && self.stay[last] > 0.0 {
+                        // The state goes to itself in two ways: A has their sum.
                         let mut moves = self.moves.incoming(control, place);
                         let again = moves.find(|entry| entry.0 == place).map_or(0.0, |e| e.1);
                         stay = log2(self.stay[last] + again * self.leave[last]);

@@ -250,6 +250,14 @@ fn check_sum(
     Ok(())
 }
 
+fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+    if !(0.0..=1.0).contains(&value) {
+        let expected = "a value from 0 to 1";
+        return Err(TransitionError::Parameter { what: what(), value, expected });
+    }
+    Ok(())
+}
+
 /// Inference keeps this; whoever calls a product directly has to.
 fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");

@@ -1,15 +1,15 @@
 //! Several steps in one.
 
-use super::buffers;
-use super::{Transition, TransitionEntries};
+use super::{Transition, TransitionEntries, best_of, buffers};
 use crate::error::TransitionError;
+use crate::kernels::log2;
 
 /// An operator applied m times: A^m. For observations that come only every
 /// m-th step of the motion.
 ///
 /// Products cost m of A's. **Entries are not stored**: to list a row or column
-/// takes a product and allocates, and a step of Viterbi or of simulation lists
-/// them. To decode, store the matrix once with
+/// takes such a product, and allocates. A step of Viterbi takes one for each
+/// state; to decode, store the matrix once with
 /// [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
 ///
 /// ```
@@ -110,5 +110,17 @@ impl<A: Transition> TransitionEntries for PowerTransition<A> {
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.entries(from, &|x, out| self.apply(control, x, out))
+    }
+
+    fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        buffers::with_two(x.len(), |unit, row| {
+            unit.fill(0.0);
+            for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
+                unit[i] = 1.0;
+                self.apply_transpose(control, unit, row);
+                unit[i] = 0.0;
+                (*out, *from) = best_of((0..).zip(row.iter().map(|&p| log2(p))), x);
+            }
+        });
     }
 }

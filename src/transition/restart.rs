@@ -1,6 +1,6 @@
 //! A vehicle that may turn up anywhere.
 
-use super::{Transition, TransitionEntries, best_of, log, merge};
+use super::{Transition, TransitionEntries, best_of, check_probability, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
@@ -45,10 +45,7 @@ impl<A: Transition> RestartTransition<A> {
     /// [`TransitionError::PartStates`] if the belief differs from the operator
     /// in its number of states.
     pub fn new(inner: A, rate: f64, restart: Belief) -> Result<Self, TransitionError> {
-        if !(0.0..=1.0).contains(&rate) {
-            let (what, expected) = ("the rate".to_owned(), "a value from 0 to 1");
-            return Err(TransitionError::Parameter { what, value: rate, expected });
-        }
+        check_probability(rate, || "the rate".to_owned())?;
         let (found, expected) = (restart.states(), inner.states());
         if found != expected {
             let part = "restart belief";
