@@ -41,7 +41,7 @@ struct Inputs {
 }
 
 /// For up to this many states.
-const MOST: usize = 48;
+const MOST: usize = 28;
 
 fn inputs() -> impl Strategy<Value = Inputs> {
     let number = prop_oneof![1 => Just(0.0), 3 => 0.0..1.0];
@@ -363,26 +363,6 @@ proptest! {
         } else {
             let text = built.unwrap_err().to_string();
             prop_assert!(text.ends_with("sums to 0, expected 1"), "{}", text);
-        }
-    }
-
-    #[test]
-    fn long_routes_go_block_by_block(first in -3..1_isize, ends in ends(), x in vec(0.0..1.0, 5000)) {
-        let weights = [0.125, 0.0, 0.5, 0.375];
-        let a = WindowTransition::new(x.len(), first, &weights, ends).unwrap();
-        let (mut out, mut back, mut from) = (vec![0.0; 5000], vec![0.0; 5000], vec![0; 5000]);
-        a.apply(&(), &x, &mut out);
-        a.apply_transpose(&(), &x, &mut back);
-        for (i, (out, back)) in out.iter().zip(&back).enumerate() {
-            let into: f64 = a.incoming(&(), i).map(|(j, p)| p * x[j]).sum();
-            let outof: f64 = a.outgoing(&(), i).map(|(j, p)| p * x[j]).sum();
-            prop_assert!((out - into).abs() < 1e-14 && (back - outof).abs() < 1e-14);
-        }
-        a.max_product(&(), &x, &mut out, &mut from);
-        for (i, out) in out.iter().enumerate() {
-            let score = |(j, p): (usize, f64)| p.log2() + x[j];
-            let best = a.incoming(&(), i).map(score).fold(NEVER, f64::max);
-            prop_assert!(best == *out || (best - out).abs() < 1e-12);
         }
     }
 
@@ -766,6 +746,29 @@ fn bad_groups_and_unknown_states_are_named() {
         Hmm::new(prior(), identity(), vector).unwrap().filter().step(&[0.5; 3]).unwrap_err();
     let source = std::error::Error::source(&error).unwrap().to_string();
     assert_eq!(source, "the likelihood has 3 values, expected one for each of 1 states");
+}
+
+#[test]
+fn long_routes_go_block_by_block() {
+    let n = 5000;
+    let x: Vec<f64> = (0..n).map(|i| (f64::from(i) * 0.618_033_988_749_894_9).fract()).collect();
+    let (mut out, mut back, mut from) = (x.clone(), x.clone(), vec![0; x.len()]);
+    for (first, ends) in [(-3, Ends::Loop), (-1, Ends::Stop), (0, Ends::Renormalise)] {
+        let a = WindowTransition::new(x.len(), first, &[0.125, 0.0, 0.5, 0.375], ends).unwrap();
+        a.apply(&(), &x, &mut out);
+        a.apply_transpose(&(), &x, &mut back);
+        for (i, (out, back)) in out.iter().zip(&back).enumerate() {
+            let into: f64 = a.incoming(&(), i).map(|(j, p)| p * x[j]).sum();
+            let outof: f64 = a.outgoing(&(), i).map(|(j, p)| p * x[j]).sum();
+            assert!((out - into).abs() < 1e-14 && (back - outof).abs() < 1e-14, "{ends:?} {i}");
+        }
+        a.max_product(&(), &x, &mut out, &mut from);
+        for (i, out) in out.iter().enumerate() {
+            let score = |(j, p): (usize, f64)| p.log2() + x[j];
+            let best = a.incoming(&(), i).map(score).fold(NEVER, f64::max);
+            assert!(best == *out || (best - out).abs() < 1e-12, "{ends:?} {i}");
+        }
+    }
 }
 
 #[test]

@@ -12,8 +12,7 @@ use crate::kernels::{self, log2};
 /// state from `restart` r. Products cost O(n) more than those of A.
 ///
 /// Every state can follow every other to which r leads, so the entries are
-/// dense: O(n) to list. Viterbi does not list them: O(entries of A + n) a step,
-/// with a logarithm for each.
+/// dense: O(n) to list. Viterbi does not list them: O(entries of A + n) a step.
 ///
 /// ```
 /// use wayfix::{Belief, RestartTransition, SparseTransition, Transition};
@@ -31,8 +30,9 @@ pub struct RestartTransition<A> {
     inner: A,
     /// 1 − ε.
     keep: f64,
-    /// ε r.
+    /// ε r, and its logarithms.
     restart: Vec<f64>,
+    log2_restart: Vec<f64>,
 }
 
 impl<A: Transition> RestartTransition<A> {
@@ -53,7 +53,8 @@ impl<A: Transition> RestartTransition<A> {
         }
         let mut restart = restart.into_vec();
         restart.iter_mut().for_each(|r| *r *= rate);
-        Ok(Self { inner, keep: 1.0 - rate, restart })
+        let log2_restart = restart.iter().map(|&r| log2(r)).collect();
+        Ok(Self { inner, keep: 1.0 - rate, restart, log2_restart })
     }
 
     /// The entries of ε r above 0.
@@ -130,13 +131,22 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let restart = self.restart[i];
-            let entries = self.inner.incoming(control, i);
-            let entries = entries.map(|(j, p)| (j as u32, log2(self.keep * p + restart)));
-            (*out, *from) = best_of(entries, x);
-            let value = log2(restart) + most;
-            if value > *out || (value == *out && first < *from) {
-                (*out, *from) = (value, first);
+            let mut best = (self.log2_restart[i] + most, first);
+            for (j, p) in self.inner.incoming(control, i) {
+                let p = self.keep * p + restart;
+                if log2_bound(p) + x[j] >= best.0 {
+                    let value = log2(p) + x[j];
+                    if value > best.0 || (value == best.0 && j < best.1 as usize) {
+                        best = (value, j as u32);
+                    }
+                }
             }
+            (*out, *from) = best;
         }
     }
+}
+
+/// At least log2, from the exponent alone: most entries need no more.
+fn log2_bound(p: f64) -> f64 {
+    (p.to_bits() >> 52) as f64 - 1022.0
 }
