@@ -40,12 +40,19 @@
 //! | [`Hmm::viterbi`] | [`ViterbiPath`]: the most probable path, a legal one | one max-product a step |
 //! | [`Hmm::simulate`] | [`Simulation`]: states and observations drawn from the model | the ways out of a state a step |
 //!
-//! Operators come ready-made: [`SparseTransition`], [`DenseTransition`] and
-//! [`SwitchedTransition`] (one of several at each step), and
-//! [`TableLikelihood`], [`LikelihoodVector`], [`LogLikelihoodFn`],
-//! [`OptionalLikelihood`] (missing observations) and [`FusedLikelihood`]
-//! (several sensors). Or implement [`Transition`] or [`Likelihood`] yourself:
-//! each has an example of a dozen lines.
+//! Operators come ready-made. Of transitions, two are stored:
+//! [`SparseTransition`] and [`DenseTransition`]; one needs no matrix:
+//! [`WindowTransition`] (a route); and others are made from these:
+//! [`SwitchedTransition`] (one of several at each step), [`RestartTransition`]
+//! (the vehicle may turn up anywhere), [`KroneckerTransition`] (two things that
+//! move side by side), [`PowerTransition`] (several steps in one) and
+//! [`DwellTransition`] (how long a place is stayed in). Of likelihoods there
+//! are [`TableLikelihood`], [`LikelihoodVector`], [`LogLikelihoodFn`],
+//! [`OptionalLikelihood`] (missing observations), [`FusedLikelihood`] (several
+//! sensors), [`GroupedLikelihood`] (a sensor that sees only the place of a
+//! state; see [`Groups`]) and [`KnownState`] (constraints). Or implement
+//! [`Transition`] or [`Likelihood`] yourself: each has an example of a dozen
+//! lines.
 //!
 //! On top stand [`map`] (places and roads, and the transitions that follow),
 //! [`observation`] (sensors that take a place for its neighbours),
@@ -110,6 +117,7 @@
 mod belief;
 mod error;
 mod fixed;
+mod groups;
 mod hmm;
 mod inference;
 mod kernels;
@@ -129,6 +137,7 @@ pub use error::{
     TransitionError,
 };
 pub use fixed::Fixed;
+pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
 pub use inference::{
     Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled, LearnLikelihood,
@@ -136,13 +145,14 @@ pub use inference::{
     Posteriors, Simulation, SmoothedStep, Smoothing, StopReason, ViterbiPath,
 };
 pub use likelihood::{
-    Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood,
-    SampleObservation, Scratch, TableLikelihood,
+    Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
+    LogLikelihoodFn, OptionalLikelihood, SampleObservation, Scratch, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
-    TransitionEntries,
+    DenseTransition, DwellTransition, Ends, KroneckerTransition, PowerTransition,
+    RestartTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
+    TransitionEntries, WindowTransition,
 };
 
 /// The README's example compiles.

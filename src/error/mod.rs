@@ -150,6 +150,26 @@ pub enum TransitionError {
         /// The states of operator 0.
         expected: usize,
     },
+    /// A number that the operator is made from is not a valid one.
+    #[error("{what} is {value}, expected {expected}")]
+    Parameter {
+        /// Which number.
+        what: String,
+        /// What was found.
+        value: f64,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// A part of the operator is of another size than what it is built on.
+    #[error("the {part} has {found} states, expected {expected} as the operator within")]
+    PartStates {
+        /// Which part.
+        part: &'static str,
+        /// Its states.
+        found: usize,
+        /// The states of the operator within.
+        expected: usize,
+    },
     /// A control that the operator does not know.
     #[error("unknown control: {0}")]
     Control(String),
@@ -192,6 +212,14 @@ pub enum LikelihoodError {
         symbol: usize,
         /// How many symbols there are.
         symbols: usize,
+    },
+    /// A state is said to be known that the model does not have.
+    #[error("state {state} is given as known, but there are {states} states (0 to {})", states.saturating_sub(1))]
+    State {
+        /// The state, from 0.
+        state: usize,
+        /// How many states there are.
+        states: usize,
     },
     /// A sensor of your own has failed.
     #[error("the sensor failed")]

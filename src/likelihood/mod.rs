@@ -3,6 +3,8 @@
 mod diagonal;
 mod function;
 mod fused;
+mod grouped;
+mod known;
 mod optional;
 mod reestimate;
 mod shared;
@@ -13,6 +15,8 @@ pub(crate) use diagonal::Values;
 pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
+pub use grouped::GroupedLikelihood;
+pub use known::KnownState;
 pub use optional::OptionalLikelihood;
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;

@@ -120,8 +120,7 @@ impl DenseTransition {
     }
 
     fn check_slices(&self, x: &[f64], out: &[f64]) {
-        assert_eq!(x.len(), self.states, "x must have one value per state");
-        assert_eq!(out.len(), self.states, "out must have one value per state");
+        super::check_slices(self.states, x, out);
     }
 }
 

@@ -47,7 +47,7 @@ pub(super) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
 }
 
 /// ln(e^a + e^b); NaN if one of them is.
-fn add(a: f64, b: f64) -> f64 {
+pub(super) fn add(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }

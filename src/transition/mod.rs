@@ -1,19 +1,30 @@
 //! Transition operators: linear maps on distributions, with columns that sum
 //! to one (paper eq. 6).
 
+mod buffers;
 mod compressed;
 mod dense;
+mod dwell;
+mod kronecker;
 mod log;
+mod power;
 mod reestimate;
+mod restart;
 mod shared;
 mod sparse;
 mod switched;
 mod tied;
+mod window;
 
 pub use dense::DenseTransition;
+pub use dwell::DwellTransition;
+pub use kronecker::KroneckerTransition;
+pub use power::PowerTransition;
+pub use restart::RestartTransition;
 pub use sparse::SparseTransition;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;
+pub use window::{Ends, WindowTransition};
 
 use std::any::Any;
 
@@ -223,4 +234,49 @@ fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> 
         return Err(TransitionError::TooMany { what, count });
     }
     Ok(())
+}
+
+/// Values that are probabilities and sum to one; errors call the sum `whole`.
+fn check_sum(
+    values: &[f64],
+    whole: String,
+    name: impl Fn(usize) -> String,
+) -> Result<(), TransitionError> {
+    if let Some(at) = values.iter().position(|&value| !(value >= 0.0 && value.is_finite())) {
+        let expected = "a finite value of at least 0";
+        return Err(TransitionError::Parameter { what: name(at), value: values[at], expected });
+    }
+    let sum = kernels::sum(values);
+    if (sum - 1.0).abs() > SUM_TOLERANCE {
+        return Err(TransitionError::Parameter { what: whole, value: sum, expected: "1" });
+    }
+    Ok(())
+}
+
+fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+    if !(0.0..=1.0).contains(&value) {
+        let expected = "a value from 0 to 1";
+        return Err(TransitionError::Parameter { what: what(), value, expected });
+    }
+    Ok(())
+}
+
+/// Inference keeps this; whoever calls a product directly has to.
+fn check_slices(states: usize, x: &[f64], out: &[f64]) {
+    assert_eq!(x.len(), states, "x must have one value per state");
+    assert_eq!(out.len(), states, "out must have one value per state");
+}
+
+/// The sum of two lists of entries in ascending order.
+fn merge(
+    a: impl Iterator<Item = (usize, f64)>,
+    b: impl Iterator<Item = (usize, f64)>,
+) -> impl Iterator<Item = (usize, f64)> {
+    let (mut a, mut b) = (a.peekable(), b.peekable());
+    std::iter::from_fn(move || match (a.peek(), b.peek()) {
+        (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, a.next()?.1 + b.next()?.1)),
+        (Some(x), Some(y)) if x.0 > y.0 => b.next(),
+        (None, _) => b.next(),
+        _ => a.next(),
+    })
 }

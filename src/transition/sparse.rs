@@ -89,6 +89,30 @@ impl SparseTransition {
         Self::from_triplets(states, entries.map(|(at, &p)| (at / states, at % states, p)))
     }
 
+    /// From any operator without a control, by a product for each state: to
+    /// decode often with one whose entries are costly.
+    /// O(n · (a product) + n log n + entries).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets).
+    pub fn from_operator<A>(operator: &A) -> Result<Self, TransitionError>
+    where
+        A: Transition<Control = ()> + ?Sized,
+    {
+        let n = operator.states();
+        let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
+        let mut entries = Vec::new();
+        for from in 0..n {
+            unit[from] = 1.0;
+            operator.apply(&(), &unit, &mut column);
+            unit[from] = 0.0;
+            let reached = column.iter().enumerate().filter(|(_, value)| **value != 0.0);
+            entries.extend(reached.map(|(to, &value)| (to, from, value)));
+        }
+        Self::from_triplets(n, entries)
+    }
+
     /// From a dense faer view of A (columns sum to one). O(n²).
     ///
     /// # Errors

@@ -1,0 +1,157 @@
+//! States that belong together.
+
+use thiserror::Error;
+
+use crate::belief::Belief;
+
+/// Why states do not fall into groups, or a vector does not fit them.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum GroupError {
+    /// There are no states at all.
+    #[error("groups need at least one state, found none")]
+    Empty,
+    /// A number that no state has, below one that a state has.
+    #[error("no state is in group {group}, though groups are numbered up to {last}")]
+    Gap {
+        /// The empty group, from 0.
+        group: usize,
+        /// The highest number given.
+        last: usize,
+    },
+    /// A state beyond the last one.
+    #[error("state {state} does not exist, {states} states are grouped (0 to {})", states.saturating_sub(1))]
+    State {
+        /// The state asked for, from 0.
+        state: usize,
+        /// How many states there are.
+        states: usize,
+    },
+    /// A belief of another size.
+    #[error("the belief has {found} states, expected {expected}")]
+    Belief {
+        /// Its states.
+        found: usize,
+        /// The states, or groups, that there are.
+        expected: usize,
+    },
+}
+
+/// A map from states to groups: places that were expanded into several states,
+/// by age ([`DwellTransition`](crate::DwellTransition)) or by heading
+/// ([`KroneckerTransition`](crate::KroneckerTransition)), or places of a
+/// district.
+///
+/// It brings beliefs and paths back to groups;
+/// [`GroupedLikelihood`](crate::GroupedLikelihood) is a sensor that sees only
+/// them. Memory: 16 bytes a state.
+///
+/// ```
+/// use wayfix::{Belief, Groups};
+///
+/// let districts = Groups::new(vec![0, 0, 1])?;
+/// let belief = Belief::new(vec![0.25, 0.5, 0.25])?;
+/// assert_eq!(districts.marginal(&belief)?.as_slice(), [0.75, 0.25]);
+/// assert_eq!(districts.map_path(&[1, 2])?, [0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Groups {
+    /// The group of each state.
+    of: Vec<usize>,
+    /// The states, group after group; group g ends before `ends[g]`.
+    states: Vec<usize>,
+    ends: Vec<usize>,
+}
+
+impl Groups {
+    /// From the group of each state; groups are numbered from 0 without gaps.
+    /// O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`GroupError`] for no states, or a number that is left out.
+    pub fn new(of: Vec<usize>) -> Result<Self, GroupError> {
+        let last = *of.iter().max().ok_or(GroupError::Empty)?;
+        // Were there more groups than states, one of the first n would be empty.
+        let mut seen = vec![false; of.len().min(last.saturating_add(1))];
+        for &group in &of {
+            if let Some(seen) = seen.get_mut(group) {
+                *seen = true;
+            }
+        }
+        match seen.iter().position(|seen| !seen) {
+            Some(group) => Err(GroupError::Gap { group, last }),
+            None => Ok(Self::numbered(of, last + 1)),
+        }
+    }
+
+    /// For groups that are known to be numbered without gaps.
+    pub(crate) fn numbered(of: Vec<usize>, count: usize) -> Self {
+        let mut ends = vec![0; count];
+        of.iter().for_each(|&group| ends[group] += 1);
+        let mut start = 0;
+        for end in &mut ends {
+            (*end, start) = (start, start + *end); // the start, until filled
+        }
+        let mut states = vec![0; of.len()];
+        for (state, &group) in of.iter().enumerate() {
+            states[ends[group]] = state;
+            ends[group] += 1;
+        }
+        Self { of, states, ends }
+    }
+
+    /// The number of groups.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// The group of each state.
+    #[must_use]
+    pub fn as_slice(&self) -> &[usize] {
+        &self.of
+    }
+
+    /// The group of a state, or `None` if there is no such state.
+    #[must_use]
+    pub fn group_of(&self, state: usize) -> Option<usize> {
+        self.of.get(state).copied()
+    }
+
+    /// The states of a group in ascending order; none if there is no such group.
+    #[must_use]
+    pub fn states(&self, group: usize) -> impl ExactSizeIterator<Item = usize> + Clone {
+        let end = self.ends.get(group).copied().unwrap_or(0);
+        let start = if end > 0 && group > 0 { self.ends[group - 1] } else { 0 };
+        self.states[start..end].iter().copied()
+    }
+
+    /// The probability of each group: the sum over its states. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`GroupError::Belief`] if the belief is not over these states.
+    pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, GroupError> {
+        let (found, expected) = (belief.states(), self.of.len());
+        if found != expected {
+            return Err(GroupError::Belief { found, expected });
+        }
+        let mut sums = vec![0.0; self.count()];
+        self.of.iter().zip(belief.values()).for_each(|(&group, p)| sums[group] += p);
+        Ok(Belief::known(sums))
+    }
+
+    /// The groups that a path leads through, one a step.
+    ///
+    /// # Errors
+    ///
+    /// [`GroupError::State`] for a state that does not exist.
+    pub fn map_path(&self, path: &[usize]) -> Result<Vec<usize>, GroupError> {
+        let states = self.of.len();
+        let group =
+            |&state: &usize| self.group_of(state).ok_or(GroupError::State { state, states });
+        path.iter().map(group).collect()
+    }
+}

@@ -1,0 +1,104 @@
+//! Sensors that see only the group of a state.
+
+use rand::Rng;
+
+use super::diagonal::Values;
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::{HmmError, LikelihoodError};
+use crate::groups::Groups;
+
+/// A sensor of groups as one of states: all states of a group have its
+/// likelihood. For a camera that sees the place, but not how long the vehicle
+/// has been there or where it heads.
+///
+/// O(n) a step on top of the sensor's own.
+///
+/// ```
+/// use wayfix::{Belief, DenseTransition, GroupedLikelihood, Groups, Hmm, Prior, TableLikelihood};
+///
+/// // Two states of place 0 and one of place 1.
+/// let camera = TableLikelihood::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;
+/// let camera = GroupedLikelihood::new(camera, Groups::new(vec![0, 0, 1])?)?;
+/// let prior = Prior::AtFirstObservation(Belief::new(vec![0.25, 0.25, 0.5])?);
+/// let hmm = Hmm::new(prior, DenseTransition::from_fn(3, |_, _| 1.0 / 3.0)?, camera)?;
+/// let mut filter = hmm.filter();
+/// filter.step(&1)?;
+/// assert_eq!(filter.belief().as_slice(), [0.125, 0.125, 0.75]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct GroupedLikelihood<B> {
+    sensor: B,
+    groups: Groups,
+}
+
+impl<B: Likelihood> GroupedLikelihood<B> {
+    /// The sensor, whose states are the groups.
+    ///
+    /// # Errors
+    ///
+    /// [`HmmError::StateCount`] if the sensor has not a state for each group.
+    pub fn new(sensor: B, groups: Groups) -> Result<Self, HmmError> {
+        let (found, expected) = (sensor.states(), groups.count());
+        if found != expected {
+            let (part, first) = ("sensor", "number of groups");
+            return Err(HmmError::StateCount { part, found, first, expected });
+        }
+        Ok(Self { sensor, groups })
+    }
+
+    /// Which states it takes for one.
+    pub fn groups(&self) -> &Groups {
+        &self.groups
+    }
+}
+
+impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
+    type Observation = B::Observation;
+
+    fn states(&self) -> usize {
+        self.groups.as_slice().len()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let n = self.states();
+        let (states, parts) = scratch.with_parts(n, 2);
+        let (inner, logs) = parts.split_at_mut(1);
+        let diagonal = self.sensor.diagonal(observation, &mut inner[0])?;
+        let (found, expected) = (diagonal.len(), self.groups.count());
+        if found != expected {
+            return Err(LikelihoodError::WrongLength { found, expected });
+        }
+        let expand = |groups: &[f64], out: &mut [f64]| {
+            out.iter_mut().zip(self.groups.as_slice()).for_each(|(out, &g)| *out = groups[g]);
+        };
+        let values = match diagonal.values {
+            Values::Linear(groups) | Values::Log(groups) => {
+                expand(groups, states);
+                let log = matches!(diagonal.values, Values::Log(_));
+                if log { Values::Log(states) } else { Values::Linear(states) }
+            }
+            // No group is empty, so the largest value stays.
+            Values::Checked { linear, largest, log2 } => {
+                expand(linear, states);
+                let log2 = log2.map(|log2| {
+                    let out = logs[0].values(n);
+                    expand(log2, out);
+                    &*out
+                });
+                Values::Checked { linear: states, largest, log2 }
+            }
+        };
+        Ok(Diagonal { values, log_factor: diagonal.log_factor })
+    }
+}
+
+impl<B: SampleObservation> SampleObservation for GroupedLikelihood<B> {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+        self.sensor.sample(self.groups.as_slice()[state], rng)
+    }
+}

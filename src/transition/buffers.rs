@@ -1,0 +1,46 @@
+//! Memory for products that are taken in two passes.
+
+use std::cell::RefCell;
+use std::thread::LocalKey;
+
+thread_local! {
+    static NUMBERS: RefCell<Vec<Vec<f64>>> = const { RefCell::new(Vec::new()) };
+    static INDICES: RefCell<Vec<Vec<u32>>> = const { RefCell::new(Vec::new()) };
+}
+
+/// What buffers hold: numbers, or states as 32-bit indices.
+pub(super) trait Pooled: Copy + Default + 'static {
+    fn pool() -> &'static LocalKey<RefCell<Vec<Vec<Self>>>>;
+}
+
+impl Pooled for f64 {
+    fn pool() -> &'static LocalKey<RefCell<Vec<Vec<f64>>>> {
+        &NUMBERS
+    }
+}
+
+impl Pooled for u32 {
+    fn pool() -> &'static LocalKey<RefCell<Vec<Vec<u32>>>> {
+        &INDICES
+    }
+}
+
+/// Lends `count` values, with whatever was left in them.
+///
+/// Buffers are kept for each thread, last in first out: the same calls, however
+/// they nest, get the same buffers again, and allocate only the first time.
+pub(super) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
+    let mut buffer = T::pool().with_borrow_mut(Vec::pop).unwrap_or_default();
+    buffer.resize(count, T::default());
+    let result = work(&mut buffer);
+    T::pool().with_borrow_mut(|pool| pool.push(buffer));
+    result
+}
+
+/// As [`with`], two of the same size.
+pub(super) fn with_two<T: Pooled, R>(
+    count: usize,
+    work: impl FnOnce(&mut [T], &mut [T]) -> R,
+) -> R {
+    with(count, |first| with(count, |second| work(first, second)))
+}

@@ -1,0 +1,193 @@
+//! Two things that move side by side: place × heading, place × gear.
+
+use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
+use crate::error::TransitionError;
+use crate::groups::Groups;
+
+/// The operator of pairs of states that move independently, A₁ ⊗ A₂, without
+/// its matrix.
+///
+/// The pair (i₁, i₂) is state i₁ n₂ + i₂, and A\[(i₁, i₂), (j₁, j₂)\] =
+/// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors are driven by the same control. To
+/// nest them makes triples.
+///
+/// A product is one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ +
+/// e₂)) for e entries a state, where the matrix has n e₁ e₂. The same holds for
+/// a step of Viterbi.
+///
+/// ```
+/// use wayfix::{Ends, KroneckerTransition, SparseTransition, Transition, WindowTransition};
+///
+/// let place = WindowTransition::new(4, 1, &[1.0], Ends::Loop)?; // one on
+/// let lane = SparseTransition::from_rows(2, &[0.75, 0.25, 0.25, 0.75])?;
+/// let a = KroneckerTransition::new(place, lane)?;
+/// let mut out = [0.0; 8];
+/// a.apply(&(), &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);
+/// assert_eq!(out, [0.0, 0.0, 0.75, 0.25, 0.0, 0.0, 0.0, 0.0]);
+/// assert_eq!(a.index(1, 0), Some(2));
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone, Copy)]
+pub struct KroneckerTransition<A1, A2> {
+    first: A1,
+    second: A2,
+}
+
+impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<A1, A2> {
+    /// The pairs of the states of two operators.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] if there are none, or
+    /// [`TransitionError::TooMany`] if there are more than 2^32 − 1.
+    pub fn new(first: A1, second: A2) -> Result<Self, TransitionError> {
+        let count = first.states().saturating_mul(second.states());
+        if count == 0 {
+            return Err(TransitionError::Empty);
+        }
+        check_count("states", count)?;
+        Ok(Self { first, second })
+    }
+
+    /// The state that is this pair, or `None` if there is none.
+    pub fn index(&self, first: usize, second: usize) -> Option<usize> {
+        let (n1, n2) = (self.first.states(), self.second.states());
+        (first < n1 && second < n2).then(|| first * n2 + second)
+    }
+
+    /// The pair that a state is, or `None` if there is no such state.
+    pub fn parts(&self, state: usize) -> Option<(usize, usize)> {
+        (state < self.states()).then(|| self.split(state))
+    }
+
+    /// The states grouped by their first part: for the probabilities of places,
+    /// say, or a sensor that sees only them.
+    pub fn first_groups(&self) -> Groups {
+        let first = (0..self.states()).map(|state| self.split(state).0);
+        Groups::numbered(first.collect(), self.first.states())
+    }
+
+    /// The states grouped by their second part.
+    pub fn second_groups(&self) -> Groups {
+        let second = (0..self.states()).map(|state| self.split(state).1);
+        Groups::numbered(second.collect(), self.second.states())
+    }
+
+    fn split(&self, state: usize) -> (usize, usize) {
+        let n2 = self.second.states();
+        (state / n2, state % n2)
+    }
+
+    /// A product of A₂ with each row of pairs, then one of A₁ with each column.
+    fn product(
+        &self,
+        x: &[f64],
+        out: &mut [f64],
+        second: impl Fn(&[f64], &mut [f64]),
+        first: impl Fn(&[f64], &mut [f64]),
+    ) {
+        check_slices(self.states(), x, out);
+        let (n1, n2) = (self.first.states(), self.second.states());
+        x.chunks_exact(n2).zip(out.chunks_exact_mut(n2)).for_each(|(x, out)| second(x, out));
+        buffers::with_two(n1, |column, result| {
+            for i2 in 0..n2 {
+                gather(&out[i2..], n2, column);
+                first(column, result);
+                scatter(result, &mut out[i2..], n2);
+            }
+        });
+    }
+}
+
+/// Every n₂-th value.
+fn gather<T: Copy>(x: &[T], n2: usize, out: &mut [T]) {
+    out.iter_mut().zip(x.iter().step_by(n2)).for_each(|(out, x)| *out = *x);
+}
+
+fn scatter<T: Copy>(x: &[T], out: &mut [T], n2: usize) {
+    out.iter_mut().step_by(n2).zip(x).for_each(|(out, x)| *out = *x);
+}
+
+impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
+    for KroneckerTransition<A1, A2>
+{
+    type Control = A1::Control;
+
+    fn states(&self) -> usize {
+        self.first.states() * self.second.states()
+    }
+
+    fn apply(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
+        let second = |x: &[f64], out: &mut [f64]| self.second.apply(control, x, out);
+        self.product(x, out, second, |x, out| self.first.apply(control, x, out));
+    }
+
+    fn apply_transpose(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
+        let second = |x: &[f64], out: &mut [f64]| self.second.apply_transpose(control, x, out);
+        self.product(x, out, second, |x, out| self.first.apply_transpose(control, x, out));
+    }
+
+    fn apply_log(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
+        let second = |x: &[f64], out: &mut [f64]| self.second.apply_log(control, x, out);
+        self.product(x, out, second, |x, out| self.first.apply_log(control, x, out));
+    }
+
+    fn apply_transpose_log(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
+        let second = |x: &[f64], out: &mut [f64]| self.second.apply_transpose_log(control, x, out);
+        self.product(x, out, second, |x, out| self.first.apply_transpose_log(control, x, out));
+    }
+
+    fn check_control(&self, control: &A1::Control) -> Result<(), TransitionError> {
+        self.first.check_control(control)?;
+        self.second.check_control(control)
+    }
+}
+
+impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> TransitionEntries
+    for KroneckerTransition<A1, A2>
+{
+    fn incoming(&self, control: &A1::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        let ((i1, i2), n2) = (self.split(to), self.second.states());
+        let pairs = self.first.incoming(control, i1).flat_map(move |(j1, p1)| {
+            let second = self.second.incoming(control, i2);
+            second.map(move |(j2, p2)| (j1 * n2 + j2, p1 * p2))
+        });
+        pairs.filter(|entry| entry.1 > 0.0) // a product may underflow
+    }
+
+    fn outgoing(&self, control: &A1::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        let ((j1, j2), n2) = (self.split(from), self.second.states());
+        let pairs = self.first.outgoing(control, j1).flat_map(move |(i1, p1)| {
+            let second = self.second.outgoing(control, j2);
+            second.map(move |(i2, p2)| (i1 * n2 + i2, p1 * p2))
+        });
+        pairs.filter(|entry| entry.1 > 0.0)
+    }
+
+    fn max_product(&self, control: &A1::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        check_slices(self.states(), x, out);
+        let (n1, n2) = (self.first.states(), self.second.states());
+        let rows = out.chunks_exact_mut(n2).zip(from.chunks_exact_mut(n2));
+        for (x, (out, from)) in x.chunks_exact(n2).zip(rows) {
+            self.second.max_product(control, x, out, from);
+        }
+        buffers::with_two(n1, |column, result| {
+            buffers::with_two(n1, |second, first| {
+                for i2 in 0..n2 {
+                    gather(&out[i2..], n2, column);
+                    gather(&from[i2..], n2, second);
+                    self.first.max_product(control, column, result, first);
+                    scatter(result, &mut out[i2..], n2);
+                    // The lowest j₁, and the lowest j₂ for it. What cannot be
+                    // reached comes from nowhere.
+                    for (best, j1) in result.iter().zip(&mut *first) {
+                        let j = *j1 as usize;
+                        *j1 =
+                            if *best > f64::NEG_INFINITY { *j1 * n2 as u32 + second[j] } else { 0 };
+                    }
+                    scatter(first, &mut from[i2..], n2);
+                }
+            });
+        });
+    }
+}

@@ -1,0 +1,272 @@
+//! A window along a route: the same moves from every place.
+
+use std::ops::Range;
+
+use super::{Transition, TransitionEntries, check_count, check_slices, check_sum, log};
+use crate::error::TransitionError;
+use crate::kernels::log2;
+
+/// What a [`WindowTransition`] does with moves beyond the ends of the route.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Ends {
+    /// The route is closed: after the last place comes the first.
+    Loop,
+    /// Whatever would go beyond an end stops there.
+    Stop,
+    /// What stays on the route is scaled to sum to one.
+    Renormalise,
+}
+
+/// The places of a route in order, and one distribution of how many of them
+/// the vehicle goes on: a banded matrix, of which only the window is stored.
+///
+/// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), and
+/// O(w) for each place from which the window reaches beyond an end. Listing
+/// what leads *into* a state costs O(w + those places · log w).
+///
+/// ```
+/// use wayfix::{Ends, Transition, WindowTransition};
+///
+/// // One place back, none, or one on; the route ends after four places.
+/// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], Ends::Stop)?;
+/// let mut out = [0.0; 4];
+/// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);
+/// assert_eq!(out, [0.0, 0.0, 0.125, 0.875]);
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct WindowTransition {
+    states: usize,
+    /// Place j goes to j + first + `to` of each entry of the window…
+    first: isize,
+    window: Vec<Entry>,
+    /// …if j is one of these.
+    whole: Range<usize>,
+    /// The columns of the places before these, and after.
+    before: Vec<Vec<Entry>>,
+    after: Vec<Vec<Entry>>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Entry {
+    to: usize,
+    value: f64,
+    log2: f64,
+}
+
+/// Places that are handled at a time, so that they stay in the cache.
+const BLOCK: usize = 2048;
+
+impl WindowTransition {
+    /// From place j the vehicle goes to j + `first` + d with probability
+    /// `weights[d]`. O(w log w) for each place near an end.
+    ///
+    /// On a loop, moves that lead to the same place add up, so the window may
+    /// be longer than the route.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] for no states or more than 2^32 − 1 of them, for a
+    /// weight that is NaN, negative or infinite, for weights that do not sum to
+    /// one within 1e-9, and, with [`Ends::Renormalise`],
+    /// [`TransitionError::ColumnSum`] for a place from which every move leaves
+    /// the route.
+    pub fn new(
+        states: usize,
+        first: isize,
+        weights: &[f64],
+        ends: Ends,
+    ) -> Result<Self, TransitionError> {
+        if states == 0 {
+            return Err(TransitionError::Empty);
+        }
+        check_count("states", states)?;
+        check_sum(weights, "the sum of the weights".into(), |d| {
+            format!("the weight of offset {}", first.saturating_add_unsigned(d))
+        })?;
+        let n = states.cast_signed();
+        // The same loop, with offsets as near to 0 as can be.
+        let around = first.rem_euclid(n);
+        let first = match ends {
+            Ends::Loop if around > n / 2 => around - n,
+            Ends::Loop => around,
+            Ends::Stop | Ends::Renormalise => first,
+        };
+        let leading = weights.iter().take_while(|w| **w == 0.0).count();
+        let first = first.saturating_add_unsigned(leading);
+        let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
+        let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
+        let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
+        let start = first.min(0).unsigned_abs();
+        let end = states.saturating_sub(last.max(0).unsigned_abs());
+        let whole = if start < end { start..end } else { states..states };
+        let column = |from: usize| {
+            let to = |entry: &Entry| {
+                from.cast_signed().saturating_add(first).saturating_add_unsigned(entry.to)
+            };
+            let reached = window.iter().filter_map(|entry| match (to(entry), ends) {
+                (to, Ends::Loop) => Some((to.rem_euclid(n).cast_unsigned(), entry.value)),
+                (to, Ends::Stop) => Some((to.clamp(0, n - 1).cast_unsigned(), entry.value)),
+                (to, Ends::Renormalise) => {
+                    (0..n).contains(&to).then_some((to.cast_unsigned(), entry.value))
+                }
+            });
+            let mut column: Vec<_> = reached.collect();
+            column.sort_by_key(|entry| entry.0);
+            column.dedup_by(|next, kept| {
+                let same = next.0 == kept.0;
+                kept.1 += if same { next.1 } else { 0.0 };
+                same
+            });
+            let sum = column.iter().fold(0.0, |sum, entry| sum + entry.1);
+            let scale = if ends == Ends::Renormalise { sum } else { 1.0 };
+            if scale == 0.0 {
+                return Err(TransitionError::ColumnSum { column: from, sum });
+            }
+            Ok(column.into_iter().map(|(to, value)| Entry::new(to, value / scale)).collect())
+        };
+        let before = (0..whole.start).map(column).collect::<Result<_, _>>()?;
+        let after = (whole.end..states).map(column).collect::<Result<_, _>>()?;
+        Ok(Self { states, first, window, whole, before, after })
+    }
+
+    /// The columns near the ends, with their places.
+    fn before(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (0..).zip(&self.before)
+    }
+
+    fn after(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
+        (self.whole.end..).zip(&self.after)
+    }
+
+    /// The places with a whole window, in blocks.
+    fn blocks(&self) -> impl Iterator<Item = Range<usize>> {
+        let starts = self.whole.clone().step_by(BLOCK);
+        starts.map(|start| start..self.whole.end.min(start + BLOCK))
+    }
+
+    /// Where an entry of the window leads from a block.
+    fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
+        let start = block.start.wrapping_add_signed(self.first) + entry.to;
+        start..start + block.len()
+    }
+
+    fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        assert!(from < self.states, "there is no state {from}");
+        let (base, entries) = if self.whole.contains(&from) {
+            (from.wrapping_add_signed(self.first), &self.window)
+        } else {
+            let after = from.checked_sub(self.whole.end).map(|at| &self.after[at]);
+            (0, after.unwrap_or_else(|| &self.before[from]))
+        };
+        entries.iter().map(move |entry| (base + entry.to, entry.value))
+    }
+}
+
+impl Entry {
+    fn new(to: usize, value: f64) -> Self {
+        Self { to, value, log2: log2(value) }
+    }
+}
+
+impl Transition for WindowTransition {
+    type Control = ();
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states, x, out);
+        out.fill(0.0);
+        for block in self.blocks() {
+            for entry in &self.window {
+                let out = &mut out[self.target(&block, entry)];
+                out.iter_mut().zip(&x[block.clone()]).for_each(|(out, x)| *out += entry.value * x);
+            }
+        }
+        for (from, column) in self.before().chain(self.after()) {
+            column.iter().for_each(|entry| out[entry.to] += entry.value * x[from]);
+        }
+    }
+
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states, x, out);
+        for block in self.blocks() {
+            let out = &mut out[block.clone()];
+            out.fill(0.0);
+            for entry in &self.window {
+                let x = &x[self.target(&block, entry)];
+                out.iter_mut().zip(x).for_each(|(out, x)| *out += entry.value * x);
+            }
+        }
+        for (from, column) in self.before().chain(self.after()) {
+            out[from] = column.iter().map(|entry| entry.value * x[entry.to]).sum();
+        }
+    }
+
+    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states, x, out);
+        out.fill(f64::NEG_INFINITY);
+        for (from, &x) in x.iter().enumerate() {
+            self.column(from).for_each(|(to, value)| out[to] = log::add(out[to], value.ln() + x));
+        }
+    }
+
+    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        check_slices(self.states, x, out);
+        for (from, out) in out.iter_mut().enumerate() {
+            *out = log::sum(self.column(from), x);
+        }
+    }
+}
+
+impl TransitionEntries for WindowTransition {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        assert!(to < self.states, "there is no state {to}");
+        let find = move |(from, column): (usize, &Vec<Entry>)| {
+            let at = column.binary_search_by_key(&to, |entry| entry.to).ok()?;
+            Some((from, column[at].value))
+        };
+        // The farther the move, the lower the place that it comes from.
+        let whole = self.window.iter().rev().filter_map(move |entry| {
+            let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
+            self.whole.contains(&from).then_some((from, entry.value))
+        });
+        self.before().filter_map(find).chain(whole).chain(self.after().filter_map(find))
+    }
+
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.column(from)
+    }
+
+    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        check_slices(self.states, x, out);
+        out.fill(f64::NEG_INFINITY);
+        from.fill(0);
+        // Each state is offered its predecessors in ascending order, so that of
+        // equal ones the lowest stays.
+        let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
+            let better = value > *out;
+            *out = if better { value } else { *out };
+            *from = if better { place as u32 } else { *from };
+        };
+        let offer_column =
+            |(place, column): (usize, &Vec<Entry>), out: &mut [f64], from: &mut [u32]| {
+                for entry in column {
+                    offer(&mut out[entry.to], &mut from[entry.to], entry.log2 + x[place], place);
+                }
+            };
+        self.before().for_each(|column| offer_column(column, out, from));
+        for block in self.blocks() {
+            for entry in self.window.iter().rev() {
+                let target = self.target(&block, entry);
+                let best = out[target.clone()].iter_mut().zip(&mut from[target]);
+                for ((out, from), place) in best.zip(block.clone()) {
+                    offer(out, from, entry.log2 + x[place], place);
+                }
+            }
+        }
+        self.after().for_each(|column| offer_column(column, out, from));
+    }
+}

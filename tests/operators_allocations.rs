@@ -1,0 +1,72 @@
+//! Products of structured operators allocate nothing after the first. One test
+//! only, since the counter counts for the whole process.
+
+use std::alloc::System;
+
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use wayfix::{
+    Belief, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm, KnownState,
+    KroneckerTransition, PowerTransition, Prior, RestartTransition, SparseTransition,
+    TableLikelihood, TransitionEntries, WindowTransition,
+};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+/// How often memory was asked for.
+fn allocations(work: impl FnOnce()) -> usize {
+    let region = Region::new(ALLOCATOR);
+    work();
+    let change = region.change();
+    change.allocations + change.reallocations
+}
+
+fn check(name: &str, a: &impl TransitionEntries<Control = ()>) {
+    let n = a.states();
+    let (x, mut out, mut from) = (vec![1.0 / n as f64; n], vec![0.0; n], vec![0; n]);
+    let mut products = || {
+        a.apply(&(), &x, &mut out);
+        a.apply_transpose(&(), &x, &mut out);
+        a.apply_log(&(), &x, &mut out);
+        a.apply_transpose_log(&(), &x, &mut out);
+        a.max_product(&(), &x, &mut out, &mut from);
+    };
+    products();
+    let found = allocations(|| (0..3).for_each(|_| products()));
+    assert_eq!(found, 0, "{name}");
+}
+
+#[test]
+fn products_allocate_nothing_after_the_first() {
+    let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], Ends::Stop).unwrap();
+    let gears = || SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
+    let lost = || RestartTransition::new(route(), 0.125, Belief::uniform(20).unwrap()).unwrap();
+    let times = vec![vec![0.25, 0.25, 0.5]; 20];
+    let dwell = || DwellTransition::new(lost(), &times).unwrap();
+    check("window", &route());
+    check("restart", &lost());
+    check("power", &PowerTransition::new(lost(), 3));
+    check("dwell", &dwell());
+    let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
+    check("kronecker", &pairs());
+    let power = PowerTransition::new(pairs(), 2);
+    check("nested", &KroneckerTransition::new(gears(), power).unwrap());
+
+    // A filter on them, with a sensor of places.
+    let rows = (0..20).map(|i| [0.25 + f64::from(i) / 40.0, 0.75 - f64::from(i) / 40.0]);
+    let camera = TableLikelihood::from_rows(&rows.collect::<Vec<_>>()).unwrap();
+    let places = dwell().groups().clone();
+    let sensor = GroupedLikelihood::new(camera, places).unwrap();
+    let sensor = FusedLikelihood::new(sensor, KnownState::new(60)).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(60).unwrap());
+    let hmm = Hmm::new(prior, dwell(), sensor).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&(1, None)).unwrap();
+    let found = allocations(|| {
+        for k in 0..100 {
+            filter.step(&(k % 2, None)).unwrap();
+        }
+        filter.step(&(0, Some(filter.belief().mode()))).unwrap();
+    });
+    assert_eq!(found, 0, "filter");
+}
