@@ -83,14 +83,11 @@
 //! logarithms: adding a constant to the log-likelihoods of a step changes the
 //! log-likelihood by it, and nothing else but by rounding. Where doubles do not
 //! hold a belief, it is kept in logarithms, so that one wild sighting does not
-//! rule out for good what it makes 1e-1000 as likely. The exception is a
-//! [`TableLikelihood`]: after a symbol of it, what is below 2.2e-308 of the
-//! whole (the smallest normal double) is 0 in filter and smoother, because the
-//! tails that tables hold would make every step a slow one.
+//! rule out for good what it makes 1e-1000 as likely.
 //!
-//! A step in logarithms takes several times as long. A sensor with a floor,
-//! such as a Gaussian mixed with a little of everything else, never needs one,
-//! and is the better model of a sensor that can be wrong.
+//! A step in logarithms takes some ten times as long. Where the tails of a
+//! sensor are not to be believed anyway, [`RoundedTails`] spares them; the
+//! sensors of [`observation`] with a Gaussian come so.
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it
@@ -146,7 +143,7 @@ pub use inference::{
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LogLikelihoodFn, OptionalLikelihood, SampleObservation, Scratch, TableLikelihood,
+    LogLikelihoodFn, OptionalLikelihood, RoundedTails, SampleObservation, Scratch, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

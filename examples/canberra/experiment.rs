@@ -145,9 +145,12 @@ impl Setting {
     }
 }
 
-type Model = wayfix::Hmm<wayfix::SparseTransition, wayfix::TableLikelihood>;
-
-fn drive(hmm: &Model, setting: &Setting, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
+fn drive(
+    hmm: &wayfix::canberra::Model,
+    setting: &Setting,
+    seed: u64,
+    run: u64,
+) -> Result<Drive, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let number =
         SETTINGS.iter().position(|s| s.initial == setting.initial && s.sigma == setting.sigma);

@@ -31,7 +31,7 @@ mod roads;
 use crate::belief::Belief;
 use crate::error::HmmError;
 use crate::hmm::{Hmm, Prior};
-use crate::likelihood::TableLikelihood;
+use crate::likelihood::{RoundedTails, TableLikelihood};
 use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
 use crate::observation::{Confusion, Metric, ObservationError};
 use crate::transition::SparseTransition;
@@ -42,6 +42,9 @@ pub const MEAN_CORRECT: f64 = 0.7;
 
 /// The number of places.
 pub const PLACES: usize = places::PLACES.len();
+
+/// The model of the paper's experiments.
+pub type Model = Hmm<SparseTransition, RoundedTails<TableLikelihood>>;
 
 /// Why there is no model for these arguments.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -87,7 +90,7 @@ pub fn turning() -> TurningProbabilities {
 /// # Errors
 ///
 /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0.
-pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
+pub fn sensor(sigma: f64) -> Result<RoundedTails<TableLikelihood>, ObservationError> {
     let map = map();
     Confusion::new(&map, MEAN_CORRECT)?.with_gaussian(&map, Metric::Index, sigma)
 }
@@ -99,10 +102,7 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
 /// # Errors
 ///
 /// [`CanberraError`] if there is no such place, or `sigma` is not above 0.
-pub fn hmm(
-    initial: u64,
-    sigma: f64,
-) -> Result<Hmm<SparseTransition, TableLikelihood>, CanberraError> {
+pub fn hmm(initial: u64, sigma: f64) -> Result<Model, CanberraError> {
     let state = map().index_of_id(initial).ok_or(CanberraError::Place(initial))?;
     let certain = Belief::certain(PLACES, state).map_err(|_| CanberraError::Place(initial))?;
     let prior = Prior::BeforeFirstTransition(certain);

@@ -14,8 +14,8 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
-    /// it is 0. (With a [table](crate::TableLikelihood) filter and smoother
-    /// count what was below 2.2e-308 of the whole as ruled out, too.)
+    /// it is 0. (After a sensor with [rounded tails](crate::RoundedTails) that
+    /// counts as 0, too, which was below 2.2e-308 of the whole.)
     #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.

@@ -27,8 +27,8 @@ use crate::transition::Transition;
 ///
 /// What a double does not hold (below 2.2e-308 of the whole) is kept in
 /// logarithms, at some cost in time, so that the filter can come back to such a
-/// state. Only after an observation of a [table](crate::TableLikelihood) it
-/// rounds to 0.
+/// state. Only after a sensor with [rounded tails](crate::RoundedTails) it
+/// becomes 0.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -168,19 +168,10 @@ where
     ///
     /// [`InferenceError`] if a control is not valid.
     pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
-        let mut belief = self.state.belief.clone();
-        let mut lifted = vec![0.0; belief.states()];
-        let mut next = lifted.clone();
-        for (number, control) in (self.state.steps + 1..).zip(controls) {
-            let control = self.model.prior().moves_at(number).then_some(control);
-            let step = Step { hmm: &*self.model, number, control };
-            kernels::lift(belief.as_slice(), &mut lifted);
-            step.predict(&lifted, &mut next)?;
-            let sum = step.check_prediction(&next)?;
-            normalise(&mut next, sum);
-            mem::swap(belief.as_mut_vec(), &mut next);
-        }
-        Ok(belief)
+        let mut ahead = Filter::new(&*self.model);
+        ahead.restore(&self.state)?;
+        controls.iter().try_for_each(|control| ahead.predict_with(control))?;
+        Ok(ahead.state.belief)
     }
 
     /// The present belief: p(X_k | y_1 … y_k) after an update, the predicted

@@ -124,8 +124,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// In linear space, unless logarithms are needed: because the belief before
     /// is kept so, because the observation contradicts the prediction by more
     /// than 2^32, or because a state that is possible would get 0. The last does
-    /// not count after a table: the far tails that tables hold would make every
-    /// step a slow one.
+    /// not count after a sensor with rounded tails.
     pub(super) fn advance(
         &self,
         observation: &B::Observation,
@@ -190,7 +189,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Err(InferenceError::Impossible { step: self.number });
         };
         let log = normaliser + log_scale + diagonal.log_factor;
-        let in_logs = !is_table(&diagonal) && loses(results.logs, results.after);
+        let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
         Ok(Advanced { log, in_logs })
     }
 
@@ -236,15 +235,10 @@ pub(super) fn is_one(sum: f64) -> bool {
     (sum - 1.0).abs() <= 1e-6
 }
 
-/// Whether the likelihood comes from a table.
-fn is_table(diagonal: &Diagonal<'_>) -> bool {
-    matches!(diagonal.values, Values::Checked { log2: Some(_), .. })
-}
-
 /// Whether a state that prediction and likelihood allow has got 0, or a scaled
 /// likelihood too small to have all its digits; and whether that matters.
 fn loses_states(diagonal: &Diagonal<'_>, scaled: &[f64], predicted: &[f64], after: &[f64]) -> bool {
-    if is_table(diagonal) {
+    if diagonal.tails_rounded {
         return false;
     }
     let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {

@@ -11,6 +11,8 @@ use crate::kernels;
 pub struct Diagonal<'a> {
     pub(crate) values: Values<'a>,
     pub(crate) log_factor: f64,
+    /// Whether what is below the smallest normal double may become 0.
+    pub(crate) tails_rounded: bool,
 }
 
 /// In which form the likelihoods are.
@@ -29,7 +31,7 @@ impl<'a> Diagonal<'a> {
     /// From likelihoods, each finite and at least 0.
     #[must_use]
     pub fn linear(values: &'a [f64]) -> Self {
-        Self { values: Values::Linear(values), log_factor: 0.0 }
+        Self::of(Values::Linear(values))
     }
 
     /// From natural logarithms of likelihoods, each finite or −∞ (which is a
@@ -39,7 +41,7 @@ impl<'a> Diagonal<'a> {
     /// exponent are handled exactly.
     #[must_use]
     pub fn log(values: &'a [f64]) -> Self {
-        Self { values: Values::Log(values), log_factor: 0.0 }
+        Self::of(Values::Log(values))
     }
 
     /// The same with ln c added to every log-likelihood: c is a factor that
@@ -49,9 +51,13 @@ impl<'a> Diagonal<'a> {
         Self { log_factor: self.log_factor + log_factor, ..self }
     }
 
+    pub(crate) fn of(values: Values<'a>) -> Self {
+        Self { values, log_factor: 0.0, tails_rounded: false }
+    }
+
     /// For values that are known to be valid and have this maximum.
     pub(crate) fn checked(linear: &'a [f64], largest: f64, log2: Option<&'a [f64]>) -> Self {
-        Self { values: Values::Checked { linear, largest, log2 }, log_factor: 0.0 }
+        Self::of(Values::Checked { linear, largest, log2 })
     }
 
     pub(crate) fn len(&self) -> usize {

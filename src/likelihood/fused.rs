@@ -71,14 +71,16 @@ where
         let second = self.second.diagonal(second, &mut right[0])?;
         let largest = (first.check(n)?, second.check(n)?);
         let log_factor = first.log_factor + second.log_factor;
+        let tails_rounded = first.tails_rounded && second.tails_rounded;
         if multiply(first.values, second.values, product) {
-            return Ok(Diagonal::linear(product).with_log_factor(log_factor));
+            return Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::linear(product) });
         }
         // Shifts of both are taken out first, so that the sums keep their digits.
         let shift = (shift(first.values, largest.0), shift(second.values, largest.1));
         let logs = first.logs().zip(second.logs());
         product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
-        Ok(Diagonal::log(product).with_log_factor(log_factor + (shift.0 + shift.1)))
+        let log_factor = log_factor + (shift.0 + shift.1);
+        Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::log(product) })
     }
 }
 

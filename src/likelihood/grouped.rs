@@ -93,7 +93,7 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
                 Values::Checked { linear: states, largest, log2 }
             }
         };
-        Ok(Diagonal { values, log_factor: diagonal.log_factor })
+        Ok(Diagonal { values, ..diagonal })
     }
 }
 

@@ -7,6 +7,7 @@ mod grouped;
 mod known;
 mod optional;
 mod reestimate;
+mod rounded;
 mod shared;
 mod table;
 mod vector;
@@ -18,6 +19,7 @@ pub use fused::FusedLikelihood;
 pub use grouped::GroupedLikelihood;
 pub use known::KnownState;
 pub use optional::OptionalLikelihood;
+pub use rounded::RoundedTails;
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
 

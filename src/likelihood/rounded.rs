@@ -1,0 +1,98 @@
+//! Sensors whose far tails need not be kept.
+
+use std::error::Error;
+use std::ops::Deref;
+
+use rand::Rng;
+
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::LikelihoodError;
+use crate::inference::LearnLikelihood;
+
+/// A sensor after which filter and smoother may round to 0 what is below
+/// 2.2e-308 of the whole (the smallest normal double); else the same.
+///
+/// For sensors with tails that are not to be believed, such as those of a
+/// Gaussian: on a map they make nearly every belief hold values beyond doubles,
+/// and keeping these in logarithms takes some ten times as long. The price: a
+/// state so improbable does not come back, even if all later observations speak
+/// for it.
+///
+/// ```
+/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, RoundedTails};
+///
+/// let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+/// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// let exact = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+/// let seen = [[0.0, -800.0], [-1000.0, 0.0]];
+/// assert_eq!(exact.smooth(&seen)?.posteriors().modes(), [1, 1]);
+///
+/// let sensor = RoundedTails(LikelihoodVector::log(2));
+/// let rounded = Hmm::new(exact.prior().clone(), exact.transition(), sensor)?;
+/// assert_eq!(rounded.smooth(&seen)?.posteriors().modes(), [0, 0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RoundedTails<B>(
+    /// The sensor.
+    pub B,
+);
+
+impl<B> Deref for RoundedTails<B> {
+    type Target = B;
+
+    fn deref(&self) -> &B {
+        &self.0
+    }
+}
+
+impl<B: Likelihood> Likelihood for RoundedTails<B> {
+    type Observation = B::Observation;
+
+    fn states(&self) -> usize {
+        self.0.states()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let diagonal = self.0.diagonal(observation, scratch)?;
+        Ok(Diagonal { tails_rounded: true, ..diagonal })
+    }
+}
+
+impl<B: SampleObservation> SampleObservation for RoundedTails<B> {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+        self.0.sample(state, rng)
+    }
+}
+
+impl<B: LearnLikelihood> LearnLikelihood for RoundedTails<B> {
+    type Statistics = B::Statistics;
+
+    fn statistics(&self) -> B::Statistics {
+        self.0.statistics()
+    }
+
+    fn add(&self, statistics: &mut B::Statistics, y: &B::Observation, posterior: &[f64]) {
+        self.0.add(statistics, y, posterior);
+    }
+
+    fn merge(&self, statistics: &mut B::Statistics, other: &B::Statistics) {
+        self.0.merge(statistics, other);
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &B::Statistics,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        Ok(Self(self.0.reestimate(statistics, pseudo_count)?))
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.0.log_prior(pseudo_count)
+    }
+}
