@@ -3,6 +3,7 @@
 
 use std::alloc::System;
 
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use wayfix::{
     Filter, FusedLikelihood, Hmm, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood, canberra,
@@ -40,6 +41,35 @@ fn a_step_allocates_nothing() {
 
     let snapshot = filter.snapshot();
     assert_eq!(allocations(|| filter.restore(&snapshot).unwrap()), 0, "restore");
+
+    // The other streams, once their window is full or their tree has grown.
+    let mut smoother = plain.fixed_lag(20);
+    let mut decoder = plain.online_viterbi();
+    let drive = plain.simulate(2000, &mut ChaCha8Rng::seed_from_u64(1));
+    for y in &drive.observations()[..1000] {
+        smoother.step(y).unwrap();
+        decoder.step(y).unwrap();
+    }
+    let found = allocations(|| {
+        for y in &drive.observations()[1000..] {
+            smoother.step(y).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "fixed lag, once the window is full");
+    // A level of the tree is two vectors, and levels are used again.
+    let mut most = [0, 0];
+    let mut other = plain.online_viterbi();
+    for (k, y) in drive.observations().iter().enumerate() {
+        other.step(y).unwrap();
+        most[k / 1000] = most[k / 1000].max(other.undecided().len());
+    }
+    let found = allocations(|| {
+        for y in &drive.observations()[1000..] {
+            std::hint::black_box(decoder.step(y).unwrap());
+        }
+    });
+    let grown = 2 * most[1].saturating_sub(most[0]);
+    assert!(found <= grown + 4, "online Viterbi: {found}, for a tree of {most:?} levels");
 
     // Sensors that fill memory of their own have it after the first step.
     let n = canberra::PLACES;

@@ -430,7 +430,10 @@ fn turning_and_sensors() {
 
 #[test]
 fn evaluation() {
-    says(evaluate::accuracy(&[1, 2], &[1]), "1 estimates for 2 true states, expected one each");
+    says(
+        evaluate::accuracy(&[1, 2], &[1]),
+        "1 estimates or controls for 2 states, expected one each",
+    );
     says(evaluate::accuracy(&[], &[]), "no states to score, expected at least one");
     says(
         evaluate::illegal_moves(&identity(), &[0, 2]),

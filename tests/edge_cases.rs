@@ -1,9 +1,10 @@
 //! Ties, empty and single-step sequences, one state, factors, and numbers at
 //! the limits of a double.
 
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
     Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
-    LikelihoodError, LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition,
+    LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior, Scratch, SparseTransition,
     TableLikelihood, TransitionEntries,
 };
 
@@ -354,4 +355,64 @@ fn a_filter_restarts_at_the_prior() {
     assert_ne!(filter.snapshot(), fresh);
     filter.restart();
     assert_eq!(filter.snapshot(), fresh);
+}
+
+/// A table whose symbols speak against a state by 1e-300 each, time and again,
+/// and then for it: nothing that was possible has been lost.
+#[test]
+fn a_table_erases_nothing() {
+    let table = TableLikelihood::from_rows(&[[1.0, 0.0, 1e-300], [1e-300, 1.0, 0.0]]).unwrap();
+    let hmm = Hmm::new(before(uniform(2)), identity(2), table).unwrap();
+    let ys = [0, 0, 0, 0, 0, 1];
+    let smoothing = hmm.smooth(&ys).unwrap();
+    assert_eq!(smoothing.posteriors().modes(), [1; 6]);
+    let expected = 5.0 * 1e-300_f64.ln() + 0.5_f64.ln();
+    assert!((smoothing.log_likelihood() - expected).abs() < 1e-9);
+    assert_eq!(hmm.viterbi(&ys).unwrap().states(), [1; 6]);
+    assert_eq!(hmm.expected_moves(&ys).unwrap().get(1, 1), 6.0);
+    assert_eq!(hmm.path_entropy(&ys).unwrap(), 0.0);
+}
+
+/// Every routine on one state, no steps, and one step.
+#[test]
+fn every_routine_has_an_answer_for_next_to_nothing() {
+    for n in [1, 3] {
+        for prior in [before(uniform(n)), Prior::AtFirstObservation(uniform(n))] {
+            let moves = f64::from(prior == before(uniform(n)));
+            let hmm = Hmm::new(prior, identity(n), LikelihoodVector::linear(n)).unwrap();
+            let none: [[f64; 3]; 0] = [];
+            let none = none.map(|y| y[..n].to_vec());
+            assert_eq!(hmm.score(&none).unwrap(), 0.0);
+            assert_eq!(hmm.forward(&none).unwrap().posteriors().steps(), 0);
+            assert_eq!(hmm.path_entropy(&none).unwrap(), 0.0);
+            assert_eq!(hmm.expected_moves(&none).unwrap().moves().len(), 0);
+            assert_eq!(hmm.k_best(&none, 5).unwrap().len(), 1);
+            assert!(hmm.k_best(&none, 0).unwrap().is_empty());
+            assert!(hmm.online_viterbi().undecided().is_empty());
+            let mut visited = 0;
+            hmm.smooth_each(&none, Order::Forward, |step| {
+                assert!(step.pairs().is_none());
+                assert_eq!(step.smoothed().as_slice(), uniform(n).as_slice());
+                visited += 1;
+            })
+            .unwrap();
+            assert_eq!(visited, 1);
+            assert_eq!(hmm.fixed_lag(2).lagged().as_slice(), uniform(n).as_slice());
+            let mut rng = ChaCha8Rng::seed_from_u64(1);
+            assert!(hmm.path_sampler(&none).unwrap().draw(&mut rng).is_empty());
+
+            let one = [vec![0.5; n]];
+            assert!((hmm.score(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
+            assert!((hmm.path_entropy(&one).unwrap() - (n as f64).ln()).abs() < 1e-15);
+            let paths = hmm.k_best(&one, 5).unwrap();
+            let states: Vec<_> = paths.iter().map(|path| path.states()[0]).collect();
+            assert_eq!(states, (0..n).collect::<Vec<_>>(), "tied: by state");
+            let sum: f64 = hmm.expected_moves(&one).unwrap().moves().map(|m| m.weight).sum();
+            assert!((sum - moves).abs() < 1e-15);
+            let mut decoder = hmm.online_viterbi();
+            let committed = decoder.step(&one[0]).unwrap().to_vec();
+            assert_eq!([committed, decoder.undecided()].concat(), [0]);
+            assert!(hmm.path_sampler(&one).unwrap().draw(&mut rng)[0] < n);
+        }
+    }
 }

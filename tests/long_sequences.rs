@@ -77,3 +77,34 @@ fn a_million_predictions_do_not_drift() {
     }
     assert_eq!(filter.log_likelihood(), 0.0);
 }
+
+/// The streams at length: what they say at the end is what the batch says.
+#[test]
+fn streams_of_a_hundred_thousand_steps_are_the_batch() {
+    let hmm = canberra::hmm(90, 2.0).unwrap();
+    let steps = 100_000;
+    let drive = hmm.simulate(steps, &mut ChaCha8Rng::seed_from_u64(8));
+    let ys = drive.observations();
+    let mut decoder = hmm.online_viterbi();
+    let mut path = Vec::new();
+    let mut most = 0;
+    let mut smoother = hmm.fixed_lag(3);
+    for y in ys {
+        path.extend_from_slice(decoder.step(y).unwrap());
+        most = most.max(decoder.steps() - path.len());
+        smoother.step(y).unwrap();
+    }
+    assert!(most < 1000, "{most} steps were undecided");
+    path.extend(decoder.undecided());
+    let batch = hmm.viterbi(ys).unwrap();
+    assert_eq!(path, batch.states());
+    assert_eq!(decoder.log_probability(), batch.log_probability());
+    let smoothing = hmm.smooth(ys).unwrap();
+    for k in steps - 3..=steps {
+        assert_eq!(smoother.get(k), smoothing.posteriors().get(k));
+    }
+    assert_eq!(hmm.score(ys).unwrap(), smoothing.log_likelihood());
+    let entropy = hmm.path_entropy(ys).unwrap();
+    let marginals: f64 = smoothing.posteriors().iter().skip(1).map(|b| b.entropy()).sum();
+    assert!(0.0 < entropy && entropy < marginals, "{entropy} of {marginals}");
+}

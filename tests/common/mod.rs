@@ -213,7 +213,8 @@ impl Model {
     }
 }
 
-fn log_add(sum: &mut f64, log: f64) {
+/// ln(e^sum + e^log), into the first.
+pub fn log_add(sum: &mut f64, log: f64) {
     let (high, low) = if *sum > log { (*sum, log) } else { (log, *sum) };
     *sum = if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() };
 }
