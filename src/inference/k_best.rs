@@ -74,13 +74,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let mut best: Vec<f64> = (list.iter().zip(&added))
                 .map(|(ways, added)| ways.first().map_or(f64::NEG_INFINITY, |w| w.score + added))
                 .collect();
-            let before = best.clone();
-            step.settle(&mut best, &mut taken_out)?;
-            for (i, ways) in list.iter_mut().enumerate() {
-                if best[i] == f64::NEG_INFINITY {
+            let floor = step.settle(&mut best, &mut taken_out)?;
+            for ((ways, best), added) in list.iter_mut().zip(&best).zip(&added) {
+                if *best == f64::NEG_INFINITY {
                     ways.clear();
                 }
-                ways.iter_mut().for_each(|way| way.score += added[i] - (before[i] - best[i]));
+                ways.iter_mut().for_each(|way| way.score = (way.score + added) - floor);
             }
             lists.push(list);
         }

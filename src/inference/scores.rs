@@ -74,19 +74,20 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// Takes a whole number out of scores; an error if all are −∞.
+    /// Takes a whole number out of scores, and returns it; an error if all are
+    /// −∞.
     pub(super) fn settle(
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<(), InferenceError> {
+    ) -> Result<f64, InferenceError> {
         let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if best == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
         let floor = taken_out.whole_of(best);
         scores.iter_mut().for_each(|score| *score -= floor);
-        Ok(())
+        Ok(floor)
     }
 }
 
