@@ -7,9 +7,10 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
-    Belief, Controlled, DenseTransition, Fixed, Hmm, LearnError, LearnTransition, Learned,
-    Learning, OptionalLikelihood, Prior, SparseTransition, StopReason, SwitchedTransition,
-    TableLikelihood, TiedTransition, canberra,
+    Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, GroupedLikelihood, Groups, Hmm,
+    KnownState, Labelled, LearnError, LearnTransition, Learned, Learning, OptionalLikelihood,
+    Prior, SparseTransition, StopReason, SwitchedTransition, TableLikelihood, TiedTransition,
+    canberra,
 };
 
 type Sensor = OptionalLikelihood<TableLikelihood>;
@@ -389,4 +390,129 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
         hmm.learn(&sequences, &bad).unwrap_err().to_string(),
         "the pseudo-count of the transitions is -1, expected a finite value of at least 0"
     );
+}
+
+/// Where every state is known, one step of Baum–Welch is counting; and a sensor
+/// that sees groups of one state each learns as one that sees states.
+#[test]
+fn learning_from_known_states_is_counting() {
+    let source = Hmm::new(
+        Prior::AtFirstObservation(Belief::new(vec![0.5, 0.3, 0.2]).unwrap()),
+        SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.6, 0.0, 0.0, 0.4, 0.5]).unwrap(),
+        TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7], [0.5, 0.5]]).unwrap(),
+    )
+    .unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(9);
+    let drives: Vec<_> = (0..20).map(|_| source.simulate(15, &mut rng)).collect();
+    let labelled: Vec<_> = drives
+        .iter()
+        .map(|d| Labelled { initial: None, states: d.states(), sequence: d.observations() })
+        .collect();
+    let learning = Learning { iterations: 1, transition_pseudo_count: 0.5, ..Learning::default() };
+    let counted = source.learn_labelled(&labelled, &learning).unwrap();
+
+    let groups = Groups::new(vec![0, 1, 2]).unwrap();
+    let camera = GroupedLikelihood::new(source.likelihood().clone(), groups).unwrap();
+    let sensor = FusedLikelihood::new(camera, KnownState::new(3)).unwrap();
+    let hmm = Hmm::new(source.prior().clone(), source.transition().clone(), sensor).unwrap();
+    let known: Vec<Vec<(usize, Option<usize>)>> = drives
+        .iter()
+        .map(|d| {
+            d.observations().iter().copied().zip(d.states().iter().copied().map(Some)).collect()
+        })
+        .collect();
+    let learned = hmm.learn(&known, &learning).unwrap().into_model();
+
+    let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+    for (a, b) in
+        learned.prior().belief().as_slice().iter().zip(counted.prior().belief().as_slice())
+    {
+        close(*a, *b);
+    }
+    for (to, from) in (0..9).map(|at| (at / 3, at % 3)) {
+        close(learned.transition().get(to, from), counted.transition().get(to, from));
+    }
+    let ahead =
+        Hmm::new(counted.prior().clone(), counted.transition(), learned.likelihood()).unwrap();
+    for symbol in 0..2 {
+        close(ahead.score(&[(symbol, None)]).unwrap(), counted.score(&[symbol]).unwrap());
+    }
+    // By hand.
+    let pairs = || drives.iter().flat_map(|d| d.states().windows(2));
+    let from_0 = pairs().filter(|pair| pair[0] == 0).count() as f64;
+    let to_1 = pairs().filter(|pair| pair[0] == 0 && pair[1] == 1).count() as f64;
+    close(counted.transition().get(1, 0), (to_1 + 0.5) / (from_0 + 1.0));
+}
+
+#[test]
+fn labelled_drives_that_do_not_fit_are_errors() {
+    let hmm = Hmm::new(
+        Prior::BeforeFirstTransition(Belief::certain(2, 0).unwrap()),
+        SparseTransition::from_triplets(2, [(1, 0, 1.0), (1, 1, 1.0)]).unwrap(),
+        TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7]]).unwrap(),
+    )
+    .unwrap();
+    let text = |initial, states: &[usize], sequence: &[usize]| {
+        let fine = Labelled { initial: None, states: &[1], sequence: &[0][..] };
+        let drives = [fine, Labelled { initial, states, sequence }];
+        match hmm.learn_labelled(&drives, &Learning::default()) {
+            Err(LearnError::Sequence(error)) => format!("{error}: {}", error.source),
+            result => result.unwrap_err().to_string(),
+        }
+    };
+    for (found, expected) in [
+        (text(None, &[1], &[0, 0]), "drive 1 has 1 states for 2 observations, expected one each"),
+        (text(None, &[1, 2], &[0, 0]), "drive 1 is in state 2 at step 2, expected 0 to 1"),
+        (text(Some(3), &[1, 1], &[0, 0]), "drive 1 is in state 3 at step 0, expected 0 to 1"),
+        (text(Some(1), &[1], &[0]), "drive 1 starts in state 1, which the prior rules out"),
+        (
+            text(Some(0), &[1, 0], &[0, 0]),
+            "drive 1 moves from state 1 to state 0 at step 2, which the transition operator forbids",
+        ),
+        (text(Some(0), &[1], &[5]), "sequence 1 failed: step 1 has no valid likelihood"),
+    ] {
+        assert_eq!(found, expected);
+    }
+    let none: [Labelled<'_, [usize]>; 0] = [];
+    let error = hmm.learn_labelled(&none, &Learning::default()).unwrap_err();
+    assert_eq!(error.to_string(), "there is no sequence to learn from");
+}
+
+/// A sensor whose "maximum" is not one is found out.
+#[test]
+fn an_objective_that_falls_is_an_error() {
+    #[derive(Debug, Clone)]
+    struct Worse(TableLikelihood);
+    impl wayfix::Likelihood for Worse {
+        type Observation = usize;
+        fn states(&self) -> usize {
+            self.0.states()
+        }
+        fn diagonal<'a>(
+            &'a self,
+            y: &'a usize,
+            scratch: &'a mut wayfix::Scratch,
+        ) -> Result<wayfix::Diagonal<'a>, wayfix::LikelihoodError> {
+            self.0.diagonal(y, scratch)
+        }
+    }
+    impl wayfix::LearnLikelihood for Worse {
+        type Statistics = ();
+        fn statistics(&self) {}
+        fn add(&self, (): &mut (), _: &usize, _: &[f64]) {}
+        fn merge(&self, (): &mut (), (): &()) {}
+        fn reestimate(
+            &self,
+            (): &(),
+            _: f64,
+        ) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
+            Ok(Self(TableLikelihood::from_rows(&[[0.01, 0.99], [0.02, 0.98]])?))
+        }
+    }
+    let sensor = Worse(TableLikelihood::from_rows(&[[0.9, 0.1], [0.8, 0.2]]).unwrap());
+    let transition = DenseTransition::from_rows(2, &[0.5; 4]).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let hmm = Hmm::new(prior, transition, sensor).unwrap();
+    let error = hmm.learn(&[[0, 0, 0]], &Learning::default()).unwrap_err();
+    assert!(matches!(error, LearnError::Fell { iteration: 1, before, after } if after < before));
 }

@@ -28,8 +28,8 @@ use crate::groups::Groups;
 /// ```
 #[derive(Debug, Clone)]
 pub struct GroupedLikelihood<B> {
-    sensor: B,
-    groups: Groups,
+    pub(super) sensor: B,
+    pub(super) groups: Groups,
 }
 
 impl<B: Likelihood> GroupedLikelihood<B> {

@@ -2,7 +2,10 @@
 
 use std::error::Error;
 
-use super::{FusedLikelihood, OptionalLikelihood, TableLikelihood};
+use super::{
+    FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, RoundedTails,
+    TableLikelihood,
+};
 use crate::inference::LearnLikelihood;
 use crate::likelihood::Likelihood;
 
@@ -48,33 +51,55 @@ impl LearnLikelihood for TableLikelihood {
     }
 }
 
-impl<B: LearnLikelihood<Observation: Sized>> LearnLikelihood for OptionalLikelihood<B> {
-    type Statistics = B::Statistics;
+/// Sensors around another one, which is what they learn.
+macro_rules! learns_the_inner {
+    ($($wrapper:ident [$($bound:tt)*], $inner:tt,
+        add($self:ident, $statistics:ident, $y:ident, $posterior:ident) $add:expr,
+        with($learned:ident) $with:expr;)*) => {$(
+        impl<B: LearnLikelihood<$($bound)*>> LearnLikelihood for $wrapper<B> {
+            type Statistics = B::Statistics;
 
-    fn statistics(&self) -> B::Statistics {
-        self.sensor.statistics()
-    }
+            fn statistics(&self) -> B::Statistics {
+                self.$inner.statistics()
+            }
 
-    fn add(&self, statistics: &mut B::Statistics, y: &Option<B::Observation>, posterior: &[f64]) {
-        if let Some(y) = y {
-            self.sensor.add(statistics, y, posterior);
+            fn add(&$self, $statistics: &mut B::Statistics, $y: &Self::Observation, $posterior: &[f64]) {
+                $add
+            }
+
+            fn merge(&self, statistics: &mut B::Statistics, other: &B::Statistics) {
+                self.$inner.merge(statistics, other);
+            }
+
+            fn reestimate(&$self, statistics: &B::Statistics, pseudo_count: f64) -> Outcome<Self> {
+                let $learned = $self.$inner.reestimate(statistics, pseudo_count)?;
+                Ok($with)
+            }
+
+            fn log_prior(&self, pseudo_count: f64) -> f64 {
+                self.$inner.log_prior(pseudo_count)
+            }
         }
-    }
+    )*};
+}
 
-    fn merge(&self, statistics: &mut B::Statistics, other: &B::Statistics) {
-        self.sensor.merge(statistics, other);
-    }
-
-    fn reestimate(&self, statistics: &B::Statistics, pseudo_count: f64) -> Outcome<Self> {
-        Ok(Self {
-            sensor: self.sensor.reestimate(statistics, pseudo_count)?,
-            ones: self.ones.clone(),
-        })
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        self.sensor.log_prior(pseudo_count)
-    }
+learns_the_inner! {
+    OptionalLikelihood [Observation: Sized], sensor,
+        add(self, statistics, y, posterior) if let Some(y) = y {
+            self.sensor.add(statistics, y, posterior);
+        },
+        with(sensor) Self { sensor, ones: self.ones.clone() };
+    RoundedTails [], 0,
+        add(self, statistics, y, posterior) self.0.add(statistics, y, posterior),
+        with(sensor) Self(sensor);
+    GroupedLikelihood [], sensor,
+        add(self, statistics, y, posterior) {
+            let mut groups = vec![0.0; self.groups.count()];
+            let states = self.groups.as_slice().iter().zip(posterior);
+            states.for_each(|(&group, p)| groups[group] += p);
+            self.sensor.add(statistics, y, &groups);
+        },
+        with(sensor) Self { sensor, groups: self.groups.clone() };
 }
 
 impl<B1, B2> LearnLikelihood for FusedLikelihood<B1, B2>
@@ -107,5 +132,21 @@ where
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         self.first.log_prior(pseudo_count) + self.second.log_prior(pseudo_count)
+    }
+}
+
+/// It has nothing to learn; beside another sensor it makes learning
+/// semi-supervised.
+impl LearnLikelihood for KnownState {
+    type Statistics = ();
+
+    fn statistics(&self) {}
+
+    fn add(&self, (): &mut (), _: &Option<usize>, _: &[f64]) {}
+
+    fn merge(&self, (): &mut (), (): &()) {}
+
+    fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
+        Ok(*self)
     }
 }

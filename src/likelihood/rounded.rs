@@ -1,13 +1,11 @@
 //! Sensors whose far tails need not be kept.
 
-use std::error::Error;
 use std::ops::Deref;
 
 use rand::Rng;
 
 use super::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::error::LikelihoodError;
-use crate::inference::LearnLikelihood;
 
 /// A sensor after which filter and smoother may round to 0 what is below
 /// 2.2e-308 of the whole (the smallest normal double); else the same.
@@ -66,33 +64,5 @@ impl<B: Likelihood> Likelihood for RoundedTails<B> {
 impl<B: SampleObservation> SampleObservation for RoundedTails<B> {
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
         self.0.sample(state, rng)
-    }
-}
-
-impl<B: LearnLikelihood> LearnLikelihood for RoundedTails<B> {
-    type Statistics = B::Statistics;
-
-    fn statistics(&self) -> B::Statistics {
-        self.0.statistics()
-    }
-
-    fn add(&self, statistics: &mut B::Statistics, y: &B::Observation, posterior: &[f64]) {
-        self.0.add(statistics, y, posterior);
-    }
-
-    fn merge(&self, statistics: &mut B::Statistics, other: &B::Statistics) {
-        self.0.merge(statistics, other);
-    }
-
-    fn reestimate(
-        &self,
-        statistics: &B::Statistics,
-        pseudo_count: f64,
-    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        Ok(Self(self.0.reestimate(statistics, pseudo_count)?))
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        self.0.log_prior(pseudo_count)
     }
 }
