@@ -1,5 +1,5 @@
-//! Filter, smoother and Viterbi on the Canberra map, on a dense model of its
-//! size, and on a road graph of your own:
+//! Every routine on the Canberra map, on a dense model of its size, and on a
+//! road graph of your own:
 //!
 //! ```text
 //! cargo bench
@@ -8,8 +8,8 @@
 //!
 //! The folder holds `nodes.csv` (node, longitude, latitude) and `edges.csv`
 //! (from, to, class, metres), with nodes numbered from 0 and classes from 0 to
-//! 3. Times of smoother and Viterbi are per sequence; divide by the elements,
-//! or read elements per second.
+//! 3. Times of what goes through a sequence are per sequence; divide by the
+//! elements, or read elements per second.
 
 use std::hint::black_box;
 use std::path::Path;
@@ -19,9 +19,28 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::{
-    Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior, SparseTransition,
-    TransitionEntries, canberra,
+    Belief, DenseTransition, DwellTransition, Ends, Hmm, KroneckerTransition, Learning, Likelihood,
+    LikelihoodVector, Order, PowerTransition, Prior, RestartTransition, SparseTransition,
+    TransitionEntries, WindowTransition, canberra,
 };
+
+/// One routine, once for each of so many steps.
+fn routine<R>(
+    criterion: &mut Criterion,
+    group: &str,
+    name: &str,
+    steps: usize,
+    mut work: impl FnMut() -> R,
+) {
+    let mut group = criterion.benchmark_group(group);
+    if steps > 1 {
+        group.throughput(Throughput::Elements(steps as u64));
+    }
+    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
+        bencher.iter(|| black_box(work()));
+    });
+    group.finish();
+}
 
 /// One model and a sequence of observations for it.
 fn bench<A, B>(criterion: &mut Criterion, name: &str, hmm: &Hmm<A, B>, ys: &[B::Observation])
@@ -29,39 +48,95 @@ where
     A: TransitionEntries<Control = ()>,
     B: Likelihood<Observation: Sized>,
 {
+    let steps = ys.len();
     // What a step cannot do without: one product with A.
     let (x, mut out) = (hmm.prior().belief().as_slice().to_vec(), vec![0.0; hmm.states()]);
-    let mut group = criterion.benchmark_group("product");
-    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
-        bencher.iter(|| hmm.transition().apply(&(), black_box(&x), black_box(&mut out)));
+    routine(criterion, "product", name, 1, || {
+        hmm.transition().apply(&(), black_box(&x), black_box(&mut out));
     });
-    group.finish();
-
-    let mut group = criterion.benchmark_group("filter step");
-    let mut filter = hmm.filter();
     let mut next = ys.iter().cycle();
-    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
-        bencher.iter(|| {
-            if let Some(y) = next.next() {
-                filter.step(black_box(y)).expect("the observation is possible");
-            }
+    let mut y = || next.next().expect("there are observations");
+
+    let mut filter = hmm.filter();
+    routine(criterion, "filter step", name, 1, || filter.step(y()).expect(POSSIBLE));
+    let mut smoother = hmm.fixed_lag(10);
+    routine(criterion, "fixed lag of 10, step", name, 1, || smoother.step(y()).expect(POSSIBLE));
+    let mut decoder = hmm.online_viterbi();
+    routine(criterion, "online viterbi step", name, 1, || decoder.step(y()).expect(POSSIBLE).len());
+
+    routine(criterion, "score", name, steps, || hmm.score(ys));
+    routine(criterion, "forward", name, steps, || hmm.forward(ys));
+    routine(criterion, "smooth", name, steps, || hmm.smooth(ys));
+    for (group, order) in
+        [("smooth each, forward", Order::Forward), ("smooth each, backward", Order::Backward)]
+    {
+        routine(criterion, group, name, steps, || {
+            hmm.smooth_each(ys, order, |step| {
+                black_box(step.smoothed().as_slice()[0]);
+            })
         });
-    });
-    group.finish();
+    }
+    routine(criterion, "expected moves", name, steps, || hmm.expected_moves(ys));
+    routine(criterion, "path entropy", name, steps, || hmm.path_entropy(ys));
+    routine(criterion, "viterbi", name, steps, || hmm.viterbi(ys));
+    routine(criterion, "10 best paths", name, steps, || hmm.k_best(ys, 10));
+    let sampler = hmm.path_sampler(ys).expect(POSSIBLE);
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    routine(criterion, "draw a path", name, steps, || sampler.draw(&mut rng));
+    routine(criterion, "forecast of 10 steps", name, 10, || filter.forecast(10));
+}
 
-    let mut group = criterion.benchmark_group("smoother");
-    group.throughput(Throughput::Elements(ys.len() as u64));
-    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
-        bencher.iter(|| hmm.smooth(black_box(ys)));
-    });
-    group.finish();
+const POSSIBLE: &str = "the observation is possible";
 
-    let mut group = criterion.benchmark_group("viterbi");
-    group.throughput(Throughput::Elements(ys.len() as u64));
-    group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
-        bencher.iter(|| hmm.viterbi(black_box(ys)));
+/// What needs more of a model than all have.
+fn learning(criterion: &mut Criterion) {
+    let hmm = canberra::hmm(5, 1.0).expect("place 5 exists");
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let drives: Vec<Vec<usize>> =
+        (0..200).map(|_| hmm.simulate(50, &mut rng).observations().to_vec()).collect();
+    let steps = 200 * 50;
+    let once = Learning { iterations: 1, ..Learning::default() };
+    routine(criterion, "learn, two E-steps and an M-step", "canberra-105", steps, || {
+        hmm.learn(&drives, &once)
     });
-    group.finish();
+    routine(criterion, "smooth 200 drives", "canberra-105", steps, || hmm.smooth_all(&drives));
+    routine(criterion, "viterbi of 200 drives", "canberra-105", steps, || hmm.viterbi_all(&drives));
+    routine(criterion, "simulate", "canberra-105", 1000, || hmm.simulate(1000, &mut rng));
+}
+
+/// A product and a max-product with each structured operator.
+fn operators(criterion: &mut Criterion) {
+    let n = 1050;
+    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], Ends::Loop).expect("a window");
+    let uniform = |n| Belief::uniform(n).expect("there are states");
+    let turns = DenseTransition::from_fn(4, |i, j| if i == j { 0.7 } else { 0.1 }).expect("turns");
+    let times = vec![[0.1, 0.4, 0.3, 0.2]; n];
+    operator(criterion, "window of 4", &window);
+    let sparse = SparseTransition::from_operator(&window).expect("a window");
+    operator(criterion, "the same window, sparse", &sparse);
+    let restart = RestartTransition::new(sparse.clone(), 0.01, uniform(n)).expect("one size");
+    operator(criterion, "restart", &restart);
+    operator(criterion, "power of 3", &PowerTransition::new(window.clone(), 3));
+    let kronecker = KroneckerTransition::new(window.clone(), turns).expect("few states");
+    operator(criterion, "kronecker with 4 headings", &kronecker);
+    let dwell = DwellTransition::new(window, &times).expect("distributions");
+    operator(criterion, "dwell of 4 steps", &dwell);
+}
+
+fn operator<A: TransitionEntries<Control = ()>>(criterion: &mut Criterion, name: &str, a: &A) {
+    let n = a.states();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let x: Vec<f64> = (0..n).map(|_| Exp1.sample(&mut rng)).collect();
+    let scores: Vec<f64> = x.iter().map(|x| -10.0 * x).collect();
+    let (mut out, mut from) = (vec![0.0; n], vec![0; n]);
+    routine(criterion, "operator product", name, 1, || {
+        a.apply(&(), black_box(&x), black_box(&mut out));
+    });
+    if name != "power of 3" {
+        routine(criterion, "operator max-product", name, 1, || {
+            a.max_product(&(), black_box(&scores), black_box(&mut out), black_box(&mut from));
+        });
+    }
 }
 
 fn map(criterion: &mut Criterion) {
@@ -121,6 +196,6 @@ criterion_group! {
     config = Criterion::default()
         .warm_up_time(Duration::from_millis(500))
         .measurement_time(Duration::from_secs(2));
-    targets = map, dense, graph
+    targets = map, dense, learning, operators, graph
 }
 criterion_main!(benches);

@@ -30,7 +30,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// [`viterbi`](Self::viterbi). As there, X_0 is summed over. An empty
     /// sequence has one path, the empty one.
     ///
-    /// O(E K log(E K / n)) a step, 16 n K T bytes for the way back.
+    /// O(E K + n K log K) a step, 16 n K T bytes for the way back.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -140,10 +140,16 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// Keeps the best, in order. Of equal scores the first stay first: ways come
-/// in order of the state before, and of their rank among its paths.
+/// Keeps the best, in order; of equal scores those from the lowest state, and
+/// then those of the best rank among its paths.
 fn keep_best(ways: &mut Vec<Way>, count: usize) {
-    ways.sort_by(|a, b| b.score.total_cmp(&a.score));
-    ways.truncate(count);
+    let order = |a: &Way, b: &Way| {
+        b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))
+    };
+    if count < ways.len() {
+        ways.select_nth_unstable_by(count, order);
+        ways.truncate(count);
+    }
+    ways.sort_unstable_by(order);
     ways.shrink_to_fit();
 }
