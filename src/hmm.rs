@@ -47,10 +47,10 @@ impl Prior {
 /// A hidden Markov model: a [`Prior`], a [`Transition`] operator A and a
 /// [`Likelihood`] operator B.
 ///
-/// Its verbs are [`filter`](Self::filter), [`smooth`](Self::smooth),
-/// [`viterbi`](Self::viterbi) and [`simulate`](Self::simulate). A verb that
-/// ends in `_with` takes a control for each step; control k drives the
-/// transition from k − 1 to k, the one *before* observation k.
+/// Its verbs are listed on the [front page](crate). Those for a whole
+/// [`Sequence`](crate::Sequence) take a slice of observations, or, for an
+/// operator with a control, a [`Controlled`](crate::Controlled) one: control k
+/// drives the transition from k − 1 to k, the one *before* observation k.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};

@@ -31,17 +31,39 @@
 //! # Overview
 //!
 //! The one type to know is [`Hmm`]: a [`Prior`], a [`Transition`] operator and
-//! a [`Likelihood`] operator. Its verbs are
+//! a [`Likelihood`] operator. Its verbs for a **live stream** make a state that
+//! takes one observation at a time:
 //!
-//! | verb | gives | cost |
-//! |---|---|---|
-//! | [`Hmm::filter`] | a streaming [`Filter`]: p(now, given all so far), forecasts | one product with A a step |
-//! | [`Hmm::smooth`] | [`Smoothing`]: p(then, given all) for every step | two products a step |
-//! | [`Hmm::viterbi`] | [`ViterbiPath`]: the most probable path, a legal one | one max-product a step |
-//! | [`Hmm::simulate`] | [`Simulation`]: states and observations drawn from the model | the ways out of a state a step |
+//! | verb | gives |
+//! |---|---|
+//! | [`Hmm::filter`] | [`Filter`]: p(now, given all so far), predictions and forecasts |
+//! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
+//! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
 //!
-//! Operators come ready-made. Of transitions, two are stored:
-//! [`SparseTransition`] and [`DenseTransition`]; one needs no matrix:
+//! Those for a **whole [`Sequence`]** take observations, or observations with
+//! [controls](Controlled):
+//!
+//! | verb | gives |
+//! |---|---|
+//! | [`Hmm::forward`] | [`Filtering`]: every step given those up to it |
+//! | [`Hmm::smooth`] | [`Smoothing`]: every step given all |
+//! | [`Hmm::smooth_each`] | the same in O(n √T) memory, with pairwise posteriors, to a visitor |
+//! | [`Hmm::expected_moves`] | [`MoveCounts`]: how often each move was made |
+//! | [`Hmm::score`] | ln p(y_1 … y_T) |
+//! | [`Hmm::path_entropy`] | how unsure the whole path is |
+//! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
+//! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
+//! | [`Hmm::learn`] | [`Learned`]: the model that explains many sequences best |
+//! | [`Hmm::learn_labelled`] | the model that labelled drives show |
+//!
+//! For many sequences at once there are [`Hmm::forward_all`],
+//! [`Hmm::smooth_all`], [`Hmm::score_all`] and [`Hmm::viterbi_all`]; and
+//! [`Hmm::simulate`] and [`Filter::simulate`] draw from the model. A method of
+//! a stream that ends in `_with` takes a control.
+//!
+//! Operators come ready-made. Of transitions, some are stored:
+//! [`SparseTransition`] and [`DenseTransition`], and one shares its parameters,
+//! [`TiedTransition`]; one needs no matrix:
 //! [`WindowTransition`] (a route); and others are made from these:
 //! [`SwitchedTransition`] (one of several at each step), [`RestartTransition`]
 //! (the vehicle may turn up anywhere), [`KroneckerTransition`] (two things that
@@ -50,7 +72,8 @@
 //! are [`TableLikelihood`], [`LikelihoodVector`], [`LogLikelihoodFn`],
 //! [`OptionalLikelihood`] (missing observations), [`FusedLikelihood`] (several
 //! sensors), [`GroupedLikelihood`] (a sensor that sees only the place of a
-//! state; see [`Groups`]) and [`KnownState`] (constraints). Or implement
+//! state; see [`Groups`]), [`KnownState`] (constraints) and [`RoundedTails`].
+//! [`Fixed`] keeps an operator or a sensor from being learned. Or implement
 //! [`Transition`] or [`Likelihood`] yourself: each has an example of a dozen
 //! lines.
 //!
@@ -97,8 +120,8 @@
 //!
 //! # What it does not do
 //!
-//! - Learn: no Baum–Welch, no counting from labelled drives yet.
-//! - Fixed-lag or checkpointed smoothing, pairwise posteriors, k best paths.
+//! - Learn what structured operators are made of (a window's weights, dwell
+//!   times, rates), or whether there should be another state.
 //! - Continuous states: no Kalman or particle filters.
 //! - See: descriptors come from elsewhere, as likelihoods or log-likelihoods.
 //! - Work without `std`.
@@ -108,6 +131,7 @@
 //! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
+//! - **`rayon`**: many sequences in parallel, with the same results.
 //!
 //! Random numbers come from any generator of rand 0.10.
 
