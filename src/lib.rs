@@ -82,6 +82,9 @@
 //! [`evaluate`] (accuracy and other scores), and [`canberra`], an instance with
 //! 105 intersections, built from the public parts alone.
 //!
+//! [`formulas`] derives what every routine computes, with its cost, its
+//! exactness and its sources.
+//!
 //! The paper that equations are cited from is B. Guo, B. Zhao and Z. Zhou,
 //! *Visual Place Recognition*, Australian National University. Where a formula
 //! of it reads wrongly, the docs of the item say what is meant.
@@ -175,6 +178,9 @@ pub use transition::{
     RestartTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
     TransitionEntries, WindowTransition,
 };
+
+#[doc = include_str!("formulas.md")]
+pub mod formulas {}
 
 /// The README's example compiles.
 #[cfg(doctest)]
