@@ -3,9 +3,9 @@
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
-    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
-    LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior, Scratch, SparseTransition,
-    TableLikelihood, TransitionEntries,
+    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, KroneckerTransition,
+    Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior, Scratch,
+    SparseTransition, SwitchedTransition, TableLikelihood, TransitionEntries,
 };
 
 fn before(belief: Belief) -> Prior {
@@ -399,7 +399,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             assert_eq!(visited, 1);
             assert_eq!(hmm.fixed_lag(2).lagged().as_slice(), uniform(n).as_slice());
             let mut rng = ChaCha8Rng::seed_from_u64(1);
-            assert!(hmm.path_sampler(&none).unwrap().draw(&mut rng).is_empty());
+            assert!(hmm.path_sampler(&none).unwrap().draw(&mut rng).unwrap().is_empty());
 
             let one = [vec![0.5; n]];
             assert!((hmm.score(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
@@ -412,7 +412,70 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             let mut decoder = hmm.online_viterbi();
             let committed = decoder.step(&one[0]).unwrap().to_vec();
             assert_eq!([committed, decoder.undecided()].concat(), [0]);
-            assert!(hmm.path_sampler(&one).unwrap().draw(&mut rng)[0] < n);
+            assert!(hmm.path_sampler(&one).unwrap().draw(&mut rng).unwrap()[0] < n);
         }
+    }
+}
+
+/// A state of a fixed lag in logarithms, restored into a model that does not
+/// know one of its controls: an error, and the smoother is as before.
+#[test]
+fn a_snapshot_with_an_unknown_control_is_refused() {
+    let model = |operators: usize| {
+        let gears = SwitchedTransition::new(vec![identity(2); operators]).unwrap();
+        Hmm::new(before(uniform(2)), gears, LikelihoodVector::log(2)).unwrap()
+    };
+    let (three, two) = (model(3), model(2));
+    for far in [-1.0, -2000.0] {
+        let mut smoother = three.fixed_lag(2);
+        smoother.step_with(&0, &[0.0, far]).unwrap();
+        smoother.step_with(&2, &[0.0, far]).unwrap();
+        let mut other = two.fixed_lag(2);
+        other.step_with(&1, &[0.0, -1.0]).unwrap();
+        let kept = other.snapshot();
+        let error = other.restore(&smoother.snapshot()).unwrap_err();
+        assert!(matches!(error, InferenceError::Control { step: 2, .. }), "{error}");
+        assert_eq!(other.snapshot(), kept);
+    }
+}
+
+/// Entries of 1e-400, which only a product of operators can have: right where
+/// they can be, and an error where entries would have to be listed.
+#[test]
+fn entries_beyond_a_double_are_right_or_an_error() {
+    let half = || SparseTransition::from_triplets(2, [(1, 0, 1e-200), (0, 0, 1.0), (0, 1, 1.0)]);
+    let both = KroneckerTransition::new(half().unwrap(), half().unwrap()).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::certain(4, 0).unwrap());
+    let hmm = Hmm::new(prior, both, LikelihoodVector::linear(4)).unwrap();
+    let ys = [[1.0; 4], [0.0, 0.0, 0.0, 1.0]];
+    let expected = -400.0 * 10.0_f64.ln();
+    assert!((hmm.score(&ys).unwrap() - expected).abs() < 1e-9);
+    let path = hmm.viterbi(&ys).unwrap();
+    assert_eq!(path.states(), [0, 3]);
+    assert!((path.log_probability() - expected).abs() < 1e-9);
+    assert_eq!(hmm.k_best(&ys, 2).unwrap(), [path]);
+    assert_eq!(hmm.smooth(&ys).unwrap().posteriors().modes(), [0, 3]);
+    let sums_to_0 =
+        |error| matches!(error, InferenceError::PredictedSum { step: 2, sum } if sum == 0.0);
+    assert!(sums_to_0(hmm.expected_moves(&ys).unwrap_err()));
+    let sampler = hmm.path_sampler(&ys).unwrap();
+    assert!(sums_to_0(sampler.draw(&mut ChaCha8Rng::seed_from_u64(1)).unwrap_err()));
+}
+
+/// The first step of a decoder, through numbers beyond a double.
+#[test]
+fn a_tiny_prior_keeps_its_digits_in_decoders() {
+    let least = 2.3e-308;
+    for to_2 in [1e-300, least, 1e-320] {
+        let ways = [(0, 0, 1.0), (2, 1, to_2), (1, 1, 1.0), (2, 2, 1.0)];
+        let a = SparseTransition::from_triplets(3, ways).unwrap();
+        let prior = Belief::new(vec![1.0, least, 0.0]).unwrap();
+        let hmm = Hmm::new(before(prior), a, LikelihoodVector::linear(3)).unwrap();
+        let y = [[0.0, 0.0, 1.0]];
+        let expected = least.ln() + to_2.ln();
+        let close = |found: f64| assert!((found - expected).abs() < 1e-11, "{found} {expected}");
+        close(hmm.score(&y).unwrap());
+        close(hmm.viterbi(&y).unwrap().log_probability());
+        close(hmm.k_best(&y, 3).unwrap()[0].log_probability());
     }
 }

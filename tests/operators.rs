@@ -263,7 +263,9 @@ where
     for (found, best) in found.iter().zip(&best) {
         prop_assert!(close(found.log_probability(), best.log_probability()));
     }
+    let first = found[0].clone();
     let found = hmm.viterbi(&drive).unwrap();
+    prop_assert_eq!(&first, &found);
     path.extend(online.undecided());
     prop_assert_eq!(&path[..], found.states());
     prop_assert!(close(found.log_probability(), best[0].log_probability()));

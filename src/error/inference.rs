@@ -155,6 +155,18 @@ pub enum LearnError {
         /// The state that is reached.
         to: usize,
     },
+    /// A labelled drive has an observation that the sensor rules out there.
+    #[error(
+        "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
+    )]
+    Sighting {
+        /// The drive, from 0.
+        drive: usize,
+        /// The step.
+        step: usize,
+        /// The state.
+        state: usize,
+    },
     /// The prior could not be estimated.
     #[error("the prior cannot be estimated")]
     Prior(#[from] BeliefError),

@@ -61,6 +61,7 @@ impl Backward {
             self.gamma.copy_from_slice(gamma);
             return Ok(());
         };
+        step.check_control(control)?;
         self.in_logs = alpha.logs.is_some() || {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted)?;
@@ -87,8 +88,8 @@ impl Backward {
     }
 
     /// The same in logarithms, where linear space does not hold the ratios.
-    /// What γ_k itself rounds to 0 cannot matter: it would add no more than
-    /// that to γ_{k-1}.
+    /// What γ_k itself rounds to 0, below 2.2e-308 for each state, cannot matter:
+    /// it would add no more than that to γ_{k-1}.
     #[cold]
     fn retreat_in_logs<A: Transition, B: Likelihood>(
         &mut self,

@@ -2,7 +2,8 @@
 //!
 //! The filter runs once over the sequence and leaves a snapshot at every
 //! boundary between segments. Each segment is then filtered again from its
-//! snapshot, and gone back through (Griewank 1992).
+//! snapshot, and gone back through: checkpointing of one level (of several:
+//! Griewank 1992).
 
 use super::backward::Backward;
 use super::block::Block;
@@ -174,11 +175,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let mut counts = MoveCounts::default();
+        let (mut counts, mut result) = (MoveCounts::default(), Ok(()));
         self.smooth_each(sequence, Order::Backward, |step| {
-            counts.add(step.pairs().into_iter().flat_map(Pairs::moves));
+            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
+                result = counts.add_step(step.step(), pairs);
+            }
         })?;
-        Ok(counts)
+        result.map(|()| counts)
     }
 }
 

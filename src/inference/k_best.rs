@@ -6,7 +6,6 @@ use super::step::Step;
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -30,7 +29,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// [`viterbi`](Self::viterbi). As there, X_0 is summed over. An empty
     /// sequence has one path, the empty one.
     ///
-    /// O(E K + n K log K) a step, 16 n K T bytes for the way back.
+    /// O(E K + n K log K) a step; 16 n K T bytes for the way back, and 24 n T.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -125,8 +124,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         self.check_control(control)?;
         let into = |i: usize| {
             let mut ways = Vec::new();
-            for (j, p) in self.hmm.transition().incoming(control, i) {
-                let log2 = kernels::log2(p);
+            for (j, log2) in self.hmm.transition().incoming_log2(control, i) {
                 ways.extend((0..).zip(&before[j]).map(|(rank, way)| Way {
                     score: way.score + log2,
                     from: j as u32,

@@ -52,7 +52,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`LearnError`] with the drive and the step for a state that does not
-    /// exist, a move that the model forbids, an observation without a valid
+    /// exist, a move or a sighting that the model forbids, an observation without a valid
     /// likelihood, or a control that is not valid.
     pub fn learn_labelled<S>(
         &self,
@@ -125,7 +125,11 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         for (number, to) in all.filter(|step| step.0 > 0) {
             let step = Step::of(self, sequence, number);
             let wrap = |source| SequenceError { sequence: drive, source };
-            step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            let (diagonal, _) =
+                step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
+                return Err(LearnError::Sighting { drive, step: number, state: to });
+            }
             if let (Some(control), Some(from)) = (step.control, before) {
                 step.check_control(control).map_err(wrap)?;
                 if !self.transition().outgoing(control, from).any(|way| way.0 == to) {

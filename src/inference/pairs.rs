@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::step::Held;
+use super::step::{Held, is_one};
+use crate::error::InferenceError;
 use crate::transition::{Transition, TransitionEntries};
 
 /// One move between two steps, and how probable it is or how often it is
@@ -38,7 +39,8 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 
 impl<A: TransitionEntries> Pairs<'_, A> {
     /// The moves that the operator of this step allows, out of state 0 first,
-    /// in ascending order; they sum to one, but for rounding. Moves out of a
+    /// in ascending order; they sum to one, but for rounding (and for entries that
+    /// a product of operators cannot list, being below 1e-323). Moves out of a
     /// state of probability 0 may be left out. O(E) in all.
     pub fn moves(&self) -> impl Iterator<Item = Move> {
         (0..self.ratio.len())
@@ -114,12 +116,13 @@ impl MoveCounts {
         self.add(other.moves());
     }
 
-    /// Adds moves that come in ascending order. What is there already costs one
-    /// comparison.
-    pub(super) fn add(&mut self, moves: impl IntoIterator<Item = Move>) {
+    /// Adds moves that come in ascending order, and returns their sum. What is
+    /// there already costs one comparison.
+    pub(super) fn add(&mut self, moves: impl IntoIterator<Item = Move>) -> f64 {
         let known = self.moves.len();
-        let mut at = 0;
+        let (mut at, mut sum) = (0, 0.0);
         for m in moves {
+            sum += m.weight;
             let key = (m.from, m.to);
             while at < known && (self.moves[at].from, self.moves[at].to) < key {
                 at += 1;
@@ -136,5 +139,17 @@ impl MoveCounts {
         if self.moves.len() > known {
             self.moves.sort_by_key(|m| (m.from, m.to));
         }
+        sum
+    }
+
+    /// Adds the moves of one step, which must sum to one: an operator may list
+    /// other entries than its product has.
+    pub(super) fn add_step<A: TransitionEntries>(
+        &mut self,
+        step: usize,
+        pairs: &Pairs<'_, A>,
+    ) -> Result<(), InferenceError> {
+        let sum = self.add(pairs.moves());
+        if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
 }

@@ -46,7 +46,10 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// let mut rng = ChaCha8Rng::seed_from_u64(1);
     /// // The probability of having been at place 7 (state 6) at some step.
     /// let drives = 1000;
-    /// let passed = (0..drives).filter(|_| sampler.draw(&mut rng).contains(&6)).count();
+    /// let mut passed = 0;
+    /// for _ in 0..drives {
+    ///     passed += usize::from(sampler.draw(&mut rng)?.contains(&6));
+    /// }
     /// # assert!(passed > 0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -75,7 +78,13 @@ where
 {
     /// Draws the states of steps 1 to T. The same generator in the same state
     /// gives the same path.
-    pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Vec<usize> {
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::PredictedSum`] if the operator lists no entry into a
+    /// state that its product leads to: it breaks its contract, or the entry is
+    /// a product below 1e-323.
+    pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut ways = Vec::new();
         for at in (0..states.len()).rev() {
@@ -91,10 +100,13 @@ where
                     weigh(alpha, incoming, &mut ways);
                 }
             }
-            let total = ways.iter().map(|way| way.1).sum();
+            let total: f64 = ways.iter().map(|way| way.1).sum();
+            if total.is_nan() || total <= 0.0 {
+                return Err(InferenceError::PredictedSum { step: row + 1, sum: 0.0 });
+            }
             states[at] = index(ways.iter().copied(), total, rng);
         }
-        states
+        Ok(states)
     }
 }
 

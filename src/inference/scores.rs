@@ -12,6 +12,10 @@ use crate::kernels::{self, LIFT};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::transition::TransitionEntries;
 
+/// 2^-900. A prior of at least this, lifted, is above 2^99: its product with
+/// the least entry, 2^-1074, is a double with all its digits.
+const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
+
 /// What was taken out of the scores.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TakenOut {
@@ -42,9 +46,24 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// summed over.
     pub(super) fn first_scores(&self, scores: &mut [f64]) -> Result<(), InferenceError> {
         let prior = self.hmm.prior().belief().as_slice();
-        let lifted: Vec<f64> = prior.iter().map(|p| p * LIFT).collect();
+        let mut lifted = vec![0.0; prior.len()];
+        kernels::lift(prior, &mut lifted);
         self.predict(&lifted, scores)?;
-        scores.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
+        self.check_prediction(scores)?;
+        let tiny = |p: &f64| *p > 0.0 && *p < LEAST_PRIOR;
+        if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
+            // Products of two such numbers may be beyond a double. Where they are
+            // not, scores stay as they are, for the sake of ties.
+            let (mut logs, mut next) = (lifted, vec![0.0; prior.len()]);
+            logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
+            self.hmm.transition().apply_log(control, &logs, &mut next);
+            for (score, log) in scores.iter_mut().zip(next) {
+                let log2 = kernels::on_grid(log * LOG2_E);
+                *score = if *score < 1.0 { log2 } else { kernels::log2(*score) - LIFT.log2() };
+            }
+        } else {
+            scores.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
+        }
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! How long the vehicle stays in a place: explicit durations, semi-Markov.
 
 use std::iter::once;
-use std::ops::Range;
+use std::ops::{Add, Range};
 
 use super::{Transition, TransitionEntries, best_of, buffers, check_count, check_slices};
 use super::{check_probability, check_sum, log, merge};
@@ -273,7 +273,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
         });
         let younger = (!arrives).then(|| to - 1).into_iter();
         let stays = younger.chain(last.then_some(to)).map(move |state| (state, self.stay[state]));
-        merge(arrivals, stays).filter(|entry| entry.1 > 0.0)
+        merge(arrivals, stays, f64::add).filter(|entry| entry.1 > 0.0)
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
@@ -281,7 +281,20 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
         let older = if last { from } else { from + 1 };
         let moves = self.moves.outgoing(control, place);
         let moves = moves.map(move |(i, p)| (self.starts[i], p * self.leave[from]));
-        merge(moves, once((older, self.stay[from]))).filter(|entry| entry.1 > 0.0)
+        merge(moves, once((older, self.stay[from])), f64::add).filter(|entry| entry.1 > 0.0)
+    }
+
+    fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        let (place, last) = self.place(to);
+        let arrives = self.starts[place] == to;
+        let moves = arrives.then(|| self.moves.incoming_log2(control, place)).into_iter().flatten();
+        let arrivals = moves.flat_map(move |(j, log2)| {
+            (self.starts[j]..self.starts[j + 1])
+                .map(move |state| (state, log2 + self.log2_leave[state]))
+        });
+        let younger = (!arrives).then(|| to - 1).into_iter();
+        let stays = younger.chain(last.then_some(to)).map(|state| (state, self.log2_stay[state]));
+        merge(arrivals, stays, add_log2).filter(|entry| entry.1 > f64::NEG_INFINITY)
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
@@ -307,9 +320,10 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                     let mut stay = self.log2_stay[last];
                     if first == last && self.stay[last] > 0.0 {
                         // The state goes to itself in two ways: A has their sum.
-                        let mut moves = self.moves.incoming(control, place);
-                        let again = moves.find(|entry| entry.0 == place).map_or(0.0, |e| e.1);
-                        stay = log2(self.stay[last] + again * self.leave[last]);
+                        let mut moves = self.moves.incoming_log2(control, place);
+                        if let Some((_, again)) = moves.find(|entry| entry.0 == place) {
+                            stay = add_log2(again + self.log2_leave[last], stay);
+                        }
                     }
                     let (value, state) = (stay + x[last], last as u32);
                     if value > out[last] || (value == out[last] && state < from[last]) {
@@ -319,4 +333,10 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
             });
         });
     }
+}
+
+/// log2(2^a + 2^b), on the grid of the scores.
+fn add_log2(a: f64, b: f64) -> f64 {
+    let (high, low) = if a > b { (a, b) } else { (b, a) };
+    if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }
 }

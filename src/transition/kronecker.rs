@@ -164,6 +164,18 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         pairs.filter(|entry| entry.1 > 0.0)
     }
 
+    fn incoming_log2(
+        &self,
+        control: &A1::Control,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let ((i1, i2), n2) = (self.split(to), self.second.states());
+        self.first.incoming_log2(control, i1).flat_map(move |(j1, log1)| {
+            let second = self.second.incoming_log2(control, i2);
+            second.map(move |(j2, log2)| (j1 * n2 + j2, log1 + log2))
+        })
+    }
+
     fn max_product(&self, control: &A1::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let (n1, n2) = (self.first.states(), self.second.states());

@@ -43,6 +43,8 @@ use crate::kernels::{self, log2};
 /// k, such as odometry, elapsed time or a gear. An operator without one has
 /// `Control = ()`, and its columns are checked when a model is built from it.
 ///
+/// Entries below 2.2e-308 have lost digits, and what they lead to may be lost.
+///
 /// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator too, so
 /// that models can share a large one.
 ///
@@ -163,6 +165,16 @@ pub trait TransitionEntries: Transition {
     /// The entries out of a state, column `from` of A: pairs (to, probability).
     fn outgoing(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)>;
 
+    /// The entries into a state as decoders add them: pairs (from, log2 p), in
+    /// which an operator that is a product adds the logarithms of its factors.
+    fn incoming_log2(
+        &self,
+        control: &Self::Control,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.incoming(control, to).map(|(from, p)| (from, log2(p)))
+    }
+
     /// The step of Viterbi, a product in which a maximum stands for the sum:
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
     /// that attains it, the lowest one of several. Here and in the operators
@@ -173,7 +185,7 @@ pub trait TransitionEntries: Transition {
     /// `from[i]` means nothing. O(entries), unless an operator knows better.
     fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let entries = self.incoming(control, i).map(|(j, p)| (j as u32, log2(p)));
+            let entries = self.incoming_log2(control, i).map(|(j, log2)| (j as u32, log2));
             (*out, *from) = best_of(entries, x);
         }
     }
@@ -267,14 +279,16 @@ fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(out.len(), states, "out must have one value per state");
 }
 
-/// The sum of two lists of entries in ascending order.
+/// Two lists of entries in ascending order as one, in which entries of the same
+/// state are added.
 fn merge(
     a: impl Iterator<Item = (usize, f64)>,
     b: impl Iterator<Item = (usize, f64)>,
+    plus: impl Fn(f64, f64) -> f64,
 ) -> impl Iterator<Item = (usize, f64)> {
     let (mut a, mut b) = (a.peekable(), b.peekable());
     std::iter::from_fn(move || match (a.peek(), b.peek()) {
-        (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, a.next()?.1 + b.next()?.1)),
+        (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, plus(a.next()?.1, b.next()?.1))),
         (Some(x), Some(y)) if x.0 > y.0 => b.next(),
         (None, _) => b.next(),
         _ => a.next(),

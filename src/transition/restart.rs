@@ -1,5 +1,7 @@
 //! A vehicle that may turn up anywhere.
 
+use std::ops::Add;
+
 use super::{Transition, TransitionEntries, best_of, check_probability, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
@@ -115,11 +117,15 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let restart = self.restart[to];
         let from = if restart > 0.0 { 0..self.states() } else { 0..0 };
-        merge(self.kept(self.inner.incoming(control, to)), from.map(move |j| (j, restart)))
+        merge(
+            self.kept(self.inner.incoming(control, to)),
+            from.map(move |j| (j, restart)),
+            f64::add,
+        )
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        merge(self.kept(self.inner.outgoing(control, from)), self.restarts())
+        merge(self.kept(self.inner.outgoing(control, from)), self.restarts(), f64::add)
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {

@@ -60,6 +60,14 @@ macro_rules! as_target {
                 (**self).outgoing(control, from)
             }
 
+            fn incoming_log2(
+                &self,
+                control: &Self::Control,
+                to: usize,
+            ) -> impl Iterator<Item = (usize, f64)> {
+                (**self).incoming_log2(control, to)
+            }
+
             fn max_product(
                 &self,
                 control: &Self::Control,

@@ -91,6 +91,10 @@ impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransitio
         self.operators[control].outgoing(&(), from)
     }
 
+    fn incoming_log2(&self, &control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].incoming_log2(&(), to)
+    }
+
     fn max_product(&self, &control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         self.operators[control].max_product(&(), x, out, from);
     }
