@@ -179,3 +179,15 @@ fn table_1() {
     }
     assert!((0..3).all(|estimator| means[1][estimator] < means[0][estimator]));
 }
+
+/// The tables are files in the format for maps.
+#[cfg(feature = "csv")]
+#[test]
+fn the_tables_are_maps_in_csv() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/canberra");
+    let read = RoadMap::from_csv_files(folder.join("places.csv"), folder.join("roads.csv"));
+    let (read, map) = (read.unwrap(), canberra::map());
+    assert_eq!(read.places(), map.places());
+    assert_eq!(read.roads(), map.roads());
+    assert_eq!(map.places().len(), canberra::PLACES);
+}

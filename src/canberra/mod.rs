@@ -25,9 +25,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod places;
-mod roads;
-
 use crate::belief::Belief;
 use crate::error::HmmError;
 use crate::hmm::{Hmm, Prior};
@@ -41,7 +38,11 @@ use crate::transition::SparseTransition;
 pub const MEAN_CORRECT: f64 = 0.7;
 
 /// The number of places.
-pub const PLACES: usize = places::PLACES.len();
+pub const PLACES: usize = 105;
+
+/// Places and roads in the format of `RoadMap::from_csv_files`.
+const PLACES_CSV: &str = include_str!("places.csv");
+const ROADS_CSV: &str = include_str!("roads.csv");
 
 /// The model of the paper's experiments.
 pub type Model = Hmm<SparseTransition, RoundedTails<TableLikelihood>>;
@@ -67,13 +68,20 @@ pub enum CanberraError {
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
 pub fn map() -> RoadMap {
-    let places = places::PLACES.iter().map(|&(id, latitude, longitude, name)| Place {
-        id,
-        position: Position { latitude, longitude },
-        name: name.to_owned(),
+    // Without the feature csv, too; there are no quotes in it.
+    let lines = |text: &'static str| {
+        let lines = text.lines().skip(1).map(|line| line.splitn(4, ','));
+        lines.filter_map(|mut line| Some([line.next()?, line.next()?, line.next()?, line.next()?]))
+    };
+    let places = lines(PLACES_CSV).filter_map(|[id, latitude, longitude, name]| {
+        let (latitude, longitude) = (latitude.parse().ok()?, longitude.parse().ok()?);
+        let position = Position { latitude, longitude };
+        Some(Place { id: id.parse().ok()?, position, name: name.to_owned() })
     });
-    let roads =
-        roads::ROADS.iter().map(|&(from, to, class, metres)| Road { from, to, class, metres });
+    let roads = lines(ROADS_CSV).filter_map(|[from, to, class, metres]| {
+        let (from, to) = (from.parse().ok()?, to.parse().ok()?);
+        Some(Road { from, to, class: class.parse().ok()?, metres: metres.parse().ok()? })
+    });
     RoadMap::new(places, roads).expect("the table is a valid map")
 }
 
