@@ -270,7 +270,12 @@ proptest! {
         for k in 1..=model.steps() {
             let all = ranked(&model, k);
             let before = (decoder.undecided(), decoder.log_probability(), decoder.steps());
-            match decoder.step_with(&(k - 1), &model.logs[k - 1]) {
+            // Nothing seen is the same as a step without an observation.
+            let step = match &model.logs[k - 1] {
+                None => decoder.predict_with(&(k - 1)),
+                seen => decoder.step_with(&(k - 1), seen),
+            };
+            match step {
                 Err(_) => {
                     prop_assert!(all.is_empty());
                     let after = (decoder.undecided(), decoder.log_probability(), decoder.steps());
@@ -288,6 +293,17 @@ proptest! {
             let survivors: Vec<_> = (0..model.states).filter_map(best).collect();
             let agree = |at: &usize| survivors.iter().all(|path| path[*at] == survivors[0][*at]);
             prop_assert_eq!(committed.len(), (0..k).take_while(agree).count());
+        }
+        decoder.restart();
+        let fresh = hmm.online_viterbi();
+        prop_assert_eq!(decoder.undecided(), fresh.undecided());
+        prop_assert_eq!(decoder.log_probability(), fresh.log_probability());
+        if let (1.., Some(logs)) = (model.steps(), model.logs.first()) {
+            let mut fresh = fresh;
+            let (a, b) = (decoder.step_with(&0, logs).is_ok(), fresh.step_with(&0, logs).is_ok());
+            prop_assert_eq!(a, b);
+            prop_assert_eq!(decoder.undecided(), fresh.undecided());
+            prop_assert_eq!(decoder.log_probability(), fresh.log_probability());
         }
     }
 

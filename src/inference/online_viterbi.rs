@@ -110,25 +110,16 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<&[usize], InferenceError> {
-        let Self { model, scores, next, from, scratch, taken_out, .. } = self;
-        let number = self.steps + 1;
-        let control = model.prior().moves_at(number).then_some(control);
-        let step = Step { hmm: &**model, number, control };
-        if number == 1 {
-            step.first_scores(next)?;
-        } else {
-            step.maximise(scores, next, from)?;
-        }
-        let mut taken_out = taken_out.clone();
-        step.observe(observation, scratch, next, &mut taken_out)?;
-        step.settle(next, &mut taken_out)?;
-        // From here on nothing fails.
-        self.taken_out = taken_out;
-        mem::swap(&mut self.scores, &mut self.next);
-        self.steps = number;
-        self.grow();
-        self.commit();
-        Ok(&self.committed)
+        self.advance(control, Some(observation))
+    }
+
+    /// One step without an observation. Returns the states that it commits.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the control is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<&[usize], InferenceError> {
+        self.advance(control, None)
     }
 
     /// The states of the steps not yet committed, on the best path so far:
@@ -160,6 +151,41 @@ where
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
+    }
+
+    /// Back to before the first step.
+    pub fn restart(&mut self) {
+        self.scores.fill(0.0);
+        (self.steps, self.taken_out) = (0, TakenOut::default());
+        self.spare.extend(self.levels.drain(..));
+    }
+
+    fn advance(
+        &mut self,
+        control: &A::Control,
+        observation: Option<&B::Observation>,
+    ) -> Result<&[usize], InferenceError> {
+        let Self { model, scores, next, from, scratch, taken_out, .. } = self;
+        let number = self.steps + 1;
+        let control = model.prior().moves_at(number).then_some(control);
+        let step = Step { hmm: &**model, number, control };
+        if number == 1 {
+            step.first_scores(next)?;
+        } else {
+            step.maximise(scores, next, from)?;
+        }
+        let mut taken_out = taken_out.clone();
+        if let Some(observation) = observation {
+            step.observe(observation, scratch, next, &mut taken_out)?;
+        }
+        step.settle(next, &mut taken_out)?;
+        // From here on nothing fails.
+        self.taken_out = taken_out;
+        mem::swap(&mut self.scores, &mut self.next);
+        self.steps = number;
+        self.grow();
+        self.commit();
+        Ok(&self.committed)
     }
 
     /// Puts the present step on the tree, and takes off what no path to it
@@ -228,5 +254,14 @@ where
     /// As [`step_with`](Self::step_with).
     pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], InferenceError> {
         self.step_with(&(), observation)
+    }
+
+    /// One step without an observation. Returns the states that it commits.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict_with`](Self::predict_with).
+    pub fn predict(&mut self) -> Result<&[usize], InferenceError> {
+        self.predict_with(&())
     }
 }
