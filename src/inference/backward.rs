@@ -99,6 +99,7 @@ impl Backward {
     ) -> Result<(), InferenceError> {
         let Self { gamma, ratio, predicted, values, .. } = self;
         let transition = step.hmm.transition();
+        step.check_control(control)?; // a snapshot may bring any
         alpha.logs_to(values);
         transition.apply_log(control, values, predicted);
         for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma_after).zip(&*predicted) {
