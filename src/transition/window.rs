@@ -85,15 +85,14 @@ impl WindowTransition {
             format!("the weight of offset {}", first.saturating_add_unsigned(d))
         })?;
         let n = states.cast_signed();
+        let leading = weights.iter().take_while(|w| **w == 0.0).count();
         // The same loop, with offsets as near to 0 as can be.
-        let around = first.rem_euclid(n);
+        let around = (first.rem_euclid(n) + (leading % states).cast_signed()) % n;
         let first = match ends {
             Ends::Loop if around > n / 2 => around - n,
             Ends::Loop => around,
-            Ends::Stop | Ends::Renormalise => first,
+            Ends::Stop | Ends::Renormalise => first.saturating_add_unsigned(leading),
         };
-        let leading = weights.iter().take_while(|w| **w == 0.0).count();
-        let first = first.saturating_add_unsigned(leading);
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
         let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
