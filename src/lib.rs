@@ -111,6 +111,8 @@
 //! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
+//! - **`serde`**: models and snapshots as JSON or in any other format of
+//!   [serde](https://serde.rs), to the bit; the module `persistence` says how.
 //!
 //! Random numbers come from any generator of rand 0.10.
 
@@ -130,6 +132,8 @@ pub mod canberra;
 pub mod evaluate;
 pub mod map;
 pub mod observation;
+#[cfg(feature = "serde")]
+pub mod persistence;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{

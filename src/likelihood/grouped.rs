@@ -28,7 +28,7 @@ use crate::groups::Groups;
 /// ```
 #[derive(Debug, Clone)]
 pub struct GroupedLikelihood<B> {
-    sensor: B,
+    pub(crate) sensor: B,
     groups: Groups,
 }
 

@@ -31,10 +31,10 @@ use crate::inference::{LearnTransition, MoveCounts};
 /// ```
 #[derive(Debug, Clone)]
 pub struct TiedTransition {
-    transition: SparseTransition,
+    pub(crate) transition: SparseTransition,
     /// The parameter of each entry, column by column, and of how many entries
     /// of its column.
-    parameters: Vec<(u32, u32)>,
+    pub(crate) parameters: Vec<(u32, u32)>,
 }
 
 impl Deref for TiedTransition {

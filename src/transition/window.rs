@@ -8,6 +8,8 @@ use crate::kernels::log2;
 
 /// What a [`WindowTransition`] does with moves beyond the ends of the route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Ends {
     /// The route is closed: after the last place comes the first.
     Loop,
@@ -37,9 +39,12 @@ pub enum Ends {
 #[derive(Debug, Clone)]
 pub struct WindowTransition {
     states: usize,
+    /// What it was made with, to be made of again.
+    #[cfg(feature = "serde")]
+    pub(crate) ends: Ends,
     /// Place j goes to j + first + `to` of each entry of the window…
-    first: isize,
-    window: Vec<Entry>,
+    pub(crate) first: isize,
+    pub(crate) window: Vec<Entry>,
     /// …if j is one of these.
     whole: Range<usize>,
     /// The columns of the places before these, and after.
@@ -48,9 +53,9 @@ pub struct WindowTransition {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Entry {
-    to: usize,
-    value: f64,
+pub(crate) struct Entry {
+    pub(crate) to: usize,
+    pub(crate) value: f64,
     log2: f64,
 }
 
@@ -126,7 +131,16 @@ impl WindowTransition {
         };
         let before = (0..whole.start).map(column).collect::<Result<_, _>>()?;
         let after = (whole.end..states).map(column).collect::<Result<_, _>>()?;
-        Ok(Self { states, first, window, whole, before, after })
+        Ok(Self {
+            states,
+            #[cfg(feature = "serde")]
+            ends,
+            first,
+            window,
+            whole,
+            before,
+            after,
+        })
     }
 
     /// The columns near the ends, with their places.
