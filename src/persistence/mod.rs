@@ -1,7 +1,7 @@
 //! Models, and what filters know, in files and messages (feature `serde`).
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
-//! [`Hmm`], [`Prior`], [`Belief`], [`Groups`](crate::Groups) and
+//! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`] and
 //! [`Fixed`](crate::Fixed); all transition operators; all sensors but
 //! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
 //! and the snapshots [`FilterState`](crate::FilterState) and
