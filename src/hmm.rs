@@ -19,6 +19,8 @@ use crate::transition::{self, Transition};
 /// # Ok::<(), wayfix::BeliefError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Prior {
     /// The distribution of X_0, one transition before the first observation:
     /// α_0 = π_0, α_1 = B(y_1) A α_0. The paper's convention (eq. 10).

@@ -135,6 +135,8 @@
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
 //! - **`rayon`**: many sequences in parallel, with the same results.
+//! - **`serde`**: models and snapshots as JSON or in any other format of
+//!   [serde](https://serde.rs), to the bit; the module `persistence` says how.
 //!
 //! Random numbers come from any generator of rand 0.10.
 
@@ -154,6 +156,8 @@ pub mod canberra;
 pub mod evaluate;
 pub mod map;
 pub mod observation;
+#[cfg(feature = "serde")]
+pub mod persistence;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{

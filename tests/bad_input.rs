@@ -275,6 +275,23 @@ fn snapshots_of_another_model() {
     );
 }
 
+#[test]
+fn a_snapshot_in_logarithms_with_a_control_of_another_model() {
+    let hmm = |operators| {
+        let gears = SwitchedTransition::new(vec![identity(); operators]).unwrap();
+        let prior = Prior::BeforeFirstTransition(Belief::uniform(2).unwrap());
+        Hmm::new(prior, gears, LikelihoodVector::log(2)).unwrap()
+    };
+    let (three, one) = (hmm(3), hmm(1));
+    let mut source = three.fixed_lag(2);
+    source.step_with(&2, &[0.0, -2000.0]).unwrap();
+    source.step_with(&2, &[0.0, -2000.0]).unwrap();
+    says(
+        one.fixed_lag(2).restore(&source.snapshot()),
+        "step 2 has no valid control: unknown control: operator 2, expected one of 1 (0 to 0)",
+    );
+}
+
 fn place(id: u64) -> Place {
     let position = Position { latitude: -35.28, longitude: 149.13 + id as f64 * 1e-3 };
     Place { id, position, name: String::new() }

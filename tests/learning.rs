@@ -328,6 +328,19 @@ proptest! {
 }
 
 #[test]
+fn what_learning_drops_is_no_parameter_any_more() {
+    let a = SparseTransition::from_rows(2, &[0.5, 0.5, 0.5, 0.5]).unwrap();
+    let tied = TiedTransition::new(a, |from, to| usize::from(from != to));
+    assert_eq!(tied.parameters(), 2);
+    let prior = Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0]).unwrap());
+    let sensor = TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+    let hmm = Hmm::new(prior, tied, Fixed(sensor)).unwrap();
+    let learned = hmm.learn(&[[0, 1, 0, 1]], &Learning::default()).unwrap();
+    let tied = learned.model().transition();
+    assert_eq!((tied.entries(), tied.parameters()), (2, 1));
+}
+
+#[test]
 fn tied_turning_probabilities_are_found_again() {
     let map = canberra::map();
     let truth = canberra::turning().tied(&map);

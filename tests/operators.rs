@@ -652,6 +652,20 @@ fn identity() -> SparseTransition {
 }
 
 #[test]
+fn leading_weights_of_0_change_no_bit() {
+    let x: Vec<f64> = (0..10).map(|i| 1.0 / (3.0 + f64::from(i))).collect();
+    let product = |first, weights: &[f64]| {
+        let a = WindowTransition::new(10, first, weights, Ends::Loop).unwrap();
+        let mut out = vec![0.0; 10];
+        a.apply(&(), &x, &mut out);
+        out
+    };
+    let leading = product(4, &[0.0, 0.0, 0.0, 0.3, 0.5, 0.2]);
+    assert_eq!(leading, product(7, &[0.3, 0.5, 0.2]));
+    assert_eq!(leading, product(-3, &[0.3, 0.5, 0.2]));
+}
+
+#[test]
 fn bad_windows_restarts_and_pairs_are_named() {
     let window =
         |n, first, weights: &[f64], ends| text(WindowTransition::new(n, first, weights, ends));

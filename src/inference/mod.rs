@@ -44,8 +44,8 @@ pub use viterbi::ViterbiPath;
 /// 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct LogSum {
-    sum: f64,
-    lost: f64,
+    pub(crate) sum: f64,
+    pub(crate) lost: f64,
 }
 
 impl LogSum {

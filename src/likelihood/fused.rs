@@ -24,8 +24,8 @@ use crate::error::{HmmError, LikelihoodError};
 /// ```
 #[derive(Debug, Clone, Copy)]
 pub struct FusedLikelihood<B1, B2> {
-    pub(super) first: B1,
-    pub(super) second: B2,
+    pub(crate) first: B1,
+    pub(crate) second: B2,
 }
 
 impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {

@@ -28,7 +28,7 @@ use crate::groups::Groups;
 /// ```
 #[derive(Debug, Clone)]
 pub struct GroupedLikelihood<B> {
-    pub(super) sensor: B,
+    pub(crate) sensor: B,
     pub(super) groups: Groups,
 }
 

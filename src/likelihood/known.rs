@@ -27,7 +27,7 @@ use crate::error::LikelihoodError;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct KnownState {
-    states: usize,
+    pub(crate) states: usize,
 }
 
 impl KnownState {

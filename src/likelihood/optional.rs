@@ -23,8 +23,8 @@ use crate::error::LikelihoodError;
 /// ```
 #[derive(Debug, Clone)]
 pub struct OptionalLikelihood<B> {
-    pub(super) sensor: B,
-    pub(super) ones: Vec<f64>,
+    pub(crate) sensor: B,
+    pub(crate) ones: Vec<f64>,
 }
 
 impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {

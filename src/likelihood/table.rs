@@ -26,7 +26,7 @@ use crate::random::index;
 pub struct TableLikelihood {
     states: usize,
     /// p(y | i) at y n + i, and the logarithms to base 2 likewise.
-    pub(super) columns: Vec<f64>,
+    pub(crate) columns: Vec<f64>,
     log2: Vec<f64>,
     /// The largest value of each symbol's column.
     largest: Vec<f64>,

@@ -25,9 +25,9 @@ use crate::error::LikelihoodError;
 /// vectors.
 #[derive(Debug)]
 pub struct LikelihoodVector<Y: ?Sized = [f64]> {
-    states: usize,
-    log: bool,
-    observation: PhantomData<fn(&Y)>,
+    pub(crate) states: usize,
+    pub(crate) log: bool,
+    pub(crate) observation: PhantomData<fn(&Y)>,
 }
 
 impl LikelihoodVector {

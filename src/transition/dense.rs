@@ -29,7 +29,7 @@ const BLOCK: usize = 4;
 pub struct DenseTransition {
     states: usize,
     /// A\[i, j\] at j n + i.
-    columns: Vec<f64>,
+    pub(crate) columns: Vec<f64>,
     /// log2 A\[i, j\] at i n + j, made when first decoded with.
     log2_rows: OnceLock<Vec<f64>>,
 }

@@ -42,13 +42,13 @@ use crate::kernels::{self, log2};
 /// ```
 #[derive(Debug, Clone)]
 pub struct DwellTransition<A> {
-    moves: A,
+    pub(crate) moves: A,
     groups: Groups,
     /// The first state of each place, and the end.
     starts: Vec<usize>,
     /// The probabilities of leaving and of staying, and their logarithms.
-    leave: Vec<f64>,
-    stay: Vec<f64>,
+    pub(crate) leave: Vec<f64>,
+    pub(crate) stay: Vec<f64>,
     log2_leave: Vec<f64>,
     log2_stay: Vec<f64>,
 }
@@ -115,8 +115,9 @@ impl<A: Transition> DwellTransition<A> {
         Self::from_ages(moves, leaving.iter().enumerate().map(split).collect::<Result<_, _>>()?)
     }
 
-    /// From the probabilities of leaving and of staying at each age.
-    fn from_ages(moves: A, ages: Vec<Vec<(f64, f64)>>) -> Result<Self, TransitionError> {
+    /// From the probabilities of leaving and of staying at each age, of which
+    /// each place has one at least.
+    pub(crate) fn from_ages(moves: A, ages: Vec<Vec<(f64, f64)>>) -> Result<Self, TransitionError> {
         let (found, expected) = (ages.len(), moves.states());
         if found != expected {
             return Err(TransitionError::PartStates { part: "dwell table", found, expected });
@@ -167,7 +168,7 @@ impl<A: Transition> DwellTransition<A> {
     }
 
     /// The places with the range of their states.
-    fn ranges(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
+    pub(crate) fn ranges(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
         self.starts.windows(2).map(|pair| pair[0]..pair[1]).enumerate()
     }
 

@@ -29,8 +29,8 @@ use crate::groups::Groups;
 /// ```
 #[derive(Debug, Clone, Copy)]
 pub struct KroneckerTransition<A1, A2> {
-    first: A1,
-    second: A2,
+    pub(crate) first: A1,
+    pub(crate) second: A2,
 }
 
 impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<A1, A2> {

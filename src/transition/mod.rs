@@ -265,7 +265,10 @@ fn check_sum(
     Ok(())
 }
 
-fn check_probability(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+pub(crate) fn check_probability(
+    value: f64,
+    what: impl FnOnce() -> String,
+) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
         return Err(TransitionError::Parameter { what: what(), value, expected });

@@ -27,7 +27,7 @@ use crate::kernels::log2;
 /// ```
 #[derive(Debug, Clone, Copy)]
 pub struct PowerTransition<A> {
-    inner: A,
+    pub(crate) inner: A,
     exponent: u32,
 }
 

@@ -29,11 +29,11 @@ use crate::kernels::{self, log2};
 /// ```
 #[derive(Debug, Clone)]
 pub struct RestartTransition<A> {
-    inner: A,
+    pub(crate) inner: A,
     /// 1 − ε.
-    keep: f64,
+    pub(crate) keep: f64,
     /// ε r, and its logarithms.
-    restart: Vec<f64>,
+    pub(crate) restart: Vec<f64>,
     log2_restart: Vec<f64>,
 }
 
@@ -55,8 +55,13 @@ impl<A: Transition> RestartTransition<A> {
         }
         let mut restart = restart.into_vec();
         restart.iter_mut().for_each(|r| *r *= rate);
+        Ok(Self::from_parts(inner, 1.0 - rate, restart))
+    }
+
+    /// From 1 − ε and ε r, which are known to belong together.
+    pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
         let log2_restart = restart.iter().map(|&r| log2(r)).collect();
-        Ok(Self { inner, keep: 1.0 - rate, restart, log2_restart })
+        Self { inner, keep, restart, log2_restart }
     }
 
     /// The entries of ε r above 0.

@@ -24,7 +24,7 @@ use crate::error::TransitionError;
 /// ```
 #[derive(Debug, Clone)]
 pub struct SwitchedTransition<A> {
-    pub(super) operators: Vec<A>,
+    pub(crate) operators: Vec<A>,
 }
 
 impl<A: Transition<Control = ()>> SwitchedTransition<A> {

@@ -31,10 +31,10 @@ use crate::inference::{LearnTransition, MoveCounts};
 /// ```
 #[derive(Debug, Clone)]
 pub struct TiedTransition {
-    transition: SparseTransition,
+    pub(crate) transition: SparseTransition,
     /// The parameter of each entry, column by column, and of how many entries
     /// of its column.
-    parameters: Vec<(u32, u32)>,
+    pub(crate) parameters: Vec<(u32, u32)>,
 }
 
 impl Deref for TiedTransition {
@@ -106,7 +106,14 @@ impl LearnTransition for TiedTransition {
         let weights = self.shared(weights(&self.transition, &counts[0])?, pseudo_count);
         // An entry that gets 0 is an entry no more.
         let kept = self.parameters.iter().zip(&weights).filter(|entry| entry.1.2 > 0.0);
-        let parameters = kept.map(|entry| *entry.0).collect();
+        let mut parameters: Vec<(u32, u32)> = kept.map(|entry| *entry.0).collect();
+        // Nor is a parameter one that no entry has any more.
+        let mut used: Vec<u32> = parameters.iter().map(|parameter| parameter.0).collect();
+        used.sort_unstable();
+        used.dedup();
+        for parameter in &mut parameters {
+            parameter.0 = used.partition_point(|number| *number < parameter.0) as u32;
+        }
         let transition = SparseTransition::from_triplets(self.states(), weights)?;
         Ok(Self { transition, parameters })
     }

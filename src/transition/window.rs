@@ -8,6 +8,8 @@ use crate::kernels::log2;
 
 /// What a [`WindowTransition`] does with moves beyond the ends of the route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Ends {
     /// The route is closed: after the last place comes the first.
     Loop,
@@ -37,9 +39,12 @@ pub enum Ends {
 #[derive(Debug, Clone)]
 pub struct WindowTransition {
     states: usize,
+    /// What it was made with, to be made of again.
+    #[cfg(feature = "serde")]
+    pub(crate) ends: Ends,
     /// Place j goes to j + first + `to` of each entry of the window…
-    first: isize,
-    window: Vec<Entry>,
+    pub(crate) first: isize,
+    pub(crate) window: Vec<Entry>,
     /// …if j is one of these.
     whole: Range<usize>,
     /// The columns of the places before these, and after.
@@ -48,9 +53,9 @@ pub struct WindowTransition {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Entry {
-    to: usize,
-    value: f64,
+pub(crate) struct Entry {
+    pub(crate) to: usize,
+    pub(crate) value: f64,
     log2: f64,
 }
 
@@ -85,15 +90,14 @@ impl WindowTransition {
             format!("the weight of offset {}", first.saturating_add_unsigned(d))
         })?;
         let n = states.cast_signed();
+        let leading = weights.iter().take_while(|w| **w == 0.0).count();
         // The same loop, with offsets as near to 0 as can be.
-        let around = first.rem_euclid(n);
+        let around = (first.rem_euclid(n) + (leading % states).cast_signed()) % n;
         let first = match ends {
             Ends::Loop if around > n / 2 => around - n,
             Ends::Loop => around,
-            Ends::Stop | Ends::Renormalise => first,
+            Ends::Stop | Ends::Renormalise => first.saturating_add_unsigned(leading),
         };
-        let leading = weights.iter().take_while(|w| **w == 0.0).count();
-        let first = first.saturating_add_unsigned(leading);
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
         let last = window.last().map_or(first, |entry| first.saturating_add_unsigned(entry.to));
@@ -127,7 +131,16 @@ impl WindowTransition {
         };
         let before = (0..whole.start).map(column).collect::<Result<_, _>>()?;
         let after = (whole.end..states).map(column).collect::<Result<_, _>>()?;
-        Ok(Self { states, first, window, whole, before, after })
+        Ok(Self {
+            states,
+            #[cfg(feature = "serde")]
+            ends,
+            first,
+            window,
+            whole,
+            before,
+            after,
+        })
     }
 
     /// The columns near the ends, with their places.

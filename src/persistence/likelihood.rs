@@ -1,0 +1,51 @@
+//! Sensors.
+
+use std::collections::TryReserveError;
+use std::convert::Infallible;
+use std::marker::PhantomData;
+
+use super::stored;
+use crate::groups::Groups;
+use crate::likelihood::{Likelihood, OptionalLikelihood};
+
+stored! {
+    [] TableLikelihood: [], |table| {
+        rows: Vec<Vec<f64>> = {
+            let states = table.states();
+            let row = |state| table.columns[state..].iter().step_by(states).copied().collect();
+            (0..states).map(row).collect::<Vec<Vec<_>>>()
+        },
+    } => Self::from_rows(&rows);
+
+    [Y: AsRef<[f64]> + ?Sized] LikelihoodVector<Y>: [], |vector| {
+        states: usize = vector.states,
+        log: bool = vector.log,
+    } => Ok::<_, Infallible>(Self { states, log, observation: PhantomData });
+
+    [] KnownState: [], |known| {
+        states: usize = known.states,
+    } => Ok::<_, Infallible>(Self::new(states));
+
+    [B: Likelihood<Observation: Sized>] OptionalLikelihood<B>: [B], |optional| {
+        sensor: B = optional.sensor,
+    } => optional(sensor);
+
+    [B1: Likelihood, B2: Likelihood] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
+        first: B1 = fused.first,
+        second: B2 = fused.second,
+    } => Self::new(first, second);
+
+    [B: Likelihood] GroupedLikelihood<B>: [B], |grouped| {
+        sensor: B = grouped.sensor,
+        groups: Groups = grouped.groups(),
+    } => Self::new(sensor, groups);
+}
+
+/// As the constructor, but a number of states that is beyond all memory is an
+/// error.
+fn optional<B: Likelihood>(sensor: B) -> Result<OptionalLikelihood<B>, TryReserveError> {
+    let mut ones = Vec::new();
+    ones.try_reserve_exact(sensor.states())?;
+    ones.resize(sensor.states(), 1.0);
+    Ok(OptionalLikelihood { sensor, ones })
+}

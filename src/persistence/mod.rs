@@ -1,0 +1,214 @@
+//! Models, and what filters know, in files and messages (feature `serde`).
+//!
+//! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
+//! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
+//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators; all sensors but
+//! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
+//! and the snapshots [`FilterState`](crate::FilterState) and
+//! [`FixedLagState`](crate::FixedLagState).
+//!
+//! ```
+//! use wayfix::{Belief, FilterState, Hmm, Prior, SparseTransition, TableLikelihood};
+//!
+//! let hmm = Hmm::new(
+//!     Prior::BeforeFirstTransition(Belief::uniform(2)?),
+//!     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+//!     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
+//! )?;
+//! let mut filter = hmm.filter();
+//! filter.step(&0)?;
+//! let model = serde_json::to_string(&hmm)?; // before the engine is switched off
+//! let state = serde_json::to_string(&filter.snapshot())?;
+//!
+//! // The next morning.
+//! let restored: Hmm<SparseTransition, TableLikelihood> = serde_json::from_str(&model)?;
+//! let mut next = restored.filter();
+//! next.restore(&serde_json::from_str::<FilterState>(&state)?)?;
+//! filter.step(&1)?;
+//! next.step(&1)?;
+//! assert_eq!(next.snapshot(), filter.snapshot()); // as if it had never stopped
+//!
+//! let wrong = r#"{"version":1,"states":2,"to":[0,1],"from":[0,1],"probability":[1,0.9]}"#;
+//! assert_eq!(
+//!     serde_json::from_str::<SparseTransition>(wrong).unwrap_err().to_string(),
+//!     "column 1 (the transitions out of state 1) sums to 0.9, expected 1",
+//! );
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Exact
+//!
+//! What comes back gives the same numbers to the bit, if the format keeps
+//! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
+//! it, it may read the last bit of a number wrongly.
+//!
+//! # Checked
+//!
+//! What is read goes through the constructors, and is refused with their
+//! message; a snapshot is checked against itself here, and against the model
+//! when it is restored. A file can be as costly as what it describes: a few
+//! bytes make a window of 2^32 places, or the 2^32-th power of an operator. So
+//! read only models of those that you would run a model of.
+//!
+//! # The format
+//!
+//! A struct has the fields below, all of them and no others, and a `version`,
+//! which is 1; another one is refused. Within are the same formats again.
+//! States and symbols are counted from 0; probabilities are numbers.
+//!
+//! | type | fields |
+//! |---|---|
+//! | `Hmm` | `prior`, `transition`, `likelihood` |
+//! | `DenseTransition` | `states`; `columns`, column after column |
+//! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
+//! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
+//! | `SwitchedTransition` | `operators` |
+//! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
+//! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
+//! | `KroneckerTransition` | `first`, `second` |
+//! | `PowerTransition` | `inner`, `exponent` |
+//! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
+//! | `TableLikelihood` | `rows`, one for each state |
+//! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
+//! | `KnownState` | `states` |
+//! | `OptionalLikelihood` | `sensor` |
+//! | `FusedLikelihood` | `first`, `second` |
+//! | `GroupedLikelihood` | `sensor`, `groups` |
+//! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
+//! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
+//!
+//! These are without a version: `Belief` is a list of probabilities, `Prior`
+//! an object with one field, `before_first_transition` or
+//! `at_first_observation`, `Groups` the list of each state's group, and `Fixed`
+//! and `RoundedTails` what they hold.
+
+mod likelihood;
+mod state;
+mod transition;
+
+use std::error::Error;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::belief::Belief;
+use crate::groups::Groups;
+use crate::hmm::Prior;
+use crate::likelihood::Likelihood;
+use crate::transition::Transition;
+
+/// The version of the format, the only one that is read.
+pub const VERSION: u32 = 1;
+
+/// What stands for it in a struct.
+struct Version;
+
+impl Serialize for Version {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u32(VERSION)
+    }
+}
+
+impl<'de> Deserialize<'de> for Version {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match u32::deserialize(deserializer)? {
+            VERSION => Ok(Self),
+            other => Err(D::Error::custom(format!("version {other}, expected {VERSION}"))),
+        }
+    }
+}
+
+/// An error with all its sources, as one of serde.
+fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
+    let error = error.into();
+    let (mut text, mut source) = (error.to_string(), error.source());
+    while let Some(cause) = source {
+        text += &format!(": {cause}");
+        source = cause.source();
+    }
+    E::custom(text)
+}
+
+/// How structs are stored:
+///
+/// ```text
+/// [generics of the impl] Type<…>: [those that fields depend on], |value| {
+///     field: its type = how it is had from the value,
+/// } => the value, as a result, from the fields;
+/// ```
+macro_rules! stored {
+    ($(
+        [$($generics:tt)*] $name:ident$(<$($argument:ident),*>)?: [$($part:ident),*], |$value:ident| {
+            $($field:ident: $type:ty = $stored:expr,)*
+        } => $built:expr;
+    )*) => {$(
+        const _: () = {
+            // Named as the type, since formats and messages show the name.
+            #[derive(serde::Deserialize)]
+            #[serde(deny_unknown_fields)]
+            struct $name<$($part),*> {
+                version: $crate::persistence::Version,
+                $($field: $type,)*
+            }
+
+            impl<$($generics)*> serde::Serialize for $crate::$name$(<$($argument),*>)?
+            where
+                $($part: serde::Serialize,)*
+            {
+                fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                    use serde::ser::SerializeStruct;
+                    let $value = self;
+                    let fields = 1 + [$(stringify!($field)),*].len();
+                    let mut out = serializer.serialize_struct(stringify!($name), fields)?;
+                    out.serialize_field("version", &$crate::persistence::Version)?;
+                    $(out.serialize_field(stringify!($field), &$stored)?;)*
+                    out.end()
+                }
+            }
+
+            impl<'de, $($generics)*> serde::Deserialize<'de> for $crate::$name$(<$($argument),*>)?
+            where
+                $($part: serde::Deserialize<'de>,)*
+            {
+                fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+                    let $name { version: $crate::persistence::Version, $($field),* } =
+                        serde::Deserialize::deserialize(from)?;
+                    $built.map_err($crate::persistence::refused)
+                }
+            }
+        };
+    )*};
+}
+use stored;
+
+stored! {
+    [A: Transition, B: Likelihood] Hmm<A, B>: [A, B], |hmm| {
+        prior: Prior = hmm.prior(),
+        transition: A = hmm.transition(),
+        likelihood: B = hmm.likelihood(),
+    } => Self::new(prior, transition, likelihood);
+}
+
+impl<S: AsRef<[f64]>> Serialize for Belief<S> {
+    fn serialize<Out: Serializer>(&self, serializer: Out) -> Result<Out::Ok, Out::Error> {
+        self.values().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Belief {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::new(Vec::deserialize(deserializer)?).map_err(refused)
+    }
+}
+
+impl Serialize for Groups {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.as_slice().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Groups {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::new(Vec::deserialize(deserializer)?).map_err(refused)
+    }
+}
