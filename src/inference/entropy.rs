@@ -83,20 +83,13 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         self.check_control(control)?;
         let mut ways: Vec<(usize, f64)> = Vec::new();
         for (i, after) in after.iter_mut().enumerate() {
-            ways.clear();
-            let incoming = self.hmm.transition().incoming(control, i);
-            ways.extend(incoming.map(|(j, p)| (j, alpha.log(j) + p.ln())));
-            let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+            alpha.ways(|| self.hmm.transition().incoming(control, i), &mut ways);
+            let total: f64 = ways.iter().map(|way| way.1).sum();
             *after = 0.0;
-            if largest == f64::NEG_INFINITY {
-                continue; // not reached at all
-            }
-            let sum: f64 = ways.iter().map(|way| (way.1 - largest).exp()).sum();
-            for &(j, log) in &ways {
-                let log = log - largest - sum.ln();
-                let q = log.exp();
+            for &(j, weight) in &ways {
+                let q = weight / total;
                 if q > 0.0 {
-                    *after += q * (before[j] - log);
+                    *after += q * (before[j] - q.ln());
                 }
             }
         }

@@ -6,10 +6,9 @@ use std::fmt;
 use rand::Rng;
 
 use super::block::Block;
-use super::step::{Held, Step};
+use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::LIFT;
 use crate::likelihood::Likelihood;
 use crate::random::index;
 use crate::sequence::Sequence;
@@ -90,14 +89,12 @@ where
         for at in (0..states.len()).rev() {
             let row = at + 1; // of the step
             let alpha = self.block.held(row);
-            ways.clear();
             match states.get(at + 1) {
-                None => ways.extend(alpha.linear.iter().copied().enumerate()),
+                None => ways = alpha.linear.iter().copied().enumerate().collect(),
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
-                    let incoming = || self.hmm.transition().incoming(control, to);
-                    weigh(alpha, incoming, &mut ways);
+                    alpha.ways(|| self.hmm.transition().incoming(control, to), &mut ways);
                 }
             }
             let total: f64 = ways.iter().map(|way| way.1).sum();
@@ -108,22 +105,4 @@ where
         }
         Ok(states)
     }
-}
-
-/// The ways into a state in proportion to α_{k-1}(j) A\[i, j\].
-fn weigh<I: Iterator<Item = (usize, f64)>>(
-    alpha: Held<'_>,
-    incoming: impl Fn() -> I,
-    ways: &mut Vec<(usize, f64)>,
-) {
-    ways.extend(incoming().map(|(from, p)| (from, alpha.linear[from] * LIFT * p)));
-    let total: f64 = ways.iter().map(|way| way.1).sum();
-    if alpha.logs.is_none() && total >= 1.0 / LIFT {
-        return;
-    }
-    // Too small for doubles, or some of it is.
-    ways.clear();
-    ways.extend(incoming().map(|(from, p)| (from, alpha.log(from) + p.ln())));
-    let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
-    ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
 }

@@ -42,6 +42,27 @@ impl Held<'_> {
         self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
     }
 
+    /// The ways into a state i in proportion to α(j) A\[i, j\], with the states j
+    /// that they come from; NaN or all 0 if there are none.
+    pub(super) fn ways<I: Iterator<Item = (usize, f64)>>(
+        &self,
+        incoming: impl Fn() -> I,
+        ways: &mut Vec<(usize, f64)>,
+    ) {
+        ways.clear();
+        ways.extend(incoming().map(|(from, p)| (from, self.linear[from] * LIFT * p)));
+        let total: f64 = ways.iter().map(|way| way.1).sum();
+        let nothing = || ways.iter().all(|way| self.linear[way.0] == 0.0);
+        if self.logs.is_none() && (total >= 1.0 / LIFT || nothing()) {
+            return;
+        }
+        // Too small for doubles, or some of it is.
+        ways.clear();
+        ways.extend(incoming().map(|(from, p)| (from, self.log(from) + p.ln())));
+        let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
+        ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
+    }
+
     /// The logarithms, from wherever they are.
     pub(super) fn logs_to(&self, out: &mut [f64]) {
         match self.logs {
