@@ -38,7 +38,7 @@ pub enum GroupError {
 }
 
 /// A map from states to groups: places that were expanded into several states,
-/// by age ([`DwellTransition`](crate::DwellTransition)) or by heading
+/// by age ([`DwellTransition`](crate::DwellTransition)) or by weather
 /// ([`KroneckerTransition`](crate::KroneckerTransition)), or places of a
 /// district.
 ///

@@ -77,13 +77,15 @@ pub struct Hmm<A, B> {
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// A model of three parts with the same number of states. O(n + E): the
-    /// columns of a transition operator without a control are checked.
+    /// A model of three parts with the same number of states. O(n + E): of a
+    /// transition operator without a control the columns are checked, and that
+    /// its two products belong together; one with a control is checked as it is
+    /// used.
     ///
     /// # Errors
     ///
-    /// [`HmmError`] if the parts differ in size, or if a column of the
-    /// operator does not sum to one.
+    /// [`HmmError`] if the parts differ in size, or if the operator is not
+    /// stochastic.
     pub fn new(prior: Prior, transition: A, likelihood: B) -> Result<Self, HmmError> {
         let expected = prior.belief().states();
         for (part, found) in [
@@ -120,5 +122,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     #[must_use]
     pub fn likelihood(&self) -> &B {
         &self.likelihood
+    }
+
+    /// Prior, transition operator and likelihood operator, moved out.
+    #[must_use]
+    pub fn into_parts(self) -> (Prior, A, B) {
+        (self.prior, self.transition, self.likelihood)
     }
 }

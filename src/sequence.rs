@@ -33,6 +33,10 @@ use crate::error::InferenceError;
 /// }
 /// # assert_eq!(Log(vec![(10.0, 3)]).observation(1), &3);
 /// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` is not a sequence of observations of type `{Y}` with controls of type `{U}`",
+    note = "an operator with a control takes a `wayfix::Controlled`, with a control for each observation"
+)]
 pub trait Sequence<U, Y: ?Sized> {
     /// The number of steps, T.
     fn steps(&self) -> usize;

@@ -9,8 +9,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
     Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, GroupedLikelihood, Groups, Hmm,
     KnownState, Labelled, LearnError, LearnTransition, Learned, Learning, OptionalLikelihood,
-    Prior, SparseTransition, StopReason, SwitchedTransition, TableLikelihood, TiedTransition,
-    canberra,
+    Prior, Simulation, SparseTransition, StopReason, SwitchedTransition, TableLikelihood,
+    TiedTransition, canberra,
 };
 
 type Sensor = OptionalLikelihood<TableLikelihood>;
@@ -161,7 +161,7 @@ fn learn<A: LearnTransition<Control = usize> + Clone + Sync>(
 ) -> Option<Learned<A, Sensor>> {
     let result = case.hmm(transition).learn(&case.drives(), &case.learning(iterations));
     if case.count().left_out.len() == case.sequences.len() {
-        assert!(matches!(result, Err(LearnError::Nothing { first: Some(_) })));
+        assert!(matches!(result, Err(LearnError::Nothing { first: Some(_), .. })));
         return None;
     }
     Some(result.unwrap())
@@ -400,7 +400,7 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
 
     let none: [Vec<usize>; 0] = [];
     let error = hmm.learn(&none, &Learning::default()).unwrap_err();
-    assert_eq!(error.to_string(), "there is no sequence to learn from");
+    assert_eq!(error.to_string(), "there is no sequence to learn from, of 0 given");
     let bad = Learning { transition_pseudo_count: -1.0, ..Learning::default() };
     assert_eq!(
         hmm.learn(&sequences, &bad).unwrap_err().to_string(),
@@ -420,10 +420,7 @@ fn learning_from_known_states_is_counting() {
     .unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let drives: Vec<_> = (0..20).map(|_| source.simulate(15, &mut rng)).collect();
-    let labelled: Vec<_> = drives
-        .iter()
-        .map(|d| Labelled { initial: None, states: d.states(), sequence: d.observations() })
-        .collect();
+    let labelled: Vec<_> = drives.iter().map(Simulation::labelled).collect();
     let learning = Learning { iterations: 1, transition_pseudo_count: 0.5, ..Learning::default() };
     let counted = source.learn_labelled(&labelled, &learning).unwrap();
 
@@ -495,7 +492,7 @@ fn labelled_drives_that_do_not_fit_are_errors() {
     }
     let none: [Labelled<'_, [usize]>; 0] = [];
     let error = hmm.learn_labelled(&none, &Learning::default()).unwrap_err();
-    assert_eq!(error.to_string(), "there is no sequence to learn from");
+    assert_eq!(error.to_string(), "there is no sequence to learn from, of 0 given");
 }
 
 /// A sensor whose "maximum" is not one is found out.

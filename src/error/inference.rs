@@ -53,7 +53,7 @@ pub enum InferenceError {
     /// The predictions do not sum to one: the transition operator does not keep
     /// its contract, or its transpose is not that of it.
     #[error(
-        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1"
+        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
     )]
     PredictedSum {
         /// The step, from 1.
@@ -69,10 +69,12 @@ pub enum InferenceError {
         /// Observations given.
         observations: usize,
     },
-    /// A snapshot is of another model.
-    #[error("the snapshot has {found} states, expected {expected} as the model")]
-    Snapshot {
-        /// States in the snapshot.
+    /// A snapshot or a belief is of another model.
+    #[error("the {what} has {found} states, expected {expected} as the model")]
+    StateCount {
+        /// "snapshot" or "belief".
+        what: &'static str,
+        /// Its states.
         found: usize,
         /// States of the model.
         expected: usize,
@@ -94,8 +96,10 @@ pub struct SequenceError {
 #[non_exhaustive]
 pub enum LearnError {
     /// There is no sequence to learn from: none was given, or each failed.
-    #[error("there is no sequence to learn from")]
+    #[error("there is no sequence to learn from, of {sequences} given")]
     Nothing {
+        /// How many were given.
+        sequences: usize,
         /// The first that failed.
         #[source]
         first: Option<SequenceError>,

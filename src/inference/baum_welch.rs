@@ -8,7 +8,9 @@ use super::{LogSum, many};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
+use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
+use crate::transition::Transition;
 
 /// How [`Hmm::learn`] learns.
 ///
@@ -112,7 +114,8 @@ impl<A, B> Learned<A, B> {
         &self.objectives
     }
 
-    /// ln p of all observations under the model learned.
+    /// ln p of all observations that were not [left out](Self::left_out), under
+    /// the model learned.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
@@ -147,9 +150,12 @@ pub(super) struct Expected<B: LearnLikelihood> {
     pub(super) log_likelihood: LogSum,
 }
 
-impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Learns prior, transitions and sensor from sequences of observations, of
     /// any lengths: Baum–Welch, from this model on, to a local maximum.
+    ///
+    /// Sequences that this model rules out take no part:
+    /// [`Learned::left_out`] names them.
     ///
     /// Structure is kept: what has probability 0 keeps it. What must not be
     /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration takes one
@@ -184,6 +190,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         learning: &Learning,
     ) -> Result<Learned<A, B>, LearnError>
     where
+        A: LearnTransition,
+        B: LearnLikelihood,
         Self: Clone + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
@@ -193,7 +201,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let out = |index: &usize| left_out.iter().any(|error| error.sequence == *index);
         let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         if kept.is_empty() {
-            return Err(LearnError::Nothing { first: left_out.into_iter().next() });
+            let sequences = sequences.len();
+            return Err(LearnError::Nothing { sequences, first: left_out.into_iter().next() });
         }
         let (mut model, mut expected) = (self.clone(), expected);
         let mut objectives: Vec<f64> = Vec::new();
@@ -225,7 +234,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
         }
     }
+}
 
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// The expectations of each sequence, added up in order, and those that
     /// have none.
     fn expect<S>(&self, sequences: &[(usize, &S)]) -> (Expected<B>, Vec<SequenceError>)

@@ -210,11 +210,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Snapshot`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if it has another number of states.
     pub fn restore(&mut self, snapshot: &FilterState) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.belief.states(), self.model.states());
         if found != expected {
-            return Err(InferenceError::Snapshot { found, expected });
+            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
         self.state.steps = snapshot.steps;
         self.state.log_likelihood = snapshot.log_likelihood;
@@ -239,11 +239,11 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Snapshot`] if it has another number of states.
+    /// [`InferenceError::StateCount`] if it has another number of states.
     pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
         let (found, expected) = (belief.states(), self.model.states());
         if found != expected {
-            return Err(InferenceError::Snapshot { found, expected });
+            return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
         self.state.belief.as_mut_vec().copy_from_slice(belief.as_slice());
         self.keep_logs(false);

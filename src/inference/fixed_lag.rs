@@ -153,7 +153,7 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Snapshot`] if it has another number of states, or
+    /// [`InferenceError::StateCount`] if it has another number of states, or
     /// [`InferenceError::Control`] for a control that is not one of the model.
     /// The smoother then is as before.
     pub fn restore(&mut self, snapshot: &FixedLagState<A::Control>) -> Result<(), InferenceError> {

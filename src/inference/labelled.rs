@@ -6,14 +6,16 @@ use super::pairs::Move;
 use super::step::Step;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
-use crate::likelihood::Scratch;
+use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
+use crate::transition::Transition;
 
 /// A drive whose states are known, as of a [`Simulation`](crate::Simulation).
 #[derive(Debug, Clone, Copy)]
 pub struct Labelled<'a, S: ?Sized> {
-    /// X_0, where it is known. (Under
-    /// [`Prior::AtFirstObservation`] there is none, and it is not looked at.)
+    /// X_0, where it is known; else the move to X_1 is not counted, nor is
+    /// anything learned of the prior. (Under [`Prior::AtFirstObservation`] there
+    /// is none, and it is not looked at.)
     pub initial: Option<usize>,
     /// X_1 … X_T.
     pub states: &'a [usize],
@@ -21,7 +23,7 @@ pub struct Labelled<'a, S: ?Sized> {
     pub sequence: &'a S,
 }
 
-impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// The model estimated from labelled drives: relative frequencies, with the
     /// pseudo-counts of `learning` added to what this model allows. O(T n) for
     /// each drive.
@@ -60,11 +62,13 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         learning: &Learning,
     ) -> Result<Self, LearnError>
     where
+        A: LearnTransition,
+        B: LearnLikelihood,
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         learning.check()?;
         if drives.is_empty() {
-            return Err(LearnError::Nothing { first: None });
+            return Err(LearnError::Nothing { sequences: 0, first: None });
         }
         let mut expected = self.nothing_expected();
         let mut certain = vec![0.0; self.states()];
@@ -94,7 +98,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
         self.maximise(&expected, learning)
     }
+}
 
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Whether the model allows what the drive does.
     fn check_drive<S>(&self, drive: usize, labelled: &Labelled<'_, S>) -> Result<(), LearnError>
     where

@@ -14,6 +14,10 @@ use crate::transition::TransitionEntries;
 /// entry above 0, [`TiedTransition`](crate::TiedTransition) shares some of them,
 /// [`SwitchedTransition`](crate::SwitchedTransition) learns each of its
 /// operators, and [`Fixed`](crate::Fixed) keeps any operator as it is.
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say how it is learned",
+    note = "to keep it as it is, wrap it in `wayfix::Fixed`"
+)]
 pub trait LearnTransition: TransitionEntries + Sized {
     /// How many sets of moves are counted apart: one, unless controls choose
     /// among several operators.
@@ -46,7 +50,8 @@ pub trait LearnTransition: TransitionEntries + Sized {
 }
 
 /// A sensor that can be estimated from observations whose states are known with
-/// some probability.
+/// some probability: it maximises Σ p ln b(y) over all observations y and
+/// states, p being the probability of the state.
 ///
 /// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions
 /// learn their parts; [`Fixed`](crate::Fixed) keeps any sensor as it is.
@@ -99,6 +104,10 @@ pub trait LearnTransition: TransitionEntries + Sized {
 /// assert!((means[0] + 5.0).abs() < 0.1 && (means[1] - 5.0).abs() < 0.1);
 /// # Ok::<(), Box<dyn Error>>(())
 /// ```
+#[diagnostic::on_unimplemented(
+    message = "`{Self}` does not say how it is learned",
+    note = "to keep it as it is, wrap it in `wayfix::Fixed`"
+)]
 pub trait LearnLikelihood: Likelihood + Sized {
     /// What is gathered over the observations.
     type Statistics: Send;

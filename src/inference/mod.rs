@@ -1,28 +1,41 @@
 //! Filter, smoother, decoder, simulation: one algorithm a file. `step` holds
 //! what they share: a prediction, a checked diagonal, a normaliser.
 
-mod backward;
-mod baum_welch;
-mod block;
-mod checkpoints;
-mod entropy;
+// Streams, batches, paths, learning, many: the order in which the docs of `Hmm`
+// list them.
 mod filter;
 mod filter_state;
-mod filtering;
+
 mod fixed_lag;
+
+mod online_viterbi;
+
+mod filtering;
+
+mod smoother;
+
+mod checkpoints;
+mod entropy;
+
+mod viterbi;
+
 mod k_best;
+
+mod sampler;
+
+mod simulate;
+
+mod baum_welch;
 mod labelled;
 mod learnable;
 mod many;
-mod online_viterbi;
+
+mod backward;
+mod block;
 mod pairs;
 mod posteriors;
-mod sampler;
 mod scores;
-mod simulate;
-mod smoother;
 mod step;
-mod viterbi;
 
 pub use baum_welch::{Learned, Learning, StopReason};
 pub use checkpoints::{Order, SmoothedStep};

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use rand::Rng;
 
 use super::filter::Filter;
+use super::labelled::Labelled;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -40,6 +41,12 @@ impl<Y> Simulation<Y> {
     #[must_use]
     pub fn observations(&self) -> &[Y] {
         &self.observations
+    }
+
+    /// The drive with its true states, to be learned from.
+    #[must_use]
+    pub fn labelled(&self) -> Labelled<'_, [Y]> {
+        Labelled { initial: self.initial, states: &self.states, sequence: &self.observations }
     }
 }
 

@@ -179,6 +179,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             kernels::lift(before.linear, results.after);
             self.predict(results.after, results.predicted)?;
             let sums = kernels::multiply(results.predicted, linear, results.after);
+            if !is_one(sums.absolute / LIFT) {
+                self.check_prediction(results.predicted)?;
+            }
             let normaliser = sums.products / LIFT;
             if is_one(sums.absolute / LIFT) && normaliser >= LEAST_NORMALISER * largest {
                 let small = kernels::normalise(results.after, sums.products);

@@ -46,6 +46,18 @@ impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
         }
         Ok(Self { first, second })
     }
+
+    /// The first sensor.
+    #[must_use]
+    pub fn first(&self) -> &B1 {
+        &self.first
+    }
+
+    /// The second sensor.
+    #[must_use]
+    pub fn second(&self) -> &B2 {
+        &self.second
+    }
 }
 
 impl<B1, B2> Likelihood for FusedLikelihood<B1, B2>

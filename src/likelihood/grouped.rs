@@ -47,6 +47,12 @@ impl<B: Likelihood> GroupedLikelihood<B> {
         Ok(Self { sensor, groups })
     }
 
+    /// The sensor of the groups.
+    #[must_use]
+    pub fn sensor(&self) -> &B {
+        &self.sensor
+    }
+
     /// Which states it takes for one.
     pub fn groups(&self) -> &Groups {
         &self.groups

@@ -32,6 +32,12 @@ impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
     pub fn new(sensor: B) -> Self {
         Self { ones: vec![1.0; sensor.states()], sensor }
     }
+
+    /// The sensor that may miss.
+    #[must_use]
+    pub fn sensor(&self) -> &B {
+        &self.sensor
+    }
 }
 
 impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {

@@ -115,6 +115,12 @@ impl<A: Transition> DwellTransition<A> {
         Self::from_ages(moves, leaving.iter().enumerate().map(split).collect::<Result<_, _>>()?)
     }
 
+    /// Where one goes on leaving a place.
+    #[must_use]
+    pub fn moves(&self) -> &A {
+        &self.moves
+    }
+
     /// From the probabilities of leaving and of staying at each age, of which
     /// each place has one at least.
     pub(crate) fn from_ages(moves: A, ages: Vec<Vec<(f64, f64)>>) -> Result<Self, TransitionError> {

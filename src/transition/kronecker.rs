@@ -1,11 +1,16 @@
-//! Two things that move side by side: place × heading, place × gear.
+//! Two things that move side by side, neither minding the other.
 
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
 
 /// The operator of pairs of states that move independently, A₁ ⊗ A₂, without
-/// its matrix.
+/// its matrix: place × weather, place × what is wrong with the camera, or two
+/// vehicles.
+///
+/// Neither part minds how the other moves; only observations tie them. Where a
+/// heading says which way a place is left, the pairs of place and heading need
+/// an operator of their own, such as a [`SparseTransition`](crate::SparseTransition).
 ///
 /// The pair (i₁, i₂) is state i₁ n₂ + i₂, and A\[(i₁, i₂), (j₁, j₂)\] =
 /// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors are driven by the same control. To
@@ -47,6 +52,18 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         }
         check_count("states", count)?;
         Ok(Self { first, second })
+    }
+
+    /// The operator of the first part.
+    #[must_use]
+    pub fn first(&self) -> &A1 {
+        &self.first
+    }
+
+    /// The operator of the second part.
+    #[must_use]
+    pub fn second(&self) -> &A2 {
+        &self.second
     }
 
     /// The state that is this pair, or `None` if there is none.

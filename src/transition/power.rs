@@ -37,6 +37,12 @@ impl<A: Transition> PowerTransition<A> {
         Self { inner, exponent }
     }
 
+    /// The operator of one step.
+    #[must_use]
+    pub fn inner(&self) -> &A {
+        &self.inner
+    }
+
     /// The number of steps, m.
     pub fn exponent(&self) -> u32 {
         self.exponent

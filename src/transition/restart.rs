@@ -58,6 +58,12 @@ impl<A: Transition> RestartTransition<A> {
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
+    /// The operator without restarts.
+    #[must_use]
+    pub fn inner(&self) -> &A {
+        &self.inner
+    }
+
     /// From 1 − ε and ε r, which are known to belong together.
     pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
         let log2_restart = restart.iter().map(|&r| log2(r)).collect();

@@ -46,6 +46,12 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
         }
         Ok(Self { operators })
     }
+
+    /// The operators, by control.
+    #[must_use]
+    pub fn operators(&self) -> &[A] {
+        &self.operators
+    }
 }
 
 impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
