@@ -20,9 +20,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut position = Filter::new(Arc::clone(&model));
     for place_seen in [Some(6), Some(7), None, Some(61), Some(8), Some(9)] {
         match position.step(&place_seen.map(|place| place - 1)) {
-            // Not from here: the filter is as it was, so drive on without this sighting.
-            Err(InferenceError::Impossible { .. }) => position.predict()?,
-            other => drop(other?),
+            Ok(_) => {}
+            Err(error @ InferenceError::Impossible { .. }) => {
+                // Not from here: the filter is as it was, so drive on without this sighting.
+                println!("{error}; without it:");
+                position.predict()?;
+            }
+            Err(other) => return Err(other.into()),
         }
         let belief = position.belief();
         let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();

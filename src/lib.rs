@@ -61,21 +61,30 @@
 //! [`Hmm::simulate`] and [`Filter::simulate`] draw from the model. A method of
 //! a stream that ends in `_with` takes a control.
 //!
-//! Operators come ready-made. Of transitions, some are stored:
-//! [`SparseTransition`] and [`DenseTransition`], and one shares its parameters,
-//! [`TiedTransition`]; one needs no matrix:
-//! [`WindowTransition`] (a route); and others are made from these:
-//! [`SwitchedTransition`] (one of several at each step), [`RestartTransition`]
-//! (the vehicle may turn up anywhere), [`KroneckerTransition`] (two things that
-//! move side by side), [`PowerTransition`] (several steps in one) and
-//! [`DwellTransition`] (how long a place is stayed in). Of likelihoods there
-//! are [`TableLikelihood`], [`LikelihoodVector`], [`LogLikelihoodFn`],
-//! [`OptionalLikelihood`] (missing observations), [`FusedLikelihood`] (several
-//! sensors), [`GroupedLikelihood`] (a sensor that sees only the place of a
-//! state; see [`Groups`]), [`KnownState`] (constraints) and [`RoundedTails`].
-//! [`Fixed`] keeps an operator or a sensor from being learned. Or implement
-//! [`Transition`] or [`Likelihood`] yourself: each has an example of a dozen
-//! lines.
+//! What moves and what is seen are operators, to be composed:
+//!
+//! | for | take |
+//! |---|---|
+//! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
+//! | a route | [`WindowTransition`] |
+//! | odometry, gears, elapsed time | [`SwitchedTransition`], or an operator of your own with a control |
+//! | a vehicle that may turn up anywhere | [`RestartTransition`] |
+//! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
+//! | two things that move side by side | [`KroneckerTransition`] |
+//! | sightings only every few steps | [`PowerTransition`] |
+//! | few parameters for many moves, to be learned | [`TiedTransition`] |
+//! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
+//! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
+//! | sightings that may be missing | [`OptionalLikelihood`] |
+//! | several sensors | [`FusedLikelihood`] |
+//! | places that are known at some steps | [`KnownState`], fused with a sensor |
+//! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
+//! | tails that need not be exact | [`RoundedTails`] |
+//! | what must not be learned | [`Fixed`] |
+//!
+//! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
+//! of a dozen lines. With [`LearnTransition`] or [`LearnLikelihood`],
+//! [`Hmm::learn`] estimates them, too.
 //!
 //! On top stand [`map`] (places and roads, and the transitions that follow),
 //! [`observation`] (sensors that take a place for its neighbours),
@@ -84,10 +93,6 @@
 //!
 //! [`formulas`] derives what every routine computes, with its cost, its
 //! exactness and its sources.
-//!
-//! The paper that equations are cited from is B. Guo, B. Zhao and Z. Zhou,
-//! *Visual Place Recognition*, Australian National University. Where a formula
-//! of it reads wrongly, the docs of the item say what is meant.
 //!
 //! # Conventions
 //!
@@ -98,9 +103,12 @@
 //!   transition](Prior::BeforeFirstTransition), or of X_1, [at the first
 //!   observation](Prior::AtFirstObservation). You say which; libraries differ,
 //!   and so do the results.
+//! - Entries are given and asked for as (to, from), like the indices of A; moves
+//!   and turns as (from, to). Rows of a [`TableLikelihood`] sum to one.
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
+//! - An error says what is wrong; what is behind it is its `source`.
 //!
 //! # Exact or an error
 //!
@@ -139,6 +147,10 @@
 //!   [serde](https://serde.rs), to the bit; the module `persistence` says how.
 //!
 //! Random numbers come from any generator of rand 0.10.
+//!
+//! Equations are cited from B. Guo, B. Zhao and Z. Zhou, *Visual Place
+//! Recognition*, Australian National University. Where one of them reads wrongly,
+//! the docs of the item say what is meant.
 
 mod belief;
 mod error;

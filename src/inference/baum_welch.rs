@@ -150,6 +150,7 @@ pub(super) struct Expected<B: LearnLikelihood> {
     pub(super) log_likelihood: LogSum,
 }
 
+/// # Learning
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Learns prior, transitions and sensor from sequences of observations, of
     /// any lengths: Baum–Welch, from this model on, to a local maximum.

@@ -63,6 +63,7 @@ pub struct Filter<M> {
     work: Workspace,
 }
 
+/// # Streams
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// A streaming filter at the prior, which borrows the model.
     #[must_use]

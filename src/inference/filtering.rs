@@ -39,6 +39,7 @@ impl Filtering {
     }
 }
 
+/// # Whole sequences
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Filters a whole sequence: the forward pass (paper eq. 10), scaled.
     ///

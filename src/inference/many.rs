@@ -30,7 +30,9 @@ pub(super) fn each<S: Sync, R: Send>(
     sequences.iter().enumerate().map(one).collect()
 }
 
-/// For many sequences, of any lengths: the verb for one with `_all`. With the
+/// # Many sequences
+///
+/// Of any lengths: the verb for one with `_all`. With the
 /// feature `rayon` in parallel, with the same results to the bit.
 ///
 /// The result at index i is that of sequence i. One that fails does not hinder

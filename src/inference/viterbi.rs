@@ -37,6 +37,7 @@ impl ViterbiPath {
     }
 }
 
+/// # Paths
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// The path that maximises p(x_1 … x_T, y_1 … y_T): every move of it is one
     /// that the transition operator allows.

@@ -77,6 +77,54 @@ use crate::kernels::{self, log2};
 /// assert_eq!(filter.belief().as_slice(), [0.1, 0.9, 0.0, 0.0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
+///
+/// With a control, the metres driven since the last sighting, on a line of
+/// places 100 m apart (n of them; what comes near the end stays there):
+///
+/// ```
+/// use wayfix::{Transition, TransitionError};
+///
+/// struct Line(usize);
+///
+/// impl Line {
+///     /// The places on either side of where the vehicle comes to.
+///     fn reached(&self, from: usize, metres: f64) -> [(usize, f64); 2] {
+///         let at = (from as f64 + metres / 100.0).min(self.0 as f64 - 1.0);
+///         let share = at.fract();
+///         [(at as usize, 1.0 - share), ((at as usize + 1).min(self.0 - 1), share)]
+///     }
+/// }
+///
+/// impl Transition for Line {
+///     type Control = f64;
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn apply(&self, &metres: &f64, x: &[f64], out: &mut [f64]) {
+///         out.fill(0.0);
+///         for (j, x) in x.iter().enumerate() {
+///             self.reached(j, metres).iter().for_each(|(i, p)| out[*i] += p * x);
+///         }
+///     }
+///     fn apply_transpose(&self, &metres: &f64, x: &[f64], out: &mut [f64]) {
+///         for (j, out) in out.iter_mut().enumerate() {
+///             *out = self.reached(j, metres).iter().map(|(i, p)| p * x[*i]).sum();
+///         }
+///     }
+///     fn check_control(&self, &metres: &f64) -> Result<(), TransitionError> {
+///         let valid = metres >= 0.0 && metres.is_finite();
+///         if valid { Ok(()) } else { Err(TransitionError::Control(format!("{metres} m driven"))) }
+///     }
+/// }
+/// # use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
+/// # let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?);
+/// # let hmm = Hmm::new(prior, Line(4), LikelihoodVector::linear(4))?;
+/// let mut filter = hmm.filter();
+/// filter.predict_with(&150.0)?;
+/// assert_eq!(filter.belief().as_slice(), [0.0, 0.5, 0.5, 0.0]);
+/// assert!(filter.predict_with(&f64::NAN).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Transition {
     /// What the operator of a step depends on; `()` if on nothing.
     type Control: 'static;
