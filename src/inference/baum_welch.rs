@@ -162,8 +162,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration takes one
     /// [`smooth_each`](Self::smooth_each) for each sequence and O(E) a step;
     /// O(n + E) memory and the sensor's statistics for each of the 64 sequences
-    /// that are gone through together. Empty ones say nothing. In parallel with the feature `rayon`, with the same result to
-    /// the bit.
+    /// that are gone through together. Empty ones say nothing. In parallel with
+    /// the feature `rayon`, with the same result to the bit.
     ///
     /// ```
     /// use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior, TableLikelihood};
@@ -199,7 +199,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         learning.check()?;
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
         let (expected, left_out) = self.expect(&all);
-        let out = |index: &usize| left_out.iter().any(|error| error.sequence == *index);
+        let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
         let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         if kept.is_empty() {
             let sequences = sequences.len();

@@ -323,6 +323,15 @@ where
     /// The distribution `steps` ahead, without observations. The filter stays
     /// where it is. Costs `steps` products with A.
     ///
+    /// ```
+    /// let hmm = wayfix::canberra::hmm(5, 1.0)?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&4)?;
+    /// let soon = filter.forecast(2)?; // where it will be two steps from now
+    /// assert!(soon.entropy() > filter.belief().entropy());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     ///
     /// As [`predict`](Self::predict).
