@@ -48,6 +48,8 @@ pub(crate) struct Sums {
     pub(crate) products: f64,
     /// Σ |xᵢ|: that of x, if no value is negative.
     pub(crate) absolute: f64,
+    /// The least xᵢ, or 0 if all are above.
+    pub(crate) least: f64,
 }
 
 /// `out = x ∘ y`, and its sums.
@@ -55,18 +57,22 @@ pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> Sums {
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
     let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
     let (mut products, mut absolute) = ([0.0; LANES], [0.0; LANES]);
+    let mut least = [0.0; LANES];
     for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
         for l in 0..LANES {
+            least[l] = if x[l] < least[l] { x[l] } else { least[l] };
             out[l] = x[l] * y[l];
             products[l] += out[l];
             absolute[l] += x[l].abs();
         }
     }
-    let mut sums = Sums { products: total(products), absolute: total(absolute) };
+    let least = least.into_iter().fold(0.0, f64::min);
+    let mut sums = Sums { products: total(products), absolute: total(absolute), least };
     for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
         *out = x * y;
         sums.products += *out;
         sums.absolute += x.abs();
+        sums.least = sums.least.min(*x);
     }
     sums
 }

@@ -127,7 +127,8 @@
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it
 //! was. Input that is not valid is an error that says what and where. Only
 //! direct calls of an operator's own methods with slices of a wrong length, or
-//! with states that do not exist, panic, as slices do.
+//! with states that do not exist, panic, as slices do; and so does an operator
+//! of your own that lists such states as its entries.
 //!
 //! # What it does not do
 //!

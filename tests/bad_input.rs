@@ -238,7 +238,7 @@ fn observations() {
     let logs = Hmm::new(at_0(), identity(), LikelihoodVector::log(2)).unwrap();
     for (y, value) in [([f64::NAN, 0.0], "NaN"), ([f64::INFINITY, 0.0], "inf")] {
         let problem = format!(
-            "step 1 has no valid likelihood: state 0 has log-likelihood {value}, expected a finite value or negative infinity"
+            "step 1 has no valid likelihood: state 0 has log-likelihood {value}, expected a value from -1e300 to 1e300, or negative infinity"
         );
         says(logs.filter().step(&y), &problem);
         says(logs.viterbi(&[y]), &problem);
@@ -259,7 +259,7 @@ fn observations() {
     let fused = Hmm::new(at_0(), identity(), FusedLikelihood::new(flat, nan).unwrap()).unwrap();
     says(
         fused.filter().step(&((), ())),
-        "step 1 has no valid likelihood: state 0 has log-likelihood NaN, expected a finite value or negative infinity",
+        "step 1 has no valid likelihood: state 0 has log-likelihood NaN, expected a value from -1e300 to 1e300, or negative infinity",
     );
 }
 

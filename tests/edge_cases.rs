@@ -4,8 +4,9 @@
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
     Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, KroneckerTransition,
-    Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior, Scratch,
-    SparseTransition, SwitchedTransition, TableLikelihood, TransitionEntries,
+    Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior,
+    RestartTransition, Scratch, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
+    TransitionEntries,
 };
 
 fn before(belief: Belief) -> Prior {
@@ -198,11 +199,11 @@ fn large_shifts_cost_no_digits() {
         assert!((filter.belief().as_slice()[1] - expected).abs() <= 1e-12);
     }
     let hmm = Hmm::new(before(uniform(2)), identity(2), LikelihoodVector::log(2)).unwrap();
-    for huge in [f64::MAX, -f64::MAX] {
+    for huge in [1e300, -1e300] {
         let ys = [[huge; 2]; 2];
         let smoothing = hmm.smooth(&ys).unwrap();
-        assert!(!smoothing.log_likelihood().is_nan());
-        assert!(!hmm.viterbi(&ys).unwrap().log_probability().is_nan());
+        assert_eq!(smoothing.log_likelihood(), 2.0 * huge);
+        assert_eq!(hmm.viterbi(&ys).unwrap().log_probability(), 2.0 * huge);
         assert_eq!(smoothing.posteriors().get(2).unwrap().as_slice(), [0.5, 0.5]);
     }
 }
@@ -478,4 +479,65 @@ fn a_tiny_prior_keeps_its_digits_in_decoders() {
         close(hmm.viterbi(&y).unwrap().log_probability());
         close(hmm.k_best(&y, 3).unwrap()[0].log_probability());
     }
+}
+
+/// A factor of the prior ties with the same factor of a transition.
+#[test]
+fn priors_and_entries_tie_with_each_other() {
+    for (a, b) in (1..70).flat_map(|a| (1..70).map(move |b| (f64::from(a), f64::from(b)))) {
+        let (a, b) = (a * 0.005, b * 0.005);
+        // 0 → 2 with b after a, 1 → 2 with a after b.
+        let ways = [(0, 0, 1.0 - b), (2, 0, b), (1, 1, 1.0 - a), (2, 1, a), (2, 2, 1.0)];
+        let motion = SparseTransition::from_triplets(3, ways).unwrap();
+        let prior = Belief::new(vec![a, b, 1.0 - a - b]).unwrap();
+        let hmm = Hmm::new(Prior::AtFirstObservation(prior), motion, LikelihoodVector::linear(3))
+            .unwrap();
+        let ys = [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert_eq!(hmm.viterbi(&ys).unwrap().states(), [0, 2], "{a} {b}");
+        let paths = hmm.k_best(&ys, 2).unwrap();
+        assert_eq!(paths[0].log_probability(), paths[1].log_probability());
+    }
+}
+
+#[test]
+fn numbers_beyond_reason_are_errors() {
+    let hmm = |a| Hmm::new(before(uniform(2)), a, LikelihoodVector::log(2)).unwrap();
+    let error = hmm(identity(2)).score(&[[1e308, 1e308]; 2]).unwrap_err();
+    let source = std::error::Error::source(&error).unwrap().to_string();
+    assert_eq!(
+        source,
+        format!(
+            "state 0 has log-likelihood {}, expected a value from -1e300 to 1e300, or negative infinity",
+            1e308
+        )
+    );
+    assert!(hmm(identity(2)).score(&[[1e300, -1e300], [-1e300, 1e300]]).unwrap().is_finite());
+    let restart = Belief::new(vec![1.0, 1e-200]).unwrap();
+    let error = RestartTransition::new(identity(2), 1e-200, restart).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the probability of a restart in state 1 is 0, expected 0 or at least 2.2e-308, the smallest normal double"
+    );
+}
+
+/// A negative prediction is found even where it is small.
+#[test]
+fn a_slightly_negative_prediction_is_an_error() {
+    struct Negative;
+    impl Transition for Negative {
+        type Control = usize;
+        fn states(&self) -> usize {
+            2
+        }
+        fn apply(&self, _: &usize, x: &[f64], out: &mut [f64]) {
+            let sum = x[0] + x[1];
+            out.copy_from_slice(&[sum * (1.0 + 1e-9), sum * -1e-9]);
+        }
+        fn apply_transpose(&self, _: &usize, x: &[f64], out: &mut [f64]) {
+            out.fill(x[0] * (1.0 + 1e-9) - x[1] * 1e-9);
+        }
+    }
+    let hmm = Hmm::new(before(uniform(2)), Negative, LikelihoodVector::linear(2)).unwrap();
+    let error = hmm.filter().step_with(&0, &[1.0, 1.0]).unwrap_err();
+    assert!(matches!(error, InferenceError::Predicted { step: 1, state: 1, value } if value < 0.0));
 }

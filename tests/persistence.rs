@@ -748,22 +748,6 @@ fn what_no_smoother_knows_is_refused() {
     refused(2, &[past(0, one), past(1, "[0.5,0.4]")], "the probabilities sum to 0.9, expected 1");
 }
 
-#[test]
-fn a_log_likelihood_beyond_doubles_is_not_written() {
-    let prior = Prior::AtFirstObservation(Belief::uniform(1).unwrap());
-    let still = DenseTransition::from_rows(1, &[1.0]).unwrap();
-    let hmm = Hmm::new(prior, still, LikelihoodVector::log(1)).unwrap();
-    let mut filter = hmm.filter();
-    filter.step(&[-1e308]).unwrap();
-    stored(&filter.snapshot());
-    filter.step(&[-1e308]).unwrap();
-    assert_eq!(filter.log_likelihood(), f64::NEG_INFINITY);
-    assert_eq!(
-        serde_json::to_string(&filter.snapshot()).unwrap_err().to_string(),
-        "the log-likelihood is the sum of -inf and inf, expected finite values"
-    );
-}
-
 /// A sensor with rounded tails, in a whole model.
 #[test]
 fn the_canberra_model_comes_back_to_the_bit() {

@@ -15,7 +15,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// more than the sum of the entropies of the smoothed beliefs.
     ///
     /// In one pass forward, O(E) a step and O(n) memory. Every term is at least
-    /// 0, so that nothing cancels.
+    /// 0, so that nothing cancels; the error is about 1e-12 nats, since that of
+    /// a probability near one is the last digit of its distance from one.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -22,7 +22,8 @@ struct Way {
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// The `count` most probable paths x_1 … x_T, the best first; fewer, if the
     /// model allows fewer. They are distinct, and the first is that of
-    /// [`viterbi`](Self::viterbi).
+    /// [`viterbi`](Self::viterbi) (to the last digit but one, where an operator
+    /// adds the logarithms of several factors).
     ///
     /// Equally probable paths are in the order of their last state, then of
     /// the last but one, and so on; what counts as equal is said at

@@ -34,7 +34,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
 
     /// The operator that makes these moves most probable, each free parameter
     /// having been seen `pseudo_count` times besides. What is 0 stays 0, and
-    /// what was not seen at all stays as it is.
+    /// what was not seen at all (or less than 2.2e-308 times) stays as it is.
     ///
     /// # Errors
     ///

@@ -59,10 +59,10 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             self.hmm.transition().apply_log(control, &logs, &mut next);
             for (score, log) in scores.iter_mut().zip(next) {
                 let log2 = kernels::on_grid(log * LOG2_E);
-                *score = if *score < 1.0 { log2 } else { kernels::log2(*score) - LIFT.log2() };
+                *score = if *score < 1.0 { log2 } else { unlifted_log2(*score) };
             }
         } else {
-            scores.iter_mut().for_each(|score| *score = kernels::log2(*score) - LIFT.log2());
+            scores.iter_mut().for_each(|score| *score = unlifted_log2(*score));
         }
         Ok(())
     }
@@ -108,6 +108,13 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         scores.iter_mut().for_each(|score| *score -= floor);
         Ok(floor)
     }
+}
+
+/// log2 of a lifted probability. Where it is a double with all its digits, of
+/// that itself: a prior then has the same logarithm as an entry of its size.
+fn unlifted_log2(lifted: f64) -> f64 {
+    let p = lifted / LIFT;
+    if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }
 }
 
 /// The lowest state of the highest score.

@@ -179,7 +179,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             kernels::lift(before.linear, results.after);
             self.predict(results.after, results.predicted)?;
             let sums = kernels::multiply(results.predicted, linear, results.after);
-            if !is_one(sums.absolute / LIFT) {
+            if sums.least < 0.0 || !is_one(sums.absolute / LIFT) {
                 self.check_prediction(results.predicted)?;
             }
             let normaliser = sums.products / LIFT;

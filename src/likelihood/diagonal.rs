@@ -3,6 +3,10 @@
 use crate::error::LikelihoodError;
 use crate::kernels;
 
+/// Sums and differences of logarithms up to this stay finite over more steps than
+/// anyone takes.
+const LARGEST_LOG: f64 = 1e300;
+
 /// The diagonal of B(y): one likelihood per state, as numbers or as
 /// logarithms, with a common factor taken out if wanted.
 ///
@@ -34,10 +38,10 @@ impl<'a> Diagonal<'a> {
         Self::of(Values::Linear(values))
     }
 
-    /// From natural logarithms of likelihoods, each finite or −∞ (which is a
-    /// likelihood of exactly 0).
+    /// From natural logarithms of likelihoods, each at most 1e300 in size, or −∞
+    /// (which is a likelihood of exactly 0).
     ///
-    /// They may lie anywhere: differences beyond the range of a double's
+    /// They may lie anywhere there: differences beyond the range of a double's
     /// exponent are handled exactly.
     #[must_use]
     pub fn log(values: &'a [f64]) -> Self {
@@ -73,7 +77,7 @@ impl<'a> Diagonal<'a> {
         if self.len() != states {
             return Err(LikelihoodError::WrongLength { found: self.len(), expected: states });
         }
-        if !self.log_factor.is_finite() {
+        if self.log_factor.is_nan() || self.log_factor.abs() > LARGEST_LOG {
             return Err(LikelihoodError::LogFactor { value: self.log_factor });
         }
         match self.values {
@@ -86,12 +90,13 @@ impl<'a> Diagonal<'a> {
                 })
             }
             Values::Log(values) => {
-                match values.iter().position(|l| l.is_nan() || *l == f64::INFINITY) {
+                let valid = |l: f64| l.abs() <= LARGEST_LOG || l == f64::NEG_INFINITY;
+                match values.iter().position(|l| !valid(*l)) {
                     Some(state) => Err(LikelihoodError::Value {
                         state,
                         kind: "log-likelihood",
                         value: values[state],
-                        expected: "a finite value or negative infinity",
+                        expected: "a value from -1e300 to 1e300, or negative infinity",
                     }),
                     None => Ok(values.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
                 }

@@ -37,7 +37,7 @@ impl LearnLikelihood for TableLikelihood {
                 .map(|(at, p)| if *p > 0.0 { statistics[at] + pseudo_count } else { 0.0 })
                 .collect();
             let sum: f64 = weights.iter().sum();
-            if sum > 0.0 { weights.iter().map(|w| w / sum).collect() } else { old }
+            if sum >= f64::MIN_POSITIVE { weights.iter().map(|w| w / sum).collect() } else { old }
         };
         Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
     }

@@ -38,8 +38,8 @@ impl LikelihoodVector {
         Self { states, log: false, observation: PhantomData }
     }
 
-    /// For slices of `states` natural log-likelihoods of any size, each finite
-    /// or −∞, which rules a state out.
+    /// For slices of `states` natural log-likelihoods, each at most 1e300 in
+    /// size, or −∞, which rules a state out.
     #[must_use]
     pub fn log(states: usize) -> Self {
         Self { states, log: true, observation: PhantomData }

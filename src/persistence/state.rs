@@ -1,7 +1,5 @@
 //! What filters know.
 
-use serde::{Serialize, Serializer};
-
 use super::stored;
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::inference::{FilterState, FixedLagState, LogSum};
@@ -16,7 +14,7 @@ stored! {
         logs: Option<Vec<Option<f64>>> = state.logs.as_ref().map(|logs| {
             logs.iter().map(|log| log.is_finite().then_some(*log)).collect::<Vec<_>>()
         }),
-        log_likelihood: [f64; 2] = Finite(state.log_likelihood),
+        log_likelihood: [f64; 2] = [state.log_likelihood.sum, state.log_likelihood.lost],
     } => filter_state(steps, belief, logs, log_likelihood);
 
     [U] FixedLagState<U>: [U], |state| {
@@ -24,18 +22,6 @@ stored! {
         present: FilterState = state.present,
         past: Vec<(FilterState, U)> = state.past,
     } => fixed_lag_state(lag, present, past);
-}
-
-/// Observations beyond belief (log-likelihoods of -1e308, twice) make it
-/// infinite. JSON would write null for that, and only the reader would notice.
-struct Finite(LogSum);
-
-impl Serialize for Finite {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let LogSum { sum, lost } = self.0;
-        check_finite([sum, lost]).map_err(serde::ser::Error::custom)?;
-        [sum, lost].serialize(serializer)
-    }
 }
 
 fn check_finite([sum, lost]: [f64; 2]) -> Result<(), String> {

@@ -174,7 +174,9 @@ pub trait Transition {
 /// A transition operator whose entries can be listed.
 ///
 /// Only entries above 0 are listed, each state at most once, in ascending
-/// order: ties in decoding then go to the lowest state. Inference asks only for
+/// order: ties in decoding then go to the lowest state. Entries are those of the
+/// product; what lists others gives wrong results, or an error where pairs do not
+/// sum to one, and what lists states that do not exist panics. Inference asks only for
 /// states below [`states`](Transition::states); for others the operators of
 /// this crate panic.
 ///

@@ -24,8 +24,8 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     }
 }
 
-/// Makes columns of weights distributions; a column of nothing but 0 keeps the
-/// entries that it has in the operator.
+/// Makes columns of weights distributions; a column of nothing but 0, or
+/// less than a normal double, keeps the entries that it has in the operator.
 pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
@@ -33,7 +33,7 @@ pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
     for column in weights.chunk_by_mut(|a, b| a.1 == b.1) {
         let from = column[0].1;
         let sum: f64 = column.iter().map(|entry| entry.2).sum();
-        if sum > 0.0 {
+        if sum >= f64::MIN_POSITIVE {
             column.iter_mut().for_each(|entry| entry.2 /= sum);
         } else {
             let old = transition.outgoing(&(), from);

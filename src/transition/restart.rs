@@ -43,7 +43,8 @@ impl<A: Transition> RestartTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Parameter`] unless the rate is from 0 to 1, or
+    /// [`TransitionError::Parameter`] unless the rate is from 0 to 1, or if its
+    /// product with a probability of `restart` underflows, or
     /// [`TransitionError::PartStates`] if the belief differs from the operator
     /// in its number of states.
     pub fn new(inner: A, rate: f64, restart: Belief) -> Result<Self, TransitionError> {
@@ -54,7 +55,15 @@ impl<A: Transition> RestartTransition<A> {
             return Err(TransitionError::PartStates { part, found, expected });
         }
         let mut restart = restart.into_vec();
-        restart.iter_mut().for_each(|r| *r *= rate);
+        for (state, r) in restart.iter_mut().enumerate() {
+            let value = *r * rate;
+            if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
+                let what = format!("the probability of a restart in state {state}");
+                let expected = "0 or at least 2.2e-308, the smallest normal double";
+                return Err(TransitionError::Parameter { what, value, expected });
+            }
+            *r = value;
+        }
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
