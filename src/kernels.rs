@@ -46,8 +46,8 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
 pub(crate) struct Sums {
     /// Σ xᵢ yᵢ.
     pub(crate) products: f64,
-    /// Σ |xᵢ|: that of x, if no value is negative.
-    pub(crate) absolute: f64,
+    /// Σ xᵢ.
+    pub(crate) first: f64,
     /// The least xᵢ, or 0 if all are above.
     pub(crate) least: f64,
 }
@@ -56,22 +56,22 @@ pub(crate) struct Sums {
 pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> Sums {
     let (outs, out_rest) = out.as_chunks_mut::<LANES>();
     let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
-    let (mut products, mut absolute) = ([0.0; LANES], [0.0; LANES]);
+    let (mut products, mut first) = ([0.0; LANES], [0.0; LANES]);
     let mut least = [0.0; LANES];
     for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
         for l in 0..LANES {
             least[l] = if x[l] < least[l] { x[l] } else { least[l] };
             out[l] = x[l] * y[l];
             products[l] += out[l];
-            absolute[l] += x[l].abs();
+            first[l] += x[l];
         }
     }
     let least = least.into_iter().fold(0.0, f64::min);
-    let mut sums = Sums { products: total(products), absolute: total(absolute), least };
+    let mut sums = Sums { products: total(products), first: total(first), least };
     for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
         *out = x * y;
         sums.products += *out;
-        sums.absolute += x.abs();
+        sums.first += x;
         sums.least = sums.least.min(*x);
     }
     sums
@@ -187,7 +187,7 @@ mod tests {
             assert_eq!(dot(&x, &y), 2.0 * expected);
             let mut out = vec![f64::NAN; n];
             let sums = multiply(&x, &y, &mut out);
-            assert_eq!((sums.products, sums.absolute), (2.0 * expected, expected));
+            assert_eq!((sums.products, sums.first), (2.0 * expected, expected));
             assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * x));
             assert_eq!(largest(&x), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {

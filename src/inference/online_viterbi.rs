@@ -52,6 +52,8 @@ pub struct OnlineViterbi<M> {
     from: Vec<u32>,
     scratch: Scratch,
     spare: Vec<Level>,
+    /// The states before those of the last step that no path goes on from.
+    gone: Vec<u32>,
 }
 
 /// The states of one step as nodes of the tree of best paths.
@@ -95,6 +97,7 @@ where
             from: vec![0; n],
             scratch: Scratch::default(),
             spare: Vec::new(),
+            gone: Vec::with_capacity(n),
         }
     }
 
@@ -203,9 +206,19 @@ where
             for (&from, &uses) in level.from.iter().zip(&level.uses) {
                 last.uses[from as usize] += uses;
             }
-            for state in 0..n {
-                if self.levels[self.levels.len() - 1].uses[state] > 0 {
-                    self.release(self.levels.len() - 1, state);
+            self.gone.clear();
+            for (uses, &from) in last.uses.iter_mut().zip(&last.from) {
+                if *uses > 0 {
+                    *uses -= 1;
+                    if *uses == 0 {
+                        self.gone.push(from);
+                    }
+                }
+            }
+            last.alive -= self.gone.len();
+            if let Some(before) = self.levels.len().checked_sub(2) {
+                for k in 0..self.gone.len() {
+                    self.release(before, self.gone[k] as usize);
                 }
             }
         }

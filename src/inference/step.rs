@@ -179,11 +179,11 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             kernels::lift(before.linear, results.after);
             self.predict(results.after, results.predicted)?;
             let sums = kernels::multiply(results.predicted, linear, results.after);
-            if sums.least < 0.0 || !is_one(sums.absolute / LIFT) {
+            if sums.least < 0.0 || !is_one(sums.first / LIFT) {
                 self.check_prediction(results.predicted)?;
             }
             let normaliser = sums.products / LIFT;
-            if is_one(sums.absolute / LIFT) && normaliser >= LEAST_NORMALISER * largest {
+            if is_one(sums.first / LIFT) && normaliser >= LEAST_NORMALISER * largest {
                 let small = kernels::normalise(results.after, sums.products);
                 if !(small && loses_states(&diagonal, linear, results.predicted, results.after)) {
                     let log = normaliser.ln() + log_scale + diagonal.log_factor;
