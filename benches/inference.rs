@@ -19,9 +19,9 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, Hmm, KroneckerTransition, Learning, Likelihood,
-    LikelihoodVector, Order, PowerTransition, Prior, RestartTransition, SparseTransition,
-    TransitionEntries, WindowTransition, canberra,
+    Belief, DenseTransition, DwellTransition, Ends, Hmm, KroneckerTransition, Labelled, Learning,
+    Likelihood, LikelihoodVector, Order, PowerTransition, Prior, RestartTransition, Simulation,
+    SparseTransition, TransitionEntries, WindowTransition, canberra,
 };
 
 /// One routine, once for each of so many steps.
@@ -92,13 +92,19 @@ const POSSIBLE: &str = "the observation is possible";
 fn learning(criterion: &mut Criterion) {
     let hmm = canberra::hmm(5, 1.0).expect("place 5 exists");
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let drives: Vec<Vec<usize>> =
-        (0..200).map(|_| hmm.simulate(50, &mut rng).observations().to_vec()).collect();
+    let simulated: Vec<Simulation<usize>> = (0..200).map(|_| hmm.simulate(50, &mut rng)).collect();
+    let drives: Vec<&[usize]> = simulated.iter().map(Simulation::observations).collect();
+    let labelled: Vec<Labelled<'_, [usize]>> = simulated.iter().map(Simulation::labelled).collect();
     let steps = 200 * 50;
     let once = Learning { iterations: 1, ..Learning::default() };
     routine(criterion, "learn, two E-steps and an M-step", "canberra-105", steps, || {
         hmm.learn(&drives, &once)
     });
+    routine(criterion, "learn from labelled drives", "canberra-105", steps, || {
+        hmm.learn_labelled(&labelled, &once)
+    });
+    routine(criterion, "score 200 drives", "canberra-105", steps, || hmm.score_all(&drives));
+    routine(criterion, "filter 200 drives", "canberra-105", steps, || hmm.forward_all(&drives));
     routine(criterion, "smooth 200 drives", "canberra-105", steps, || hmm.smooth_all(&drives));
     routine(criterion, "viterbi of 200 drives", "canberra-105", steps, || hmm.viterbi_all(&drives));
     routine(criterion, "simulate", "canberra-105", 1000, || hmm.simulate(1000, &mut rng));
