@@ -164,7 +164,7 @@ fn log_factors_are_added_back_wherever_the_step_is_taken() {
 
     let wrong = hmm.filter().step(&([1.0, 1.0], f64::NAN)).unwrap_err();
     let source = std::error::Error::source(&wrong).unwrap();
-    assert_eq!(source.to_string(), "the log factor is NaN, expected a finite value");
+    assert_eq!(source.to_string(), "the log factor is NaN, expected a value from -1e300 to 1e300");
 
     // Fused: factors add up, and a product below the range of a double is kept.
     let fused = FusedLikelihood::new(Factored, Factored).unwrap();

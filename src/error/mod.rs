@@ -191,8 +191,8 @@ pub enum LikelihoodError {
         /// What was expected.
         expected: &'static str,
     },
-    /// The common log factor is NaN or infinite.
-    #[error("the log factor is {value}, expected a finite value")]
+    /// The common log factor is NaN, or beyond 1e300 in size.
+    #[error("the log factor is {value}, expected a value from -1e300 to 1e300")]
     LogFactor {
         /// What was found.
         value: f64,

@@ -40,10 +40,11 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         // H(x_1 … x_{k-1} | x_k, y_1 … y_{k-1}) for each x_k.
         let mut entropy = vec![0.0; n];
         let mut next = entropy.clone();
+        let mut ways = Vec::new();
         for number in 1..=sequence.steps() {
             if number > 1 {
                 let step = Step::of(self, sequence, number);
-                step.entropies(filter.held(), &entropy, &mut next)?;
+                step.entropies(filter.held(), &entropy, &mut next, &mut ways)?;
                 std::mem::swap(&mut entropy, &mut next);
             }
             filter.step_with(sequence.control(number), sequence.observation(number))?;
@@ -79,15 +80,15 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         alpha: Held<'_>,
         before: &[f64],
         after: &mut [f64],
+        ways: &mut Vec<(usize, f64)>,
     ) -> Result<(), InferenceError> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         self.check_control(control)?;
-        let mut ways: Vec<(usize, f64)> = Vec::new();
         for (i, after) in after.iter_mut().enumerate() {
-            alpha.ways(|| self.hmm.transition().incoming(control, i), &mut ways);
+            alpha.ways(|| self.hmm.transition().incoming(control, i), ways);
             let total: f64 = ways.iter().map(|way| way.1).sum();
             *after = 0.0;
-            for &(j, weight) in &ways {
+            for &(j, weight) in &*ways {
                 let q = weight / total;
                 if q > 0.0 {
                     *after += q * (before[j] - q.ln());

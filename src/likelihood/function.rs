@@ -32,7 +32,8 @@ pub struct LogLikelihoodFn<F, Y: ?Sized> {
 }
 
 impl<F: Fn(&Y, usize) -> f64, Y: ?Sized> LogLikelihoodFn<F, Y> {
-    /// For `states` states; the function gives a finite value or −∞.
+    /// For `states` states; the function gives a value of at most 1e300 in size, or
+    /// −∞.
     pub fn new(states: usize, function: F) -> Self {
         Self { states, function, observation: PhantomData }
     }
