@@ -19,10 +19,18 @@
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 
+mod appearance;
 mod confusion;
 mod error;
 mod gaussian;
+mod spread;
+mod temperature;
+mod view;
 
+pub use appearance::AppearanceLikelihood;
 pub use confusion::Confusion;
 pub use error::ObservationError;
 pub use gaussian::Metric;
+pub use spread::Spread;
+pub use temperature::{Calibration, calibrate};
+pub use view::{View, Views, alike_stretches, view_change};

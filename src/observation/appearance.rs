@@ -1,0 +1,298 @@
+//! From distances between images to likelihoods of places.
+
+use super::spread::{Spread, rank};
+use super::{ObservationError, temperature};
+use crate::error::LikelihoodError;
+use crate::kernels;
+use crate::likelihood::{Diagonal, Likelihood, Scratch};
+
+/// Where doubles hold likelihoods of this range: e^600 is 1e260.
+const LINEAR_RANGE: f64 = 600.0;
+
+/// A camera as a sensor: the observation is the row of **distances** from the
+/// query image to each reference image, smaller for more alike, by whatever
+/// compares images: descriptors of any kind
+/// (`ReferenceDescriptors` computes the row),
+/// local features, a network. For similarities, take their negatives.
+///
+/// The likelihood of reference i is an exponential kernel, exp(−z_i / τ), with
+/// the distance in relation to the query's others as z_i (the [`Spread`]) and a
+/// **temperature** τ, and divided by its mean over the references: as odds
+/// against a reference drawn at random, ln p of a sequence can be compared
+/// between temperatures.
+///
+/// A temperature of 1 is nearly always far too cold in sequence: one frame after
+/// the other errs in the same way, yet filter and smoother multiply them as if
+/// each were fresh evidence. Fit it, by
+/// [`with_learned_temperature`](Self::with_learned_temperature) or
+/// [`calibrate`](super::calibrate) on a labelled part, or by
+/// [`Hmm::learn`](crate::Hmm::learn) without labels, and hold it fixed on the
+/// rest.
+///
+/// ```
+/// use wayfix::observation::AppearanceLikelihood;
+/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+///
+/// // Five reference images along a loop; one place on at each step, or none.
+/// let camera = AppearanceLikelihood::new(5)?.with_temperature(0.5)?;
+/// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], Ends::Loop)?;
+/// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(5)?), motion, camera)?;
+///
+/// let mut filter = hmm.filter();
+/// filter.step(&vec![0.9, 0.2, 0.8, 0.3, 0.7])?; // place 1 or 3?
+/// filter.step(&vec![0.8, 0.9, 0.2, 0.9, 0.9])?; // place 2, so it was 1
+/// assert_eq!(filter.belief().mode(), 2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Not on the map
+///
+/// [`with_off_map`](Self::with_off_map) adds a last state for "not seen before",
+/// whose likelihood is that of a match of low rank: most references are wrong
+/// ones, so where even the best are no better than those usually are, the place
+/// is not among them (Xu, Fischer, Sünderhauf and Milford 2021 take a match of
+/// low rank so). `OffMapTransition` is the motion that
+/// goes with it.
+///
+/// # Cost and exactness
+///
+/// O(n) a step, and an exponential for each reference; no allocation after
+/// warm-up. Its tails count as rounded, as those of
+/// [`RoundedTails`](crate::RoundedTails).
+///
+/// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
+/// length, and rows in which all are infinite (unless there is a state off the
+/// map), are errors. Where all distances are equal, the query says nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AppearanceLikelihood {
+    references: usize,
+    spread: Spread,
+    /// Taken off the scores, one for each reference; none is all 0.
+    offsets: Vec<f64>,
+    temperature: f64,
+    off_map: Option<f64>,
+}
+
+impl AppearanceLikelihood {
+    /// For this many references, with the spread of each
+    /// [query](Spread::Query) and a temperature of 1.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] if there are none.
+    pub fn new(references: usize) -> Result<Self, ObservationError> {
+        if references == 0 {
+            let (what, expected) = ("the number of references", "at least 1");
+            return Err(ObservationError::Parameter { what, value: 0.0, expected });
+        }
+        let offsets = Vec::new();
+        Ok(Self { references, spread: Spread::Query, offsets, temperature: 1.0, off_map: None })
+    }
+
+    /// With another scale of distances. Forgets
+    /// [offsets](Self::with_offsets), which are in the old one.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] if it is not valid.
+    pub fn with_spread(self, spread: Spread) -> Result<Self, ObservationError> {
+        spread.check()?;
+        Ok(Self { spread, offsets: Vec::new(), ..self })
+    }
+
+    /// With this temperature, in units of the spread: a match better by τ is e
+    /// times as likely.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless it is finite and from 1e-6 to 1e6.
+    pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
+        if !(1e-6..=1e6).contains(&temperature) {
+            let (what, expected) = ("the temperature", "from 1e-6 to 1e6");
+            return Err(ObservationError::Parameter { what, value: temperature, expected });
+        }
+        Ok(Self { temperature, ..self })
+    }
+
+    /// With a last state for what is not on the map, as likely as the match at
+    /// this rank, as a fraction: 0 is the best of all references, 1 the worst;
+    /// 0.1 to 0.2 suit most recordings.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless the rank is from 0 to 1.
+    pub fn with_off_map(self, rank: f64) -> Result<Self, ObservationError> {
+        if !(0.0..=1.0).contains(&rank) {
+            let (what, expected) = ("the rank of the match off the map", "from 0 to 1");
+            return Err(ObservationError::Parameter { what, value: rank, expected });
+        }
+        Ok(Self { off_map: Some(rank), ..self })
+    }
+
+    /// Takes off each reference's score what it has on average, so that those
+    /// that look like everything (hubs: a plain wall, a dark tunnel) lose that
+    /// advantage. From rows of queries whose places need not be known; each
+    /// reference counts as seen `prior_count` times besides with an average
+    /// score of 0, so that few rows change little.
+    ///
+    /// The queries should come from all over the route, or from elsewhere: a
+    /// vehicle that stood at one place for half of them makes that place look
+    /// like a hub. O(n) a row.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] if a row is not valid, or `prior_count` not finite
+    /// and at least 0.
+    pub fn with_offsets<R: AsRef<[f32]>>(
+        self,
+        rows: &[R],
+        prior_count: f64,
+    ) -> Result<Self, ObservationError> {
+        if !(prior_count >= 0.0 && prior_count.is_finite()) {
+            let (what, expected) = ("the prior count", "a finite value of at least 0");
+            return Err(ObservationError::Parameter { what, value: prior_count, expected });
+        }
+        let plain = Self { offsets: Vec::new(), ..self };
+        let mut sums = vec![(0.0, prior_count); plain.references];
+        let (mut scores, mut scratch) = (vec![0.0; plain.references], Scratch::default());
+        for row in rows {
+            plain.scores(row.as_ref(), &mut scores, &mut scratch)?;
+            let finite = sums.iter_mut().zip(&scores).filter(|(_, z)| z.is_finite());
+            finite.for_each(|(sum, z)| *sum = (sum.0 + z, sum.1 + 1.0));
+        }
+        let offset = |(sum, count)| if count > 0.0 { sum / count } else { 0.0 };
+        Ok(Self { offsets: sums.into_iter().map(offset).collect(), ..plain })
+    }
+
+    /// With the temperature that makes labelled queries most probable, each on
+    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None`
+    /// where that is not known (those are left out). It maximises
+    /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
+    /// iteration, of which there are some 60.
+    ///
+    /// In sequence it is still too cold, since the errors of one frame come
+    /// again in the next; [`calibrate`](super::calibrate) sees to that.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] if a row is not valid, a place does not exist or is
+    /// infinitely far, or nothing is labelled; and
+    /// [`ObservationError::Unbounded`] if no temperature is best: every label is
+    /// the best match, say, or none is better than the mean.
+    pub fn with_learned_temperature<R: AsRef<[f32]>>(
+        self,
+        rows: &[R],
+        places: &[Option<usize>],
+    ) -> Result<Self, ObservationError> {
+        let temperature = temperature::most_likely(&self, rows, places)?;
+        self.with_temperature(temperature)
+    }
+
+    /// The number of references.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.references
+    }
+
+    /// What distances are measured by.
+    #[must_use]
+    pub fn spread(&self) -> Spread {
+        self.spread
+    }
+
+    /// The temperature τ.
+    #[must_use]
+    pub fn temperature(&self) -> f64 {
+        self.temperature
+    }
+
+    /// The state that is off the map, if there is one.
+    #[must_use]
+    pub fn off_map(&self) -> Option<usize> {
+        self.off_map.map(|_| self.references)
+    }
+
+    /// The scores z of a row: distances in relation to the others, less the
+    /// offsets.
+    pub(super) fn scores(
+        &self,
+        distances: &[f32],
+        out: &mut [f64],
+        memory: &mut Scratch,
+    ) -> Result<(), ObservationError> {
+        let (found, expected) = (distances.len(), self.references);
+        if found != expected {
+            return Err(ObservationError::Distances { found, expected });
+        }
+        let valid = |d: f32| d > f32::NEG_INFINITY; // not NaN
+        if let Some(reference) = distances.iter().position(|&d| !valid(d)) {
+            return Err(ObservationError::Distance { reference, value: distances[reference] });
+        }
+        self.spread.apply(distances, out, memory);
+        out.iter_mut().zip(&self.offsets).for_each(|(z, offset)| *z -= offset);
+        Ok(())
+    }
+
+    /// The score of the state off the map: that of the finite match at its rank,
+    /// or the worst finite one before it. `copy` holds the scores and loses
+    /// their order.
+    pub(super) fn off_map_score(&self, copy: &mut [f64]) -> Option<f64> {
+        let at = rank(self.off_map?, copy.len());
+        let (better, &mut score, _) = copy.select_nth_unstable_by(at, f64::total_cmp);
+        if score.is_finite() {
+            return Some(score);
+        }
+        let finite = better.iter().copied().filter(|z| z.is_finite());
+        finite.reduce(f64::max).or(Some(0.0))
+    }
+}
+
+impl Likelihood for AppearanceLikelihood {
+    type Observation = Vec<f32>;
+
+    fn states(&self) -> usize {
+        self.references + usize::from(self.off_map.is_some())
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        distances: &'a Vec<f32>,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let n = self.references;
+        let (values, parts) = scratch.with_parts(self.states(), 1);
+        self.scores(distances, &mut values[..n], &mut parts[0]).map_err(sensor)?;
+        let least = values[..n].iter().copied().fold(f64::INFINITY, f64::min);
+        let off_map = self.off_map.and_then(|_| {
+            let copy = parts[0].values(n);
+            copy.copy_from_slice(&values[..n]);
+            self.off_map_score(copy)
+        });
+        let seen = least.is_finite();
+        if !seen && off_map.is_none() {
+            return Err(sensor(ObservationError::NoMatch));
+        }
+        let (least, beta) = (if seen { least } else { 0.0 }, -1.0 / self.temperature);
+        if let Some(score) = off_map {
+            values[n] = score;
+        }
+        values.iter_mut().for_each(|z| *z = beta * (*z - least));
+        // Divided by the mean over the references, where there is one.
+        let lowest = values.iter().copied().filter(|log| log.is_finite()).fold(0.0, f64::min);
+        let linear = lowest > -LINEAR_RANGE;
+        let sum: f64 = if linear {
+            values.iter_mut().for_each(|log| *log = log.exp());
+            kernels::sum(&values[..n])
+        } else {
+            values[..n].iter().map(|log| log.exp()).sum()
+        };
+        let log_factor = if seen { -(sum / n as f64).ln() } else { 0.0 };
+        let diagonal =
+            if linear { Diagonal::checked(values, 1.0, None) } else { Diagonal::log(values) };
+        Ok(Diagonal { log_factor, tails_rounded: true, ..diagonal })
+    }
+}
+
+fn sensor(error: ObservationError) -> LikelihoodError {
+    LikelihoodError::Sensor(Box::new(error))
+}

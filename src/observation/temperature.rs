@@ -1,0 +1,234 @@
+//! How far distances are to be believed: fitting the temperature.
+
+use std::error::Error;
+
+use super::{AppearanceLikelihood, ObservationError};
+use crate::inference::LearnLikelihood;
+use crate::kernels;
+use crate::likelihood::Scratch;
+
+/// The best of 1/τ lies between these, or nowhere.
+const INVERSE: [f64; 2] = [1e-6, 1e6];
+
+/// What a re-estimation tries in place of 1/τ: coarse steps to come near, and
+/// fine ones to arrive.
+const FACTORS: [f64; 13] = [1.0, 0.99, 1.01, 0.96, 1.04, 0.9, 1.1, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0];
+
+/// The temperature of [`AppearanceLikelihood::with_learned_temperature`].
+pub(super) fn most_likely<R: AsRef<[f32]>>(
+    sensor: &AppearanceLikelihood,
+    rows: &[R],
+    places: &[Option<usize>],
+) -> Result<f64, ObservationError> {
+    if rows.len() != places.len() {
+        return Err(ObservationError::Labels { labels: places.len(), rows: rows.len() });
+    }
+    let references = sensor.references();
+    let mut memory = Scratch::default();
+    let mut labelled = Vec::new();
+    for (row, (distances, place)) in rows.iter().zip(places).enumerate() {
+        let Some(place) = *place else { continue };
+        let mut scores = vec![0.0; references];
+        sensor.scores(distances.as_ref(), &mut scores, &mut memory)?;
+        match scores.get(place) {
+            Some(score) if score.is_finite() => labelled.push((*score, scores)),
+            _ => return Err(ObservationError::Label { row, place, references }),
+        }
+    }
+    if labelled.is_empty() {
+        return Err(ObservationError::Unlabelled { rows: rows.len() });
+    }
+    // d/dβ of Σ ln (exp(−β z_place) / Σ exp(−β z_i)) falls with β.
+    let slope = |beta: f64| -> f64 {
+        labelled.iter().map(|(label, scores)| expected_score(scores, beta) - label).sum()
+    };
+    let [mut low, mut high] = INVERSE;
+    if slope(low) <= 0.0 {
+        return Err(ObservationError::Unbounded { trend: "hotter" });
+    }
+    if slope(high) >= 0.0 {
+        return Err(ObservationError::Unbounded { trend: "colder" });
+    }
+    loop {
+        let middle = (low * high).sqrt();
+        if middle <= low || middle >= high {
+            return Ok(1.0 / middle);
+        }
+        if slope(middle) > 0.0 { low = middle } else { high = middle }
+    }
+}
+
+/// The mean of the scores under weights exp(−β z).
+fn expected_score(scores: &[f64], beta: f64) -> f64 {
+    let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+    let finite = scores.iter().filter(|z| z.is_finite());
+    let (weights, sum) = finite.fold((0.0, 0.0), |(weights, sum), z| {
+        let weight = (-beta * (z - least)).exp();
+        (weights + weight, sum + weight * z)
+    });
+    sum / weights
+}
+
+/// Learns the temperature, and nothing else: 1/τ maximises
+/// Σ over rows of (−E\[z\]/τ − ln mean exp(−z/τ)), where E is under the posterior
+/// of the places. Each re-estimation takes the best of 13 values about the old
+/// one, itself among them, so the likelihood never falls.
+///
+/// Consecutive frames that err together are evidence counted twice here, too: if
+/// there are labels, [`calibrate`] is better.
+impl LearnLikelihood for AppearanceLikelihood {
+    /// Σ E\[z\], then Σ ln mean exp(−z/τ) for each candidate.
+    type Statistics = Vec<f64>;
+
+    fn statistics(&self) -> Vec<f64> {
+        vec![0.0; 1 + FACTORS.len()]
+    }
+
+    fn add(&self, statistics: &mut Vec<f64>, distances: &Vec<f32>, posterior: &[f64]) {
+        let n = self.references();
+        let mut scores = vec![0.0; n];
+        if self.scores(distances, &mut scores, &mut Scratch::default()).is_err() {
+            return; // then there is no posterior of it
+        }
+        let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+        if !least.is_finite() {
+            return; // off the map at any temperature
+        }
+        // Relative to the least score, as the likelihood is.
+        let seen = scores.iter().zip(posterior).filter(|(z, _)| z.is_finite());
+        let mut expected: f64 = seen.map(|(z, p)| p * (z - least)).sum();
+        if let (Some(state), Some(score)) =
+            (self.off_map(), self.off_map_score(&mut scores.clone()))
+        {
+            expected += posterior[state] * (score - least);
+        }
+        statistics[0] += expected;
+        for (sum, factor) in statistics[1..].iter_mut().zip(FACTORS) {
+            let beta = factor / self.temperature();
+            let total: f64 = scores.iter().map(|z| (-beta * (z - least)).exp()).sum();
+            *sum += (total / n as f64).ln();
+        }
+    }
+
+    fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+        statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &Vec<f64>,
+        _: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut best = (f64::NEG_INFINITY, self.temperature());
+        for (log_mean, factor) in statistics[1..].iter().zip(FACTORS) {
+            let temperature = self.temperature() / factor;
+            let gain = -statistics[0] / temperature - log_mean;
+            if gain > best.0 {
+                best = (gain, temperature);
+            }
+        }
+        Ok(self.clone().with_temperature(best.1)?)
+    }
+}
+
+/// What [`calibrate`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    temperature: f64,
+    scores: Vec<(f64, f64)>,
+}
+
+impl Calibration {
+    /// The temperature to take.
+    #[must_use]
+    pub fn temperature(&self) -> f64 {
+        self.temperature
+    }
+
+    /// Each temperature with its mean log score, in nats, in the order tried.
+    #[must_use]
+    pub fn scores(&self) -> &[(f64, f64)] {
+        &self.scores
+    }
+}
+
+/// Chooses the temperature by what it is for: that the probabilities given to
+/// labelled places, **in sequence**, are high. `log_scores` makes the estimate
+/// at a temperature, and gives for each labelled step ln of the probability that
+/// went to where the vehicle was (within a tolerance, say; −∞ if none did).
+///
+/// Of temperatures that cannot be told apart, it takes the hottest, which claims
+/// least: the hottest whose mean score is within one standard error of the
+/// best's, that of the differences step by step (the one-standard-error rule of
+/// Breiman and others 1984). So a short labelled part without an error does not
+/// make the model as sure as can be.
+///
+/// ```
+/// use wayfix::observation::{AppearanceLikelihood, calibrate};
+/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+///
+/// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
+/// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;
+/// let fitted = calibrate(&[0.25, 0.5, 1.0, 2.0], |temperature| {
+///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
+///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;
+///     let smoothing = hmm.smooth(&rows)?;
+///     let beliefs = smoothing.posteriors();
+///     let log = |(k, place): (usize, usize)| beliefs.get(k + 1)?.probability(place);
+///     Ok::<_, Box<dyn std::error::Error>>([0, 1, 2].into_iter().enumerate().filter_map(log).map(f64::ln).collect())
+/// })?;
+/// assert_eq!(fitted.temperature(), 0.25);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`ObservationError`] (as `E`) if there are no temperatures, or the scores are
+/// not as many at each or not log-probabilities; and what `log_scores` fails
+/// with.
+pub fn calibrate<E: From<ObservationError>>(
+    temperatures: &[f64],
+    mut log_scores: impl FnMut(f64) -> Result<Vec<f64>, E>,
+) -> Result<Calibration, E> {
+    let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
+    for &temperature in temperatures {
+        let scores = log_scores(temperature)?;
+        let expected = all.first().map_or(scores.len().max(1), |first| first.1.len());
+        if scores.len() != expected {
+            return Err(ObservationError::Labels { labels: scores.len(), rows: expected }.into());
+        }
+        // A mass that rounds to above 1 is allowed.
+        if let Some(&value) = scores.iter().find(|&&log| log.is_nan() || log > 1e-9) {
+            let (what, expected) = ("a log score", "at most 0");
+            return Err(ObservationError::Parameter { what, value, expected }.into());
+        }
+        all.push((temperature, scores));
+    }
+    let mean = |scores: &[f64]| kernels::sum(scores) / scores.len() as f64;
+    let scores: Vec<(f64, f64)> = all.iter().map(|(t, scores)| (*t, mean(scores))).collect();
+    let better = |best: Option<usize>, at: usize| match best {
+        Some(best) if scores[at].1 <= scores[best].1 => Some(best),
+        _ => Some(at),
+    };
+    let best = (0..all.len()).fold(None, better).ok_or(ObservationError::Parameter {
+        what: "the number of temperatures",
+        value: 0.0,
+        expected: "at least 1",
+    })?;
+    let alike = |at: &usize| {
+        let differences: Vec<f64> =
+            all[best].1.iter().zip(&all[*at].1).map(|(best, other)| best - other).collect();
+        *at == best || mean(&differences) <= standard_error(&differences)
+    };
+    let hottest = (0..all.len()).filter(alike).map(|at| all[at].0).fold(0.0, f64::max);
+    Ok(Calibration { temperature: hottest, scores })
+}
+
+/// The standard error of the mean; NaN, which is above nothing, where a
+/// difference is not finite.
+fn standard_error(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    let mean = kernels::sum(values) / n;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    (squares / (n * (n - 1.0).max(1.0))).sqrt()
+}

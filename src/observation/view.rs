@@ -1,0 +1,138 @@
+//! Whether the camera sees something new.
+
+use super::ObservationError;
+/// tmp
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// new
+    Changed,
+    /// as before
+    Unchanged,
+}
+
+/// How much two views differ: the mean absolute difference of their rows of
+/// distances, in standard deviations of the second row. 0 for the same row;
+/// about 1 for two places that have nothing in common. What is infinite in
+/// either row takes no part. O(n).
+///
+/// Rows of distances stand for the images, so it works for descriptors and
+/// similarities of any kind.
+///
+/// # Errors
+///
+/// [`ObservationError::Distances`] if the rows differ in length.
+pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError> {
+    if before.len() != now.len() {
+        let (found, expected) = (now.len(), before.len());
+        return Err(ObservationError::Distances { found, expected });
+    }
+    let pairs = before.iter().zip(now).map(|(&a, &b)| (f64::from(a), f64::from(b)));
+    let finite = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
+    let sums = finite.clone().fold([0.0; 2], |[n, sum], (_, b)| [n + 1.0, sum + b]);
+    let mean = sums[1] / sums[0];
+    let [moved, squares] = finite.fold([0.0; 2], |[moved, squares], (a, b)| {
+        [moved + (a - b).abs(), squares + (b - mean).powi(2)]
+    });
+    let deviation = (squares / sums[0]).sqrt();
+    Ok(if moved == 0.0 { 0.0 } else { moved / sums[0] / deviation })
+}
+
+/// Tells frame by frame whether the view has changed, against the last one that
+/// was new, so that slow creeping is noticed.
+///
+/// A frame that shows what the one before did is no fresh evidence: give the
+/// filter `None` for it ([`OptionalLikelihood`](crate::OptionalLikelihood)), and
+/// say so to the motion (`RouteControl`), for which it is
+/// news. Otherwise a stop at a light makes the filter as sure as can be of
+/// whatever that one image happens to resemble.
+///
+/// ```
+/// use wayfix::observation::{View, Views};
+///
+/// let mut views = Views::new(0.1)?;
+/// assert_eq!(views.next(&[0.2, 0.8, 0.9])?, View::Changed); // the first is new
+/// assert_eq!(views.next(&[0.2, 0.81, 0.9])?, View::Unchanged);
+/// assert_eq!(views.next(&[0.9, 0.3, 0.8])?, View::Changed);
+/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Views {
+    threshold: f64,
+    last_new: Vec<f32>,
+}
+
+impl Views {
+    /// Changes below the threshold (as [`view_change`] measures them) are none.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless it is finite and at least 0; at 0
+    /// every view is new.
+    pub fn new(threshold: f64) -> Result<Self, ObservationError> {
+        if !(threshold >= 0.0 && threshold.is_finite()) {
+            let (what, expected) = ("the threshold of change", "a finite value of at least 0");
+            return Err(ObservationError::Parameter { what, value: threshold, expected });
+        }
+        Ok(Self { threshold, last_new: Vec::new() })
+    }
+
+    /// A tenth of the median change from row to row, of those above 0: a
+    /// threshold for recordings in which the vehicle moves most of the time.
+    /// O(N log N) for N distances; 0 if there is no change.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Distances`] if rows differ in length.
+    pub fn threshold_of<R: AsRef<[f32]>>(rows: &[R]) -> Result<f64, ObservationError> {
+        let changes = rows.windows(2).map(|two| view_change(two[0].as_ref(), two[1].as_ref()));
+        let mut changes: Vec<f64> = changes.collect::<Result<_, _>>()?;
+        changes.retain(|change| *change > 0.0 && change.is_finite());
+        changes.sort_by(f64::total_cmp);
+        Ok(changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median))
+    }
+
+    /// Whether this row shows something new. The first does, and one after which
+    /// nothing can be compared. O(n); no allocation after the first.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Distances`] for a row of another length than before,
+    /// which is then not taken.
+    pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
+        if !self.last_new.is_empty() && view_change(&self.last_new, distances)? < self.threshold {
+            return Ok(View::Unchanged);
+        }
+        self.last_new.clear();
+        self.last_new.extend_from_slice(distances);
+        Ok(View::Changed)
+    }
+}
+
+/// Which stretch of a route each reference is in, for
+/// RouteTransition::with_views:
+/// consecutive references share one if no query tells them apart, that is, if
+/// the change between their columns of `rows` is below a tenth of the median.
+/// Standing images in a recorded route (a stop at a station, a tunnel) make
+/// such stretches. O(rows × references).
+///
+/// # Errors
+///
+/// [`ObservationError::Distances`] if rows differ in length.
+pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, ObservationError> {
+    let Some(first) = rows.first() else { return Ok(Vec::new()) };
+    let expected = first.as_ref().len();
+    if let Some(row) = rows.iter().find(|row| row.as_ref().len() != expected) {
+        return Err(ObservationError::Distances { found: row.as_ref().len(), expected });
+    }
+    let column = |i: usize| rows.iter().map(|row| row.as_ref()[i]).collect::<Vec<f32>>();
+    let columns: Vec<Vec<f32>> = (0..expected).map(column).collect();
+    let mut views = Views::new(Views::threshold_of(&columns)?)?;
+    let mut stretch = 0;
+    let mut stretches = Vec::with_capacity(expected);
+    for (i, column) in columns.iter().enumerate() {
+        // Against the first of the stretch, so that it does not creep along.
+        stretch += usize::from(views.next(column)? == View::Changed && i > 0);
+        stretches.push(stretch);
+    }
+    Ok(stretches)
+}
