@@ -184,6 +184,30 @@ impl<S: AsRef<[f64]>> Belief<S> {
         })
     }
 
+    /// The probability of the states at most `radius` from `centre` by index:
+    /// on a route, of being within so many places of one. Around the
+    /// [mode](Self::mode) it says whether a vehicle is localised, by a level that
+    /// you choose. O(radius).
+    ///
+    /// ```
+    /// let belief = wayfix::Belief::new(vec![0.02, 0.3, 0.5, 0.13, 0.05])?;
+    /// let localised = belief.mass_around(belief.mode(), 1)? >= 0.9;
+    /// assert!(localised);
+    /// # Ok::<(), wayfix::BeliefError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError::State`] if the centre does not exist.
+    pub fn mass_around(&self, centre: usize, radius: usize) -> Result<f64, BeliefError> {
+        let states = self.states();
+        if centre >= states {
+            return Err(BeliefError::State { state: centre, states });
+        }
+        let end = centre.saturating_add(radius).saturating_add(1).min(states);
+        self.mass(centre.saturating_sub(radius)..end)
+    }
+
     /// The smallest set of states that holds at least `level` of the
     /// probability, most probable first; of equal ones, the lowest first.
     ///
@@ -275,6 +299,15 @@ mod tests {
         // 1.0 is reached by state 2 alone in double precision.
         assert_eq!(belief.credible_set(1.0).unwrap(), [2]);
         assert!(belief.credible_set(1.1).is_err());
+    }
+
+    #[test]
+    fn mass_around_a_state_stops_at_the_ends() {
+        let belief = Belief::new(vec![0.5, 0.25, 0.125, 0.125]).unwrap();
+        let around = |centre, radius| belief.mass_around(centre, radius).unwrap();
+        assert_eq!([around(0, 0), around(0, 1), around(2, 1), around(3, 9)], [0.5, 0.75, 0.5, 1.0]);
+        assert_eq!(around(1, usize::MAX), 1.0);
+        assert!(belief.mass_around(4, 1).is_err());
     }
 
     #[test]
