@@ -18,11 +18,17 @@
 //! # let _: wayfix::RoundedTails<wayfix::TableLikelihood> = camera;
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
+//!
+//! A camera that names no place but gives a descriptor of what it sees is
+//! matched with those of the map: [`ReferenceDescriptors`] tells how unlike it
+//! is to each.
 
 mod confusion;
+mod descriptors;
 mod error;
 mod gaussian;
 
 pub use confusion::Confusion;
+pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
 pub use error::ObservationError;
 pub use gaussian::Metric;
