@@ -18,9 +18,14 @@
 //! # let _: wayfix::RoundedTails<wayfix::TableLikelihood> = camera;
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
+//!
+//! A camera that names no place but gives a descriptor of what it sees is
+//! matched with those of the map: [`ReferenceDescriptors`] tells how unlike it
+//! is to each.
 
 mod appearance;
 mod confusion;
+mod descriptors;
 mod error;
 mod gaussian;
 mod spread;
@@ -29,6 +34,7 @@ mod view;
 
 pub use appearance::AppearanceLikelihood;
 pub use confusion::Confusion;
+pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
 pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use spread::Spread;

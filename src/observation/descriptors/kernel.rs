@@ -1,0 +1,137 @@
+//! The one loop that all distances come from.
+
+use super::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
+
+/// References that lie side by side. Each has a sum of its own, so that the
+/// compiler can use registers of any width, with the same result to the bit.
+pub(super) const GROUP: usize = 32;
+
+/// Terms that are summed up before they go to the total: the error grows with
+/// PART + d / PART, not with d.
+const PART: usize = 32;
+
+/// What a descriptor is multiplied with: 1 / |x| for the cosine, 1 else.
+pub(super) fn scale(
+    distance: Distance,
+    x: &[f32],
+    which: Descriptor,
+) -> Result<f64, DescriptorError> {
+    if let Some(element) = x.iter().position(|x| !x.is_finite()) {
+        return Err(DescriptorError::Element { which, element, value: x[element] });
+    }
+    match distance {
+        Distance::Euclidean => Ok(1.0),
+        Distance::Cosine => {
+            // In doubles, squares of 32-bit numbers neither overflow nor vanish.
+            let squares: f64 = x.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
+            if squares == 0.0 {
+                return Err(DescriptorError::Zero { which });
+            }
+            Ok(1.0 / squares.sqrt())
+        }
+    }
+}
+
+/// References and queries are scaled alike, so that a copy has distance 0.
+#[inline]
+pub(super) fn scaled(x: f32, scale: f64) -> f32 {
+    (f64::from(x) * scale) as f32
+}
+
+/// Some queries against all references, which are read once.
+pub(super) struct Pass<'a> {
+    pub(super) references: &'a ReferenceDescriptors,
+    /// The index of the first query, for errors.
+    pub(super) first: usize,
+    pub(super) queries: &'a [f32],
+    /// One for each query.
+    pub(super) scales: &'a [f64],
+    /// A row for each query.
+    pub(super) out: &'a mut [f32],
+}
+
+impl Pass<'_> {
+    /// faer compiles a closure anew for wider registers, picks the one to run
+    /// on this machine, and leaves the registers clean. A closure that did not
+    /// use up what it captures would be called, not compiled anew.
+    #[cfg(feature = "faer")]
+    pub(super) fn run(self) -> Result<(), DescriptorError> {
+        use faer::traits::ComplexField;
+        <f32 as ComplexField>::Arch::default().dispatch(
+            #[inline(always)]
+            move || self.distances(),
+        )
+    }
+
+    #[cfg(not(feature = "faer"))]
+    pub(super) fn run(self) -> Result<(), DescriptorError> {
+        self.distances()
+    }
+
+    #[expect(clippy::inline_always, reason = "a loop that is called is not compiled anew")]
+    #[inline(always)]
+    fn distances(self) -> Result<(), DescriptorError> {
+        let &ReferenceDescriptors { dimension, count, distance, ref groups } = self.references;
+        // From here on, a sum has lost less than it is rounded by to terms that
+        // underflowed.
+        let least = dimension as f32 * f32::MIN_POSITIVE;
+        for (start, rows) in (0..count).step_by(GROUP).zip(groups.chunks_exact(dimension)) {
+            let members = GROUP.min(count - start);
+            let queries = self.queries.chunks_exact(dimension).zip(self.scales);
+            let outs = self.out.chunks_exact_mut(count);
+            for (query, ((x, &scale), out)) in (self.first..).zip(queries.zip(outs)) {
+                let squares = squares(x, scale, rows);
+                let mut distances = match distance {
+                    Distance::Cosine => squares.map(|square| 0.5 * square),
+                    Distance::Euclidean => squares.map(f32::sqrt),
+                };
+                let held = |square: f32| (least..=f32::MAX).contains(&square);
+                if distance == Distance::Euclidean
+                    && !squares.iter().fold(true, |all, &square| all & held(square))
+                {
+                    for member in (0..members).filter(|&member| !held(squares[member])) {
+                        distances[member] = in_doubles(x, rows, member).map_err(|distance| {
+                            let reference = start + member;
+                            DescriptorError::TooFar { query, reference, distance }
+                        })?;
+                    }
+                }
+                out[start..start + members].copy_from_slice(&distances[..members]);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// |x − r|² for each reference of a group.
+#[expect(clippy::inline_always, reason = "a loop that is called is not compiled anew")]
+#[inline(always)]
+fn squares(x: &[f32], scale: f64, rows: &[[f32; GROUP]]) -> [f32; GROUP] {
+    let mut total = [0.0; GROUP];
+    for (x, rows) in x.chunks(PART).zip(rows.chunks(PART)) {
+        let mut part = [0.0; PART];
+        part.iter_mut().zip(x).for_each(|(part, &x)| *part = scaled(x, scale));
+        let mut sum = [0.0; GROUP];
+        for (x, row) in part.iter().zip(rows) {
+            for l in 0..GROUP {
+                let difference = row[l] - x;
+                sum[l] += difference * difference;
+            }
+        }
+        for l in 0..GROUP {
+            total[l] += sum[l];
+        }
+    }
+    total
+}
+
+/// |x − r| where its square is too large or too small for 32 bits, or the
+/// distance if that is too large itself.
+#[cold]
+#[inline(never)]
+fn in_doubles(x: &[f32], rows: &[[f32; GROUP]], member: usize) -> Result<f32, f64> {
+    let differences = x.iter().zip(rows).map(|(&x, row)| f64::from(row[member]) - f64::from(x));
+    let distance = differences.fold(0.0, |sum, difference| sum + difference * difference).sqrt();
+    let rounded = distance as f32;
+    if rounded.is_finite() { Ok(rounded) } else { Err(distance) }
+}
