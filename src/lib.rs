@@ -67,7 +67,8 @@
 //! |---|---|
 //! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
 //! | a route | [`WindowTransition`] |
-//! | odometry, gears, elapsed time | [`SwitchedTransition`], or an operator of your own with a control |
+//! | a route, with odometry, hidden gears, or a camera that tells whether it moves | [`RouteTransition`] |
+//! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
 //! | two things that move side by side | [`KroneckerTransition`] |
@@ -191,9 +192,9 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DwellTransition, Ends, KroneckerTransition, PowerTransition,
-    RestartTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
-    TransitionEntries, WindowTransition,
+    DenseTransition, DwellTransition, Ends, Gear, KroneckerTransition, Odometry, PowerTransition,
+    RestartTransition, RouteControl, RouteTransition, SparseTransition, SwitchedTransition,
+    TiedTransition, Transition, TransitionEntries, View, ViewRates, WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

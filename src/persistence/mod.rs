@@ -64,6 +64,7 @@
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
 //! | `SwitchedTransition` | `operators` |
 //! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
+//! | `RouteTransition` | `places`, `closed`; `gears`, pairs of the first move and the list of weights; `switching`, row by row; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |
@@ -79,8 +80,10 @@
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
-//! `at_first_observation`, `Groups` the list of each state's group, and `Fixed`
-//! and `RoundedTails` what they hold.
+//! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
+//! and `RoundedTails` what they hold, and a `RouteControl` an object with
+//! `odometry`, null or its `distance` and `variance`, and `view`, null, `changed`
+//! or `unchanged`.
 
 mod likelihood;
 mod state;

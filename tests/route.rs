@@ -1,0 +1,392 @@
+//! The route with gears against the dense matrices that its formula defines.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::{
+    Belief, Controlled, DenseTransition, Gear, Hmm, LikelihoodVector, Odometry, Prior,
+    RouteControl, RouteTransition, SwitchedTransition, Transition, TransitionEntries, View,
+    ViewRates,
+};
+
+const NEVER: f64 = f64::NEG_INFINITY;
+
+/// `matrix[to][from]`.
+type Matrix = Vec<Vec<f64>>;
+
+/// What a route is made from.
+#[derive(Debug, Clone)]
+struct Parts {
+    places: usize,
+    closed: bool,
+    /// First move and weights.
+    gears: Vec<(isize, Vec<f64>)>,
+    /// `switching[to][from]`.
+    switching: Matrix,
+    views: Option<(Vec<usize>, [f64; 3])>,
+}
+
+impl Parts {
+    fn states(&self) -> usize {
+        self.places * self.gears.len()
+    }
+
+    fn route(&self) -> RouteTransition {
+        let gears = self.gears.iter().map(|(first, w)| Gear::new(*first, w).unwrap()).collect();
+        let route = RouteTransition::new(self.places, self.closed, gears, 0.5).unwrap();
+        let rows = self.switching.concat();
+        match &self.views {
+            None => route.with_switching(&rows).unwrap(),
+            Some((stretches, [standing, alike, moved])) => {
+                let rates = ViewRates { standing: *standing, alike: *alike, moved: *moved };
+                let before = route.clone().with_views(stretches, rates).unwrap();
+                let after = route.with_switching(&rows).unwrap();
+                let after = after.with_views(stretches, rates).unwrap();
+                let before = before.with_switching(&rows).unwrap();
+                assert_eq!(format!("{before:?}"), format!("{after:?}"));
+                after
+            }
+        }
+    }
+
+    /// The matrix of a step, by the formula, column after column.
+    fn matrix(&self, control: &RouteControl) -> Matrix {
+        let (n, k) = (self.places, self.gears.len());
+        let mut a = vec![vec![0.0; n * k]; n * k];
+        for g in 0..k {
+            // All moves from this gear: new gear, move, G w.
+            let mut moves = Vec::new();
+            for (new, (first, weights)) in self.gears.iter().enumerate() {
+                for (m, w) in (*first..).zip(weights) {
+                    if *w > 0.0 && self.switching[new][g] > 0.0 {
+                        moves.push((new, m, self.switching[new][g] * w));
+                    }
+                }
+            }
+            if let Some(odometry) = control.odometry {
+                let o = |m: isize| passed(m as f64 - odometry.distance, odometry.variance.sqrt());
+                if moves.iter().all(|(_, m, p)| p * o(*m) < 1e-250) {
+                    let far = |m: isize| (m as f64 - odometry.distance).abs();
+                    let least = moves.iter().map(|m| far(m.1)).fold(f64::INFINITY, f64::min);
+                    moves.retain(|m| far(m.1) == least);
+                } else {
+                    moves.iter_mut().for_each(|(_, m, p)| *p *= o(*m));
+                }
+            }
+            for i in 0..n {
+                let mut column = vec![0.0; n * k];
+                for (new, m, p) in &moves {
+                    let (to, count) = (i.cast_signed() + m, n.cast_signed());
+                    let stops = to.clamp(0, count - 1);
+                    let j = if self.closed { to.rem_euclid(count) } else { stops }.cast_unsigned();
+                    column[new * n + j] += p * self.seen(control, i, j);
+                }
+                let sum: f64 = column.iter().sum();
+                column.iter().enumerate().for_each(|(to, p)| a[to][g * n + i] = p / sum);
+            }
+        }
+        a
+    }
+
+    /// Whether a move has a probability by odometry that doubles hold badly.
+    fn tiny(&self, control: &RouteControl) -> bool {
+        control.odometry.is_some_and(|odometry| {
+            self.gears.iter().any(|(first, weights)| {
+                (*first..*first + weights.len().cast_signed()).any(|m| {
+                    let o = passed(m as f64 - odometry.distance, odometry.variance.sqrt());
+                    o > 0.0 && o < 1e-290
+                })
+            })
+        })
+    }
+
+    fn seen(&self, control: &RouteControl, i: usize, j: usize) -> f64 {
+        let (Some(view), Some((stretches, rates))) = (control.view, &self.views) else {
+            return 1.0;
+        };
+        let unchanged = match (i == j, stretches[i] == stretches[j]) {
+            (true, _) => rates[0],
+            (_, true) => rates[1],
+            _ => rates[2],
+        };
+        if view == View::Unchanged { unchanged } else { 1.0 - unchanged }
+    }
+}
+
+/// The triangle around `a`, blurred, by Gauss–Legendre quadrature on pieces no
+/// wider than the blur.
+fn passed(a: f64, s: f64) -> f64 {
+    const NODES: [(f64, f64); 4] = [
+        (0.183_434_642_495_649_8, 0.362_683_783_378_362),
+        (0.525_532_409_916_329, 0.313_706_645_877_887_3),
+        (0.796_666_477_413_626_7, 0.222_381_034_453_374_5),
+        (0.960_289_856_497_536_3, 0.101_228_536_290_376_3),
+    ];
+    if s == 0.0 {
+        return (1.0 - a.abs()).max(0.0);
+    }
+    let density = |x: f64| (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt();
+    let pieces = (16..=100_000_u32).find(|count| f64::from(*count) * s >= 8.0).unwrap();
+    let width = 1.0 / f64::from(pieces);
+    let mut sum = 0.0;
+    for piece in 0..pieces {
+        for (node, weight) in NODES {
+            for node in [-node, node] {
+                let t = (f64::from(piece) + 0.5 * (1.0 + node)) * width;
+                let both = density((a - t) / s) + density((a + t) / s);
+                sum += 0.5 * width * weight * (1.0 - t) * both / s;
+            }
+        }
+    }
+    sum
+}
+
+fn distribution(count: usize) -> impl Strategy<Value = Vec<f64>> {
+    let weight = prop_oneof![2 => Just(0.0), 3 => 0.01..1.0, 2 => Just(0.25)];
+    (vec(weight, count), 0..count).prop_map(|(mut weights, spare)| {
+        weights[spare] += f64::from(weights.iter().sum::<f64>() == 0.0);
+        let sum: f64 = weights.iter().sum();
+        weights.iter().map(|w| w / sum).collect()
+    })
+}
+
+fn parts() -> impl Strategy<Value = Parts> {
+    (1..=12_usize, 1..=4_usize, any::<bool>()).prop_flat_map(|(places, k, closed)| {
+        let most = if closed { places.min(5) } else { 5 };
+        let gear = (-5..=4_isize, (1..=most).prop_flat_map(distribution));
+        let switching = vec(distribution(k), k).prop_map(move |columns| {
+            (0..k).map(|to| columns.iter().map(|column| column[to]).collect()).collect::<Matrix>()
+        });
+        let rate = || prop_oneof![4 => 0.01..0.99, 1 => Just(0.5), 1 => Just(1e-12)];
+        let stretches = prop_oneof![
+            vec(0..3_usize, places),
+            vec(any::<bool>(), places).prop_map(|ends| {
+                let mut id = 7;
+                ends.iter()
+                    .map(|end| {
+                        id += usize::from(*end);
+                        id
+                    })
+                    .collect()
+            }),
+        ];
+        let views = proptest::option::weighted(0.7, (stretches, [rate(), rate(), rate()]));
+        (vec(gear, k), switching, views).prop_map(move |(gears, switching, views)| Parts {
+            places,
+            closed,
+            gears,
+            switching,
+            views,
+        })
+    })
+}
+
+fn control() -> impl Strategy<Value = RouteControl> {
+    let distance = prop_oneof![4 => -6.0..6.0, 2 => (-3..4_i32).prop_map(|d| f64::from(d) / 2.0), 1 => -60.0..60.0, 1 => Just(1e9)];
+    let variance = prop_oneof![2 => Just(0.0), 3 => 0.01..4.0, 1 => 10.0..1000.0, 1 => Just(1e12)];
+    let odometry =
+        (distance, variance).prop_map(|(distance, variance)| Odometry { distance, variance });
+    let view = prop_oneof![Just(View::Changed), Just(View::Unchanged)];
+    (proptest::option::weighted(0.7, odometry), proptest::option::weighted(0.7, view))
+        .prop_map(|(odometry, view)| RouteControl { odometry, view })
+}
+
+/// What operators are tried on, one value a state: numbers, logarithms of a
+/// huge range, and whole scores, which tie.
+type Inputs = [Vec<f64>; 3];
+
+fn inputs() -> impl Strategy<Value = Inputs> {
+    let number = prop_oneof![1 => Just(0.0), 3 => 0.0..1.0];
+    let log = prop_oneof![1 => Just(NEVER), 2 => -5000.0..0.0, 2 => -3.0..0.0];
+    let score = prop_oneof![1 => Just(NEVER), 4 => (-2..3_i32).prop_map(f64::from)];
+    [vec(number, 48).boxed(), vec(log, 48).boxed(), vec(score, 48).boxed()]
+}
+
+fn close(found: f64, expected: f64, tolerance: f64, what: &str) -> Result<(), TestCaseError> {
+    let close = found == expected
+        || (found - expected).abs() <= tolerance * expected.abs().max(f64::MIN_POSITIVE);
+    prop_assert!(close, "{}: found {}, expected {}", what, found, expected);
+    Ok(())
+}
+
+fn log_sum(terms: &[f64]) -> f64 {
+    let largest = terms.iter().copied().fold(NEVER, f64::max);
+    if largest == NEVER {
+        return NEVER;
+    }
+    largest + terms.iter().map(|term| (term - largest).exp()).sum::<f64>().ln()
+}
+
+/// Products, products in logarithms, and entries.
+fn check(
+    route: &RouteTransition,
+    u: &RouteControl,
+    a: &Matrix,
+    [numbers, logs, _]: &Inputs,
+) -> Result<(), TestCaseError> {
+    let n = a.len();
+    prop_assert_eq!(route.states(), n);
+    prop_assert!(route.check_control(u).is_ok());
+    let transposed: Matrix = (0..n).map(|j| a.iter().map(|row| row[j]).collect()).collect();
+    let near: Vec<f64> = logs.iter().map(|log| log / 1000.0).collect();
+    let mut out = vec![f64::NAN; n];
+    for (a, transpose) in [(a, false), (&transposed, true)] {
+        let name = if transpose { "transpose" } else { "apply" };
+        for scale in [1.0, 2.0_f64.powi(1000), 2.0_f64.powi(-900)] {
+            let x: Vec<f64> = numbers[..n].iter().map(|x| x * scale).collect();
+            out.fill(f64::NAN);
+            if transpose {
+                route.apply_transpose(u, &x, &mut out);
+            } else {
+                route.apply(u, &x, &mut out);
+            }
+            for (found, row) in out.iter().zip(a) {
+                // What is far below the largest may have underflowed.
+                let expected: f64 = row.iter().zip(&numbers[..n]).map(|(a, x)| a * x).sum();
+                if expected == 0.0 || expected > 1e-30 {
+                    close(*found / scale, expected, 1e-11, name)?;
+                }
+            }
+        }
+        for x in [&logs[..n], &near[..n], &vec![NEVER; n]] {
+            out.fill(f64::NAN);
+            if transpose {
+                route.apply_transpose_log(u, x, &mut out);
+            } else {
+                route.apply_log(u, x, &mut out);
+            }
+            for (found, row) in out.iter().zip(a) {
+                let terms: Vec<f64> = row.iter().zip(x).map(|(a, x)| a.ln() + x).collect();
+                let expected = log_sum(&terms);
+                let error = (found - expected).abs();
+                prop_assert!(
+                    *found == expected || error <= 1e-11 * expected.abs().max(1.0),
+                    "{name}: {found} {expected}"
+                );
+            }
+        }
+        for (state, row) in a.iter().enumerate() {
+            let found: Vec<_> = if transpose {
+                route.outgoing(u, state).collect()
+            } else {
+                route.incoming(u, state).collect()
+            };
+            let expected: Vec<_> = row.iter().copied().enumerate().filter(|e| e.1 > 0.0).collect();
+            let states = |entries: &[(usize, f64)]| entries.iter().map(|e| e.0).collect::<Vec<_>>();
+            prop_assert_eq!(states(&found), states(&expected), "entries of {}", state);
+            for (found, expected) in found.iter().zip(&expected) {
+                close(found.1, expected.1, 1e-11, "entry")?;
+            }
+            if transpose {
+                let sum: f64 = found.iter().map(|entry| entry.1).sum();
+                prop_assert!((sum - 1.0).abs() <= 1e-12, "column sum {sum}");
+            }
+        }
+    }
+    route.apply_transpose(u, &vec![1.0; n], &mut out);
+    prop_assert!(out.iter().all(|sum| (sum - 1.0).abs() <= 1e-12), "column sums {:?}", out);
+    Ok(())
+}
+
+/// The step of Viterbi against the matrix, and against the entries as decoders
+/// add them, with ties to the lowest state.
+fn check_best(
+    route: &RouteTransition,
+    u: &RouteControl,
+    a: &Matrix,
+    [_, logs, scores]: &Inputs,
+) -> Result<(), TestCaseError> {
+    let n = a.len();
+    let (mut out, mut from) = (vec![f64::NAN; n], vec![u32::MAX; n]);
+    let near: Vec<f64> = logs.iter().map(|log| (log / 64.0).round()).collect();
+    for x in [&scores[..n], &vec![0.0; n], &vec![NEVER; n], &near[..n]] {
+        route.max_product(u, x, &mut out, &mut from);
+        for (i, row) in a.iter().enumerate() {
+            let values: Vec<f64> = row.iter().zip(x).map(|(a, x)| a.log2() + x).collect();
+            let best = values.iter().copied().fold(NEVER, f64::max);
+            prop_assert!(out[i] == best || (out[i] - best).abs() <= 1e-10, "{} {}", out[i], best);
+            let mut listed = (NEVER, 0);
+            for (j, log2) in route.incoming_log2(u, i) {
+                if log2 + x[j] > listed.0 {
+                    listed = (log2 + x[j], j);
+                }
+            }
+            if best.abs() < 200.0 {
+                prop_assert_eq!((out[i], from[i] as usize), listed);
+                prop_assert!(values[from[i] as usize] >= best - 1e-10);
+            }
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(3000) })]
+
+    #[test]
+    fn the_operator_is_the_matrix_of_its_formula(
+        parts in parts(),
+        u in control(),
+        inputs in inputs(),
+    ) {
+        prop_assume!(!parts.tiny(&u));
+        let (route, a) = (parts.route(), parts.matrix(&u));
+        check(&route, &u, &a, &inputs)?;
+        check_best(&route, &u, &a, &inputs)?;
+    }
+
+    #[test]
+    fn whole_models_are_as_with_their_matrices(
+        parts in parts(),
+        controls in vec(control(), 1..5),
+        inputs in vec(inputs(), 5),
+    ) {
+        let n = parts.states();
+        let dense = |u| DenseTransition::from_rows(n, &parts.matrix(u).concat()).unwrap();
+        let matrices = SwitchedTransition::new(controls.iter().map(dense).collect()).unwrap();
+        let prior = Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
+        let sensor = LikelihoodVector::log(n).owned();
+        let reference = Hmm::new(prior.clone(), matrices, sensor).unwrap();
+        let hmm = Hmm::new(prior, parts.route(), sensor).unwrap();
+        let ys: Vec<Vec<f64>> = inputs[..controls.len()]
+            .iter()
+            .map(|[x, logs, _]| x[..n].iter().zip(logs).map(|(x, log)| x + log.max(-5000.0) / 50.0).collect())
+            .collect();
+        let numbers: Vec<usize> = (0..controls.len()).collect();
+        let (drive, numbered) =
+            (Controlled::new(&controls, &ys).unwrap(), Controlled::new(&numbers, &ys).unwrap());
+        let close = |a: f64, b: f64| (a - b).abs() <= 1e-9 * b.abs().max(1.0);
+
+        let (found, expected) = (hmm.smooth(&drive).unwrap(), reference.smooth(&numbered).unwrap());
+        prop_assert!(close(found.log_likelihood(), expected.log_likelihood()));
+        prop_assert!(close(hmm.score(&drive).unwrap(), expected.log_likelihood()));
+        let pairs = found.posteriors().as_slice().iter().zip(expected.posteriors().as_slice());
+        for (found, expected) in pairs {
+            prop_assert!(close(*found, *expected), "{} {}", found, expected);
+        }
+        let mut lagged = hmm.fixed_lag(2);
+        let mut reference_lagged = reference.fixed_lag(2);
+        for (step, (u, y)) in controls.iter().zip(&ys).enumerate() {
+            lagged.step_with(u, y).unwrap();
+            reference_lagged.step_with(&step, y).unwrap();
+            let (found, expected) = (lagged.lagged(), reference_lagged.lagged());
+            for (found, expected) in found.as_slice().iter().zip(expected.as_slice()) {
+                prop_assert!(close(*found, *expected), "{} {}", found, expected);
+            }
+        }
+        let (found, expected) = (hmm.viterbi(&drive).unwrap(), reference.viterbi(&numbered).unwrap());
+        prop_assert!(close(found.log_probability(), expected.log_probability()));
+        let best = hmm.k_best(&drive, 3).unwrap();
+        prop_assert_eq!(&best[0], &found);
+        let others = reference.k_best(&numbered, 3).unwrap();
+        prop_assert_eq!(best.len(), others.len());
+        for (found, expected) in best.iter().zip(&others) {
+            prop_assert!(close(found.log_probability(), expected.log_probability()));
+        }
+        let (moves, others) =
+            (hmm.expected_moves(&drive).unwrap(), reference.expected_moves(&numbered).unwrap());
+        for at in 0..n * n {
+            let (found, expected) = (moves.get(at / n, at % n), others.get(at / n, at % n));
+            prop_assert!(close(found, expected), "{} {}", found, expected);
+        }
+    }
+}
