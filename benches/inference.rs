@@ -20,8 +20,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::{
     Belief, DenseTransition, DwellTransition, Ends, Hmm, KroneckerTransition, Labelled, Learning,
-    Likelihood, LikelihoodVector, Order, PowerTransition, Prior, RestartTransition, Simulation,
-    SparseTransition, TransitionEntries, WindowTransition, canberra,
+    Likelihood, LikelihoodVector, OffMapTransition, Order, PowerTransition, Prior,
+    RestartTransition, Simulation, SparseTransition, TransitionEntries, WindowTransition, canberra,
 };
 
 /// One routine, once for each of so many steps.
@@ -122,6 +122,8 @@ fn operators(criterion: &mut Criterion) {
     operator(criterion, "the same window, sparse", &sparse);
     let restart = RestartTransition::new(sparse.clone(), 0.01, uniform(n)).expect("one size");
     operator(criterion, "restart", &restart);
+    let off_map = OffMapTransition::new(sparse, 0.01, 0.1, uniform(n)).expect("one size");
+    operator(criterion, "off the map", &off_map);
     operator(criterion, "power of 3", &PowerTransition::new(window.clone(), 3));
     let kronecker = KroneckerTransition::new(window.clone(), turns).expect("few states");
     operator(criterion, "kronecker with 4 headings", &kronecker);

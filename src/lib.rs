@@ -69,6 +69,7 @@
 //! | a route | [`WindowTransition`] |
 //! | odometry, gears, elapsed time | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
+//! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
 //! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
 //! | two things that move side by side | [`KroneckerTransition`] |
 //! | sightings only every few steps | [`PowerTransition`] |
@@ -191,7 +192,7 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DwellTransition, Ends, KroneckerTransition, PowerTransition,
+    DenseTransition, DwellTransition, Ends, KroneckerTransition, OffMapTransition, PowerTransition,
     RestartTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
     TransitionEntries, WindowTransition,
 };

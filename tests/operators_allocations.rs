@@ -6,8 +6,8 @@ use std::alloc::System;
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use wayfix::{
     Belief, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm, KnownState,
-    KroneckerTransition, PowerTransition, Prior, RestartTransition, SparseTransition,
-    TableLikelihood, TransitionEntries, WindowTransition,
+    KroneckerTransition, OffMapTransition, PowerTransition, Prior, RestartTransition,
+    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
 };
 
 #[global_allocator]
@@ -22,14 +22,18 @@ fn allocations(work: impl FnOnce()) -> usize {
 }
 
 fn check(name: &str, a: &impl TransitionEntries<Control = ()>) {
+    check_with(name, a, &());
+}
+
+fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
     let n = a.states();
     let (x, mut out, mut from) = (vec![1.0 / n as f64; n], vec![0.0; n], vec![0; n]);
     let mut products = || {
-        a.apply(&(), &x, &mut out);
-        a.apply_transpose(&(), &x, &mut out);
-        a.apply_log(&(), &x, &mut out);
-        a.apply_transpose_log(&(), &x, &mut out);
-        a.max_product(&(), &x, &mut out, &mut from);
+        a.apply(control, &x, &mut out);
+        a.apply_transpose(control, &x, &mut out);
+        a.apply_log(control, &x, &mut out);
+        a.apply_transpose_log(control, &x, &mut out);
+        a.max_product(control, &x, &mut out, &mut from);
     };
     products();
     let found = allocations(|| (0..3).for_each(|_| products()));
@@ -45,6 +49,8 @@ fn products_allocate_nothing_after_the_first() {
     let dwell = || DwellTransition::new(lost(), &times).unwrap();
     check("window", &route());
     check("restart", &lost());
+    let leaving = OffMapTransition::new(lost(), 0.125, 0.25, Belief::uniform(20).unwrap());
+    check("off the map", &leaving.unwrap());
     check("power", &PowerTransition::new(lost(), 3));
     check("dwell", &dwell());
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();

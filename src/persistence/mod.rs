@@ -65,6 +65,7 @@
 //! | `SwitchedTransition` | `operators` |
 //! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
+//! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |

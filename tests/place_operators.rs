@@ -1,0 +1,570 @@
+//! Operators of places (off the map, by distance, pooled images) against dense
+//! matrices and plain loops that are written here anew.
+
+use std::fmt::Debug;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::{
+    Belief, Controlled, DenseTransition, DwellTransition, GroupedLikelihood, Groups, Hmm,
+    KroneckerTransition, LikelihoodVector, OffMapTransition, PowerTransition, Prior,
+    RestartTransition, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
+    TransitionEntries,
+};
+
+/// `matrix[to][from]`.
+type Matrix = Vec<Vec<f64>>;
+
+const NEVER: f64 = f64::NEG_INFINITY;
+
+fn matrix(n: usize, entry: impl Fn(usize, usize) -> f64) -> Matrix {
+    (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
+}
+
+fn sparse(m: &Matrix) -> SparseTransition {
+    SparseTransition::from_rows(m.len(), &m.concat()).unwrap()
+}
+
+fn dense(m: &Matrix) -> DenseTransition {
+    DenseTransition::from_rows(m.len(), &m.concat()).unwrap()
+}
+
+fn switched(matrices: &[Matrix]) -> SwitchedTransition<SparseTransition> {
+    SwitchedTransition::new(matrices.iter().map(sparse).collect()).unwrap()
+}
+
+fn off_map(m: &Matrix, leave: f64, return_rate: f64, back: &[f64]) -> Matrix {
+    let n = m.len();
+    matrix(n + 1, |i, j| match (i == n, j == n) {
+        (false, false) => (1.0 - leave) * m[i][j],
+        (true, false) => leave,
+        (false, true) => return_rate * back[i],
+        (true, true) => 1.0 - return_rate,
+    })
+}
+
+fn restart(m: &Matrix, rate: f64, r: &[f64]) -> Matrix {
+    matrix(m.len(), |i, j| (1.0 - rate) * m[i][j] + rate * r[i])
+}
+
+fn kronecker(a: &Matrix, b: &Matrix) -> Matrix {
+    let n2 = b.len();
+    matrix(a.len() * n2, |i, j| a[i / n2][j / n2] * b[i % n2][j % n2])
+}
+
+fn squared(m: &Matrix) -> Matrix {
+    matrix(m.len(), |i, j| (0..m.len()).map(|k| m[i][k] * m[k][j]).sum())
+}
+
+/// With states (place, age) of two ages each, left with these probabilities.
+fn dwell(m: &Matrix, leaving: [f64; 2]) -> Matrix {
+    matrix(2 * m.len(), |to, from| {
+        let leave = leaving[from % 2];
+        let arrives = if to % 2 == 0 { leave * m[to / 2][from / 2] } else { 0.0 };
+        let stays = to % 2 == 1 && to / 2 == from / 2;
+        arrives + if stays { 1.0 - leave } else { 0.0 }
+    })
+}
+
+/// What operators are tried on, for up to so many states.
+const MOST: usize = 24;
+
+/// Numbers, logarithms and whole scores, which tie.
+#[derive(Debug, Clone)]
+struct Inputs {
+    numbers: Vec<f64>,
+    logs: Vec<f64>,
+    scores: Vec<f64>,
+}
+
+fn inputs() -> impl Strategy<Value = Inputs> {
+    let number = prop_oneof![1 => Just(0.0), 3 => 0.0..1.0];
+    let log = prop_oneof![1 => Just(NEVER), 2 => -2000.0..2000.0, 2 => -3.0..0.0];
+    let score = prop_oneof![1 => Just(NEVER), 4 => (-2..3_i32).prop_map(f64::from)];
+    (vec(number, MOST), vec(log, MOST), vec(score, MOST))
+        .prop_map(|(numbers, logs, scores)| Inputs { numbers, logs, scores })
+}
+
+/// `count` probabilities; if `exact` powers of two, with exact logarithms.
+fn distribution(exact: bool, count: usize) -> BoxedStrategy<Vec<f64>> {
+    if exact {
+        // 1/2, 1/4, … for as many as are drawn, the rest 0, in any order.
+        let halves = move |kept: usize| {
+            let share = |k: usize| 0.5_f64.powi((k + 1).min(kept - 1).try_into().unwrap());
+            (0..count).map(|k| if k < kept { share(k) } else { 0.0 }).collect::<Vec<f64>>()
+        };
+        return (1..=count).prop_map(halves).prop_shuffle().boxed();
+    }
+    let weight = prop_oneof![1 => Just(0.0), 3 => 0.01..1.0];
+    let scaled = |(mut weights, spare): (Vec<f64>, usize)| {
+        weights[spare] += 0.01;
+        let sum: f64 = weights.iter().sum();
+        weights.iter().map(|w| w / sum).collect()
+    };
+    (vec(weight, count), 0..count).prop_map(scaled).boxed()
+}
+
+fn stochastic(exact: bool, n: usize) -> impl Strategy<Value = Matrix> {
+    vec(distribution(exact, n), n).prop_map(move |columns| matrix(n, |i, j| columns[j][i]))
+}
+
+fn rate(exact: bool) -> BoxedStrategy<f64> {
+    if exact {
+        prop_oneof![Just(0.0), Just(0.5), Just(1.0)].boxed()
+    } else {
+        prop_oneof![1 => Just(0.0), 1 => Just(1.0), 4 => 0.0..1.0].boxed()
+    }
+}
+
+fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = terms.clone().fold(NEVER, f64::max);
+    if largest == NEVER {
+        return NEVER;
+    }
+    largest + terms.map(|term| (term - largest).exp()).sum::<f64>().ln()
+}
+
+/// Equal, but for this part of it.
+#[track_caller]
+fn close(found: f64, expected: f64, tolerance: f64, what: &str) -> Result<(), TestCaseError> {
+    let close = found == expected || (found - expected).abs() <= tolerance * expected.abs();
+    prop_assert!(close, "{}: found {}, expected {}", what, found, expected);
+    Ok(())
+}
+
+/// As [`close`], of logarithms: but for this part of it or of 1.
+fn close_log(found: f64, expected: f64, tolerance: f64, what: &str) -> Result<(), TestCaseError> {
+    let within = (found - expected).abs() <= tolerance * expected.abs().max(1.0);
+    prop_assert!(found == expected || within, "{}: found {}, expected {}", what, found, expected);
+    Ok(())
+}
+
+/// Every method of an operator against its matrix. If it is `exact`, of equal
+/// predecessors the lowest must be named.
+fn check<A: TransitionEntries>(
+    a: &A,
+    control: &A::Control,
+    m: &Matrix,
+    inputs: &Inputs,
+    exact: bool,
+) -> Result<(), TestCaseError> {
+    let n = m.len();
+    prop_assert_eq!(a.states(), n);
+    prop_assert!(a.check_control(control).is_ok());
+    let mut out = vec![f64::NAN; n];
+    a.apply_transpose(control, &vec![1.0; n], &mut out);
+    for sum in &out {
+        close(*sum, 1.0, 1e-12, "column sum")?;
+    }
+    let transposed = matrix(n, |i, j| m[j][i]);
+    for (m, transpose) in [(m, false), (&transposed, true)] {
+        let x = &inputs.numbers[..n];
+        out.fill(f64::NAN);
+        if transpose {
+            a.apply_transpose(control, x, &mut out);
+        } else {
+            a.apply(control, x, &mut out);
+        }
+        for (found, row) in out.iter().zip(m) {
+            close(*found, row.iter().zip(x).map(|(a, x)| a * x).sum(), 1e-13, "product")?;
+        }
+        for x in [&inputs.logs[..n], &vec![NEVER; n], &vec![-2000.0; n]] {
+            out.fill(f64::NAN);
+            if transpose {
+                a.apply_transpose_log(control, x, &mut out);
+            } else {
+                a.apply_log(control, x, &mut out);
+            }
+            for (found, row) in out.iter().zip(m) {
+                let expected = log_sum(row.iter().zip(x).map(|(a, x)| a.ln() + x));
+                close_log(*found, expected, 1e-12, "product in logarithms")?;
+            }
+        }
+        for (state, row) in m.iter().enumerate() {
+            let found: Vec<_> = if transpose {
+                a.outgoing(control, state).collect()
+            } else {
+                a.incoming(control, state).collect()
+            };
+            let entries = row.iter().copied().enumerate().filter(|entry| entry.1 > 0.0);
+            let (states, values): (Vec<_>, Vec<_>) = entries.unzip();
+            prop_assert_eq!(found.iter().map(|e| e.0).collect::<Vec<_>>(), states, "of {}", state);
+            for (found, expected) in found.iter().zip(values) {
+                close(found.1, expected, 1e-13, "entry")?;
+            }
+        }
+    }
+    let mut from = vec![u32::MAX; n];
+    for x in [&inputs.scores[..n], &vec![0.0; n], &vec![NEVER; n]] {
+        a.max_product(control, x, &mut out, &mut from);
+        for (i, row) in m.iter().enumerate() {
+            // As decoders that list entries do it, to the bit.
+            let listed = a.incoming_log2(control, i).map(|(j, log2)| log2 + x[j]);
+            let listed = listed.fold(NEVER, f64::max);
+            prop_assert_eq!(out[i], listed);
+            let values: Vec<f64> = row.iter().zip(x).map(|(a, x)| a.log2() + x).collect();
+            let best = values.iter().copied().fold(NEVER, f64::max);
+            close_log(out[i], best, 1e-12, "best")?;
+            if best > NEVER {
+                let named = from[i] as usize;
+                prop_assert!(values[named] >= best - 1e-12, "{} of {:?}", named, values);
+                if exact {
+                    prop_assert_eq!(Some(named), values.iter().position(|v| *v >= best - 1e-12));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// All routines with the operator as with its matrices, one for each step.
+fn check_model<A>(
+    a: A,
+    controls: &[A::Control],
+    matrices: &[Matrix],
+    inputs: &Inputs,
+    exact: bool,
+) -> Result<(), TestCaseError>
+where
+    A: TransitionEntries<Control: Clone>,
+{
+    let n = a.states();
+    let prior = Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
+    let sensor = LikelihoodVector::log(n).owned();
+    let family = SwitchedTransition::new(matrices.iter().map(dense).collect()).unwrap();
+    let reference = Hmm::new(prior.clone(), family, sensor).unwrap();
+    let hmm = Hmm::new(prior, a, sensor).unwrap();
+    let ys: Vec<Vec<f64>> = (0..controls.len())
+        .map(|k| if k % 2 == 0 { &inputs.scores } else { &inputs.logs })
+        .map(|x| x[..n].to_vec())
+        .collect();
+    let numbers: Vec<usize> = (0..controls.len()).collect();
+    let plain = Controlled::new(&numbers, &ys).unwrap();
+    let drive = Controlled::new(controls, &ys).unwrap();
+    let Ok(expected) = reference.smooth(&plain) else {
+        prop_assert!(hmm.smooth(&drive).is_err());
+        prop_assert!(hmm.score(&drive).is_err());
+        prop_assert!(hmm.viterbi(&drive).is_err());
+        return Ok(());
+    };
+    let found = hmm.smooth(&drive).unwrap();
+    let log = expected.log_likelihood();
+    close_log(found.log_likelihood(), log, 1e-11, "log-likelihood")?;
+    close_log(hmm.score(&drive).unwrap(), log, 1e-11, "score")?;
+    let posteriors = found.posteriors().as_slice().iter().zip(expected.posteriors().as_slice());
+    for (found, expected) in posteriors {
+        close_log(*found, *expected, 1e-10, "posterior")?;
+    }
+    let (mut lagged, mut online) = (hmm.fixed_lag(2), hmm.online_viterbi());
+    let mut other = reference.fixed_lag(2);
+    let mut states = Vec::new();
+    for (k, (control, y)) in controls.iter().zip(&ys).enumerate() {
+        lagged.step_with(control, y).unwrap();
+        other.step_with(&k, y).unwrap();
+        for (found, expected) in lagged.lagged().as_slice().iter().zip(other.lagged().as_slice()) {
+            close_log(*found, *expected, 1e-10, "fixed lag")?;
+        }
+        states.extend_from_slice(online.step_with(control, y).unwrap());
+    }
+    states.extend(online.undecided());
+    let (path, best) = (hmm.viterbi(&drive).unwrap(), reference.viterbi(&plain).unwrap());
+    prop_assert_eq!(&states[..], path.states());
+    close_log(path.log_probability(), best.log_probability(), 1e-11, "path")?;
+    if exact {
+        prop_assert_eq!(path.states(), best.states());
+    }
+    for (k, pair) in path.states().windows(2).enumerate() {
+        prop_assert!(matrices[k + 1][pair[1]][pair[0]] > 0.0, "a move that there is not");
+    }
+    let first = hmm.k_best(&drive, 3).unwrap()[0].log_probability();
+    close_log(first, path.log_probability(), 1e-11, "first of the best")?;
+    let entropy = reference.path_entropy(&plain).unwrap();
+    close_log(hmm.path_entropy(&drive).unwrap(), entropy, 1e-9, "entropy")?;
+    let (moves, others) =
+        (hmm.expected_moves(&drive).unwrap(), reference.expected_moves(&plain).unwrap());
+    for at in 0..n * n {
+        let (to, from) = (at / n, at % n);
+        close_log(moves.get(to, from), others.get(to, from), 1e-9, "expected moves")?;
+    }
+    Ok(())
+}
+
+/// Each method for each matrix, and a model of all of them.
+fn check_all<A: TransitionEntries<Control: Clone + Debug>>(
+    a: A,
+    controls: &[A::Control],
+    matrices: &[Matrix],
+    inputs: &Inputs,
+    exact: bool,
+) -> Result<(), TestCaseError> {
+    for (control, m) in controls.iter().zip(matrices) {
+        check(&a, control, m, inputs, exact)?;
+    }
+    check_model(a, controls, matrices, inputs, exact)
+}
+
+fn cases() -> ProptestConfig {
+    ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(1000) }
+}
+
+/// Three matrices of a size, and a distribution.
+fn motion(exact: bool, most: usize) -> impl Strategy<Value = (Vec<Matrix>, Vec<f64>)> {
+    (1..=most).prop_flat_map(move |n| (vec(stochastic(exact, n), 3), distribution(exact, n)))
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn off_map_is_its_matrix(
+        (exact, (matrices, back), leave, return_rate) in any::<bool>()
+            .prop_flat_map(|e| (Just(e), motion(e, 6), rate(e), rate(e))),
+        inputs in inputs(),
+    ) {
+        let whole = |m: &Matrix| off_map(m, leave, return_rate, &back);
+        let expected: Vec<Matrix> = matrices.iter().map(whole).collect();
+        let belief = || Belief::new(back.clone()).unwrap();
+        let plain =
+            OffMapTransition::new(sparse(&matrices[0]), leave, return_rate, belief()).unwrap();
+        prop_assert_eq!(plain.off_map(), back.len());
+        check_all(plain, &[(); 3], &vec![expected[0].clone(); 3], &inputs, exact)?;
+        // Each gear has its own control; a fourth there is not.
+        let geared =
+            OffMapTransition::new(switched(&matrices), leave, return_rate, belief()).unwrap();
+        prop_assert_eq!(
+            geared.check_control(&3).unwrap_err().to_string(),
+            "unknown control: operator 3, expected one of 3 (0 to 2)"
+        );
+        check_all(geared, &[0, 1, 2], &expected, &inputs, exact)?;
+    }
+
+    /// Within others and around them: what they hand down need not be the
+    /// whole vector.
+    #[test]
+    fn off_map_nests(
+        ((matrices, back), (leave, return_rate, again)) in
+            (motion(false, 3), (rate(false), rate(false), rate(false))),
+        (turns, inputs) in (stochastic(false, 2), inputs()),
+    ) {
+        let n = back.len();
+        let belief = Belief::new(back.clone()).unwrap();
+        let lost = || {
+            OffMapTransition::new(switched(&matrices), leave, return_rate, belief.clone()).unwrap()
+        };
+        let whole: Vec<Matrix> =
+            matrices.iter().map(|m| off_map(m, leave, return_rate, &back)).collect();
+        let over = |map: &dyn Fn(&Matrix) -> Matrix| whole.iter().map(map).collect::<Vec<_>>();
+        let controls = [0, 1, 2];
+        let uniform = |n: usize| Belief::uniform(n).unwrap();
+        let even = |n: usize| vec![1.0 / n as f64; n];
+
+        let a = RestartTransition::new(lost(), again, uniform(n + 1)).unwrap();
+        let expected = over(&|m| restart(m, again, &even(n + 1)));
+        check_all(a, &controls, &expected, &inputs, false)?;
+        let a = OffMapTransition::new(lost(), again, 0.25, uniform(n + 1)).unwrap();
+        let expected = over(&|m| off_map(m, again, 0.25, &even(n + 1)));
+        check_all(a, &controls, &expected, &inputs, false)?;
+        let a = KroneckerTransition::new(lost(), switched(&vec![turns.clone(); 3])).unwrap();
+        let expected = over(&|m| kronecker(m, &turns));
+        check_all(a, &controls, &expected, &inputs, false)?;
+        let pairs =
+            KroneckerTransition::new(switched(&vec![turns.clone(); 3]), lost()).unwrap();
+        let a = OffMapTransition::new(pairs, again, 0.5, uniform(2 * n + 2)).unwrap();
+        let expected = over(&|m| off_map(&kronecker(&turns, m), again, 0.5, &even(2 * n + 2)));
+        check_all(a, &controls, &expected, &inputs, false)?;
+        let expected = over(&squared);
+        check_all(PowerTransition::new(lost(), 2), &controls, &expected, &inputs, false)?;
+        let a = DwellTransition::from_leaving(lost(), &vec![[again, 1.0]; n + 1]).unwrap();
+        let expected = over(&|m| dwell(m, [again, 1.0]));
+        check_all(a, &controls, &expected, &inputs, false)?;
+    }
+
+    /// Gear × place, of which the camera sees the place, or that it is none.
+    #[test]
+    fn a_camera_sees_place_or_none(
+        (gears, places) in (stochastic(false, 2), stochastic(false, 3)),
+        (leave, return_rate) in (rate(false), rate(false)),
+        ys in vec(vec(-3.0..0.0, 4), 1..5),
+    ) {
+        let pairs = KroneckerTransition::new(sparse(&gears), sparse(&places)).unwrap();
+        let seen = pairs.second_groups();
+        let back = vec![1.0 / 6.0; 6];
+        let m = off_map(&kronecker(&gears, &places), leave, return_rate, &back);
+        let a = OffMapTransition::new(pairs, leave, return_rate, Belief::uniform(6).unwrap());
+        let a = a.unwrap();
+        let groups = a.groups(&seen).unwrap();
+        prop_assert_eq!(groups.as_slice(), [0, 1, 2, 0, 1, 2, 3]);
+        let sensor = GroupedLikelihood::new(LikelihoodVector::log(4).owned(), groups).unwrap();
+        let prior = Prior::AtFirstObservation(Belief::uniform(7).unwrap());
+        let hmm = Hmm::new(prior.clone(), a, sensor).unwrap();
+        let plain = Hmm::new(prior, dense(&m), LikelihoodVector::log(7).owned()).unwrap();
+        let of = [0, 1, 2, 0, 1, 2, 3];
+        let all: Vec<Vec<f64>> =
+            ys.iter().map(|y: &Vec<f64>| of.iter().map(|&g| y[g]).collect()).collect();
+        close_log(hmm.score(&ys).unwrap(), plain.score(&all).unwrap(), 1e-12, "score")?;
+        let (path, best) = (hmm.viterbi(&ys).unwrap(), plain.viterbi(&all).unwrap());
+        close_log(path.log_probability(), best.log_probability(), 1e-12, "path")?;
+    }
+}
+
+fn text<T, E: ToString>(result: Result<T, E>) -> String {
+    result.err().unwrap().to_string()
+}
+
+fn still(n: usize) -> SparseTransition {
+    SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap()
+}
+
+#[test]
+fn bad_ways_off_the_map_are_named() {
+    let new = |leave, return_rate, back: Vec<f64>| {
+        text(OffMapTransition::new(still(2), leave, return_rate, Belief::new(back).unwrap()))
+    };
+    let even = || vec![0.5, 0.5];
+    assert_eq!(new(1.5, 0.5, even()), "the rate of leaving is 1.5, expected a value from 0 to 1");
+    assert_eq!(new(-0.5, 0.5, even()), "the rate of leaving is -0.5, expected a value from 0 to 1");
+    assert_eq!(
+        new(f64::NAN, 0.5, even()),
+        "the rate of leaving is NaN, expected a value from 0 to 1"
+    );
+    assert_eq!(new(0.5, 2.0, even()), "the rate of return is 2, expected a value from 0 to 1");
+    assert_eq!(
+        new(0.5, f64::INFINITY, even()),
+        "the rate of return is inf, expected a value from 0 to 1"
+    );
+    assert_eq!(
+        new(0.5, 0.5, vec![1.0]),
+        "the return belief has 1 states, expected 2 as the operator within"
+    );
+    let least = f64::MIN_POSITIVE;
+    assert_eq!(
+        new(0.5, 0.5, vec![1.0, least]),
+        format!(
+            "the probability of a return to state 1 is {}, expected 0 or at least 2.2e-308, the smallest normal double",
+            0.5 * least
+        )
+    );
+    let tiny = Belief::new(vec![1.0, least]).unwrap();
+    assert!(OffMapTransition::new(still(2), 0.5, 1.0, tiny.clone()).is_ok());
+    assert!(OffMapTransition::new(still(2), 0.5, 0.0, tiny).is_ok());
+
+    let a = OffMapTransition::new(still(2), 0.5, 0.5, Belief::uniform(2).unwrap()).unwrap();
+    assert_eq!(a.inner().entries(), 2);
+    assert_eq!(
+        text(a.groups(&Groups::new(vec![0, 0, 1]).unwrap())),
+        "the grouping has 3 states, expected 2 as the operator within"
+    );
+    let endless = wayfix::WindowTransition::new(1, 0, &[1.0], wayfix::Ends::Loop).unwrap();
+    let one = Belief::uniform(1).unwrap();
+    assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map(), 1);
+}
+
+/// The way back from nowhere is the last, and counts only if it is better.
+#[test]
+fn ties_go_to_the_map() {
+    let a = OffMapTransition::new(still(2), 0.5, 0.5, Belief::certain(2, 1).unwrap()).unwrap();
+    let (mut out, mut from) = ([0.0; 3], [9; 3]);
+    a.max_product(&(), &[0.0, 0.0, 0.0], &mut out, &mut from);
+    assert_eq!((out, from), ([-1.0; 3], [0, 1, 0]));
+    a.max_product(&(), &[-1.0, 0.0, 1.0], &mut out, &mut from);
+    assert_eq!((out, from), ([-2.0, 0.0, 0.0], [0, 2, 2]));
+    a.max_product(&(), &[-1.0, 1.0, 1.0], &mut out, &mut from);
+    assert_eq!((out, from), ([-2.0, 0.0, 0.0], [0, 1, 1]));
+}
+
+/// A drive that leaves the map is decoded as one, and simulated.
+#[test]
+fn drives_leave_the_map_and_come_back() {
+    use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    let around = SparseTransition::from_rows(3, &[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let gate = Belief::certain(3, 1).unwrap();
+    let a = OffMapTransition::new(around.unwrap(), 0.125, 0.25, gate).unwrap();
+    let camera = TableLikelihood::from_rows(&[
+        [0.75, 0.0, 0.0, 0.25],
+        [0.0, 0.75, 0.0, 0.25],
+        [0.0, 0.0, 0.75, 0.25],
+        [0.125, 0.125, 0.125, 0.625],
+    ]);
+    let prior = Prior::AtFirstObservation(Belief::certain(4, 0).unwrap());
+    let hmm = Hmm::new(prior, a, camera.unwrap()).unwrap();
+    let path = hmm.viterbi(&[0, 1, 3, 3, 3, 3, 1, 2, 0]).unwrap();
+    assert_eq!(path.states(), [0, 1, 3, 3, 3, 3, 1, 2, 0]);
+    let drive = hmm.simulate(2000, &mut ChaCha8Rng::seed_from_u64(1));
+    let off = drive.states().iter().filter(|state| **state == 3).count();
+    // A third of the steps, give or take.
+    assert!((500..850).contains(&off), "{off}");
+    assert!(
+        drive
+            .states()
+            .windows(2)
+            .all(|pair| hmm.transition().outgoing(&(), pair[0]).any(|e| e.0 == pair[1]))
+    );
+}
+
+#[cfg(feature = "serde")]
+mod stored {
+    use super::*;
+    use serde::{Serialize, de::DeserializeOwned};
+
+    /// There and back; JSON tells any two doubles apart.
+    fn comes_back<T: Serialize + DeserializeOwned>(value: &T) -> String {
+        let text = serde_json::to_string(value).unwrap();
+        let back: T = serde_json::from_str(&text).unwrap();
+        assert_eq!(serde_json::to_string(&back).unwrap(), text);
+        text
+    }
+
+    #[track_caller]
+    fn refused<T: DeserializeOwned>(text: &str, expected: &str) {
+        let error = serde_json::from_str::<T>(text).err().expect("to be refused").to_string();
+        assert_eq!(error.split(" at line").next().unwrap(), expected);
+    }
+
+    const STILL: &str = r#"{"version":1,"states":1,"to":[0],"from":[0],"probability":[1.0]}"#;
+
+    #[test]
+    fn off_map() {
+        let back = Belief::certain(1, 0).unwrap();
+        let a = OffMapTransition::new(still(1), 0.25, 0.5, back).unwrap();
+        let text = comes_back(&a);
+        assert_eq!(
+            text,
+            format!(r#"{{"version":1,"inner":{STILL},"leave":0.25,"stay":0.5,"back":[0.5]}}"#)
+        );
+        let bad = |from: &str, to: &str, expected: &str| {
+            refused::<OffMapTransition<SparseTransition>>(&text.replace(from, to), expected);
+        };
+        bad("0.25", "-1", "the rate of leaving is -1, expected a value from 0 to 1");
+        bad(
+            r#""stay":0.5"#,
+            r#""stay":2"#,
+            "the probability of no return is 2, expected a value from 0 to 1",
+        );
+        bad(
+            r#""back":[0.5]"#,
+            r#""back":[-1]"#,
+            "the probability of a return to state 0 is -1, expected a value from 0 to 1",
+        );
+        bad(
+            r#""back":[0.5]"#,
+            r#""back":[0.25]"#,
+            "the probability of a return or none is 0.75, expected 1",
+        );
+        bad(
+            r#""back":[0.5]"#,
+            r#""back":[0.5,0]"#,
+            "the return belief has 2 states, expected 1 as the operator within",
+        );
+    }
+
+    #[test]
+    fn values_are_the_same_to_the_bit() {
+        let back = Belief::new(vec![0.3, 0.7]).unwrap();
+        let a = OffMapTransition::new(still(2), 0.1, 0.3, back).unwrap();
+        let b: OffMapTransition<SparseTransition> = serde_json::from_str(&comes_back(&a)).unwrap();
+        let row = |a: &OffMapTransition<SparseTransition>, i: usize| {
+            a.incoming(&(), i).map(|(j, p)| (j, p.to_bits())).collect::<Vec<_>>()
+        };
+        assert!((0..3).all(|i| row(&a, i) == row(&b, i)));
+    }
+}
