@@ -67,7 +67,8 @@
 //! |---|---|
 //! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
 //! | a route | [`WindowTransition`] |
-//! | odometry, gears, elapsed time | [`SwitchedTransition`], or an operator of your own with a control |
+//! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
+//! | gears, elapsed time | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
 //! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
@@ -192,9 +193,9 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DwellTransition, Ends, KroneckerTransition, OffMapTransition, PowerTransition,
-    RestartTransition, SparseTransition, SwitchedTransition, TiedTransition, Transition,
-    TransitionEntries, WindowTransition,
+    DenseTransition, DistanceTransition, DwellTransition, Ends, KroneckerTransition, Odometry,
+    OffMapTransition, PowerTransition, RestartTransition, SparseTransition, SwitchedTransition,
+    TiedTransition, Transition, TransitionEntries, WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -5,9 +5,9 @@ use std::alloc::System;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use wayfix::{
-    Belief, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm, KnownState,
-    KroneckerTransition, OffMapTransition, PowerTransition, Prior, RestartTransition,
-    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
+    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm,
+    KnownState, KroneckerTransition, Odometry, OffMapTransition, PowerTransition, Prior,
+    RestartTransition, SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
 };
 
 #[global_allocator]
@@ -51,6 +51,10 @@ fn products_allocate_nothing_after_the_first() {
     check("restart", &lost());
     let leaving = OffMapTransition::new(lost(), 0.125, 0.25, Belief::uniform(20).unwrap());
     check("off the map", &leaving.unwrap());
+    let metres = |to: usize, from: usize| 50.0 * (from.abs_diff(to) as f64);
+    let stored = SparseTransition::from_operator(&route()).unwrap();
+    let on_map = DistanceTransition::new(stored, metres).unwrap();
+    check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
     check("power", &PowerTransition::new(lost(), 3));
     check("dwell", &dwell());
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();

@@ -6,10 +6,10 @@ use std::fmt::Debug;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, Controlled, DenseTransition, DwellTransition, GroupedLikelihood, Groups, Hmm,
-    KroneckerTransition, LikelihoodVector, OffMapTransition, PowerTransition, Prior,
-    RestartTransition, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
-    TransitionEntries,
+    Belief, Controlled, DenseTransition, DistanceTransition, DwellTransition, GroupedLikelihood,
+    Groups, Hmm, KroneckerTransition, LikelihoodVector, Odometry, OffMapTransition,
+    PowerTransition, Prior, RestartTransition, SparseTransition, SwitchedTransition,
+    TableLikelihood, Transition, TransitionEntries,
 };
 
 /// `matrix[to][from]`.
@@ -166,7 +166,7 @@ fn check<A: TransitionEntries>(
             a.apply(control, x, &mut out);
         }
         for (found, row) in out.iter().zip(m) {
-            close(*found, row.iter().zip(x).map(|(a, x)| a * x).sum(), 1e-13, "product")?;
+            close(*found, row.iter().zip(x).map(|(a, x)| a * x).sum(), 1e-12, "product")?;
         }
         for x in [&inputs.logs[..n], &vec![NEVER; n], &vec![-2000.0; n]] {
             out.fill(f64::NAN);
@@ -190,7 +190,7 @@ fn check<A: TransitionEntries>(
             let (states, values): (Vec<_>, Vec<_>) = entries.unzip();
             prop_assert_eq!(found.iter().map(|e| e.0).collect::<Vec<_>>(), states, "of {}", state);
             for (found, expected) in found.iter().zip(values) {
-                close(found.1, expected, 1e-13, "entry")?;
+                close(found.1, expected, 1e-12, "entry")?;
             }
         }
     }
@@ -407,6 +407,274 @@ proptest! {
     }
 }
 
+/// By the formula, with the least of the exponents taken out of all.
+fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
+    let Some(Odometry { distance, variance }) = odometry else { return m.clone() };
+    let n = m.len();
+    let column = |j: usize| -> Vec<f64> {
+        let squares = (0..n).map(|i| {
+            if m[i][j] > 0.0 { (distance - lengths[i][j]).powi(2) } else { f64::INFINITY }
+        });
+        let squares: Vec<f64> = squares.collect();
+        let least = squares.iter().copied().fold(f64::INFINITY, f64::min);
+        let log = |i: usize| match squares[i] - least {
+            0.0 => m[i][j].ln(),
+            more => m[i][j].ln() - more / (2.0 * variance),
+        };
+        let sum = log_sum((0..n).map(log));
+        let top = (0..n).map(log).fold(NEVER, f64::max);
+        let p = (0..n).map(|i| (log(i) - top).exp() / (sum - top).exp());
+        p.map(|p| if p < f64::MIN_POSITIVE { 0.0 } else { p }).collect()
+    };
+    let columns: Vec<Vec<f64>> = (0..n).map(column).collect();
+    matrix(n, |i, j| columns[j][i])
+}
+
+/// A base, the length of each move, and what three steps have driven. Lengths
+/// are whole quarters and variances powers of two, 2^least or more, so that
+/// squares are exact. If it is `exact`, all ways out of a place are alike, and variances are 0.
+fn road_network(
+    exact: bool,
+    most: usize,
+    least: i32,
+) -> impl Strategy<Value = (Matrix, Matrix, Vec<Option<Odometry>>)> {
+    let quarters = |n: i32| (0..n).prop_map(|quarters| 0.25 * f64::from(quarters));
+    let variance = move || {
+        let spread = (least..14_i32).prop_map(|power| 2.0_f64.powi(power));
+        if exact { Just(0.0).boxed() } else { prop_oneof![1 => Just(0.0), 5 => spread].boxed() }
+    };
+    let odometry = move || {
+        (quarters(1000), variance())
+            .prop_map(|(distance, variance)| Odometry { distance: distance - 25.0, variance })
+    };
+    let alike = |mut m: Matrix| {
+        for j in 0..m.len() {
+            let ways = m.iter().filter(|row| row[j] > 0.0).count();
+            m.iter_mut()
+                .for_each(|row| row[j] = if row[j] > 0.0 { 1.0 / ways as f64 } else { 0.0 });
+        }
+        m
+    };
+    (1..=most).prop_flat_map(move |n| {
+        let base = stochastic(false, n).prop_map(move |m| if exact { alike(m) } else { m });
+        let length = prop_oneof![1 => Just(0.0), 1 => Just(100.0), 2 => quarters(800)];
+        let controls = (odometry(), odometry(), any::<bool>());
+        let controls =
+            controls.prop_map(|(a, b, none)| vec![Some(a), (!none).then_some(b), Some(b)]);
+        (base, vec(vec(length, n), n), controls)
+    })
+}
+
+fn on_roads(m: &Matrix, lengths: &Matrix) -> DistanceTransition {
+    DistanceTransition::new(sparse(m), |to, from| lengths[to][from]).unwrap()
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn by_distance_is_its_matrix(
+        (exact, (m, lengths, controls)) in
+            any::<bool>().prop_flat_map(|e| (Just(e), road_network(e, 7, -6))),
+        inputs in inputs(),
+    ) {
+        let a = on_roads(&m, &lengths);
+        for (i, j) in (0..49).map(|at| (at / 7, at % 7)) {
+            let there = i < m.len() && j < m.len() && m[i][j] > 0.0;
+            prop_assert_eq!(a.length(i, j), there.then(|| lengths[i][j]));
+        }
+        let expected: Vec<Matrix> = controls.iter().map(|u| by_distance(&m, &lengths, *u)).collect();
+        check_all(a, &controls, &expected, &inputs, exact)?;
+    }
+
+    /// Its listed entries are those that its products have, to the bit.
+    #[test]
+    fn listed_entries_are_those_of_products((m, lengths, controls) in road_network(false, 6, -6)) {
+        let a = on_roads(&m, &lengths);
+        let n = m.len();
+        for control in &controls {
+            for j in 0..n {
+                let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
+                unit[j] = 1.0;
+                a.apply(control, &unit, &mut column);
+                let listed: Vec<_> = a.outgoing(control, j).collect();
+                let entries = column.into_iter().enumerate().filter(|entry| entry.1 > 0.0);
+                prop_assert_eq!(&entries.collect::<Vec<_>>(), &listed);
+                for (i, p) in listed {
+                    prop_assert_eq!(a.incoming(control, i).find(|e| e.0 == j), Some((j, p)));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn by_distance_nests(
+        (m, lengths, controls) in road_network(false, 3, 9),
+        (one, other, inputs) in (rate(false), rate(false), inputs()),
+    ) {
+        let n = m.len();
+        let a = || on_roads(&m, &lengths);
+        let uniform = Belief::uniform(n).unwrap();
+        let even = vec![1.0 / n as f64; n];
+        let driven: Vec<Matrix> = controls.iter().map(|u| by_distance(&m, &lengths, *u)).collect();
+        let over = |map: &dyn Fn(&Matrix) -> Matrix| driven.iter().map(map).collect::<Vec<_>>();
+
+        let lost = || OffMapTransition::new(a(), one, other, uniform.clone()).unwrap();
+        let off = |m: &Matrix| off_map(m, one, other, &even);
+        check_all(lost(), &controls, &over(&off), &inputs, false)?;
+        let towed = RestartTransition::new(a(), one, uniform.clone()).unwrap();
+        check_all(towed, &controls, &over(&|m| restart(m, one, &even)), &inputs, false)?;
+        let pairs = KroneckerTransition::new(a(), lost()).unwrap();
+        check_all(pairs, &controls, &over(&|m| kronecker(m, &off(m))), &inputs, false)?;
+        let twice = PowerTransition::new(a(), 2);
+        check_all(twice, &controls, &over(&squared), &inputs, false)?;
+        let slow = DwellTransition::from_leaving(a(), &vec![[other, 1.0]; n]).unwrap();
+        check_all(slow, &controls, &over(&|m| dwell(m, [other, 1.0])), &inputs, false)?;
+    }
+}
+
+/// Ways from state 0 of these lengths, to states 1, 2, …, all alike.
+fn fork(lengths: &[f64]) -> DistanceTransition {
+    let (n, p) = (lengths.len() + 1, 1.0 / lengths.len() as f64);
+    let ways = (1..n).flat_map(|i| [(i, 0, p), (i, i, 1.0)]);
+    let base = SparseTransition::from_triplets(n, ways).unwrap();
+    DistanceTransition::new(base, |to, from| if from == 0 { lengths[to - 1] } else { 0.0 }).unwrap()
+}
+
+fn ways(a: &DistanceTransition, distance: f64, variance: f64) -> Vec<(usize, f64)> {
+    let control = Some(Odometry { distance, variance });
+    a.check_control(&control).unwrap();
+    a.outgoing(&control, 0).collect()
+}
+
+#[test]
+fn the_nearest_length_takes_all_without_variance() {
+    let a = fork(&[0.0, 100.0, 100.0, 250.0]);
+    assert_eq!(ways(&a, 0.0, 0.0), [(1, 1.0)]);
+    assert_eq!(ways(&a, -1e300, 0.0), [(1, 1.0)]);
+    assert_eq!(ways(&a, 49.9, 0.0), [(1, 1.0)]);
+    assert_eq!(ways(&a, 50.0, 0.0), [(1, 1.0 / 3.0), (2, 1.0 / 3.0), (3, 1.0 / 3.0)]);
+    assert_eq!(ways(&a, 50.1, 0.0), [(2, 0.5), (3, 0.5)]);
+    assert_eq!(ways(&a, 175.0, 0.0), [(2, 1.0 / 3.0), (3, 1.0 / 3.0), (4, 1.0 / 3.0)]);
+    assert_eq!(ways(&a, 1e300, 0.0), [(4, 1.0)]);
+}
+
+#[test]
+fn far_off_distances_keep_their_digits() {
+    // Squares near 1e12 differ by 2^-10 (2e6 − 200), which the formula loses.
+    let gap = 2.0_f64.powi(-10);
+    let a = fork(&[100.0, 100.0 + gap]);
+    let found = ways(&a, 1e6, 1024.0);
+    let exponent = gap * (2e6 - 200.0 - gap) / 2048.0;
+    assert!((found[1].1 / found[0].1 / exponent.exp() - 1.0).abs() < 1e-14, "{found:?}");
+}
+
+#[test]
+fn numbers_at_the_limits_give_distributions() {
+    let extremes = [0.0, 5e-324, 1e-308, 1e-160, 1.0, 1e160, 1e300, f64::MAX];
+    let a = fork(&extremes);
+    let n = a.states();
+    let (mut out, mut from) = (vec![0.0; n], vec![0; n]);
+    for distance in extremes.iter().flat_map(|d| [*d, -d]) {
+        for variance in extremes {
+            let control = Some(Odometry { distance, variance });
+            a.check_control(&control).unwrap();
+            a.apply_transpose(&control, &vec![1.0; n], &mut out);
+            assert!(out.iter().all(|sum| (sum - 1.0).abs() < 1e-14), "{control:?}: {out:?}");
+            a.apply(&control, &vec![1.0; n], &mut out);
+            assert!((out.iter().sum::<f64>() - n as f64).abs() < 1e-13, "{control:?}: {out:?}");
+            a.max_product(&control, &vec![0.0; n], &mut out, &mut from);
+            assert!(out.iter().all(|best| *best <= 0.0), "{control:?}: {out:?}");
+        }
+    }
+}
+
+/// A camera that sees nothing, and two ways to the same end.
+#[test]
+fn odometry_tells_ways_apart() {
+    // From 0 by 1 (100 m, 300 m) or by 2 (300 m, 100 m) to 3, and on to itself.
+    let base = [(1, 0, 0.5), (2, 0, 0.5), (3, 1, 1.0), (3, 2, 1.0), (3, 3, 1.0)];
+    let base = SparseTransition::from_triplets(4, base).unwrap();
+    let metres = |to: usize, from: usize| match (from, to) {
+        (0, 1) | (2, 3) => 100.0,
+        (0, 2) | (1, 3) => 300.0,
+        _ => 0.0,
+    };
+    let a = DistanceTransition::new(base, metres).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::certain(4, 0).unwrap());
+    let hmm = Hmm::new(prior, a, LikelihoodVector::linear(4).owned()).unwrap();
+    let seen = vec![vec![1.0; 4]; 3];
+    let metres = |distance| Some(Odometry { distance, variance: 900.0 });
+    for (driven, path) in [(120.0, [0, 1, 3]), (270.0, [0, 2, 3]), (200.0, [0, 1, 3])] {
+        let controls = [None, metres(driven), None];
+        let drive = Controlled::new(&controls, &seen).unwrap();
+        assert_eq!(hmm.viterbi(&drive).unwrap().states(), path);
+        let smoothed = hmm.smooth(&drive).unwrap();
+        let odds = ((driven - 300.0).powi(2) - (driven - 100.0).powi(2)) / 1800.0;
+        let p = 1.0 / (1.0 + (-odds).exp());
+        assert!((smoothed.posteriors().get(2).unwrap().as_slice()[1] - p).abs() < 1e-14);
+    }
+}
+
+#[test]
+fn bad_lengths_and_odometry_are_named() {
+    let new = |length: f64| {
+        text(DistanceTransition::new(still(2), |to, _| if to == 1 { length } else { 0.0 }))
+    };
+    let length = |value: &str| {
+        format!(
+            "the length of the transition from state 1 to state 1 is {value}, expected a finite value of at least 0"
+        )
+    };
+    assert_eq!(new(f64::NAN), length("NaN"));
+    assert_eq!(new(-1.0), length("-1"));
+    assert_eq!(new(f64::INFINITY), length("inf"));
+
+    let a = fork(&[100.0]);
+    let control =
+        |distance, variance| text(a.check_control(&Some(Odometry { distance, variance })));
+    let distance = |value: &str| {
+        format!("unknown control: an odometry distance of {value}, expected a finite value")
+    };
+    assert_eq!(control(f64::NAN, 1.0), distance("NaN"));
+    assert_eq!(control(f64::NEG_INFINITY, 1.0), distance("-inf"));
+    let variance = |value: &str| {
+        format!(
+            "unknown control: an odometry variance of {value}, expected a finite value of at least 0"
+        )
+    };
+    assert_eq!(control(1.0, f64::NAN), variance("NaN"));
+    assert_eq!(control(1.0, -0.5), variance("-0.5"));
+    assert_eq!(control(1.0, f64::INFINITY), variance("inf"));
+    assert!(a.check_control(&None).is_ok());
+
+    let map = wayfix::canberra::map();
+    assert_eq!(
+        text(DistanceTransition::on_map(&map, still(2))),
+        "the map has 105 states, expected 2 as the operator within"
+    );
+    let jump = (0..105).map(|i| (if i == 7 { 90 } else { i }, i, 1.0));
+    let jump = SparseTransition::from_triplets(105, jump).unwrap();
+    assert_eq!(
+        text(DistanceTransition::on_map(&map, jump)),
+        "the number of roads from state 7 to state 90 is 0, expected 1, since there is such a transition"
+    );
+}
+
+#[test]
+fn on_a_map_lengths_are_those_of_roads() {
+    let map = wayfix::canberra::map();
+    let turning = wayfix::canberra::turning().into_transition();
+    let a = DistanceTransition::on_map(&map, turning).unwrap();
+    for from in 0..map.places().len() {
+        assert_eq!(a.length(from, from), Some(0.0));
+        for (to, road) in map.roads_from(from) {
+            assert_eq!(a.length(to, from), Some(road.metres));
+        }
+    }
+    assert_eq!((a.length(0, 105), a.length(105, 0)), (None, None));
+}
+
 fn text<T, E: ToString>(result: Result<T, E>) -> String {
     result.err().unwrap().to_string()
 }
@@ -555,6 +823,26 @@ mod stored {
             r#""back":[0.5,0]"#,
             "the return belief has 2 states, expected 1 as the operator within",
         );
+    }
+
+    #[test]
+    fn by_distance() {
+        let a = DistanceTransition::new(still(1), |_, _| 0.25).unwrap();
+        let text = comes_back(&a);
+        assert_eq!(text, format!(r#"{{"version":1,"base":{STILL},"lengths":[0.25]}}"#));
+        let bad = |lengths: &str, expected: &str| {
+            refused::<DistanceTransition>(&text.replace("[0.25]", lengths), expected);
+        };
+        bad("[]", "the number of lengths is 0, expected one for each entry of the base");
+        bad("[1,1]", "the number of lengths is 2, expected one for each entry of the base");
+        bad(
+            "[-1]",
+            "the length of the transition from state 0 to state 0 is -1, expected a finite value of at least 0",
+        );
+        let a = fork(&[0.1, 1e300, 0.3]);
+        let b: DistanceTransition = serde_json::from_str(&comes_back(&a)).unwrap();
+        assert!((1..4).all(|to| a.length(to, 0) == b.length(to, 0)));
+        assert_eq!(ways(&a, 0.15, 0.01), ways(&b, 0.15, 0.01));
     }
 
     #[test]

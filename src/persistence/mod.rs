@@ -65,6 +65,7 @@
 //! | `SwitchedTransition` | `operators` |
 //! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
+//! | `DistanceTransition` | `base`; `lengths` of its entries, column by column |
 //! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |

@@ -7,8 +7,8 @@ use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
 use crate::transition::{
-    DwellTransition, Ends, OffMapTransition, RestartTransition, SparseTransition, TiedTransition,
-    Transition, TransitionEntries, check_probability,
+    DistanceTransition, DwellTransition, Ends, OffMapTransition, RestartTransition,
+    SparseTransition, TiedTransition, Transition, TransitionEntries, check_probability,
 };
 
 stored! {
@@ -60,6 +60,11 @@ stored! {
         stay: f64 = a.stay,
         back: Vec<f64> = a.back,
     } => off_map(inner, leave, stay, back);
+
+    [] DistanceTransition: [], |a| {
+        base: SparseTransition = a.base,
+        lengths: Vec<f64> = a.ways.iter().map(|way| way.length).collect::<Vec<_>>(),
+    } => distances(base, &lengths);
 
     [A1: Transition, A2: Transition<Control = A1::Control>]
     KroneckerTransition<A1, A2>: [A1, A2], |a| {
@@ -195,6 +200,20 @@ fn off_map<A: Transition>(
     let sum = stay + back.iter().sum::<f64>();
     check_one(sum, || "the probability of a return or none".to_owned())?;
     OffMapTransition::from_parts(inner, leave, stay, back)
+}
+
+fn distances(
+    base: SparseTransition,
+    lengths: &[f64],
+) -> Result<DistanceTransition, TransitionError> {
+    let (found, expected) = (lengths.len(), base.entries());
+    if found != expected {
+        let what = "the number of lengths".to_owned();
+        let expected = "one for each entry of the base";
+        return Err(TransitionError::Parameter { what, value: found as f64, expected });
+    }
+    let mut lengths = lengths.iter().copied();
+    DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))
 }
 
 fn dwelling<A: Transition>(

@@ -4,9 +4,11 @@
 mod buffers;
 mod compressed;
 mod dense;
+mod distance;
 mod dwell;
 mod kronecker;
 mod log;
+mod odometry;
 mod off_map;
 mod power;
 mod reestimate;
@@ -18,8 +20,10 @@ mod tied;
 mod window;
 
 pub use dense::DenseTransition;
+pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;
 pub use kronecker::KroneckerTransition;
+pub use odometry::Odometry;
 pub use off_map::OffMapTransition;
 pub use power::PowerTransition;
 pub use restart::RestartTransition;
