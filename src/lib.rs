@@ -81,6 +81,7 @@
 //! | several sensors | [`FusedLikelihood`] |
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
+//! | places with several reference images each | [`PooledLikelihood`] |
 //! | tails that need not be exact | [`RoundedTails`] |
 //! | what must not be learned | [`Fixed`] |
 //!
@@ -189,7 +190,8 @@ pub use inference::{
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LogLikelihoodFn, OptionalLikelihood, RoundedTails, SampleObservation, Scratch, TableLikelihood,
+    LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails, SampleObservation,
+    Scratch, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

@@ -5,9 +5,10 @@ use std::alloc::System;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use wayfix::{
-    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm,
-    KnownState, KroneckerTransition, Odometry, OffMapTransition, PowerTransition, Prior,
-    RestartTransition, SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
+    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Groups,
+    Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry, OffMapTransition,
+    PooledLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition, TableLikelihood,
+    TransitionEntries, WindowTransition,
 };
 
 #[global_allocator]
@@ -79,4 +80,23 @@ fn products_allocate_nothing_after_the_first() {
         filter.step(&(0, Some(filter.belief().mode()))).unwrap();
     });
     assert_eq!(found, 0, "filter");
+
+    // One of images, as numbers and as logarithms.
+    let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
+    for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
+        let sensor = PooledLikelihood::new(sensor, images.clone()).unwrap();
+        let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+        let hmm = Hmm::new(prior, lost(), sensor).unwrap();
+        let mut filter = hmm.filter();
+        let seen = [[0.5; 40], [1e-310; 40]];
+        for y in &seen {
+            filter.step(y).unwrap();
+        }
+        let found = allocations(|| {
+            for k in 0..100 {
+                filter.step(&seen[k % 2]).unwrap();
+            }
+        });
+        assert_eq!(found, 0, "pooled");
+    }
 }

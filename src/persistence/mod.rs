@@ -76,6 +76,7 @@
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
+//! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //!
