@@ -19,9 +19,10 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, Hmm, KroneckerTransition, Labelled, Learning,
-    Likelihood, LikelihoodVector, Order, PowerTransition, Prior, RestartTransition, Simulation,
-    SparseTransition, TransitionEntries, WindowTransition, canberra,
+    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, Hmm, KroneckerTransition,
+    Labelled, Learning, Likelihood, LikelihoodVector, Odometry, OffMapTransition, Order,
+    PowerTransition, Prior, RestartTransition, Simulation, SparseTransition, TransitionEntries,
+    WindowTransition, canberra,
 };
 
 /// One routine, once for each of so many steps.
@@ -122,6 +123,12 @@ fn operators(criterion: &mut Criterion) {
     operator(criterion, "the same window, sparse", &sparse);
     let restart = RestartTransition::new(sparse.clone(), 0.01, uniform(n)).expect("one size");
     operator(criterion, "restart", &restart);
+    let metres = |to: usize, from: usize| 100.0 * ((to + n - from) % n) as f64;
+    let distance = DistanceTransition::new(sparse.clone(), metres).expect("lengths");
+    let driven = Odometry { distance: 120.0, variance: 400.0 };
+    operator_with(criterion, "by distance", &distance, &Some(driven));
+    let off_map = OffMapTransition::new(sparse, 0.01, 0.1, uniform(n)).expect("one size");
+    operator(criterion, "off the map", &off_map);
     operator(criterion, "power of 3", &PowerTransition::new(window.clone(), 3));
     let kronecker = KroneckerTransition::new(window.clone(), turns).expect("few states");
     operator(criterion, "kronecker with 4 headings", &kronecker);
@@ -130,17 +137,26 @@ fn operators(criterion: &mut Criterion) {
 }
 
 fn operator<A: TransitionEntries<Control = ()>>(criterion: &mut Criterion, name: &str, a: &A) {
+    operator_with(criterion, name, a, &());
+}
+
+fn operator_with<A: TransitionEntries>(
+    criterion: &mut Criterion,
+    name: &str,
+    a: &A,
+    control: &A::Control,
+) {
     let n = a.states();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let x: Vec<f64> = (0..n).map(|_| Exp1.sample(&mut rng)).collect();
     let scores: Vec<f64> = x.iter().map(|x| -10.0 * x).collect();
     let (mut out, mut from) = (vec![0.0; n], vec![0; n]);
     routine(criterion, "operator product", name, 1, || {
-        a.apply(&(), black_box(&x), black_box(&mut out));
+        a.apply(control, black_box(&x), black_box(&mut out));
     });
     if name != "power of 3" {
         routine(criterion, "operator max-product", name, 1, || {
-            a.max_product(&(), black_box(&scores), black_box(&mut out), black_box(&mut from));
+            a.max_product(control, black_box(&scores), black_box(&mut out), black_box(&mut from));
         });
     }
 }

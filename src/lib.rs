@@ -68,8 +68,10 @@
 //! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
 //! | a route | [`WindowTransition`] |
 //! | a route, with odometry, hidden gears, or a camera that tells whether it moves | [`RouteTransition`] |
+//! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
 //! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
+//! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
 //! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
 //! | two things that move side by side | [`KroneckerTransition`] |
 //! | sightings only every few steps | [`PowerTransition`] |
@@ -80,6 +82,7 @@
 //! | several sensors | [`FusedLikelihood`] |
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
+//! | places with several reference images each | [`PooledLikelihood`] |
 //! | tails that need not be exact | [`RoundedTails`] |
 //! | what must not be learned | [`Fixed`] |
 //!
@@ -188,13 +191,15 @@ pub use inference::{
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LogLikelihoodFn, OptionalLikelihood, RoundedTails, SampleObservation, Scratch, TableLikelihood,
+    LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails, SampleObservation,
+    Scratch, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DwellTransition, Ends, Gear, KroneckerTransition, Odometry, PowerTransition,
-    RestartTransition, RouteControl, RouteTransition, SparseTransition, SwitchedTransition,
-    TiedTransition, Transition, TransitionEntries, View, ViewRates, WindowTransition,
+    DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, KroneckerTransition,
+    Odometry, OffMapTransition, PowerTransition, RestartTransition, RouteControl, RouteTransition,
+    SparseTransition, SwitchedTransition, TiedTransition, Transition, TransitionEntries, View,
+    ViewRates, WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -5,9 +5,10 @@ use std::alloc::System;
 
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use wayfix::{
-    Belief, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Hmm, KnownState,
-    KroneckerTransition, PowerTransition, Prior, RestartTransition, SparseTransition,
-    TableLikelihood, TransitionEntries, WindowTransition,
+    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, GroupedLikelihood, Groups,
+    Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry, OffMapTransition,
+    PooledLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition, TableLikelihood,
+    TransitionEntries, WindowTransition,
 };
 
 #[global_allocator]
@@ -22,14 +23,18 @@ fn allocations(work: impl FnOnce()) -> usize {
 }
 
 fn check(name: &str, a: &impl TransitionEntries<Control = ()>) {
+    check_with(name, a, &());
+}
+
+fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
     let n = a.states();
     let (x, mut out, mut from) = (vec![1.0 / n as f64; n], vec![0.0; n], vec![0; n]);
     let mut products = || {
-        a.apply(&(), &x, &mut out);
-        a.apply_transpose(&(), &x, &mut out);
-        a.apply_log(&(), &x, &mut out);
-        a.apply_transpose_log(&(), &x, &mut out);
-        a.max_product(&(), &x, &mut out, &mut from);
+        a.apply(control, &x, &mut out);
+        a.apply_transpose(control, &x, &mut out);
+        a.apply_log(control, &x, &mut out);
+        a.apply_transpose_log(control, &x, &mut out);
+        a.max_product(control, &x, &mut out, &mut from);
     };
     products();
     let found = allocations(|| (0..3).for_each(|_| products()));
@@ -45,6 +50,12 @@ fn products_allocate_nothing_after_the_first() {
     let dwell = || DwellTransition::new(lost(), &times).unwrap();
     check("window", &route());
     check("restart", &lost());
+    let leaving = OffMapTransition::new(lost(), 0.125, 0.25, Belief::uniform(20).unwrap());
+    check("off the map", &leaving.unwrap());
+    let metres = |to: usize, from: usize| 50.0 * (from.abs_diff(to) as f64);
+    let stored = SparseTransition::from_operator(&route()).unwrap();
+    let on_map = DistanceTransition::new(stored, metres).unwrap();
+    check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
     check("power", &PowerTransition::new(lost(), 3));
     check("dwell", &dwell());
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
@@ -69,4 +80,23 @@ fn products_allocate_nothing_after_the_first() {
         filter.step(&(0, Some(filter.belief().mode()))).unwrap();
     });
     assert_eq!(found, 0, "filter");
+
+    // One of images, as numbers and as logarithms.
+    let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
+    for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
+        let sensor = PooledLikelihood::new(sensor, images.clone()).unwrap();
+        let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+        let hmm = Hmm::new(prior, lost(), sensor).unwrap();
+        let mut filter = hmm.filter();
+        let seen = [[0.5; 40], [1e-310; 40]];
+        for y in &seen {
+            filter.step(y).unwrap();
+        }
+        let found = allocations(|| {
+            for k in 0..100 {
+                filter.step(&seen[k % 2]).unwrap();
+            }
+        });
+        assert_eq!(found, 0, "pooled");
+    }
 }

@@ -39,6 +39,11 @@ stored! {
         sensor: B = grouped.sensor,
         groups: Groups = grouped.groups(),
     } => Self::new(sensor, groups);
+
+    [B: Likelihood] PooledLikelihood<B>: [B], |pooled| {
+        sensor: B = pooled.sensor,
+        groups: Groups = pooled.groups(),
+    } => Self::new(sensor, groups);
 }
 
 /// As the constructor, but a number of states that is beyond all memory is an

@@ -66,6 +66,8 @@
 //! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
 //! | `RouteTransition` | `places`, `closed`; `gears`, pairs of the first move and the list of weights; `switching`, row by row; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
+//! | `DistanceTransition` | `base`; `lengths` of its entries, column by column |
+//! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
@@ -75,6 +77,7 @@
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
+//! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //!

@@ -7,8 +7,9 @@ use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
 use crate::transition::{
-    DwellTransition, Ends, Gear, RestartTransition, RouteTransition, SparseTransition,
-    TiedTransition, Transition, TransitionEntries, ViewRates, check_probability,
+    DistanceTransition, DwellTransition, Ends, Gear, OffMapTransition, RestartTransition,
+    RouteTransition, SparseTransition, TiedTransition, Transition, TransitionEntries, ViewRates,
+    check_probability,
 };
 
 stored! {
@@ -62,6 +63,18 @@ stored! {
         keep: f64 = a.keep,
         restart: Vec<f64> = a.restart,
     } => restarting(inner, keep, restart);
+
+    [A: Transition] OffMapTransition<A>: [A], |a| {
+        inner: A = a.inner,
+        leave: f64 = a.leave,
+        stay: f64 = a.stay,
+        back: Vec<f64> = a.back,
+    } => off_map(inner, leave, stay, back);
+
+    [] DistanceTransition: [], |a| {
+        base: SparseTransition = a.base,
+        lengths: Vec<f64> = a.ways.iter().map(|way| way.length).collect::<Vec<_>>(),
+    } => distances(base, &lengths);
 
     [A1: Transition, A2: Transition<Control = A1::Control>]
     KroneckerTransition<A1, A2>: [A1, A2], |a| {
@@ -197,6 +210,36 @@ fn restarting<A: Transition>(
     let sum = keep + restart.iter().sum::<f64>();
     check_one(sum, || "the probability of a restart or none".to_owned())?;
     Ok(RestartTransition::from_parts(inner, keep, restart))
+}
+
+fn off_map<A: Transition>(
+    inner: A,
+    leave: f64,
+    stay: f64,
+    back: Vec<f64>,
+) -> Result<OffMapTransition<A>, TransitionError> {
+    check_probability(leave, || "the rate of leaving".to_owned())?;
+    check_probability(stay, || "the probability of no return".to_owned())?;
+    for (state, &p) in back.iter().enumerate() {
+        check_probability(p, || format!("the probability of a return to state {state}"))?;
+    }
+    let sum = stay + back.iter().sum::<f64>();
+    check_one(sum, || "the probability of a return or none".to_owned())?;
+    OffMapTransition::from_parts(inner, leave, stay, back)
+}
+
+fn distances(
+    base: SparseTransition,
+    lengths: &[f64],
+) -> Result<DistanceTransition, TransitionError> {
+    let (found, expected) = (lengths.len(), base.entries());
+    if found != expected {
+        let what = "the number of lengths".to_owned();
+        let expected = "one for each entry of the base";
+        return Err(TransitionError::Parameter { what, value: found as f64, expected });
+    }
+    let mut lengths = lengths.iter().copied();
+    DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))
 }
 
 fn dwelling<A: Transition>(

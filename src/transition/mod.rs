@@ -4,10 +4,12 @@
 mod buffers;
 mod compressed;
 mod dense;
+mod distance;
 mod dwell;
 mod kronecker;
 mod log;
 mod odometry;
+mod off_map;
 mod power;
 mod reestimate;
 mod restart;
@@ -19,9 +21,11 @@ mod tied;
 mod window;
 
 pub use dense::DenseTransition;
+pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;
 pub use kronecker::KroneckerTransition;
 pub use odometry::Odometry;
+pub use off_map::OffMapTransition;
 pub use power::PowerTransition;
 pub use restart::RestartTransition;
 pub use route::{Gear, RouteControl, RouteTransition, View, ViewRates};

@@ -6,11 +6,13 @@ use crate::error::TransitionError;
 
 /// What the wheels say of a step: a distance, with the variance of its error.
 ///
-/// Both are in **places**: a distance of 1.5 is one and a half times the way
-/// from one reference image to the next, and negative if the vehicle reverses.
-/// A variance of 0 is a distance without error.
+/// Both are in the unit of the operator: metres, say, for a
+/// [`DistanceTransition`](crate::DistanceTransition), and **places** for a
+/// [`RouteTransition`](crate::RouteTransition): a distance of 1.5 is one and a
+/// half times the way from one reference image to the next, and negative if the
+/// vehicle reverses. A variance of 0 is a distance without error.
 ///
-/// # What it says of moves
+/// # What it says of moves along a route
 ///
 /// How many references m the vehicle passes does not follow from the distance
 /// d alone, since it may stand anywhere between two of them: on the way 0.4,
@@ -28,9 +30,9 @@ use crate::error::TransitionError;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Odometry {
-    /// How far it has driven, in places; finite.
+    /// How far it has driven; finite.
     pub distance: f64,
-    /// The variance of the distance, in places squared; finite and at least 0.
+    /// The variance of the distance, in squared units; finite and at least 0.
     pub variance: f64,
 }
 
@@ -42,7 +44,7 @@ impl Odometry {
     pub(crate) fn check(&self) -> Result<(), TransitionError> {
         let Self { distance, variance } = self;
         if !distance.is_finite() {
-            let text = format!("an odometry distance of {distance} places, expected a finite one");
+            let text = format!("an odometry distance of {distance}, expected a finite value");
             return Err(TransitionError::Control(text));
         }
         if !(*variance >= 0.0 && variance.is_finite()) {

@@ -1,0 +1,153 @@
+//! Places that have several images each.
+
+use rand::Rng;
+
+use super::diagonal::Values;
+use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::error::{HmmError, LikelihoodError};
+use crate::groups::Groups;
+use crate::random::index;
+
+/// A sensor of reference images as one of places: the likelihood of a place is
+/// the mean of those of its images. It is the reverse of
+/// [`GroupedLikelihood`](crate::GroupedLikelihood).
+///
+/// A sighting matches one image of its place, any as likely as another, so a
+/// place that has many is not favoured for it. The mean is of likelihoods: one
+/// image that matches well makes up for many that do not.
+///
+/// O(images) a step on top of the sensor's own, with an exponential for each if
+/// it gives logarithms.
+///
+/// ```
+/// use wayfix::{Belief, DenseTransition, Groups, Hmm, LikelihoodVector, PooledLikelihood, Prior};
+///
+/// // Two images of place 0, by day and by night, and one of place 1.
+/// let images = Groups::new(vec![0, 0, 1])?;
+/// let camera = PooledLikelihood::new(LikelihoodVector::linear(3), images)?;
+/// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+/// let hmm = Hmm::new(prior, DenseTransition::from_fn(2, |_, _| 0.5)?, camera)?;
+/// let mut filter = hmm.filter();
+/// filter.step(&[0.0, 0.75, 0.125])?;
+/// assert_eq!(filter.belief().as_slice(), [0.75, 0.25]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct PooledLikelihood<B> {
+    pub(crate) sensor: B,
+    groups: Groups,
+}
+
+impl<B: Likelihood> PooledLikelihood<B> {
+    /// The sensor, whose states are the images, and the place of each image.
+    ///
+    /// # Errors
+    ///
+    /// [`HmmError::StateCount`] unless the groups are of the sensor's states.
+    pub fn new(sensor: B, groups: Groups) -> Result<Self, HmmError> {
+        let (found, expected) = (groups.as_slice().len(), sensor.states());
+        if found != expected {
+            let (part, first) = ("grouping", "sensor");
+            return Err(HmmError::StateCount { part, found, first, expected });
+        }
+        Ok(Self { sensor, groups })
+    }
+
+    /// The sensor of the images.
+    #[must_use]
+    pub fn sensor(&self) -> &B {
+        &self.sensor
+    }
+
+    /// The place of each image.
+    pub fn groups(&self) -> &Groups {
+        &self.groups
+    }
+
+    /// Each image with its place.
+    fn images<T>(&self, images: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
+        self.groups.as_slice().iter().copied().zip(images)
+    }
+
+    /// How many images a place has.
+    fn count(&self, place: usize) -> f64 {
+        self.groups.states(place).len() as f64
+    }
+
+    /// The means, unless one leaves the range in which a double is exact.
+    fn means(&self, images: &[f64], out: &mut [f64]) -> bool {
+        out.fill(0.0);
+        self.images(images.iter()).for_each(|(place, b)| out[place] += b);
+        let exact = f64::MIN_POSITIVE..=f64::MAX;
+        out.iter_mut().enumerate().all(|(place, out)| {
+            *out /= self.count(place);
+            exact.contains(out)
+                || *out == 0.0 && self.groups.states(place).all(|i| images[i] == 0.0)
+        })
+    }
+
+    /// The logarithms of the means, less `shift`.
+    fn log_means(
+        &self,
+        logs: impl Iterator<Item = f64> + Clone,
+        shift: f64,
+        sums: &mut [f64],
+        out: &mut [f64],
+    ) {
+        out.fill(f64::NEG_INFINITY);
+        self.images(logs.clone()).for_each(|(place, log)| out[place] = out[place].max(log));
+        sums.fill(0.0);
+        for (place, log) in self.images(logs) {
+            if log > f64::NEG_INFINITY {
+                sums[place] += (log - out[place]).exp();
+            }
+        }
+        for (place, (out, sum)) in out.iter_mut().zip(sums).enumerate() {
+            *out = (*out - shift) + (*sum / self.count(place)).ln();
+        }
+    }
+}
+
+impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
+    type Observation = B::Observation;
+
+    fn states(&self) -> usize {
+        self.groups.count()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let places = self.states();
+        let (pooled, parts) = scratch.with_parts(places, 2);
+        let (inner, sums) = parts.split_at_mut(1);
+        let diagonal = self.sensor.diagonal(observation, &mut inner[0])?;
+        let largest = diagonal.check(self.groups.as_slice().len())?;
+        let top = match diagonal.values {
+            Values::Linear(images) | Values::Checked { linear: images, .. } => {
+                if self.means(images, pooled) {
+                    return Ok(Diagonal { values: Values::Linear(pooled), ..diagonal });
+                }
+                largest.ln()
+            }
+            Values::Log(_) => largest,
+        };
+        // What all have in common is taken out first, so that sums keep their
+        // digits.
+        let shift = if top.is_finite() { top } else { 0.0 };
+        self.log_means(diagonal.logs(), shift, sums[0].values(places), pooled);
+        let log_factor = diagonal.log_factor + shift;
+        Ok(Diagonal { values: Values::Log(pooled), log_factor, ..diagonal })
+    }
+}
+
+impl<B: SampleObservation> SampleObservation for PooledLikelihood<B> {
+    /// Draws an image of the place, and what is observed of it.
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+        let images = self.groups.states(state).map(|image| (image, 1.0));
+        let image = index(images, self.count(state), rng);
+        self.sensor.sample(image, rng)
+    }
+}
