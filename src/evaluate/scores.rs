@@ -1,0 +1,102 @@
+//! Proper scores of probabilities: the best in the long run is to say what one
+//! believes.
+
+use super::EvaluationError;
+use super::check::check_probabilities;
+
+/// The Brier score: the mean of (p − o)², where p is the probability and o is 1
+/// if that happened which it was given to, or else 0. From 0 to 1, lower is
+/// better. O(N).
+///
+/// This is the usual form for two outcomes, half of Brier's own (1950), which
+/// sums over both. A probability may lie above 1 by 1e-9, as the sum of a
+/// belief may.
+///
+/// ```
+/// use wayfix::evaluate;
+///
+/// assert_eq!(evaluate::brier_score(&[(0.5, true), (0.75, true), (0.25, false)])?, 0.125);
+/// # Ok::<(), evaluate::EvaluationError>(())
+/// ```
+///
+/// # Errors
+///
+/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
+/// from 0 to 1.
+pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
+    mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
+}
+
+/// The log score of probabilities for two outcomes: the mean logarithm of what
+/// was given to that which happened, ln p or ln(1 − p). At most 0, up to
+/// rounding; higher is better (Good, 1952). O(N).
+///
+/// It is −∞ if what was ruled out happened but once: a probability of 0 for
+/// what did, or of 1 for what did not. That is its right value, no error. A
+/// probability may lie above 1 by 1e-9, as the sum of a belief may.
+///
+/// ```
+/// use wayfix::evaluate;
+///
+/// let score = evaluate::binary_log_score(&[(0.5, true), (0.75, false)])?;
+/// assert!((score - 0.125_f64.ln() / 2.0).abs() < 1e-15);
+/// assert_eq!(evaluate::binary_log_score(&[(0.5, true), (1.0, false)])?, f64::NEG_INFINITY);
+/// # Ok::<(), evaluate::EvaluationError>(())
+/// ```
+///
+/// # Errors
+///
+/// [`EvaluationError`] if there are no probabilities, or if one is NaN or not
+/// from 0 to 1.
+pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
+    mean(
+        forecasts,
+        |forecast| forecast.0,
+        |(p, happened)| match happened {
+            true => p.ln(),
+            false if p < 1.0 => (-p).ln_1p(),
+            false => f64::NEG_INFINITY,
+        },
+    )
+}
+
+/// The log score of beliefs: the mean logarithm of the mass that each gave to
+/// the true places. At most 0, up to rounding; higher is better (Good, 1952).
+/// O(N).
+///
+/// It is −∞ if a mass is 0: a belief that has ruled out the truth. That is its
+/// right value, no error. A mass may lie above 1 by 1e-9, as the sum of a
+/// belief may.
+///
+/// ```
+/// use wayfix::{Belief, evaluate};
+///
+/// let beliefs = [Belief::new(vec![0.5, 0.25, 0.25])?, Belief::new(vec![0.0, 0.5, 0.5])?];
+/// let truth = [0..=1, 2..=2];
+/// let masses = beliefs.iter().zip(truth).map(|(belief, places)| belief.mass(places));
+/// let score = evaluate::log_score(&masses.collect::<Result<Vec<_>, _>>()?)?;
+/// assert!((score - 0.375_f64.ln() / 2.0).abs() < 1e-15);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Errors
+///
+/// [`EvaluationError`] if there are no masses, or if one is NaN or not from 0
+/// to 1.
+pub fn log_score(masses: &[f64]) -> Result<f64, EvaluationError> {
+    mean(masses, |p| p, f64::ln)
+}
+
+fn mean<T: Copy>(
+    samples: &[T],
+    probability: impl Fn(T) -> f64,
+    score: impl Fn(T) -> f64,
+) -> Result<f64, EvaluationError> {
+    if samples.is_empty() {
+        return Err(EvaluationError::Missing { what: "probabilities" });
+    }
+    check_probabilities("probability", samples.iter().copied().map(probability))?;
+    // From 0, so that nothing lost is 0 and not −0.
+    let sum = samples.iter().fold(0.0, |sum, &sample| sum + score(sample));
+    Ok(sum / samples.len() as f64)
+}
