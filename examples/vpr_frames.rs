@@ -52,13 +52,16 @@ struct Arguments {
     #[arg(long, value_name = "PIXELS", default_value_t = 8)]
     patch: usize,
     /// Take only these frames of the reference as the map, as FIRST..END;
-    /// places number from FIRST [default: all].
+    /// places number from FIRST [default: all; of the made-up recording, the
+    /// first 300].
     #[arg(long, value_name = "RANGE")]
     reference_range: Option<Span>,
     /// Show the query as a drive of so many steps at a speed in frames per
     /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
     /// `--start`, and each step of each leg adds its speed and shows the
-    /// nearest frame, halves up: one frame more than the legs have steps.
+    /// nearest frame, halves up. So there is one frame more than the legs have
+    /// steps, and those of detours [default: all frames in order; of the
+    /// made-up recording, a drive with a stop and a reverse].
     #[arg(long, value_name = "LEGS", value_delimiter = ',')]
     drive: Vec<Leg>,
     /// The frame at which the drive starts.

@@ -37,7 +37,13 @@ pub(crate) struct Common {
     #[arg(long, value_name = "STEPS", default_value = "50")]
     sequence: NonZeroUsize,
     /// SeqSLAM: the slopes of a line, in references per step.
-    #[arg(long, value_name = "SPEEDS", default_value = "0.8,0.9,1,1.1,1.2", value_delimiter = ',')]
+    #[arg(
+        long,
+        allow_hyphen_values = true,
+        value_name = "SPEEDS",
+        default_value = "0.8,0.9,1,1.1,1.2",
+        value_delimiter = ','
+    )]
     velocities: Vec<Velocity>,
     /// SeqSLAM: the references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10)]

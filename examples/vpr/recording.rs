@@ -2,6 +2,8 @@
 
 use std::ops::RangeInclusive;
 
+use wayfix::evaluate;
+
 /// A query pass along a mapped route: how unlike each image is to each image
 /// of the map, and where it truly was.
 #[derive(Debug)]
@@ -48,28 +50,16 @@ impl Recording {
         &self.distances[step * self.references..][..self.references]
     }
 
-    /// How many references a place lies from the nearest right one of a step;
-    /// `None` off the map.
-    pub(crate) fn error(&self, step: usize, place: usize) -> Option<usize> {
-        let truth = self.truth[step].as_ref()?;
-        let (first, last) = (*truth.start(), *truth.end());
-        if truth.contains(&place) {
-            return Some(0);
-        }
-        let apart = first.abs_diff(place).min(last.abs_diff(place));
-        if !self.closed {
-            return Some(apart);
-        }
-        let around = |i: usize| self.references - i.abs_diff(place);
-        Some(apart.min(around(first)).min(around(last)))
-    }
-
     /// Is an answer right, to a tolerance in references?
     pub(crate) fn is_right(&self, step: usize, answer: Option<usize>, tolerance: usize) -> bool {
-        match answer {
-            Some(place) => self.error(step, place).is_some_and(|error| error <= tolerance),
-            None => self.truth[step].is_none(),
-        }
+        let (Some(truth), Some(place)) = (&self.truth[step], answer) else {
+            return self.truth[step].is_none() && answer.is_none();
+        };
+        // On a closed route, the places also lie one round ahead and one behind.
+        let n = if self.closed { self.references } else { 0 };
+        let ahead = truth.start() + n..=truth.end() + n;
+        let near = |truth, place| evaluate::is_within(truth, place, tolerance) == Ok(true);
+        near(truth, place) || near(truth, place + n) || near(&ahead, place)
     }
 }
 
@@ -78,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_go_the_short_way_on_a_closed_route() {
+    fn places_are_near_the_short_way_on_a_closed_route() {
         let mut recording = Recording {
             name: String::new(),
             references: 10,
@@ -87,13 +77,16 @@ mod tests {
             odometry: None,
             closed: false,
         };
-        let errors = |recording: &Recording| (0..10).map(|i| recording.error(0, i)).collect();
-        let open: Vec<_> = errors(&recording);
-        assert_eq!(open, [0, 0, 0, 1, 2, 3, 4, 5, 6, 7].map(Some));
+        let right = |recording: &Recording, tolerance| {
+            (0..10).filter(|i| recording.is_right(0, Some(*i), tolerance)).collect::<Vec<_>>()
+        };
+        assert_eq!(right(&recording, 0), [0, 1, 2]);
+        assert_eq!(right(&recording, 2), [0, 1, 2, 3, 4]);
         recording.closed = true;
-        let closed: Vec<_> = errors(&recording);
-        assert_eq!(closed, [0, 0, 0, 1, 2, 3, 4, 3, 2, 1].map(Some));
-        assert!(recording.is_right(0, Some(9), 1) && !recording.is_right(0, Some(8), 1));
+        assert_eq!(right(&recording, 0), [0, 1, 2]);
+        assert_eq!(right(&recording, 2), [0, 1, 2, 3, 4, 8, 9]);
+        recording.truth[0] = Some(8..=9);
+        assert_eq!(right(&recording, 1), [0, 7, 8, 9]);
         assert!(!recording.is_right(0, None, 9) && recording.is_right(1, None, 0));
         assert!(!recording.is_right(1, Some(3), 9));
     }

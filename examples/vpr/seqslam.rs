@@ -182,19 +182,16 @@ mod tests {
 
     use super::*;
 
-    /// Whole numbers, of which sums are exact; few of them, so that there are ties.
+    fn recording(distances: Vec<f32>, references: usize, closed: bool) -> Recording {
+        let truth = vec![None; distances.len() / references];
+        Recording { name: String::new(), references, distances, truth, odometry: None, closed }
+    }
+
+    /// Whole numbers, of which sums are exact; few, so that there are ties.
     fn recordings() -> impl Strategy<Value = Recording> {
         (1_usize..12, 1_usize..14, any::<bool>()).prop_flat_map(|(steps, references, closed)| {
-            proptest::collection::vec(0_i8..20, steps * references).prop_map(move |distances| {
-                Recording {
-                    name: String::new(),
-                    references,
-                    distances: distances.into_iter().map(f32::from).collect(),
-                    truth: vec![None; steps],
-                    odometry: None,
-                    closed,
-                }
-            })
+            proptest::collection::vec((0_i8..20).prop_map(f32::from), steps * references)
+                .prop_map(move |distances| recording(distances, references, closed))
         })
     }
 
@@ -288,26 +285,16 @@ mod tests {
     #[test]
     fn a_clear_line_is_found() {
         let (steps, references) = (30, 40);
-        let at = |step: usize| 5 + step;
-        let noise = |step: usize, i: usize| ((step * 31 + i * 17) % 13) as f32;
-        let distances = (0..steps).flat_map(|step| {
-            (0..references).map(move |i| if i == at(step) { 0.0 } else { 3.0 + noise(step, i) })
-        });
-        let recording = Recording {
-            name: String::new(),
-            references,
-            distances: distances.collect(),
-            truth: vec![None; steps],
-            odometry: None,
-            closed: false,
-        };
+        let other = |step: usize, i: usize| 3.0 + ((step * 31 + i * 17) % 13) as f32;
+        let cells = (0..steps).flat_map(|step| (0..references).map(move |i| (step, i)));
+        let distances = cells.map(|(step, i)| if i == 5 + step { 0.0 } else { other(step, i) });
+        let recording = recording(distances.collect(), references, false);
         let seqslam = SeqSlam { contrast: 5, sequence: 10, velocities: vec![0.8, 1.0, 1.2] };
         let enhanced = seqslam.enhance(&recording);
         for alignment in [Alignment::Trailing, Alignment::Centred] {
             let bar = ProgressBar::hidden();
             let answers = seqslam.answers(&recording, &enhanced, alignment, &bar);
-            let expected: Vec<_> = (0..steps).map(|step| Some(at(step))).collect();
-            assert_eq!(answers.places, expected);
+            assert_eq!(answers.places, (5..5 + steps).map(Some).collect::<Vec<_>>());
             assert!(answers.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
         }
     }
