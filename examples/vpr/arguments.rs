@@ -34,7 +34,7 @@ pub(crate) struct Common {
     #[arg(long = "loop")]
     pub(crate) closed: bool,
     /// SeqSLAM: the length of a line, in steps.
-    #[arg(long, value_name = "STEPS", default_value = "50")]
+    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count)]
     sequence: NonZeroUsize,
     /// SeqSLAM: the slopes of a line, in references per step.
     #[arg(
@@ -79,6 +79,10 @@ pub(crate) enum StepsError {
     Learned { step: usize },
     #[error("all {steps} steps are learned from, expected --fit-on to leave some to report on")]
     NothingLeft { steps: usize },
+}
+
+fn count(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse().map_err(|_| String::from("expected a whole number above 0"))
 }
 
 impl FromStr for Span {

@@ -145,7 +145,8 @@ fn frame(area: &Area<'_>, recording: &Recording, learned: &[Range<usize>]) -> Dr
     // that the belief can be seen through.
     let dashes = |mut line: Vec<(i32, i32)>| -> Drawn {
         line.dedup();
-        let dashes = DashedPathElement::new(line, 4, 5, VERMILLION.stroke_width(1));
+        let width = if steps.max(places) > 300 { 1 } else { 2 };
+        let dashes = DashedPathElement::new(line, 4, 5, VERMILLION.stroke_width(width));
         Ok(area.draw(&dashes)?)
     };
     let mut line: Vec<(i32, i32)> = Vec::new();
@@ -195,7 +196,9 @@ fn frame(area: &Area<'_>, recording: &Recording, learned: &[Range<usize>]) -> Dr
     let left = LEFT + 480;
     dashes(vec![(left, 56), (left + 26, 56)])?;
     area.draw(&Text::new("truth", (left + 34, 56), anchored(13, HPos::Left)))?;
-    legend(LEFT + 580, VERMILLION, "truly off the map")?;
+    if recording.truth.contains(&None) {
+        legend(LEFT + 580, VERMILLION, "truly off the map")?;
+    }
     legend(LEFT + 760, GREY, "learned from")?;
 
     // The scale.

@@ -229,13 +229,13 @@ pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Dra
     let (columns, rows) = (methods.len() as i32, first.scores.len() as i32);
     let size = ((columns * PANEL).max(460), HEAD + rows * (PANEL + 20));
     picture(file, size, |area| {
-        head(area, "Reliability: bars and numbers say how many steps are in a bin", name)?;
+        head(area, "Reliability, and the steps in each bin", name)?;
         for (column, method) in (0..).zip(&methods) {
             let (name, look) = style::of_method(&method.method);
             for (row, score) in (0..).zip(&method.scores) {
                 let axes = Axes {
                     title: format!("{name}, {}", within(score.tolerance)),
-                    space: 20,
+                    space: 24,
                     x: "probability that the answer is right",
                     y: "fraction that is right",
                     x_range: (0.0, 1.0),
@@ -250,7 +250,7 @@ pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Dra
                     let bar = [at((bin.lower(), share)), at((bin.upper(), 0.0))];
                     area.draw(&Rectangle::new(bar, PALE.filled()))?;
                     area.draw(&Rectangle::new(bar, WHITE))?;
-                    let above = (i32::midpoint(bar[0].0, bar[1].0), at((0.0, 1.0)).1 - 9);
+                    let above = (i32::midpoint(bar[0].0, bar[1].0), at((0.0, 1.0)).1 - 13);
                     let count = bin.count().to_string();
                     area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
                 }

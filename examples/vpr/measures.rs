@@ -86,3 +86,43 @@ pub(crate) fn recall(
     });
     found.count() as f64 / on_map(recording, steps) as f64
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_given_steps_count() {
+        let recording = Recording {
+            name: String::new(),
+            references: 9,
+            distances: vec![0.0; 54],
+            truth: vec![Some(0..=0), Some(3..=4), Some(5..=5), None, None, Some(8..=8)],
+            odometry: None,
+            closed: false,
+        };
+        let answers = Answers {
+            method: "any".into(),
+            places: vec![Some(7), Some(2), None, None, Some(1), Some(8)],
+            confidence: vec![9.0, 3.0, 1.0, 0.5, 2.0, 4.0],
+            probability: Some(vec![vec![0.0, 0.25, 1.0, 0.75, 0.75, 1.0]]),
+            truth_mass: Some(vec![vec![0.0, 0.5, 0.5, 0.5, 0.5, 0.5]]),
+            on_map: Some(vec![0.0, 0.9, 0.4, 0.3, 0.8, 0.7]),
+        };
+        let measured = measure(&recording, &answers, &[1], &[1, 2, 3, 4, 5]).unwrap();
+        let scores = &measured.scores[0];
+        // Of steps 1, 2 and 5, the second has no answer; step 4 needs none.
+        assert_eq!(scores.recall, 2.0 / 3.0);
+        let points = scores.curve.points().iter().map(|p| (p.precision(), p.recall()));
+        let expected = [(1.0, 1.0 / 3.0), (1.0, 2.0 / 3.0), (2.0 / 3.0, 2.0 / 3.0)];
+        assert_eq!(points.collect::<Vec<_>>(), expected);
+        // Right: steps 1, 3 and 5.
+        let bins = scores.reliability.as_ref().unwrap().bins().iter();
+        let bins: Vec<_> = bins.map(|bin| (bin.count(), bin.fraction_true())).collect();
+        assert_eq!(bins, [(1, 1.0), (2, 0.5), (2, 0.5)]);
+        assert!((scores.log_score.unwrap() - 0.5_f64.ln()).abs() < 1e-15);
+        // Of six pairs, (0.4, 0.8) and (0.7, 0.8) are the wrong way round.
+        assert_eq!(measured.roc.unwrap().area(), 4.0 / 6.0);
+        assert!(measure(&recording, &answers, &[1], &[1, 2]).unwrap().roc.is_none());
+    }
+}
