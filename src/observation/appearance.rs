@@ -12,7 +12,7 @@ const LINEAR_RANGE: f64 = 600.0;
 /// A camera as a sensor: the observation is the row of **distances** from the
 /// query image to each reference image, smaller for more alike, by whatever
 /// compares images: descriptors of any kind
-/// (`ReferenceDescriptors` computes the row),
+/// ([`ReferenceDescriptors`](super::ReferenceDescriptors) computes the row),
 /// local features, a network. For similarities, take their negatives.
 ///
 /// The likelihood of reference i is an exponential kernel, exp(−z_i / τ), with
@@ -51,7 +51,7 @@ const LINEAR_RANGE: f64 = 600.0;
 /// whose likelihood is that of a match of low rank: most references are wrong
 /// ones, so where even the best are no better than those usually are, the place
 /// is not among them (Xu, Fischer, Sünderhauf and Milford 2021 take a match of
-/// low rank so). `OffMapTransition` is the motion that
+/// low rank so). [`OffMapTransition`](crate::OffMapTransition) is the motion that
 /// goes with it.
 ///
 /// # Cost and exactness

@@ -39,4 +39,4 @@ pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use spread::Spread;
 pub use temperature::{Calibration, calibrate};
-pub use view::{View, Views, alike_stretches, view_change};
+pub use view::{Views, alike_stretches, view_change};

@@ -1,14 +1,7 @@
 //! Whether the camera sees something new.
 
 use super::ObservationError;
-/// tmp
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum View {
-    /// new
-    Changed,
-    /// as before
-    Unchanged,
-}
+use crate::transition::View;
 
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
@@ -42,12 +35,13 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 ///
 /// A frame that shows what the one before did is no fresh evidence: give the
 /// filter `None` for it ([`OptionalLikelihood`](crate::OptionalLikelihood)), and
-/// say so to the motion (`RouteControl`), for which it is
+/// say so to the motion ([`RouteControl`](crate::RouteControl)), for which it is
 /// news. Otherwise a stop at a light makes the filter as sure as can be of
 /// whatever that one image happens to resemble.
 ///
 /// ```
-/// use wayfix::observation::{View, Views};
+/// use wayfix::View;
+/// use wayfix::observation::Views;
 ///
 /// let mut views = Views::new(0.1)?;
 /// assert_eq!(views.next(&[0.2, 0.8, 0.9])?, View::Changed); // the first is new
@@ -109,7 +103,7 @@ impl Views {
 }
 
 /// Which stretch of a route each reference is in, for
-/// RouteTransition::with_views:
+/// [`RouteTransition::with_views`](crate::RouteTransition::with_views):
 /// consecutive references share one if no query tells them apart, that is, if
 /// the change between their columns of `rows` is below a tenth of the median.
 /// Standing images in a recorded route (a stop at a station, a tunnel) make

@@ -1,0 +1,227 @@
+//! What both examples take on the command line.
+
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use thiserror::Error;
+
+use super::estimate::Settings;
+use super::seqslam::SeqSlam;
+
+/// How to learn, answer and report.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Common {
+    /// The steps whose places are known and learned from, as FIRST..END,
+    /// several separated by commas [default: the first third].
+    #[arg(long, value_name = "RANGES", value_delimiter = ',')]
+    fit_on: Vec<Span>,
+    /// The steps that results are reported on [default: all that are not
+    /// learned from].
+    #[arg(long, value_name = "RANGES", value_delimiter = ',')]
+    report_on: Vec<Span>,
+    /// How many steps later a fixed-lag answer is due.
+    #[arg(long, value_name = "STEPS", default_value_t = 20)]
+    lag: usize,
+    /// Model places that are not on the map.
+    #[arg(long)]
+    pub(crate) off_map: bool,
+    /// How many references beside the right ones still count as right.
+    #[arg(long, value_name = "REFERENCES", default_value = "1,10", value_delimiter = ',')]
+    tolerance: Vec<usize>,
+    /// The references form a closed route.
+    #[arg(long = "loop")]
+    pub(crate) closed: bool,
+    /// SeqSLAM: the length of a line, in steps.
+    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count)]
+    sequence: NonZeroUsize,
+    /// SeqSLAM: the slopes of a line, in references per step.
+    #[arg(
+        long,
+        allow_hyphen_values = true,
+        value_name = "SPEEDS",
+        default_value = "0.8,0.9,1,1.1,1.2",
+        value_delimiter = ','
+    )]
+    velocities: Vec<Velocity>,
+    /// SeqSLAM: the references on either side that contrast is relative to.
+    #[arg(long, value_name = "REFERENCES", default_value_t = 10)]
+    contrast: usize,
+    /// The seed of all that is random.
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Where to write tables and pictures [default: target/ and the example's
+    /// name].
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+/// Steps from a first to an end that is excluded; not empty.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Span(pub(crate) Range<usize>);
+
+#[derive(Debug, Clone, Copy)]
+struct Velocity(f64);
+
+/// Why ranges do not suit a recording.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub(crate) enum StepsError {
+    #[error("{option} {}..{end}: the recording has {steps} steps, expected an end up to {steps}", range.start, end = range.end)]
+    Beyond { option: &'static str, range: Range<usize>, steps: usize },
+    #[error(
+        "a recording of {steps} steps has no first third to learn from, expected --fit-on or 3 steps"
+    )]
+    Short { steps: usize },
+    #[error(
+        "--report-on has step {step}, which is learned from, expected steps outside of --fit-on"
+    )]
+    Learned { step: usize },
+    #[error("all {steps} steps are learned from, expected --fit-on to leave some to report on")]
+    NothingLeft { steps: usize },
+}
+
+fn count(text: &str) -> Result<NonZeroUsize, String> {
+    text.parse().map_err(|_| String::from("expected a whole number above 0"))
+}
+
+impl FromStr for Span {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parse = || {
+            let (first, end) = text.trim().split_once("..")?;
+            let range: Range<usize> = first.parse().ok()?..end.parse().ok()?;
+            (!range.is_empty()).then_some(Self(range))
+        };
+        parse()
+            .ok_or_else(|| String::from("expected FIRST..END with FIRST below END, as in 0..600"))
+    }
+}
+
+impl FromStr for Velocity {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let value = text.trim().parse().ok().filter(|value: &f64| value.is_finite());
+        value.map(Self).ok_or_else(|| String::from("expected a finite number"))
+    }
+}
+
+impl Common {
+    /// What to learn from and answer with, and the steps to report on.
+    pub(crate) fn settings(&self, steps: usize) -> Result<(Settings, Vec<usize>), StepsError> {
+        let third = Span(0..steps / 3);
+        let fit_on = match &self.fit_on[..] {
+            [] if third.0.is_empty() => return Err(StepsError::Short { steps }),
+            [] => vec![third.0],
+            spans => joined("--fit-on", spans, steps)?,
+        };
+        let learned = |step: &usize| fit_on.iter().any(|range| range.contains(step));
+        let report_on: Vec<usize> = if self.report_on.is_empty() {
+            (0..steps).filter(|step| !learned(step)).collect()
+        } else {
+            joined("--report-on", &self.report_on, steps)?.into_iter().flatten().collect()
+        };
+        if let Some(&step) = report_on.iter().find(|step| learned(step)) {
+            return Err(StepsError::Learned { step });
+        }
+        if report_on.is_empty() {
+            return Err(StepsError::NothingLeft { steps });
+        }
+        let tolerances = self.tolerance.clone();
+        Ok((Settings { fit_on, lag: self.lag, off_map: self.off_map, tolerances }, report_on))
+    }
+
+    pub(crate) fn seqslam(&self) -> SeqSlam {
+        SeqSlam {
+            contrast: self.contrast,
+            sequence: self.sequence.get(),
+            velocities: self.velocities.iter().map(|velocity| velocity.0).collect(),
+        }
+    }
+}
+
+/// In order, with those that meet as one.
+fn joined(
+    option: &'static str,
+    spans: &[Span],
+    steps: usize,
+) -> Result<Vec<Range<usize>>, StepsError> {
+    let mut ranges: Vec<Range<usize>> = spans.iter().map(|span| span.0.clone()).collect();
+    if let Some(range) = ranges.iter().find(|range| range.end > steps) {
+        return Err(StepsError::Beyond { option, range: range.clone(), steps });
+    }
+    ranges.sort_by_key(|range| range.start);
+    ranges.dedup_by(|next, kept| {
+        let meet = next.start <= kept.end;
+        if meet {
+            kept.end = kept.end.max(next.end);
+        }
+        meet
+    });
+    Ok(ranges)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        common: Common,
+    }
+
+    fn settings(steps: usize, line: &str) -> Result<(Settings, Vec<usize>), String> {
+        let line = Line::try_parse_from(std::iter::once("example").chain(line.split_whitespace()));
+        let common = line.map_err(|error| error.to_string())?.common;
+        common.settings(steps).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn ranges_are_joined_and_the_rest_is_reported() {
+        let (settings, report) = settings(12, "--fit-on 5..7,0..2,6..9,9..10").unwrap();
+        assert_eq!(settings.fit_on, [0..2, 5..10]);
+        assert_eq!(report, [2, 3, 4, 10, 11]);
+        assert_eq!((settings.lag, settings.off_map), (20, false));
+        assert_eq!(settings.tolerances, [1, 10]);
+    }
+
+    #[test]
+    fn the_first_third_is_learned_from() {
+        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 0").unwrap();
+        assert_eq!(settings.fit_on, vec![0..3; 1]);
+        assert_eq!(report, [4, 5, 9, 10]);
+        assert_eq!(settings.tolerances, [0]);
+    }
+
+    #[test]
+    fn ranges_that_do_not_suit() {
+        let error = |steps, line: &str| settings(steps, line).err().unwrap();
+        let beyond = ": the recording has 10 steps, expected an end up to 10";
+        assert_eq!(error(10, "--fit-on 2..4,8..11"), format!("--fit-on 8..11{beyond}"));
+        assert_eq!(error(10, "--report-on 10..11"), format!("--report-on 10..11{beyond}"));
+        assert_eq!(
+            error(10, "--report-on 2..5"),
+            "--report-on has step 2, which is learned from, expected steps outside of --fit-on"
+        );
+        assert_eq!(
+            error(10, "--fit-on 0..10"),
+            "all 10 steps are learned from, expected --fit-on to leave some to report on"
+        );
+        assert_eq!(
+            error(2, ""),
+            "a recording of 2 steps has no first third to learn from, expected --fit-on or 3 steps"
+        );
+        for wrong in ["5", "5..", "5..5", "6..5", "-1..5", "1..5,"] {
+            let error = error(10, &format!("--fit-on={wrong}"));
+            assert!(error.contains("FIRST..END"), "{error}");
+        }
+        for wrong in ["--velocities nan", "--velocities=", "--sequence 0", "--tolerance -1"] {
+            assert!(error(10, wrong).starts_with("error: "), "{wrong}");
+        }
+    }
+}

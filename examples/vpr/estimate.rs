@@ -1,0 +1,318 @@
+//! The methods of the library on a recording: single images, filter, fixed lag,
+//! smoother and Viterbi.
+
+use std::error::Error;
+use std::ops::Range;
+
+use wayfix::observation::{AppearanceLikelihood, Calibration, calibrate};
+use wayfix::{
+    Belief, BeliefView, Controlled, Groups, Hmm, Likelihood, Order, Prior, RouteControl,
+    TransitionEntries,
+};
+
+use super::model::{self, Camera, Model, Sighting, Steps};
+use super::recording::{Answers, Recording};
+
+/// The temperatures that are tried.
+const TEMPERATURES: [f64; 12] = [0.125, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0];
+
+/// What to learn from, and how to answer.
+pub(crate) struct Settings {
+    /// The steps whose truth may be used: in order, apart from each other.
+    pub(crate) fit_on: Vec<Range<usize>>,
+    /// How many steps later a fixed-lag answer is due.
+    pub(crate) lag: usize,
+    /// Model places that are not on the map.
+    pub(crate) off_map: bool,
+    /// In references.
+    pub(crate) tolerances: Vec<usize>,
+}
+
+/// What the methods say.
+pub(crate) struct Estimates {
+    pub(crate) answers: Vec<Answers>,
+    /// Smoothed, T × n.
+    pub(crate) belief: Vec<f32>,
+    /// For each lag, the place at each step.
+    pub(crate) lags: Vec<(usize, Vec<Option<usize>>)>,
+    /// What to print beside the results.
+    pub(crate) notes: Vec<String>,
+}
+
+pub(crate) fn estimate(
+    recording: &Recording,
+    settings: &Settings,
+) -> Result<Estimates, Box<dyn Error>> {
+    let fit_on = &settings.fit_on;
+    let steps = Steps::new(recording, fit_on)?;
+    let camera = model::camera(recording, &steps, fit_on, settings.off_map)?;
+    let (motion, occupied, note) = model::motion(recording, &steps, fit_on)?;
+    let unchanged = steps.sightings.iter().filter(|sighting| sighting.is_none()).count();
+    let notes = vec![format!("{unchanged} of {} views are unchanged", recording.steps()), note];
+    let width = model::width(recording, fit_on);
+    let task = Task { recording, settings, steps, camera, width };
+    if settings.off_map {
+        let rates = model::off_map_rates(recording, fit_on);
+        task.run(&model::with_off_map(motion, &occupied, rates)?, notes)
+    } else {
+        task.run(&model::on_map(motion, &occupied)?, notes)
+    }
+}
+
+struct Task<'a> {
+    recording: &'a Recording,
+    settings: &'a Settings,
+    steps: Steps,
+    camera: AppearanceLikelihood,
+    /// How far from the middle of the true places is still right.
+    width: usize,
+}
+
+impl Task<'_> {
+    fn run<A: TransitionEntries<Control = RouteControl>>(
+        &self,
+        model: &Model<A>,
+        mut notes: Vec<String>,
+    ) -> Result<Estimates, Box<dyn Error>> {
+        let alone = self.single_temperature()?;
+        let calibration = self.calibrate(model)?;
+        let temperature = calibration.temperature();
+        notes.push(format!(
+            "temperature {temperature} by calibration in sequence, {:.3} by single images",
+            alone.temperature(),
+        ));
+        let tried = calibration.scores().iter().map(|(t, score)| format!("{t}: {score:.3}"));
+        notes.push(format!("log scores of temperatures: {}", tried.collect::<Vec<_>>().join(", ")));
+
+        let hmm = model.hmm(self.camera.clone().with_temperature(temperature)?)?;
+        let all = 0..self.recording.steps();
+        let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
+        let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
+
+        let path = hmm.viterbi(&self.sequence(&all)?)?;
+        let path = model.groups.map_path(path.states())?;
+        let (lags, lagged) = self.lagged(&hmm, &model.groups)?;
+
+        let n = self.recording.references;
+        let mut answers = vec![self.single(&alone)?];
+        answers.push(self.answers("filter", &filtered));
+        answers.push(self.answers("fixed_lag", &lagged));
+        answers.push(self.answers("smoother", &smoothed));
+        answers.push(self.answers("smoother_untempered", &untempered));
+        answers.push(self.path_answers(&path, &smoothed));
+        let belief = smoothed.iter().flat_map(|belief| belief[..n].iter().map(|p| *p as f32));
+        Ok(Estimates { answers, belief: belief.collect(), lags, notes })
+    }
+
+    fn sequence(
+        &self,
+        range: &Range<usize>,
+    ) -> Result<Controlled<'_, RouteControl, Sighting>, Box<dyn Error>> {
+        let Steps { controls, sightings } = &self.steps;
+        Ok(Controlled::new(&controls[range.clone()], &sightings[range.clone()])?)
+    }
+
+    /// The camera at the temperature that is best for single labelled images;
+    /// as it is, if none is.
+    fn single_temperature(&self) -> Result<AppearanceLikelihood, Box<dyn Error>> {
+        let ranges = &self.settings.fit_on;
+        let rows: Vec<&[f32]> =
+            ranges.iter().cloned().flatten().map(|step| self.recording.row(step)).collect();
+        let labels: Vec<Option<usize>> =
+            ranges.iter().flat_map(|range| model::labels(self.recording, range)).collect();
+        let learned = self.camera.clone().with_learned_temperature(&rows, &labels);
+        Ok(learned.unwrap_or_else(|_| self.camera.clone()))
+    }
+
+    /// The temperature at which filter and smoother do best on the labelled part.
+    fn calibrate<A: TransitionEntries<Control = RouteControl>>(
+        &self,
+        model: &Model<A>,
+    ) -> Result<Calibration, Box<dyn Error>> {
+        let bar = super::bar("fitting", TEMPERATURES.len());
+        let tolerance = self.settings.tolerances.iter().copied().min().unwrap_or(0);
+        let fitted = calibrate(&TEMPERATURES, |temperature| {
+            let hmm = model.hmm(self.camera.clone().with_temperature(temperature)?)?;
+            let mut scores = Vec::new();
+            for range in &self.settings.fit_on {
+                for beliefs in self.beliefs(&hmm, &model.groups, range)? {
+                    let masses = beliefs.iter().zip(range.clone());
+                    let masses = masses.map(|(p, step)| self.true_mass(p, step, tolerance));
+                    scores.extend(masses.map(f64::ln));
+                }
+            }
+            bar.inc(1);
+            Ok::<_, Box<dyn Error>>(scores)
+        });
+        bar.finish_and_clear();
+        fitted
+    }
+
+    /// Filtered and smoothed probabilities of the places (and of off the map).
+    fn beliefs<A: TransitionEntries<Control = RouteControl>>(
+        &self,
+        hmm: &Hmm<&A, Camera>,
+        groups: &Groups,
+        range: &Range<usize>,
+    ) -> Result<[Vec<Vec<f64>>; 2], Box<dyn Error>> {
+        let mut beliefs = [Vec::new(), Vec::new()];
+        hmm.smooth_each(&self.sequence(range)?, Order::Backward, |step| {
+            for (beliefs, belief) in beliefs.iter_mut().zip([step.filtered(), step.smoothed()]) {
+                beliefs.push(places(groups, belief));
+            }
+        })?;
+        for beliefs in &mut beliefs {
+            beliefs.pop(); // step 0
+            beliefs.reverse();
+        }
+        Ok(beliefs)
+    }
+
+    /// One pass of a fixed-lag smoother, read at several lags; and the beliefs
+    /// at the lag asked for.
+    #[expect(clippy::type_complexity, reason = "as `Estimates` has it")]
+    fn lagged<A: TransitionEntries<Control = RouteControl>>(
+        &self,
+        hmm: &Hmm<&A, Camera>,
+        groups: &Groups,
+    ) -> Result<(Vec<(usize, Vec<Option<usize>>)>, Vec<Vec<f64>>), Box<dyn Error>> {
+        let (count, lag) = (self.recording.steps(), self.settings.lag);
+        let mut lags = vec![0, 1, 2, 5, 10, 20, lag];
+        lags.sort_unstable();
+        lags.dedup();
+        let longest = lags[lags.len() - 1].min(count - 1);
+        let mut answers: Vec<(usize, Vec<Option<usize>>)> =
+            lags.into_iter().map(|lag| (lag, vec![None; count])).collect();
+        let mut beliefs = vec![Vec::new(); count];
+        let mut stream = hmm.fixed_lag(longest);
+        let bar = super::bar("fixed lag", count);
+        for now in 0..count {
+            let Steps { controls, sightings } = &self.steps;
+            stream.step_with(&controls[now], &sightings[now])?;
+            for (of, answers) in &mut answers {
+                // At the end, what is still due is answered with what there is.
+                let oldest = now.saturating_sub(*of);
+                let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
+                for step in due.filter(|step| now + 1 == count || step + *of == now) {
+                    let belief = stream.get(step + 1).ok_or("beyond the lag")?;
+                    let belief = places(groups, belief);
+                    answers[step] = self.place(&belief);
+                    if *of == lag {
+                        beliefs[step] = belief;
+                    }
+                }
+            }
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok((answers, beliefs))
+    }
+
+    /// The answer of a belief: off the map, if that is more probable than not.
+    fn place(&self, belief: &[f64]) -> Option<usize> {
+        let n = self.recording.references;
+        let on_map = belief.get(n).is_none_or(|off| *off <= 0.5);
+        on_map.then(|| mode(&belief[..n]))
+    }
+
+    /// The probability that a place is right to a tolerance, or of off the map.
+    fn mass_near(&self, belief: &[f64], place: Option<usize>, tolerance: usize) -> f64 {
+        let (n, tolerance) = (self.recording.references, tolerance.saturating_add(self.width));
+        let Some(place) = place else { return belief.get(n).copied().unwrap_or(0.0) };
+        let sum = if self.recording.closed {
+            let near = |i: &usize| {
+                let apart = i.abs_diff(place);
+                apart.min(n - apart) <= tolerance
+            };
+            (0..n).filter(near).map(|i| belief[i]).sum::<f64>()
+        } else {
+            let end = place.saturating_add(tolerance).saturating_add(1).min(n);
+            belief[place.saturating_sub(tolerance)..end].iter().sum()
+        };
+        sum.min(1.0)
+    }
+
+    /// The probability of what is true.
+    fn true_mass(&self, belief: &[f64], step: usize, tolerance: usize) -> f64 {
+        let n = self.recording.references;
+        if self.recording.truth[step].is_none() {
+            return belief.get(n).copied().unwrap_or(0.0);
+        }
+        let right = (0..n).filter(|i| self.recording.is_right(step, Some(*i), tolerance));
+        right.map(|i| belief[i]).sum::<f64>().min(1.0)
+    }
+
+    fn answers(&self, method: &str, beliefs: &[Vec<f64>]) -> Answers {
+        let n = self.recording.references;
+        let places: Vec<Option<usize>> = beliefs.iter().map(|belief| self.place(belief)).collect();
+        let tolerances = &self.settings.tolerances;
+        let near = |tolerance: &usize| {
+            let pairs = beliefs.iter().zip(&places);
+            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
+        };
+        let truth = |tolerance: &usize| {
+            let steps = beliefs.iter().enumerate();
+            steps.map(|(step, belief)| self.true_mass(belief, step, *tolerance)).collect()
+        };
+        let probability: Vec<Vec<f64>> = tolerances.iter().map(near).collect();
+        Answers {
+            method: method.into(),
+            confidence: probability[0].clone(),
+            probability: Some(probability),
+            truth_mass: Some(tolerances.iter().map(truth).collect()),
+            on_map: self
+                .settings
+                .off_map
+                .then(|| beliefs.iter().map(|belief| 1.0 - belief[n].min(1.0)).collect()),
+            places,
+        }
+    }
+
+    /// The best path, as probable as the smoother thinks.
+    fn path_answers(&self, path: &[usize], smoothed: &[Vec<f64>]) -> Answers {
+        let n = self.recording.references;
+        let places: Vec<Option<usize>> =
+            path.iter().map(|place| (*place < n).then_some(*place)).collect();
+        let near = |tolerance: &usize| {
+            let pairs = smoothed.iter().zip(&places);
+            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
+        };
+        let probability: Vec<Vec<f64>> = self.settings.tolerances.iter().map(near).collect();
+        Answers {
+            method: "viterbi".into(),
+            confidence: probability[0].clone(),
+            probability: Some(probability),
+            truth_mass: None,
+            on_map: None,
+            places,
+        }
+    }
+
+    /// Each image on its own, all places alike before.
+    fn single(&self, camera: &AppearanceLikelihood) -> Result<Answers, Box<dyn Error>> {
+        let prior = Prior::AtFirstObservation(Belief::uniform(camera.states())?);
+        let motion = wayfix::WindowTransition::new(camera.states(), 0, &[1.0], wayfix::Ends::Stop)?;
+        let hmm = Hmm::new(prior, motion, camera)?;
+        let mut filter = hmm.filter();
+        let mut beliefs = Vec::new();
+        for step in 0..self.recording.steps() {
+            filter.restart();
+            filter.step(&self.recording.row(step).to_vec())?;
+            beliefs.push(filter.belief().as_slice().to_vec());
+        }
+        Ok(self.answers("single", &beliefs))
+    }
+}
+
+/// The probability of each group.
+fn places(groups: &Groups, belief: BeliefView<'_>) -> Vec<f64> {
+    let mut sums = vec![0.0; groups.count()];
+    let states = groups.as_slice().iter().zip(belief.as_slice());
+    states.for_each(|(group, p)| sums[*group] += p);
+    sums
+}
+
+fn mode(values: &[f64]) -> usize {
+    let better = |best: usize, i: usize| if values[i] > values[best] { i } else { best };
+    (0..values.len()).fold(0, better)
+}

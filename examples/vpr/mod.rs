@@ -1,0 +1,150 @@
+//! What both examples on visual place recognition share: a recording goes in,
+//! answers of several methods, tables and pictures come out.
+
+pub(crate) mod arguments;
+mod belief;
+pub(crate) mod drive;
+mod estimate;
+mod figures;
+mod measures;
+mod model;
+pub(crate) mod patches;
+pub(crate) mod recording;
+mod seqslam;
+mod style;
+pub(crate) mod synthetic;
+mod tables;
+
+use std::error::Error;
+use std::fs;
+use std::io::ErrorKind;
+use std::ops::Range;
+use std::path::Path;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use arguments::Common;
+use drive::Drive;
+use estimate::{Estimates, Settings};
+use measures::Measured;
+use patches::{Frames, PatchError};
+use recording::Recording;
+use seqslam::Alignment;
+
+/// A bar that says what is being counted.
+pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:20} {bar:40} {pos}/{len} steps, {eta} left");
+    let bar = ProgressBar::new(count as u64).with_message(what);
+    if let Ok(style) = style {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// What a recording is called: the last part of a path.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+/// Compares the frames that a drive shows with those of a map, of which frame i
+/// shows the place of frame i of the query.
+pub(crate) fn compare(
+    name: String,
+    references: &Frames,
+    map: Range<usize>,
+    queries: &Frames,
+    drive: &Drive,
+    patch: usize,
+) -> Result<Recording, PatchError> {
+    let frames = references.count();
+    if map.end > frames {
+        return Err(PatchError::Range { range: map, frames });
+    }
+    let places = references.descriptors(map.clone(), patch)?;
+    let sightings = queries.descriptors(drive.frames.iter().copied(), patch)?;
+    let bar = bar("comparing frames", drive.frames.len());
+    let distances = patches::differences(&sightings, &places, &bar)?;
+    bar.finish_and_clear();
+    let truth = drive
+        .frames
+        .iter()
+        .map(|frame| map.contains(frame).then(|| frame - map.start..=frame - map.start));
+    let truth = truth.collect();
+    Ok(Recording { name, references: map.len(), distances, truth, odometry: None, closed: false })
+}
+
+/// Estimates, measures, prints and writes.
+pub(crate) fn run(
+    recording: &Recording,
+    common: &Common,
+    out: &Path,
+) -> Result<(), Box<dyn Error>> {
+    let (settings, report_on) = common.settings(recording.steps())?;
+    if report_on.iter().all(|step| recording.truth[*step].is_none()) {
+        let count = report_on.len();
+        return Err(format!("none of the {count} steps to report on is on the map").into());
+    }
+    fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
+
+    let mut estimates = estimate::estimate(recording, &settings)?;
+    let seqslam = common.seqslam();
+    let enhanced = seqslam.enhance(recording);
+    let bar = bar("SeqSLAM", 2 * recording.steps());
+    for alignment in [Alignment::Trailing, Alignment::Centred] {
+        estimates.answers.push(seqslam.answers(recording, &enhanced, alignment, &bar));
+    }
+    bar.finish_and_clear();
+    estimates.answers.sort_by_key(|answers| style::order(&answers.method));
+
+    let tolerances = &settings.tolerances;
+    let measure = |answers| measures::measure(recording, answers, tolerances, &report_on);
+    let measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
+    let recall = |places, tolerance| measures::recall(recording, places, tolerance, &report_on);
+    let lags = estimates.lags.iter().map(|(lag, places)| {
+        (*lag, tolerances.iter().map(|tolerance| recall(places, *tolerance)).collect())
+    });
+    let lags: Vec<(usize, Vec<f64>)> = lags.collect();
+
+    let report = tables::report(recording, &settings, &report_on, &estimates.notes, &measured);
+    print!("{report}");
+    let written = write(recording, &settings, &estimates, &measured, &lags, &report, out);
+    written.map_err(|e| format!("cannot write into {}: {e}", out.display()))?;
+    println!("\nWrote report, tables and pictures into {}", out.display());
+    Ok(())
+}
+
+fn write(
+    recording: &Recording,
+    settings: &Settings,
+    estimates: &Estimates,
+    measured: &[Measured],
+    lags: &[(usize, Vec<f64>)],
+    report: &str,
+    out: &Path,
+) -> Result<(), Box<dyn Error>> {
+    let (name, tolerances) = (&recording.name, &settings.tolerances);
+    fs::write(out.join("report.txt"), report)?;
+    tables::write_table(&out.join("table.csv"), measured)?;
+    tables::write_answers(&out.join("answers.csv"), recording, tolerances, &estimates.answers)?;
+    tables::write_precision_recall(&out.join("precision_recall.csv"), measured)?;
+    tables::write_reliability(&out.join("reliability.csv"), measured)?;
+    tables::write_lags(&out.join("lag.csv"), tolerances, lags)?;
+    figures::precision_recall(&out.join("precision_recall.svg"), name, measured)?;
+    figures::reliability(&out.join("reliability.svg"), name, measured)?;
+    figures::lags(&out.join("lag.svg"), name, tolerances, lags)?;
+    belief::draw(&out.join("belief.svg"), recording, &estimates.belief, &settings.fit_on)?;
+    let [table, picture] = ["roc.csv", "roc.svg"].map(|file| out.join(file));
+    if settings.off_map && measured.iter().any(|method| method.roc.is_some()) {
+        tables::write_roc(&table, measured)?;
+        figures::roc(&picture, name, measured)?;
+    } else {
+        // Those of another run would not belong to the rest.
+        for file in [table, picture] {
+            fs::remove_file(file).or_else(|error| match error.kind() {
+                ErrorKind::NotFound => Ok(()),
+                _ => Err(error),
+            })?;
+        }
+    }
+    Ok(())
+}

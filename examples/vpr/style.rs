@@ -1,0 +1,152 @@
+//! How each method looks in pictures: by colour, dashes and marks, so that
+//! neither the colour-blind nor a printer has to guess.
+
+use std::error::Error;
+
+use plotters::coord::Shift;
+use plotters::element::DashedPathElement;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Drawn = Result<(), Box<dyn Error>>;
+pub(crate) type Pixel = (i32, i32);
+
+// Okabe and Ito's colours, which the colour-blind can tell apart.
+const ORANGE: RGBColor = RGBColor(230, 159, 0);
+const SKY: RGBColor = RGBColor(86, 180, 233);
+const GREEN: RGBColor = RGBColor(0, 158, 115);
+const BLUE: RGBColor = RGBColor(0, 114, 178);
+pub(crate) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+const PURPLE: RGBColor = RGBColor(204, 121, 167);
+pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
+pub(crate) const PALE: RGBColor = RGBColor(225, 225, 225);
+
+/// A line and its marks.
+#[derive(Clone, Copy)]
+pub(crate) struct Look {
+    pub(crate) colour: RGBColor,
+    /// The length of dashes and of the gaps between them; 0: none.
+    dash: u32,
+    mark: Mark,
+    /// Is the mark filled?
+    solid: bool,
+}
+
+#[derive(Clone, Copy)]
+enum Mark {
+    Cross,
+    Circle,
+    Square,
+    Triangle,
+}
+
+const fn look(colour: RGBColor, dash: u32, mark: Mark, solid: bool) -> Look {
+    Look { colour, dash, mark, solid }
+}
+
+/// Methods in the order in which they are shown.
+const METHODS: [(&str, &str, Look); 7] = [
+    ("single", "single image", look(GREY, 3, Mark::Cross, false)),
+    ("seqslam_trailing", "SeqSLAM, trailing", look(SKY, 7, Mark::Triangle, false)),
+    ("seqslam_centred", "SeqSLAM, centred", look(BLUE, 7, Mark::Triangle, true)),
+    ("filter", "filter", look(VERMILLION, 0, Mark::Circle, false)),
+    ("fixed_lag", "fixed lag", look(ORANGE, 0, Mark::Square, false)),
+    ("smoother", "smoother", look(GREEN, 0, Mark::Circle, true)),
+    ("viterbi", "Viterbi", look(PURPLE, 14, Mark::Square, true)),
+];
+
+/// Where a method stands in that order; others come last.
+pub(crate) fn order(method: &str) -> usize {
+    METHODS.iter().position(|known| known.0 == method).unwrap_or(METHODS.len())
+}
+
+/// What pictures call a method, and how it looks.
+pub(crate) fn of_method(method: &str) -> (&str, Look) {
+    let known = METHODS.get(order(method));
+    known.map_or((method, look(BLACK, 0, Mark::Cross, false)), |known| (known.1, known.2))
+}
+
+/// The n-th of several lines that are no methods.
+pub(crate) fn of_line(n: usize) -> Look {
+    METHODS[(n + 3) % METHODS.len()].2
+}
+
+pub(crate) fn font(size: i32) -> TextStyle<'static> {
+    TextStyle::from(("sans-serif", size).into_font()).color(&BLACK)
+}
+
+/// Text whose left end, middle or right end is at a point.
+pub(crate) fn anchored(size: i32, horizontal: HPos) -> TextStyle<'static> {
+    font(size).pos(Pos::new(horizontal, VPos::Center))
+}
+
+/// At most so many characters of a name.
+pub(crate) fn shortened(name: &str, most: usize) -> String {
+    if name.chars().count() <= most {
+        return name.to_owned();
+    }
+    name.chars().take(most - 1).chain(['…']).collect()
+}
+
+impl Look {
+    /// A line through pixels, with some ten marks at even distances on it,
+    /// those of the n-th line apart from those of others.
+    pub(crate) fn line(&self, area: &Area<'_>, points: &[Pixel], n: usize) -> Drawn {
+        self.path(area, points)?;
+        let gap = 46.0;
+        let mut next = gap * (0.15 + 0.13 * n as f64);
+        for (&from, &to) in points.iter().zip(points.iter().skip(1)) {
+            let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
+            let length = dx.hypot(dy);
+            while next < length {
+                let share = next / length;
+                let x = from.0 + (share * dx).round() as i32;
+                self.mark(area, (x, from.1 + (share * dy).round() as i32))?;
+                next += gap;
+            }
+            next -= length;
+        }
+        points.last().map_or(Ok(()), |&end| self.mark(area, end))
+    }
+
+    /// The line alone.
+    pub(crate) fn path(&self, area: &Area<'_>, points: &[Pixel]) -> Drawn {
+        let (points, style) = (points.to_vec(), self.colour.stroke_width(2));
+        if self.dash == 0 {
+            return Ok(area.draw(&PathElement::new(points, style))?);
+        }
+        let dashes = DashedPathElement::new(points, self.dash, self.dash, style);
+        Ok(area.draw(&dashes)?)
+    }
+
+    pub(crate) fn mark(&self, area: &Area<'_>, (x, y): Pixel) -> Drawn {
+        let fill = if self.solid { self.colour } else { WHITE };
+        let outline = self.colour.stroke_width(1);
+        match self.mark {
+            Mark::Cross => area.draw(&Cross::new((x, y), 4, self.colour.stroke_width(2)))?,
+            Mark::Circle => {
+                area.draw(&Circle::new((x, y), 4, fill.filled()))?;
+                area.draw(&Circle::new((x, y), 4, outline))?;
+            }
+            Mark::Square => {
+                let corners = [(x - 4, y - 4), (x + 4, y + 4)];
+                area.draw(&Rectangle::new(corners, fill.filled()))?;
+                area.draw(&Rectangle::new(corners, outline))?;
+            }
+            Mark::Triangle => {
+                let corners = [(x, y - 5), (x + 5, y + 4), (x - 5, y + 4), (x, y - 5)];
+                area.draw(&Polygon::new(corners, fill.filled()))?;
+                area.draw(&PathElement::new(corners, outline))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A short line with its mark, and what it stands for.
+    pub(crate) fn legend(&self, area: &Area<'_>, (x, y): Pixel, text: String) -> Drawn {
+        self.path(area, &[(x, y), (x + 34, y)])?;
+        self.mark(area, (x + 17, y))?;
+        Ok(area.draw(&Text::new(text, (x + 44, y), anchored(14, HPos::Left)))?)
+    }
+}

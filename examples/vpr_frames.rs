@@ -1,0 +1,138 @@
+//! Where along a route was each frame taken, given the frames of an earlier
+//! pass?
+//!
+//! ```text
+//! cargo run --release --example vpr_frames -- --reference A.u8 --query B.u8 --rows 16 --cols 32
+//! ```
+//!
+//! Without files, a made-up recording is used.
+
+#[path = "vpr/mod.rs"]
+mod vpr;
+
+#[path = "vpr/frames.rs"]
+mod frames;
+// The tests of all modules run here.
+#[cfg(test)]
+#[path = "vpr/similarity.rs"]
+mod similarity;
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, Normal};
+
+use vpr::arguments::{Common, Span};
+use vpr::drive::{Detour, Drive, Leg};
+use vpr::synthetic;
+
+/// Locates the frames of a drive by those of a map, with patch-normalised
+/// images as descriptors, and compares single images, SeqSLAM and hidden Markov
+/// models.
+#[derive(Parser)]
+struct Arguments {
+    /// The frames of the map: grey, unsigned 8-bit, row by row, frame after
+    /// frame. Without files, a made-up recording is used.
+    #[arg(long, value_name = "FILE", requires_all = ["query", "rows", "cols"])]
+    reference: Option<PathBuf>,
+    /// The frames to be located: frame i shows the place of frame i of the map.
+    /// If the map has no such frame, its place is not on the map.
+    #[arg(long, value_name = "FILE", requires = "reference")]
+    query: Option<PathBuf>,
+    /// The height of a frame.
+    #[arg(long, requires = "reference")]
+    rows: Option<usize>,
+    /// The width of a frame.
+    #[arg(long, requires = "reference")]
+    cols: Option<usize>,
+    /// The side of the square patches that are normalised.
+    #[arg(long, value_name = "PIXELS", default_value_t = 8)]
+    patch: usize,
+    /// Take only these frames of the reference as the map, as FIRST..END;
+    /// places number from FIRST [default: all; of the made-up recording, the
+    /// first 300].
+    #[arg(long, value_name = "RANGE")]
+    reference_range: Option<Span>,
+    /// Show the query as a drive of so many steps at a speed in frames per
+    /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
+    /// `--start`, and each step of each leg adds its speed and shows the
+    /// nearest frame, halves up. So there is one frame more than the legs have
+    /// steps, and those of detours [default: all frames in order; of the
+    /// made-up recording, a drive with a stop and a reverse].
+    #[arg(long, value_name = "LEGS", value_delimiter = ',')]
+    drive: Vec<Leg>,
+    /// The frame at which the drive starts.
+    #[arg(long, value_name = "FRAME", default_value_t = 0, requires = "drive")]
+    start: usize,
+    /// Before step STEP of the drive (from 1, detours not counted), show the
+    /// query frames FIRST to END - 1, driven at speed 1; then the drive goes on
+    /// as if nothing had been. May be given several times.
+    #[arg(long, value_name = "FIRST..END@STEP")]
+    detour: Vec<Detour>,
+    /// Measure the distance before each step, in frames, with normal noise of
+    /// this standard deviation.
+    #[arg(long, value_name = "SD", value_parser = deviation)]
+    odometry: Option<Normal<f64>>,
+    #[command(flatten)]
+    common: Common,
+}
+
+fn deviation(text: &str) -> Result<Normal<f64>, String> {
+    let number = text.parse().ok().filter(|sd: &f64| sd.is_finite() && *sd >= 0.0);
+    let normal = number.and_then(|sd| Normal::new(0.0, sd).ok());
+    normal.ok_or_else(|| String::from("expected a finite number of at least 0"))
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let common = &arguments.common;
+    let made_up = arguments.query.is_none();
+    let files = arguments.reference.as_ref().zip(arguments.query.as_ref());
+    let (name, references, queries) = if let Some((reference, query)) = files {
+        let (rows, cols) = (arguments.rows.unwrap_or(0), arguments.cols.unwrap_or(0));
+        let name = format!("{} on {}", vpr::file_name(query), vpr::file_name(reference));
+        (name, frames::read(reference, rows, cols)?, frames::read(query, rows, cols)?)
+    } else {
+        let (references, queries) = synthetic::frames(common.seed, common.closed);
+        (synthetic::NAME.to_owned(), references, queries)
+    };
+    let map = match &arguments.reference_range {
+        Some(Span(range)) => range.clone(),
+        None if made_up => 0..synthetic::MAPPED,
+        None => 0..references.count(),
+    };
+    let frames = queries.count();
+    let (legs, start) = match &arguments.drive[..] {
+        [] if made_up => (synthetic::legs(), synthetic::START),
+        [] => (vec![Leg { steps: frames - 1, speed: 1.0 }], 0),
+        legs => (legs.to_vec(), arguments.start),
+    };
+    let made_up_detours = made_up && common.off_map && arguments.drive.is_empty();
+    let detours = match &arguments.detour[..] {
+        [] if made_up_detours => synthetic::detours(),
+        detours => detours.to_vec(),
+    };
+    let drive = Drive::new(&legs, start, frames)?.with_detours(&detours, frames)?;
+    let mut recording = vpr::compare(name, &references, map, &queries, &drive, arguments.patch)?;
+    recording.closed = common.closed;
+    recording.odometry = arguments.odometry.map(|noise| {
+        let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
+        rng.set_stream(1);
+        let measured = |distance: &f64| distance + noise.sample(&mut rng);
+        std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
+    });
+    let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_frames"));
+    vpr::run(&recording, common, &out)
+}

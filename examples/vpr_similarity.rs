@@ -1,0 +1,87 @@
+//! Where along a route was each image taken, given how similar it is to each
+//! image of an earlier pass, by any descriptor?
+//!
+//! ```text
+//! cargo run --release --example vpr_similarity -- --similarity S.csv --truth T.csv
+//! ```
+//!
+//! Without files, a made-up recording is used.
+
+#[path = "vpr/mod.rs"]
+mod vpr;
+
+#[path = "vpr/similarity.rs"]
+mod similarity;
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use vpr::arguments::Common;
+use vpr::drive::Drive;
+use vpr::recording::Recording;
+use vpr::synthetic;
+
+/// Locates the images of a drive by their similarities to those of a map, and
+/// compares single images, SeqSLAM and hidden Markov models.
+#[derive(Parser)]
+struct Arguments {
+    /// A CSV file of similarities without a header: a line for each query image
+    /// in order of time, a column for each reference image in order along the
+    /// route. Without it, a made-up recording is used.
+    #[arg(long, value_name = "FILE", requires = "truth")]
+    similarity: Option<PathBuf>,
+    /// A CSV file of `query,first,last`, from 0: which references, the last
+    /// included, show the place of the query; both empty or -1 if none does.
+    #[arg(long, value_name = "FILE", requires = "similarity")]
+    truth: Option<PathBuf>,
+    /// The matrix has distances: smaller = more alike.
+    #[arg(long, requires = "similarity")]
+    distances: bool,
+    #[command(flatten)]
+    common: Common,
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let common = &arguments.common;
+    let files = arguments.similarity.as_ref().zip(arguments.truth.as_ref());
+    let mut recording = if let Some((similarity, truth)) = files {
+        let name = vpr::file_name(similarity);
+        let similarity::Matrix { columns, mut values } = similarity::read_matrix(similarity)?;
+        if !arguments.distances {
+            values.iter_mut().for_each(|value| *value = -*value);
+        }
+        let truth = similarity::read_truth(truth, values.len() / columns, columns)?;
+        Recording {
+            name,
+            references: columns,
+            distances: values,
+            truth,
+            odometry: None,
+            closed: false,
+        }
+    } else {
+        let (references, queries) = synthetic::frames(common.seed, common.closed);
+        let frames = queries.count();
+        let detours = if common.off_map { synthetic::detours() } else { Vec::new() };
+        let drive = Drive::new(&synthetic::legs(), synthetic::START, frames)?;
+        let drive = drive.with_detours(&detours, frames)?;
+        let name = synthetic::NAME.to_owned();
+        vpr::compare(name, &references, 0..synthetic::MAPPED, &queries, &drive, 8)?
+    };
+    recording.closed = common.closed;
+    let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_similarity"));
+    vpr::run(&recording, common, &out)
+}
