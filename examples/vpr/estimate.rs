@@ -13,8 +13,8 @@ use wayfix::{
 use super::model::{self, Camera, Model, Sighting, Steps};
 use super::recording::{Answers, Recording};
 
-/// The temperatures that are tried.
-const TEMPERATURES: [f64; 12] = [0.125, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0];
+/// The temperatures that are tried, hottest first.
+const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];
 
 /// What to learn from, and how to answer.
 pub(crate) struct Settings {
@@ -45,12 +45,12 @@ pub(crate) fn estimate(
 ) -> Result<Estimates, Box<dyn Error>> {
     let fit_on = &settings.fit_on;
     let steps = Steps::new(recording, fit_on)?;
-    let camera = model::camera(recording, &steps, fit_on, settings.off_map)?;
+    let cameras = model::cameras(recording, &steps, fit_on, settings.off_map)?;
     let (motion, occupied, note) = model::motion(recording, &steps, fit_on)?;
     let unchanged = steps.sightings.iter().filter(|sighting| sighting.is_none()).count();
     let notes = vec![format!("{unchanged} of {} views are unchanged", recording.steps()), note];
     let width = model::width(recording, fit_on);
-    let task = Task { recording, settings, steps, camera, width };
+    let task = Task { recording, settings, steps, cameras, width };
     if settings.off_map {
         let rates = model::off_map_rates(recording, fit_on);
         task.run(&model::with_off_map(motion, &occupied, rates)?, notes)
@@ -63,7 +63,7 @@ struct Task<'a> {
     recording: &'a Recording,
     settings: &'a Settings,
     steps: Steps,
-    camera: AppearanceLikelihood,
+    cameras: [(&'static str, AppearanceLikelihood); 3],
     /// How far from the middle of the true places is still right.
     width: usize,
 }
@@ -74,17 +74,27 @@ impl Task<'_> {
         model: &Model<A>,
         mut notes: Vec<String>,
     ) -> Result<Estimates, Box<dyn Error>> {
-        let alone = self.single_temperature()?;
-        let calibration = self.calibrate(model)?;
-        let temperature = calibration.temperature();
+        let candidates: Vec<(usize, f64)> =
+            (0..self.cameras.len()).flat_map(|at| TEMPERATURES.map(|t| (at, t))).collect();
+        let calibration = self.calibrate(model, &candidates)?;
+        let (at, temperature) = candidates[calibration.chosen()];
+        let (offsets, camera) = &self.cameras[at];
+        let alone = self.for_single_images(camera);
         notes.push(format!(
-            "temperature {temperature} by calibration in sequence, {:.3} by single images",
+            "temperature {temperature} in sequence with offsets of {offsets}, {:.3} for single images",
             alone.temperature(),
         ));
-        let tried = calibration.scores().iter().map(|(t, score)| format!("{t}: {score:.3}"));
-        notes.push(format!("log scores of temperatures: {}", tried.collect::<Vec<_>>().join(", ")));
+        let tables = self.cameras.iter().zip(calibration.scores().chunks(TEMPERATURES.len()));
+        for ((offsets, _), scores) in tables {
+            let tried = TEMPERATURES.iter().zip(scores);
+            let tried: Vec<String> = tried.map(|(t, score)| format!("{t}: {score:.3}")).collect();
+            notes.push(format!(
+                "log scores, offsets of {offsets}, by temperature: {}",
+                tried.join(", ")
+            ));
+        }
 
-        let hmm = model.hmm(self.camera.clone().with_temperature(temperature)?)?;
+        let hmm = model.hmm(camera.clone().with_temperature(temperature)?)?;
         let all = 0..self.recording.steps();
         let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
         let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
@@ -114,25 +124,27 @@ impl Task<'_> {
 
     /// The camera at the temperature that is best for single labelled images;
     /// as it is, if none is.
-    fn single_temperature(&self) -> Result<AppearanceLikelihood, Box<dyn Error>> {
+    fn for_single_images(&self, camera: &AppearanceLikelihood) -> AppearanceLikelihood {
         let ranges = &self.settings.fit_on;
         let rows: Vec<&[f32]> =
             ranges.iter().cloned().flatten().map(|step| self.recording.row(step)).collect();
         let labels: Vec<Option<usize>> =
             ranges.iter().flat_map(|range| model::labels(self.recording, range)).collect();
-        let learned = self.camera.clone().with_learned_temperature(&rows, &labels);
-        Ok(learned.unwrap_or_else(|_| self.camera.clone()))
+        let learned = camera.clone().with_learned_temperature(&rows, &labels);
+        learned.unwrap_or_else(|_| camera.clone())
     }
 
-    /// The temperature at which filter and smoother do best on the labelled part.
+    /// The camera and temperature with which filter and smoother do well on the
+    /// labelled part.
     fn calibrate<A: TransitionEntries<Control = RouteControl>>(
         &self,
         model: &Model<A>,
+        candidates: &[(usize, f64)],
     ) -> Result<Calibration, Box<dyn Error>> {
-        let bar = super::bar("fitting", TEMPERATURES.len());
+        let bar = super::bar("fitting", candidates.len());
         let tolerance = self.settings.tolerances.iter().copied().min().unwrap_or(0);
-        let fitted = calibrate(&TEMPERATURES, |temperature| {
-            let hmm = model.hmm(self.camera.clone().with_temperature(temperature)?)?;
+        let fitted = calibrate(candidates, |(at, temperature)| {
+            let hmm = model.hmm(self.cameras[*at].1.clone().with_temperature(*temperature)?)?;
             let mut scores = Vec::new();
             for range in &self.settings.fit_on {
                 for beliefs in self.beliefs(&hmm, &model.groups, range)? {

@@ -5,7 +5,7 @@
 use std::error::Error;
 use std::ops::Range;
 
-use wayfix::observation::{AppearanceLikelihood, Views, alike_stretches};
+use wayfix::observation::{AppearanceLikelihood, Offsets, Views, alike_stretches};
 use wayfix::{
     Belief, DenseTransition, Gear, GroupedLikelihood, Groups, Hmm, LikelihoodVector, Odometry,
     OffMapTransition, OptionalLikelihood, Prior, RouteControl, RouteTransition, TransitionEntries,
@@ -67,16 +67,20 @@ impl Steps {
     }
 }
 
-/// The camera, without the temperature.
-pub(crate) fn camera(
+/// The cameras to choose from, without the temperature, those that correct least
+/// first.
+pub(crate) fn cameras(
     recording: &Recording,
     steps: &Steps,
     fit_on: &[Range<usize>],
     off_map: bool,
-) -> Result<AppearanceLikelihood, Box<dyn Error>> {
-    let sensor = AppearanceLikelihood::new(recording.references)?
-        .with_offsets(&steps.new_rows(fit_on), AVERAGE)?;
-    Ok(if off_map { sensor.with_off_map(RANK)? } else { sensor })
+) -> Result<[(&'static str, AppearanceLikelihood); 3], Box<dyn Error>> {
+    let rows = steps.new_rows(fit_on);
+    let plain = AppearanceLikelihood::new(recording.references)?;
+    let plain = if off_map { plain.with_off_map(RANK)? } else { plain };
+    let hubs = plain.clone().with_offsets(Offsets::Hubs, &rows, AVERAGE)?;
+    let all = plain.clone().with_offsets(Offsets::All, &rows, AVERAGE)?;
+    Ok([("none", plain), ("hubs", hubs), ("all", all)])
 }
 
 /// The middle of the true places of each labelled step.
@@ -97,9 +101,9 @@ pub(crate) fn width(recording: &Recording, fit_on: &[Range<usize>]) -> usize {
 
 /// The labelled moves: steps, from, and how many places on.
 fn moves(recording: &Recording, fit_on: &[Range<usize>]) -> Vec<Vec<(usize, usize, isize)>> {
-    let n = recording.references as isize;
+    let n = recording.references.cast_signed();
     let moved = |from: usize, to: usize| {
-        let ahead = to as isize - from as isize;
+        let ahead = to.cast_signed() - from.cast_signed();
         if recording.closed { (ahead + n / 2).rem_euclid(n) - n / 2 } else { ahead }
     };
     let of = |range: &Range<usize>| {
@@ -150,10 +154,10 @@ pub(crate) fn motion(
     let [standing, alike, moved] = counts.map(|[unchanged, all]| unchanged / all);
 
     let mut switching = Vec::new();
-    for to in 0..gears.len() {
+    for (to, share) in occupied.iter().enumerate() {
         switching.extend((0..gears.len()).map(|from| {
             let stays = if from == to { 1.0 - change } else { 0.0 };
-            stays + change * occupied[to]
+            stays + change * share
         }));
     }
     let note = format!(

@@ -9,6 +9,18 @@ use crate::likelihood::{Diagonal, Likelihood, Scratch};
 /// Where doubles hold likelihoods of this range: e^600 is 1e260.
 const LINEAR_RANGE: f64 = 600.0;
 
+/// Which references' average scores are taken off, in
+/// [`AppearanceLikelihood::with_offsets`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Offsets {
+    /// Those that look more like the queries than references do on average:
+    /// they lose. The cautious choice, where the queries are of a part of the
+    /// route, and references elsewhere only look unlike that part.
+    Hubs,
+    /// All: those that look less like them gain, too.
+    All,
+}
+
 /// A camera as a sensor: the observation is the row of **distances** from the
 /// query image to each reference image, smaller for more alike, by whatever
 /// compares images: descriptors of any kind
@@ -133,7 +145,8 @@ impl AppearanceLikelihood {
     /// that look like everything (hubs: a plain wall, a dark tunnel) lose that
     /// advantage. From rows of queries whose places need not be known; each
     /// reference counts as seen `prior_count` times besides with an average
-    /// score of 0, so that few rows change little.
+    /// score of 0, so that few rows change little. What was there before is
+    /// forgotten.
     ///
     /// The queries should come from all over the route, or from elsewhere: a
     /// vehicle that stood at one place for half of them makes that place look
@@ -145,6 +158,7 @@ impl AppearanceLikelihood {
     /// and at least 0.
     pub fn with_offsets<R: AsRef<[f32]>>(
         self,
+        offsets: Offsets,
         rows: &[R],
         prior_count: f64,
     ) -> Result<Self, ObservationError> {
@@ -160,7 +174,11 @@ impl AppearanceLikelihood {
             let finite = sums.iter_mut().zip(&scores).filter(|(_, z)| z.is_finite());
             finite.for_each(|(sum, z)| *sum = (sum.0 + z, sum.1 + 1.0));
         }
-        let offset = |(sum, count)| if count > 0.0 { sum / count } else { 0.0 };
+        let offset = |(sum, count): (f64, f64)| match offsets {
+            _ if count == 0.0 => 0.0,
+            Offsets::Hubs => (sum / count).min(0.0),
+            Offsets::All => sum / count,
+        };
         Ok(Self { offsets: sums.into_iter().map(offset).collect(), ..plain })
     }
 

@@ -32,7 +32,7 @@ mod spread;
 mod temperature;
 mod view;
 
-pub use appearance::AppearanceLikelihood;
+pub use appearance::{AppearanceLikelihood, Offsets};
 pub use confusion::Confusion;
 pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
 pub use error::ObservationError;

@@ -134,34 +134,36 @@ impl LearnLikelihood for AppearanceLikelihood {
 /// What [`calibrate`] found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    temperature: f64,
-    scores: Vec<(f64, f64)>,
+    chosen: usize,
+    scores: Vec<f64>,
 }
 
 impl Calibration {
-    /// The temperature to take.
+    /// Which candidate to take, from 0.
     #[must_use]
-    pub fn temperature(&self) -> f64 {
-        self.temperature
+    pub fn chosen(&self) -> usize {
+        self.chosen
     }
 
-    /// Each temperature with its mean log score, in nats, in the order tried.
+    /// The mean log score of each candidate, in nats.
     #[must_use]
-    pub fn scores(&self) -> &[(f64, f64)] {
+    pub fn scores(&self) -> &[f64] {
         &self.scores
     }
 }
 
-/// Chooses the temperature by what it is for: that the probabilities given to
-/// labelled places, **in sequence**, are high. `log_scores` makes the estimate
-/// at a temperature, and gives for each labelled step ln of the probability that
-/// went to where the vehicle was (within a tolerance, say; −∞ if none did).
+/// Chooses a temperature, or any other setting, by what it is for: that the
+/// probabilities given to labelled places, **in sequence**, are high.
+/// `log_scores` makes the estimate with a candidate, and gives for each labelled
+/// step ln of the probability that went to where the vehicle was (within a
+/// tolerance, say; −∞ if none did).
 ///
-/// Of temperatures that cannot be told apart, it takes the hottest, which claims
-/// least: the hottest whose mean score is within one standard error of the
-/// best's, that of the differences step by step (the one-standard-error rule of
-/// Breiman and others 1984). So a short labelled part without an error does not
-/// make the model as sure as can be.
+/// Candidates come with those that claim least first: hot before cold, without a
+/// correction before with it. Of those that cannot be told apart, the first is
+/// taken: the first whose mean score is within one standard error of the best's,
+/// that of the differences step by step (the one-standard-error rule of Breiman
+/// and others 1984). So a short labelled part without an error does not make the
+/// model as sure as can be.
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
@@ -169,7 +171,7 @@ impl Calibration {
 ///
 /// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
 /// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;
-/// let fitted = calibrate(&[0.25, 0.5, 1.0, 2.0], |temperature| {
+/// let fitted = calibrate(&[2.0, 1.0, 0.5, 0.25], |&temperature| {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;
 ///     let smoothing = hmm.smooth(&rows)?;
@@ -177,23 +179,23 @@ impl Calibration {
 ///     let log = |(k, place): (usize, usize)| beliefs.get(k + 1)?.probability(place);
 ///     Ok::<_, Box<dyn std::error::Error>>([0, 1, 2].into_iter().enumerate().filter_map(log).map(f64::ln).collect())
 /// })?;
-/// assert_eq!(fitted.temperature(), 0.25);
+/// assert_eq!(fitted.chosen(), 3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
 /// # Errors
 ///
-/// [`ObservationError`] (as `E`) if there are no temperatures, or the scores are
-/// not as many at each or not log-probabilities; and what `log_scores` fails
+/// [`ObservationError`] (as `E`) if there are no candidates, or the scores are
+/// not as many for each or not log-probabilities; and what `log_scores` fails
 /// with.
-pub fn calibrate<E: From<ObservationError>>(
-    temperatures: &[f64],
-    mut log_scores: impl FnMut(f64) -> Result<Vec<f64>, E>,
+pub fn calibrate<C, E: From<ObservationError>>(
+    candidates: &[C],
+    mut log_scores: impl FnMut(&C) -> Result<Vec<f64>, E>,
 ) -> Result<Calibration, E> {
-    let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
-    for &temperature in temperatures {
-        let scores = log_scores(temperature)?;
-        let expected = all.first().map_or(scores.len().max(1), |first| first.1.len());
+    let mut all: Vec<Vec<f64>> = Vec::new();
+    for candidate in candidates {
+        let scores = log_scores(candidate)?;
+        let expected = all.first().map_or(scores.len().max(1), Vec::len);
         if scores.len() != expected {
             return Err(ObservationError::Labels { labels: scores.len(), rows: expected }.into());
         }
@@ -202,29 +204,29 @@ pub fn calibrate<E: From<ObservationError>>(
             let (what, expected) = ("a log score", "at most 0");
             return Err(ObservationError::Parameter { what, value, expected }.into());
         }
-        all.push((temperature, scores));
+        all.push(scores);
     }
     let mean = |scores: &[f64]| kernels::sum(scores) / scores.len() as f64;
-    let scores: Vec<(f64, f64)> = all.iter().map(|(t, scores)| (*t, mean(scores))).collect();
+    let scores: Vec<f64> = all.iter().map(|scores| mean(scores)).collect();
     let better = |best: Option<usize>, at: usize| match best {
-        Some(best) if scores[at].1 <= scores[best].1 => Some(best),
+        Some(best) if scores[at] <= scores[best] => Some(best),
         _ => Some(at),
     };
     let best = (0..all.len()).fold(None, better).ok_or(ObservationError::Parameter {
-        what: "the number of temperatures",
+        what: "the number of candidates",
         value: 0.0,
         expected: "at least 1",
     })?;
-    let alike = |at: &usize| {
-        let differences: Vec<f64> =
-            all[best].1.iter().zip(&all[*at].1).map(|(best, other)| best - other).collect();
-        *at == best || mean(&differences) <= standard_error(&differences)
+    let alike = |other: &Vec<f64>| {
+        let pairs = all[best].iter().zip(other);
+        let differences: Vec<f64> = pairs.map(|(best, other)| best - other).collect();
+        mean(&differences) <= standard_error(&differences)
     };
-    let hottest = (0..all.len()).filter(alike).map(|at| all[at].0).fold(0.0, f64::max);
-    Ok(Calibration { temperature: hottest, scores })
+    let chosen = all[..best].iter().position(alike).unwrap_or(best);
+    Ok(Calibration { chosen, scores })
 }
 
-/// The standard error of the mean; NaN, which is above nothing, where a
+/// The standard error of the mean; NaN, which nothing is at most, where a
 /// difference is not finite.
 fn standard_error(values: &[f64]) -> f64 {
     let n = values.len() as f64;
