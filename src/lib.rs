@@ -79,6 +79,8 @@
 //! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
 //! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
 //! | sightings that may be missing | [`OptionalLikelihood`] |
+//! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
+//! | places with several reference images | [`PooledLikelihood`] |
 //! | several sensors | [`FusedLikelihood`] |
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
@@ -91,11 +93,13 @@
 //! [`Hmm::learn`] estimates them, too.
 //!
 //! On top stand [`map`] (places and roads, and the transitions that follow),
-//! [`observation`] (sensors that take a place for its neighbours),
-//! [`evaluate`] (accuracy and other scores), and [`canberra`], an instance with
+//! [`observation`] (images by their descriptors or distances, and sensors that
+//! take a place for its neighbours), [`evaluate`] (recall, precision and recall,
+//! calibration and other scores), and [`canberra`], an instance with
 //! 105 intersections, built from the public parts alone.
 //!
-//! [`formulas`] derives what every routine computes, with its cost, its
+//! [`from_descriptors`] goes from an N × d matrix of image descriptors to a live
+//! position. [`formulas`] derives what every routine computes, with its cost, its
 //! exactness and its sources.
 //!
 //! # Conventions
@@ -139,7 +143,7 @@
 //! - Learn what structured operators are made of (a window's weights, dwell
 //!   times, rates), or whether there should be another state.
 //! - Continuous states: no Kalman or particle filters.
-//! - See: descriptors come from elsewhere, as likelihoods or log-likelihoods.
+//! - See: descriptors of images, or their similarities, come from elsewhere.
 //! - Work without `std`.
 //!
 //! # Crate features
@@ -204,6 +208,9 @@ pub use transition::{
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
+
+#[doc = include_str!("from_descriptors.md")]
+pub mod from_descriptors {}
 
 /// The README's example compiles.
 #[cfg(doctest)]

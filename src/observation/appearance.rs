@@ -224,10 +224,48 @@ impl AppearanceLikelihood {
         self.temperature
     }
 
+    /// What is taken off the score of each reference; empty if nothing is.
+    #[must_use]
+    pub fn offsets(&self) -> &[f64] {
+        &self.offsets
+    }
+
+    /// The rank of the match that a state off the map is as likely as, if there
+    /// is one.
+    #[must_use]
+    pub fn off_map_rank(&self) -> Option<f64> {
+        self.off_map
+    }
+
     /// The state that is off the map, if there is one.
     #[must_use]
     pub fn off_map(&self) -> Option<usize> {
         self.off_map.map(|_| self.references)
+    }
+
+    /// From what was stored.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_parts(
+        references: usize,
+        spread: Spread,
+        offsets: Vec<f64>,
+        temperature: f64,
+        off_map: Option<f64>,
+    ) -> Result<Self, ObservationError> {
+        let camera = Self::new(references)?.with_spread(spread)?.with_temperature(temperature)?;
+        let camera = match off_map {
+            Some(rank) => camera.with_off_map(rank)?,
+            None => camera,
+        };
+        if !(offsets.is_empty() || offsets.len() == references) {
+            let (found, expected) = (offsets.len(), references);
+            return Err(ObservationError::Distances { found, expected });
+        }
+        if let Some(&value) = offsets.iter().find(|offset| !offset.is_finite()) {
+            let (what, expected) = ("an offset", "a finite value");
+            return Err(ObservationError::Parameter { what, value, expected });
+        }
+        Ok(Self { offsets, ..camera })
     }
 
     /// The scores z of a row: distances in relation to the others, less the

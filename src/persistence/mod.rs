@@ -73,6 +73,7 @@
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
+//! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
 //! | `KnownState` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
@@ -144,7 +145,7 @@ fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
 /// ```
 macro_rules! stored {
     ($(
-        [$($generics:tt)*] $name:ident$(<$($argument:ident),*>)?: [$($part:ident),*], |$value:ident| {
+        [$($generics:tt)*] $name:ident$(<$($argument:ident),*>)? $(in $module:ident)?: [$($part:ident),*], |$value:ident| {
             $($field:ident: $type:ty = $stored:expr,)*
         } => $built:expr;
     )*) => {$(
@@ -157,7 +158,7 @@ macro_rules! stored {
                 $($field: $type,)*
             }
 
-            impl<$($generics)*> serde::Serialize for $crate::$name$(<$($argument),*>)?
+            impl<$($generics)*> serde::Serialize for $crate::$($module::)?$name$(<$($argument),*>)?
             where
                 $($part: serde::Serialize,)*
             {
@@ -172,7 +173,7 @@ macro_rules! stored {
                 }
             }
 
-            impl<'de, $($generics)*> serde::Deserialize<'de> for $crate::$name$(<$($argument),*>)?
+            impl<'de, $($generics)*> serde::Deserialize<'de> for $crate::$($module::)?$name$(<$($argument),*>)?
             where
                 $($part: serde::Deserialize<'de>,)*
             {
