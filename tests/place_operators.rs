@@ -488,6 +488,28 @@ proptest! {
         check_all(a, &controls, &expected, &inputs, exact)?;
     }
 
+    /// Lengths so alike on either side of the distance that rounding decides.
+    #[test]
+    fn lengths_that_differ_by_a_bit_give_distributions(
+        (distance, off) in (0.0..1000.0, prop_oneof![0.0..1e-9, 0.0..500.0]),
+        sides in vec((any::<bool>(), -3..4_i64), 1..8),
+        variance in prop_oneof![Just(0.0), Just(5e-324), Just(1e-30), Just(1e-12)],
+    ) {
+        let nudged = |x: f64, bits: i64| f64::from_bits(x.to_bits().saturating_add_signed(bits));
+        let length = |(up, bits): &(bool, i64)| {
+            nudged(if *up { distance + off } else { f64::abs(distance - off) }, *bits)
+        };
+        let lengths: Vec<f64> = sides.iter().map(length).collect();
+        let found = ways(&fork(&lengths), distance, variance);
+        close(found.iter().map(|way| way.1).sum(), 1.0, 1e-14, "sum")?;
+        // Whatever is there without variance is the nearest, but for a bit.
+        let far = |length: &f64| (length - distance).abs();
+        let least = lengths.iter().map(far).fold(f64::INFINITY, f64::min);
+        for (to, _) in found.iter().filter(|_| variance == 0.0) {
+            prop_assert!(far(&lengths[to - 1]) <= least + 1e-15 * (distance + off), "{:?}", found);
+        }
+    }
+
     /// Its listed entries are those that its products have, to the bit.
     #[test]
     fn listed_entries_are_those_of_products((m, lengths, controls) in road_network(false, 6, -6)) {

@@ -173,6 +173,6 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
 }
 
 /// At least log2, from the exponent alone: most entries need no more.
-fn log2_bound(p: f64) -> f64 {
+pub(super) fn log2_bound(p: f64) -> f64 {
     (p.to_bits() >> 52) as f64 - 1022.0
 }

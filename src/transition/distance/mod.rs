@@ -2,6 +2,7 @@
 
 mod weights;
 
+use super::restart::log2_bound;
 use super::{
     Odometry, SparseTransition, Transition, TransitionEntries, buffers, check_slices, log,
 };
@@ -274,9 +275,12 @@ impl TransitionEntries for DistanceTransition {
         // Predecessors come in ascending order: of equal ones the lowest stays.
         self.visit(odometry, |j, ways, p| {
             for (way, p) in ways.iter().zip(p) {
-                let (i, value) = (way.to as usize, log2(*p) + x[j]);
-                if value > out[i] {
-                    (out[i], from[i]) = (value, j as u32);
+                let i = way.to as usize;
+                if log2_bound(*p) + x[j] > out[i] {
+                    let value = log2(*p) + x[j];
+                    if value > out[i] {
+                        (out[i], from[i]) = (value, j as u32);
+                    }
                 }
             }
         });

@@ -31,8 +31,7 @@ impl Weights {
     }
 
     fn log(&self, way: &Way) -> f64 {
-        // No length is nearer than the nearest, but for rounding.
-        way.log - excess(self.odometry, way.length, self.nearest).max(0.0)
+        way.log - excess(self.odometry, way.length, self.nearest)
     }
 
     /// What a move weighs.
@@ -43,7 +42,8 @@ impl Weights {
 
 /// [(d − L)² − (d − N)²] / 2 s², from the factors L − N and (L + N) / 2 − d: a
 /// difference of large squares keeps its digits, and with a variance of 0 there
-/// is no 0 / 0.
+/// is no 0 / 0. Rounding may make it 0, but does not change its sign: none comes
+/// out nearer than the nearest.
 fn excess(odometry: Odometry, length: f64, other: f64) -> f64 {
     let gap = length - other;
     // A half of the factor, which does not overflow.
