@@ -59,6 +59,7 @@ pub(crate) fn estimate(
     }
 }
 
+#[derive(Clone)]
 struct Task<'a> {
     recording: &'a Recording,
     settings: &'a Settings,
@@ -76,7 +77,13 @@ impl Task<'_> {
     ) -> Result<Estimates, Box<dyn Error>> {
         let candidates: Vec<(usize, f64)> =
             (0..self.cameras.len()).flat_map(|at| TEMPERATURES.map(|t| (at, t))).collect();
-        let calibration = self.calibrate(model, &candidates)?;
+        let calibration = if self.settings.off_map {
+            let gap = model::with_a_gap(self.recording, &self.settings.fit_on);
+            let steps = self.steps.with_rows(&gap);
+            Task { recording: &gap, steps, ..self.clone() }.calibrate(model, &candidates)?
+        } else {
+            self.calibrate(model, &candidates)?
+        };
         let (at, temperature) = candidates[calibration.chosen()];
         let (offsets, camera) = &self.cameras[at];
         let alone = self.for_single_images(camera);

@@ -32,6 +32,7 @@ const RANK: f64 = 0.15;
 const SLACK: f64 = 0.02;
 
 /// The steps of a recording as a filter takes them.
+#[derive(Clone)]
 pub(crate) struct Steps {
     pub(crate) controls: Vec<RouteControl>,
     pub(crate) sightings: Vec<Sighting>,
@@ -59,6 +60,14 @@ impl Steps {
             sightings.push((first || view == View::Changed).then(|| row.to_vec()));
         }
         Ok(Self { controls, sightings })
+    }
+
+    /// The same steps with the rows of another recording.
+    pub(crate) fn with_rows(&self, recording: &Recording) -> Self {
+        let rows = self.sightings.iter().enumerate();
+        let sightings =
+            rows.map(|(step, seen)| seen.is_some().then(|| recording.row(step).to_vec()));
+        Self { controls: self.controls.clone(), sightings: sightings.collect() }
     }
 
     fn new_rows(&self, fit_on: &[Range<usize>]) -> Vec<&[f32]> {
@@ -97,6 +106,32 @@ pub(crate) fn width(recording: &Recording, fit_on: &[Range<usize>]) -> usize {
     let mut lengths: Vec<usize> = labels.map(|range| range.end() - range.start()).collect();
     lengths.sort_unstable();
     lengths.get(lengths.len() / 2).map_or(0, |length| length / 2)
+}
+
+/// Where the labelled part never leaves the map: the same recording on a map
+/// without the places of the middle fifth of that part, so that there is
+/// something to learn what it looks like.
+pub(crate) fn with_a_gap(recording: &Recording, fit_on: &[Range<usize>]) -> Recording {
+    let labelled: Vec<usize> = fit_on.iter().cloned().flatten().collect();
+    let mut gap = recording.clone();
+    if labelled.iter().any(|step| recording.truth[*step].is_none()) {
+        return gap;
+    }
+    let middle = &labelled[2 * labelled.len() / 5..3 * labelled.len() / 5];
+    let mut hidden = vec![false; recording.references];
+    for place in middle.iter().filter_map(|step| recording.truth[*step].clone()).flatten() {
+        hidden[place] = true;
+    }
+    for row in gap.distances.chunks_mut(recording.references) {
+        let places = row.iter_mut().zip(&hidden).filter(|(_, hidden)| **hidden);
+        places.for_each(|(distance, _)| *distance = f32::INFINITY);
+    }
+    for truth in &mut gap.truth {
+        if truth.clone().is_some_and(|mut range| range.all(|place| hidden[place])) {
+            *truth = None;
+        }
+    }
+    gap
 }
 
 /// The labelled moves: steps, from, and how many places on.

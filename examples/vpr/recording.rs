@@ -6,7 +6,7 @@ use wayfix::evaluate;
 
 /// A query pass along a mapped route: how unlike each image is to each image
 /// of the map, and where it truly was.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Recording {
     /// What the outputs call it.
     pub(crate) name: String,
