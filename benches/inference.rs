@@ -19,9 +19,10 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
 use wayfix::{
-    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, Hmm, KroneckerTransition,
-    Labelled, Learning, Likelihood, LikelihoodVector, Odometry, OffMapTransition, Order,
-    PowerTransition, Prior, RestartTransition, Simulation, SparseTransition, TransitionEntries,
+    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, Hmm,
+    KroneckerTransition, Labelled, Learning, Likelihood, LikelihoodVector, Odometry,
+    OffMapTransition, Order, PowerTransition, Prior, RestartTransition, RouteControl,
+    RouteTransition, Simulation, SparseTransition, TransitionEntries, View, ViewRates,
     WindowTransition, canberra,
 };
 
@@ -134,6 +135,26 @@ fn operators(criterion: &mut Criterion) {
     operator(criterion, "kronecker with 4 headings", &kronecker);
     let dwell = DwellTransition::new(window, &times).expect("distributions");
     operator(criterion, "dwell of 4 steps", &dwell);
+    route(criterion, n);
+}
+
+/// Four gears with windows of 1 to 4 weights, and stretches of 1 to 4 places.
+fn route(criterion: &mut Criterion, n: usize) {
+    let gears = [(0.0, 0.0), (0.5, 0.05), (1.0, 0.05), (2.0, 0.05)];
+    let gears = gears.map(|(speed, slack)| Gear::speed(speed, slack).expect("a gear"));
+    let stretches: Vec<_> = (0..n).map(|place| place / (1 + place % 4)).collect();
+    let rates = ViewRates { standing: 0.95, alike: 0.4, moved: 0.02 };
+    let route = RouteTransition::new(n, false, gears.to_vec(), 0.9).expect("few states");
+    let route = route.with_views(&stretches, rates).expect("a stretch for each place");
+    let odometry = Some(Odometry { distance: 0.8, variance: 0.04 });
+    for (name, odometry, view) in [
+        ("route with 4 gears", None, None),
+        ("route, odometry", odometry, None),
+        ("route, views", None, Some(View::Changed)),
+        ("route, odometry and views", odometry, Some(View::Changed)),
+    ] {
+        operator_with(criterion, name, &route, &RouteControl { odometry, view });
+    }
 }
 
 fn operator<A: TransitionEntries<Control = ()>>(criterion: &mut Criterion, name: &str, a: &A) {

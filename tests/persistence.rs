@@ -10,10 +10,11 @@ use serde::de::value::{Error as ValueError, SeqDeserializer};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use wayfix::{
     Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
-    FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, Learning,
-    LikelihoodVector, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, Transition,
-    TransitionEntries, WindowTransition,
+    FusedLikelihood, Gear, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
+    Learning, LikelihoodVector, Odometry, OptionalLikelihood, PowerTransition, Prior,
+    RestartTransition, RouteControl, RouteTransition, SparseTransition, SwitchedTransition,
+    TableLikelihood, TiedTransition, Transition, TransitionEntries, View, ViewRates,
+    WindowTransition,
 };
 
 fn json<T: Serialize>(value: &T) -> String {
@@ -124,6 +125,24 @@ impl Parts {
         WindowTransition::new(self.model.states, self.first, &self.weights, self.ends).ok()
     }
 
+    /// Gears of the window and of dwell times, which switch as the matrix says.
+    fn route(&self) -> Option<RouteTransition> {
+        let n = self.model.states;
+        let gears = (0..n).map(|g| match g {
+            0 => Gear::new(self.first, &self.weights),
+            _ => Gear::new(-1, &self.dwell[g]),
+        });
+        let gears = gears.collect::<Result<_, _>>().unwrap();
+        let route = RouteTransition::new(5, self.ends == Ends::Loop, gears, self.rate).ok()?;
+        let route = route.with_switching(&self.model.matrices[0].concat()).unwrap();
+        if self.exponent == 0 {
+            return Some(route);
+        }
+        let rate = self.rate.clamp(1e-30, 0.999);
+        let rates = ViewRates { standing: rate, alike: 0.25, moved: 0.125 };
+        Some(route.with_views(&[9, 9, 3, 3, usize::MAX], rates).unwrap())
+    }
+
     fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {
         let restart = RestartTransition::new(Fixed(self.tied()), self.rate, self.belief()).unwrap();
         DwellTransition::new(restart, &self.dwell[..self.model.states]).unwrap()
@@ -176,6 +195,13 @@ proptest! {
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(
             leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
+        if let Some(route) = parts.route() {
+            let odometry = Some(Odometry { distance: parts.rate, variance: 0.5 });
+            for view in [None, Some(View::Changed), Some(View::Unchanged)] {
+                operator(&route, &RouteControl { odometry: None, view });
+                operator(&route, &stored(&RouteControl { odometry, view }));
+            }
+        }
         if let Some(window) = parts.window() {
             operator(&window, &());
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
@@ -272,6 +298,13 @@ proptest! {
                 check_columns(hmm.transition(), &())?;
                 let _ = hmm.viterbi(&[vec![0.0; n * n], vec![-1.0; n * n]]);
             }
+        }
+        if let Some(route) = parts.route()
+            && let Ok(route) = serde_json::from_str::<RouteTransition>(&damage.of(&json(&route)))
+        {
+            let odometry = Some(Odometry { distance: 0.5, variance: 0.5 });
+            let view = Some(View::Unchanged);
+            check_columns(&route, &RouteControl { odometry, view })?;
         }
         let dense = damage.of(&json(&parts.model.dense()));
         if let Ok(dense) = serde_json::from_str::<SwitchedTransition<DenseTransition>>(&dense) {
@@ -422,6 +455,21 @@ fn the_format_is_as_documented() {
         json(&DwellTransition::new(still.clone(), &[vec![0.5, 0.5]]).unwrap()),
         format!(r#"{{"version":1,"moves":{within},"ages":[[[0.5,0.5],[1.0,0.0]]]}}"#)
     );
+    let gears = vec![Gear::new(-1, &[0.0, 0.25, 0.75]).unwrap(), Gear::speed(2.0, 0.0).unwrap()];
+    let route = RouteTransition::new(3, true, gears, 0.75).unwrap();
+    let start = r#"{"version":1,"places":3,"closed":true,"gears":[[0,[0.25,0.75]],[2,[1.0]]],"switching":[0.75,0.25,0.25,0.75],"views":"#;
+    assert_eq!(json(&route), format!("{start}null}}"));
+    let rates = ViewRates { standing: 0.75, alike: 0.5, moved: 0.25 };
+    assert_eq!(
+        json(&route.with_views(&[7, 7, 8], rates).unwrap()),
+        format!(r#"{start}[[7,7,8],{{"standing":0.75,"alike":0.5,"moved":0.25}}]}}"#)
+    );
+    let odometry = Some(Odometry { distance: 1.5, variance: 0.25 });
+    assert_eq!(
+        json(&RouteControl { odometry, view: Some(View::Unchanged) }),
+        r#"{"odometry":{"distance":1.5,"variance":0.25},"view":"unchanged"}"#
+    );
+    assert_eq!(json(&RouteControl::default()), r#"{"odometry":null,"view":null}"#);
 
     let table = TableLikelihood::from_rows(&[[0.75, 0.25], [0.5, 0.5]]).unwrap();
     let rows = json(&table);
@@ -522,6 +570,29 @@ fn other_versions_and_fields_are_refused() {
 
 #[test]
 fn what_is_no_operator_is_refused() {
+    let route = |gears: &str, switching: &str, views: &str, expected: &str| {
+        refuses::<RouteTransition>(
+            &format!(
+                r#"{{"version":1,"places":2,"closed":true,"gears":{gears},"switching":{switching},"views":{views}}}"#
+            ),
+            expected,
+        );
+    };
+    let views = |rate: f64| format!(r#"[[0,0],{{"standing":{rate},"alike":0.5,"moved":0.5}}]"#);
+    route("[]", "[]", "null", "a transition operator needs at least one state, found none");
+    route("[[0,[1]]]", "[0.9]", "null", "the sum of the ways out of gear 0 is 0.9, expected 1");
+    route(
+        "[[0,[0.5,0.25,0.25]]]",
+        "[1]",
+        "null",
+        "the number of weights of gear 0 is 3, expected at most the number of places of a closed route",
+    );
+    route(
+        "[[0,[1]]]",
+        "[1]",
+        &views(1.0),
+        "the probability of an unchanged view standing is 1, expected a value of at least 1e-30 and below 1",
+    );
     let sparse = |to: &str, from: &str, p: &str, expected: &str| {
         refuses::<SparseTransition>(
             &format!(r#"{{"version":1,"states":2,"to":{to},"from":{from},"probability":{p}}}"#),

@@ -43,21 +43,31 @@ impl TransitionEntries for RouteTransition {
     }
 }
 
-/// The best way to each place so far: its score, and where it comes from.
+/// The best way to each place so far: its score, and the state that it comes
+/// from, as a double that is as wide as the score: vector registers hold both.
 struct Best<'a> {
     scores: &'a mut [f64],
-    from: &'a mut [u32],
+    from: &'a mut [f64],
 }
 
+/// 2^52, to which states are added: the low bits of the double are the state.
+const ZERO: f64 = (1_u64 << 52) as f64;
+
 impl Best<'_> {
-    /// Offers to places ways with these scores. Of equal ones, that from the
-    /// lowest state stays, whatever the order.
-    fn offer(&mut self, to: usize, ways: impl Iterator<Item = (f64, u32)>) {
+    fn clear(&mut self) {
+        self.scores.fill(f64::NEG_INFINITY);
+        self.from.fill(ZERO);
+    }
+
+    /// Offers to places, one after the other, ways with these scores. Of equal
+    /// ones, that from the lowest state stays, whatever the order.
+    fn offer(&mut self, to: usize, ways: impl Iterator<Item = (f64, f64)>) {
         let best = self.scores[to..].iter_mut().zip(&mut self.from[to..]);
         for ((score, from), (value, state)) in best.zip(ways) {
-            let better = value > *score || (value == *score && state < *from);
-            *score = if better { value } else { *score };
-            *from = if better { state } else { *from };
+            let lower = if state < *from { state } else { *from };
+            let tied = if value == *score { lower } else { *from };
+            *from = if value > *score { state } else { tied };
+            *score = if value > *score { value } else { *score };
         }
     }
 }
@@ -65,41 +75,46 @@ impl Best<'_> {
 impl Step<'_> {
     fn max_product(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         let (tables, n) = (&self.tables, self.tables.route.places);
-        out.fill(f64::NEG_INFINITY);
-        from.fill(0);
         buffers::with(x.len(), |scores| {
-            scores.copy_from_slice(x);
-            if let Inverse::Known(inverse) = self.inverse {
-                // Along a route 1 / Z is often the same as before.
-                let mut last = (1.0, 0.0);
-                for (score, &inverse) in scores.iter_mut().zip(inverse) {
-                    if inverse != last.0 {
-                        last = (inverse, log2(inverse));
-                    }
-                    *score += last.1;
-                }
-            }
-            buffers::with(n, |mixed| {
-                buffers::with(n, |origin| {
-                    let mut mixed = Best { scores: mixed, from: origin };
-                    for row in tables.rows() {
-                        let gears = out.chunks_exact_mut(n).zip(from.chunks_exact_mut(n));
-                        for (to, (scores_to, from)) in gears.enumerate() {
-                            mixed.scores.fill(f64::NEG_INFINITY);
-                            mixed.from.fill(0);
+            self.divide(x, scores);
+            buffers::with_two(n, |mixed, origin| {
+                buffers::with(n, |states| {
+                    let gears = out.chunks_exact_mut(n).zip(from.chunks_exact_mut(n));
+                    for (to, (out, from)) in gears.enumerate() {
+                        let mut best = Best { scores: out, from: states };
+                        best.clear();
+                        for row in tables.rows() {
+                            let mut mixed = Best { scores: mixed, from: origin };
+                            mixed.clear();
                             for (g, share) in tables.shares(row, to) {
                                 let (share, first) = (log2(share), g * n);
-                                let scores = scores[first..first + n].iter();
-                                let states = first as u32..;
-                                mixed.offer(0, scores.map(|x| x + share).zip(states));
+                                let scores = scores[first..first + n].iter().map(|x| x + share);
+                                mixed.offer(0, scores.zip((first..).map(|i| ZERO + i as f64)));
                             }
-                            let mut best = Best { scores: scores_to, from };
                             self.go(row, to, &mixed, &mut best);
+                        }
+                        for (from, state) in from.iter_mut().zip(&*best.from) {
+                            *from = state.to_bits() as u32;
                         }
                     }
                 });
             });
         });
+    }
+
+    /// Scores with those of 1 / Z.
+    fn divide(&self, x: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(x);
+        if let Inverse::Known(inverse) = self.inverse {
+            // Along a route 1 / Z is often the same as before.
+            let mut last = (1.0, 0.0);
+            for (score, &inverse) in out.iter_mut().zip(inverse) {
+                if inverse != last.0 {
+                    last = (inverse, log2(inverse));
+                }
+                *score += last.1;
+            }
+        }
     }
 
     /// Offers to the places of a gear what comes by its window from those with

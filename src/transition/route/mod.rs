@@ -53,11 +53,15 @@ pub struct RouteControl {
 /// - e is the probability of the [view](View), by [`ViewRates`]; or 1 if it is
 ///   not given, or the route is without views.
 ///
+/// - Where G w o of some moves is below 1e-290, but above 1e-250 of others, what
+///   is left of it may have lost digits.
+///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k gears with windows of
-/// w weights, in contiguous loops; with views and odometry in one step, twice as
-/// much. Memory is O(n), and with views O(n k). To list what leads out of a
-/// state costs O(k² + k w), and into a state O(k² w) times as much at most, more
-/// at the ends of an open route.
+/// w weights, in contiguous loops; a step with odometry and a view costs twice as
+/// much, since Z is to be worked out. Memory is O(k (k + w)), with views O(n k).
+/// To list what leads out of a state costs O(k (k + w)), and into a state O(k w),
+/// or w k times as much in a step with odometry and a view; more where many
+/// places lead to an end of an open route.
 ///
 /// ```
 /// use wayfix::{Belief, Gear, GroupedLikelihood, Hmm, KnownState, Odometry, Prior};
@@ -173,7 +177,7 @@ impl RouteTransition {
     /// # Errors
     ///
     /// [`TransitionError::Parameter`] unless there is a stretch for each place,
-    /// and each rate is at least 1e-100 and below 1: with a rate of 0 or 1, there
+    /// and each rate is at least 1e-30 and below 1: with a rate of 0 or 1, there
     /// might be no way out of a state.
     pub fn with_views(
         mut self,

@@ -54,11 +54,11 @@ impl Views {
         let ViewRates { standing, alike, moved } = rates;
         let named = [("standing", standing), ("in a stretch", alike), ("elsewhere", moved)];
         for (name, value) in named {
-            if !(1e-100..1.0).contains(&value) {
+            if !(1e-30..1.0).contains(&value) {
                 return Err(TransitionError::Parameter {
                     what: format!("the probability of an unchanged view {name}"),
                     value,
-                    expected: "a value of at least 1e-100 and below 1",
+                    expected: "a value of at least 1e-30 and below 1",
                 });
             }
         }
