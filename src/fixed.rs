@@ -40,6 +40,11 @@ impl<T> Deref for Fixed<T> {
 }
 
 impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
+    /// None: no moves need to be counted.
+    fn families(&self) -> usize {
+        0
+    }
+
     fn reestimate(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
         Ok(self.clone())
     }

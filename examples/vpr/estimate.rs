@@ -6,8 +6,8 @@ use std::ops::Range;
 
 use wayfix::observation::{AppearanceLikelihood, Calibration, calibrate};
 use wayfix::{
-    Belief, BeliefView, Controlled, Groups, Hmm, Likelihood, Order, Prior, RouteControl,
-    TransitionEntries,
+    Belief, BeliefView, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior,
+    RouteControl, TransitionEntries, evaluate,
 };
 
 use super::model::{self, Camera, Model, Sighting, Steps};
@@ -15,6 +15,9 @@ use super::recording::{Answers, Recording};
 
 /// The temperatures that are tried, hottest first.
 const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];
+
+/// How many steps a filter has to find its place.
+const LOCALISE: usize = 100;
 
 /// What to learn from, and how to answer.
 pub(crate) struct Settings {
@@ -70,7 +73,7 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    fn run<A: TransitionEntries<Control = RouteControl>>(
+    fn run<A: TransitionEntries<Control = RouteControl> + Sync>(
         &self,
         model: &Model<A>,
         mut notes: Vec<String>,
@@ -102,6 +105,8 @@ impl Task<'_> {
         }
 
         let hmm = model.hmm(camera.clone().with_temperature(temperature)?)?;
+        notes.push(format!("temperature without labels, {}", self.unlabelled(&hmm)?));
+        notes.push(self.localised(&hmm, &model.groups)?);
         let all = 0..self.recording.steps();
         let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
         let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
@@ -165,6 +170,61 @@ impl Task<'_> {
         });
         bar.finish_and_clear();
         fitted
+    }
+
+    /// The temperature by expectation and maximisation on the labelled part,
+    /// without its labels.
+    fn unlabelled<A: TransitionEntries<Control = RouteControl> + Sync>(
+        &self,
+        hmm: &Hmm<&A, Camera>,
+    ) -> Result<String, Box<dyn Error>> {
+        let (prior, motion, camera) = hmm.clone().into_parts();
+        let hmm = Hmm::new(prior, Fixed(motion), camera)?;
+        let parts: Vec<_> = (self.settings.fit_on.iter())
+            .map(|range| self.sequence(range))
+            .collect::<Result<_, _>>()?;
+        let learning = Learning { iterations: 20, keep_prior: true, ..Learning::default() };
+        let learned = hmm.learn(&parts, &learning)?;
+        let camera = learned.model().likelihood().sensor().sensor();
+        Ok(format!("{} iterations: {:.3}", learned.iterations(), camera.temperature()))
+    }
+
+    /// How soon a filter that starts anywhere has found the place, from starts
+    /// all over the recording.
+    fn localised<A: TransitionEntries<Control = RouteControl>>(
+        &self,
+        hmm: &Hmm<&A, Camera>,
+        groups: &Groups,
+    ) -> Result<String, Box<dyn Error>> {
+        let count = self.recording.steps();
+        let tolerance = self.settings.tolerances.iter().copied().max().unwrap_or(0);
+        let fitted = |step: &usize| self.settings.fit_on.iter().any(|range| range.contains(step));
+        let starts = (0..count).step_by(count.div_ceil(40)).filter(|step| !fitted(step));
+        let (mut steps, mut tried) = (Vec::new(), 0);
+        for start in starts.filter(|step| self.recording.truth[*step].is_some()) {
+            let mut filter = hmm.filter();
+            let mut masses = Vec::new();
+            for step in start..count.min(start + LOCALISE) {
+                let seen = self.recording.row(step).to_vec();
+                let sighting = self.steps.sightings[step].clone();
+                // To a filter that has just begun, every view is new.
+                let sighting = if step == start { Some(seen) } else { sighting };
+                filter.step_with(&self.steps.controls[step], &sighting)?;
+                let belief = places(groups, filter.belief());
+                let place = self.place(&belief);
+                let mass = self.mass_near(&belief, place, tolerance);
+                masses.push((mass, self.recording.is_right(step, place, tolerance)));
+            }
+            tried += 1;
+            steps.extend(evaluate::steps_to_localise_correctly(&masses, 0.9, 5)?);
+        }
+        steps.sort_unstable();
+        let median = steps.get(steps.len() / 2).map_or("none".into(), ToString::to_string);
+        Ok(format!(
+            "started anywhere, {} of {tried} find their place to {tolerance} within {LOCALISE} \
+             steps (mass of 0.9, right for 5 steps), half of these within {median}",
+            steps.len(),
+        ))
     }
 
     /// Filtered and smoothed probabilities of the places (and of off the map).

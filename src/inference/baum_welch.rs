@@ -292,7 +292,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             self.likelihood().add(&mut expected.sensor, observation, posterior);
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(sequence.control(number));
-                result = expected.moves[family].add_step(number, pairs);
+                if let Some(moves) = expected.moves.get_mut(family) {
+                    result = moves.add_step(number, pairs);
+                }
             }
         })?;
         result?;

@@ -87,7 +87,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
                 certain[to] = 0.0;
                 if let Some(from) = before {
                     let family = self.transition().family(drive.sequence.control(step));
-                    moves[family].push(Move { from, to, weight: 1.0 });
+                    if let Some(moves) = moves.get_mut(family) {
+                        moves.push(Move { from, to, weight: 1.0 });
+                    }
                 }
                 before = Some(to);
             }

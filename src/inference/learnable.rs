@@ -20,13 +20,13 @@ use crate::transition::TransitionEntries;
 )]
 pub trait LearnTransition: TransitionEntries + Sized {
     /// How many sets of moves are counted apart: one, unless controls choose
-    /// among several operators.
+    /// among several operators; none, if nothing is learned from them.
     fn families(&self) -> usize {
         1
     }
 
     /// The set, below [`families`](Self::families), in which the moves of a step
-    /// under this control are counted.
+    /// under this control are counted; those of another are not.
     fn family(&self, control: &Self::Control) -> usize {
         let _ = control;
         0
