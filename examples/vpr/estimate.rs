@@ -16,6 +16,8 @@ use super::recording::{Answers, Recording};
 /// The temperatures that are tried, hottest first.
 const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];
 
+/// Differences of log scores that are not worth a colder temperature.
+const WORTH: f64 = 0.01;
 /// How many steps a filter has to find its place.
 const LOCALISE: usize = 100;
 
@@ -155,7 +157,7 @@ impl Task<'_> {
     ) -> Result<Calibration, Box<dyn Error>> {
         let bar = super::bar("fitting", candidates.len());
         let tolerance = self.settings.tolerances.iter().copied().min().unwrap_or(0);
-        let fitted = calibrate(candidates, |(at, temperature)| {
+        let fitted = calibrate(candidates, WORTH, |(at, temperature)| {
             let hmm = model.hmm(self.cameras[*at].1.clone().with_temperature(*temperature)?)?;
             let mut scores = Vec::new();
             for range in &self.settings.fit_on {

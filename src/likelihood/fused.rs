@@ -94,6 +94,10 @@ where
         let log_factor = log_factor + (shift.0 + shift.1);
         Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::log(product) })
     }
+
+    fn rounds_tails(&self) -> bool {
+        self.first.rounds_tails() && self.second.rounds_tails()
+    }
 }
 
 /// What can be taken out of logarithms, of which the largest is given.

@@ -101,6 +101,10 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         };
         Ok(Diagonal { values, ..diagonal })
     }
+
+    fn rounds_tails(&self) -> bool {
+        self.sensor.rounds_tails()
+    }
 }
 
 impl<B: SampleObservation> SampleObservation for GroupedLikelihood<B> {

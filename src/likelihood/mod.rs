@@ -91,6 +91,14 @@ pub trait Likelihood {
         observation: &'a Self::Observation,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError>;
+
+    /// Whether its tails need not be kept, as those of
+    /// [`RoundedTails`](crate::RoundedTails): asked where the sensor misses, in
+    /// [`OptionalLikelihood`](crate::OptionalLikelihood). False, unless an
+    /// implementation says otherwise.
+    fn rounds_tails(&self) -> bool {
+        false
+    }
 }
 
 /// A likelihood that can also draw observations, for simulation.

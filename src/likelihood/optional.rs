@@ -52,10 +52,15 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         observation: &'a Option<B::Observation>,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        match observation {
-            Some(observation) => self.sensor.diagonal(observation, scratch),
-            None => Ok(Diagonal::checked(&self.ones, 1.0, None)),
+        if let Some(observation) = observation {
+            return self.sensor.diagonal(observation, scratch);
         }
+        let tails_rounded = self.rounds_tails();
+        Ok(Diagonal { tails_rounded, ..Diagonal::checked(&self.ones, 1.0, None) })
+    }
+
+    fn rounds_tails(&self) -> bool {
+        self.sensor.rounds_tails()
     }
 }
 

@@ -61,6 +61,10 @@ impl<B: Likelihood> Likelihood for RoundedTails<B> {
         let diagonal = self.0.diagonal(observation, scratch)?;
         Ok(Diagonal { tails_rounded: true, ..diagonal })
     }
+
+    fn rounds_tails(&self) -> bool {
+        true
+    }
 }
 
 impl<B: SampleObservation> SampleObservation for RoundedTails<B> {

@@ -28,6 +28,10 @@ macro_rules! as_target {
             ) -> Result<Diagonal<'a>, LikelihoodError> {
                 (**self).diagonal(observation, scratch)
             }
+
+            fn rounds_tails(&self) -> bool {
+                (**self).rounds_tails()
+            }
         }
     )*};
 }

@@ -347,6 +347,10 @@ impl Likelihood for AppearanceLikelihood {
             if linear { Diagonal::checked(values, 1.0, None) } else { Diagonal::log(values) };
         Ok(Diagonal { log_factor, tails_rounded: true, ..diagonal })
     }
+
+    fn rounds_tails(&self) -> bool {
+        true
+    }
 }
 
 fn sensor(error: ObservationError) -> LikelihoodError {

@@ -160,10 +160,11 @@ impl Calibration {
 ///
 /// Candidates come with those that claim least first: hot before cold, without a
 /// correction before with it. Of those that cannot be told apart, the first is
-/// taken: the first whose mean score is within one standard error of the best's,
-/// that of the differences step by step (the one-standard-error rule of Breiman
-/// and others 1984). So a short labelled part without an error does not make the
-/// model as sure as can be.
+/// taken: the first whose mean score is below the best's by no more than `worth`
+/// nats, or one standard error of the differences step by step (the
+/// one-standard-error rule of Breiman and others 1984). So a short labelled part
+/// without an error does not make the model as sure as can be; 0.01, a hundredth
+/// of the probability, is a difference that few would pay for.
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
@@ -171,7 +172,7 @@ impl Calibration {
 ///
 /// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
 /// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;
-/// let fitted = calibrate(&[2.0, 1.0, 0.5, 0.25], |&temperature| {
+/// let fitted = calibrate(&[2.0, 1.0, 0.5, 0.25], 0.01, |&temperature| {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;
 ///     let smoothing = hmm.smooth(&rows)?;
@@ -185,13 +186,18 @@ impl Calibration {
 ///
 /// # Errors
 ///
-/// [`ObservationError`] (as `E`) if there are no candidates, or the scores are
-/// not as many for each or not log-probabilities; and what `log_scores` fails
-/// with.
+/// [`ObservationError`] (as `E`) if there are no candidates, `worth` is not at
+/// least 0, or the scores are not as many for each or not log-probabilities; and
+/// what `log_scores` fails with.
 pub fn calibrate<C, E: From<ObservationError>>(
     candidates: &[C],
+    worth: f64,
     mut log_scores: impl FnMut(&C) -> Result<Vec<f64>, E>,
 ) -> Result<Calibration, E> {
+    if worth.is_nan() || worth < 0.0 {
+        let (what, expected) = ("the worth of a difference", "at least 0");
+        return Err(ObservationError::Parameter { what, value: worth, expected }.into());
+    }
     let mut all: Vec<Vec<f64>> = Vec::new();
     for candidate in candidates {
         let scores = log_scores(candidate)?;
@@ -220,14 +226,13 @@ pub fn calibrate<C, E: From<ObservationError>>(
     let alike = |other: &Vec<f64>| {
         let pairs = all[best].iter().zip(other);
         let differences: Vec<f64> = pairs.map(|(best, other)| best - other).collect();
-        mean(&differences) <= standard_error(&differences)
+        mean(&differences) <= standard_error(&differences).max(worth)
     };
     let chosen = all[..best].iter().position(alike).unwrap_or(best);
     Ok(Calibration { chosen, scores })
 }
 
-/// The standard error of the mean; NaN, which nothing is at most, where a
-/// difference is not finite.
+/// The standard error of the mean; NaN where a difference is not finite.
 fn standard_error(values: &[f64]) -> f64 {
     let n = values.len() as f64;
     let mean = kernels::sum(values) / n;
