@@ -40,12 +40,12 @@ impl Spread {
     /// # Errors
     ///
     /// [`ObservationError::NoSpread`] if there are no rows, or more than half of
-    /// them have no range above 0, or one that is not finite.
+    /// them have no range above 0 (of distances that are finite).
     pub fn of<R: AsRef<[f32]>>(rows: &[R]) -> Result<Self, ObservationError> {
-        let mut ranges: Vec<f64> = rows.iter().filter_map(|row| range(row.as_ref())).collect();
+        let mut ranges: Vec<f64> = rows.iter().map(|row| range(row.as_ref())).collect();
         ranges.sort_by(f64::total_cmp);
         match ranges.get(ranges.len() / 2) {
-            Some(&range) if range > 0.0 && range.is_finite() => Ok(Self::Fixed(range / 5f64.ln())),
+            Some(&range) if range > 0.0 => Ok(Self::Fixed(range / 5f64.ln())),
             _ => Err(ObservationError::NoSpread),
         }
     }
@@ -166,12 +166,13 @@ fn local(distances: &[f32], radius: usize, closed: bool, out: &mut [f64], memory
     }
 }
 
-/// From the 2.5% to the 97.5% quantile of the finite distances.
-fn range(row: &[f32]) -> Option<f64> {
+/// From the 2.5% to the 97.5% quantile of the finite distances; 0 if there are
+/// none.
+fn range(row: &[f32]) -> f64 {
     let mut row: Vec<f32> = row.iter().copied().filter(|d| d.is_finite()).collect();
     row.sort_by(f32::total_cmp);
-    let at = |level: f64| row.get(rank(level, row.len()));
-    Some(f64::from(*at(0.975)?) - f64::from(*at(0.025)?))
+    let at = |level: f64| row.get(rank(level, row.len())).map_or(0.0, |d| f64::from(*d));
+    at(0.975) - at(0.025)
 }
 
 /// The index of a quantile among so many values in order.
