@@ -26,7 +26,7 @@ pub enum Spread {
     },
     /// From the mean of the query's own distances, in this unit: one for all
     /// queries, so that one that looks like nothing says little. See
-    /// [`of`](Self::of).
+    /// [`of`](Self::of). From 1e-100 to 1e100, so that no score overflows.
     Fixed(f64),
 }
 
@@ -57,11 +57,11 @@ impl Spread {
                 value: 0.0,
                 expected: "at least 1",
             }),
-            Self::Fixed(unit) if !(unit > 0.0 && unit.is_finite()) => {
+            Self::Fixed(unit) if !(1e-100..=1e100).contains(&unit) => {
                 Err(ObservationError::Parameter {
                     what: "the unit of distance",
                     value: unit,
-                    expected: "a finite value above 0",
+                    expected: "from 1e-100 to 1e100",
                 })
             }
             _ => Ok(()),
