@@ -1,14 +1,15 @@
 //! How far distances are to be believed: fitting the temperature.
 
 use std::error::Error;
+use std::ops::RangeInclusive;
 
 use super::{AppearanceLikelihood, ObservationError};
 use crate::inference::LearnLikelihood;
 use crate::kernels;
 use crate::likelihood::Scratch;
 
-/// The best of 1/τ lies between these, or nowhere.
-const INVERSE: [f64; 2] = [1e-6, 1e6];
+/// Those that may be. The best of 1/τ lies between the same, or nowhere.
+pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// What a re-estimation tries in place of 1/τ: coarse steps to come near, and
 /// fine ones to arrive.
@@ -42,7 +43,7 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
     let slope = |beta: f64| -> f64 {
         labelled.iter().map(|(label, scores)| expected_score(scores, beta) - label).sum()
     };
-    let [mut low, mut high] = INVERSE;
+    let (mut low, mut high) = TEMPERATURES.into_inner();
     if slope(low) <= 0.0 {
         return Err(ObservationError::Unbounded { trend: "hotter" });
     }
@@ -72,7 +73,8 @@ fn expected_score(scores: &[f64], beta: f64) -> f64 {
 /// Learns the temperature, and nothing else: 1/τ maximises
 /// Σ over rows of (−E\[z\]/τ − ln mean exp(−z/τ)), where E is under the posterior
 /// of the places. Each re-estimation takes the best of 13 values about the old
-/// one, itself among them, so the likelihood never falls.
+/// one, itself among them, so the likelihood never falls; it stays within 1e-6
+/// to 1e6.
 ///
 /// Consecutive frames that err together are evidence counted twice here, too: if
 /// there are labels, [`calibrate`] is better.
@@ -123,7 +125,7 @@ impl LearnLikelihood for AppearanceLikelihood {
         for (log_mean, factor) in statistics[1..].iter().zip(FACTORS) {
             let temperature = self.temperature() / factor;
             let gain = -statistics[0] / temperature - log_mean;
-            if gain > best.0 {
+            if gain > best.0 && TEMPERATURES.contains(&temperature) {
                 best = (gain, temperature);
             }
         }
