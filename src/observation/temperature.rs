@@ -31,6 +31,9 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
         let Some(place) = *place else { continue };
         let mut scores = vec![0.0; references];
         sensor.scores(distances.as_ref(), &mut scores, &mut memory)?;
+        // Relative to the best score, which is then 0, so that ties with it stay.
+        let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+        scores.iter_mut().for_each(|z| *z -= least);
         match scores.get(place) {
             Some(score) if score.is_finite() => labelled.push((*score, scores)),
             _ => return Err(ObservationError::Label { row, place, references }),
@@ -44,7 +47,7 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
         labelled.iter().map(|(label, scores)| expected_score(scores, beta) - label).sum()
     };
     let (mut low, mut high) = TEMPERATURES.into_inner();
-    if slope(low) <= 0.0 {
+    if slope(low) < 0.0 {
         return Err(ObservationError::Unbounded { trend: "hotter" });
     }
     if slope(high) >= 0.0 {
@@ -59,12 +62,11 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
     }
 }
 
-/// The mean of the scores under weights exp(−β z).
+/// The mean of the scores, of which the least is 0, under weights exp(−β z).
 fn expected_score(scores: &[f64], beta: f64) -> f64 {
-    let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
     let finite = scores.iter().filter(|z| z.is_finite());
     let (weights, sum) = finite.fold((0.0, 0.0), |(weights, sum), z| {
-        let weight = (-beta * (z - least)).exp();
+        let weight = (-beta * z).exp();
         (weights + weight, sum + weight * z)
     });
     sum / weights
