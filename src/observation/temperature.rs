@@ -187,19 +187,25 @@ impl Calibration {
 ///
 /// # Errors
 ///
-/// [`ObservationError`] (as `E`) if there are no temperatures, or the scores are
-/// not as many at each or not log-probabilities; and what `log_scores` fails
-/// with.
+/// [`ObservationError`] (as `E`) if there are no temperatures, or one is not
+/// finite and above 0, or the scores are none, not as many at each or not
+/// log-probabilities; and what `log_scores` fails with.
 pub fn calibrate<E: From<ObservationError>>(
     temperatures: &[f64],
     mut log_scores: impl FnMut(f64) -> Result<Vec<f64>, E>,
 ) -> Result<Calibration, E> {
     let mut all: Vec<(f64, Vec<f64>)> = Vec::new();
     for &temperature in temperatures {
+        if !(temperature > 0.0 && temperature.is_finite()) {
+            let (what, expected) = ("a temperature", "a finite value above 0");
+            return Err(ObservationError::Parameter { what, value: temperature, expected }.into());
+        }
         let scores = log_scores(temperature)?;
-        let expected = all.first().map_or(scores.len().max(1), |first| first.1.len());
-        if scores.len() != expected {
-            return Err(ObservationError::Labels { labels: scores.len(), rows: expected }.into());
+        if scores.is_empty() || all.first().is_some_and(|first| first.1.len() != scores.len()) {
+            let what = "the number of log scores";
+            let expected = "at least 1, and as many at each temperature";
+            let value = scores.len() as f64;
+            return Err(ObservationError::Parameter { what, value, expected }.into());
         }
         // A mass that rounds to above 1 is allowed.
         if let Some(&value) = scores.iter().find(|&&log| log.is_nan() || log > 1e-9) {
@@ -222,7 +228,8 @@ pub fn calibrate<E: From<ObservationError>>(
     let alike = |at: &usize| {
         let differences: Vec<f64> =
             all[best].1.iter().zip(&all[*at].1).map(|(best, other)| best - other).collect();
-        *at == best || mean(&differences) <= standard_error(&differences)
+        // Of two means of −∞ there is no difference.
+        scores[*at].1 == scores[best].1 || mean(&differences) <= standard_error(&differences)
     };
     let hottest = (0..all.len()).filter(alike).map(|at| all[at].0).fold(0.0, f64::max);
     Ok(Calibration { temperature: hottest, scores })
