@@ -13,7 +13,8 @@ pub enum View {
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
 /// about 1 for two places that have nothing in common. What is infinite in
-/// either row takes no part. O(n).
+/// either row takes no part; where that leaves nothing to compare, or the second
+/// row no deviation, a change is infinite. O(n).
 ///
 /// Rows of distances stand for the images, so it works for descriptors and
 /// similarities of any kind.
@@ -34,7 +35,11 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
         [moved + (a - b).abs(), squares + (b - mean).powi(2)]
     });
     let deviation = (squares / sums[0]).sqrt();
-    Ok(if moved == 0.0 { 0.0 } else { moved / sums[0] / deviation })
+    Ok(match sums[0] {
+        0.0 => f64::INFINITY,
+        _ if moved == 0.0 => 0.0,
+        count => moved / count / deviation,
+    })
 }
 
 /// Tells frame by frame whether the view has changed, against the last one that
@@ -58,7 +63,7 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 #[derive(Debug, Clone, PartialEq)]
 pub struct Views {
     threshold: f64,
-    last_new: Vec<f32>,
+    last_new: Option<Vec<f32>>,
 }
 
 impl Views {
@@ -73,11 +78,12 @@ impl Views {
             let (what, expected) = ("the threshold of change", "a finite value of at least 0");
             return Err(ObservationError::Parameter { what, value: threshold, expected });
         }
-        Ok(Self { threshold, last_new: Vec::new() })
+        Ok(Self { threshold, last_new: None })
     }
 
-    /// A tenth of the median change from row to row, of those above 0: a
-    /// threshold for recordings in which the vehicle moves most of the time.
+    /// A tenth of the median change from row to row, of those above 0 that are
+    /// finite: a threshold for recordings in which the vehicle moves most of the
+    /// time.
     /// O(N log N) for N distances; 0 if there is no change.
     ///
     /// # Errors
@@ -91,7 +97,7 @@ impl Views {
         Ok(changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median))
     }
 
-    /// Whether this row shows something new. The first does, and one after which
+    /// Whether this row shows something new. The first does, and one of which
     /// nothing can be compared. O(n); no allocation after the first.
     ///
     /// # Errors
@@ -99,11 +105,13 @@ impl Views {
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
     pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
-        if !self.last_new.is_empty() && view_change(&self.last_new, distances)? < self.threshold {
-            return Ok(View::Unchanged);
+        match &mut self.last_new {
+            Some(last) if view_change(last, distances)? < self.threshold => {
+                return Ok(View::Unchanged);
+            }
+            Some(last) => last.copy_from_slice(distances),
+            None => self.last_new = Some(distances.to_vec()),
         }
-        self.last_new.clear();
-        self.last_new.extend_from_slice(distances);
         Ok(View::Changed)
     }
 }
