@@ -119,7 +119,9 @@ impl Views {
 /// Which stretch of a route each reference is in, for
 /// RouteTransition::with_views:
 /// consecutive references share one if no query tells them apart, that is, if
-/// the change between their columns of `rows` is below a tenth of the median.
+/// the columns of `rows` are the same, or their [change](view_change) from the
+/// first of the stretch is below a tenth of the median
+/// ([`Views::threshold_of`] the columns).
 /// Standing images in a recorded route (a stop at a station, a tunnel) make
 /// such stretches. O(rows × references).
 ///
@@ -134,12 +136,15 @@ pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, Observ
     }
     let column = |i: usize| rows.iter().map(|row| row.as_ref()[i]).collect::<Vec<f32>>();
     let columns: Vec<Vec<f32>> = (0..expected).map(column).collect();
-    let mut views = Views::new(Views::threshold_of(&columns)?)?;
-    let mut stretch = 0;
+    let threshold = Views::threshold_of(&columns)?;
+    let (mut start, mut stretch) = (0, 0);
     let mut stretches = Vec::with_capacity(expected);
     for (i, column) in columns.iter().enumerate() {
         // Against the first of the stretch, so that it does not creep along.
-        stretch += usize::from(views.next(column)? == View::Changed && i > 0);
+        let change = view_change(&columns[start], column)?;
+        if change > 0.0 && change >= threshold && i > 0 {
+            (start, stretch) = (i, stretch + 1);
+        }
         stretches.push(stretch);
     }
     Ok(stretches)
