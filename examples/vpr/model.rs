@@ -9,7 +9,7 @@ use wayfix::observation::{AppearanceLikelihood, Offsets, Views, alike_stretches}
 use wayfix::{
     Belief, DenseTransition, Gear, GroupedLikelihood, Groups, Hmm, LikelihoodVector, Odometry,
     OffMapTransition, OptionalLikelihood, Prior, RouteControl, RouteTransition, TransitionEntries,
-    View, ViewRates,
+    TransitionError, View, ViewRates,
 };
 
 use super::recording::Recording;
@@ -28,11 +28,13 @@ const LEAVE: f64 = 0.001;
 const RETURN: f64 = 0.01;
 /// The rank of the match that is as likely as a place off the map.
 const RANK: f64 = 0.15;
-/// How often a view stays as it is. These are not learned: views that stay for
-/// no reason come in runs, of which a labelled part has too few to count.
-const VIEWS: ViewRates = ViewRates { standing: 0.95, alike: 0.9, moved: 0.03 };
-/// A share of moves that are one place off the gear's.
+/// How often a view stays as it is: standing, within a stretch, and moving on;
+/// each counts as seen twice.
+const UNCHANGED: [f64; 3] = [0.95, 0.8, 0.02];
+/// The share of moves that are one place off the gear's, on either side, before
+/// any are seen; and how many moves that counts for.
 const SLACK: f64 = 0.02;
+const SLACK_COUNT: f64 = 20.0;
 
 /// The steps of a recording as a filter takes them.
 #[derive(Clone)]
@@ -169,17 +171,21 @@ pub(crate) fn motion(
 ) -> Result<(RouteTransition, Vec<f64>, String), Box<dyn Error>> {
     let n = recording.references;
     let moves = moves(recording, fit_on);
-    let gears = vec![
-        Gear::speed(-1.0, SLACK)?,
-        Gear::speed(0.0, 0.0)?,
-        Gear::speed(0.5, SLACK)?,
-        Gear::speed(1.0, SLACK)?,
-        Gear::speed(2.0, SLACK)?,
-        Gear::uniform(-3..=4)?,
-    ];
-    let (occupied, change) = gears_used(&gears, &moves)?;
+    let (occupied, change, slack) = gears_used(&gears(SLACK)?, &moves)?;
+    let gears = gears(slack)?;
     let stretches = alike_stretches(&steps.new_rows(fit_on))?;
 
+    // How often the view stays, standing, within a stretch, and moving on.
+    let mut counts = UNCHANGED.map(|rate| [2.0 * rate, 2.0]);
+    for &(step, from, moved) in moves.iter().flatten() {
+        let to = from.wrapping_add_signed(moved) % n;
+        let class = if moved == 0 { 0 } else { 1 + usize::from(stretches[from] != stretches[to]) };
+        let unchanged = steps.controls[step].view == Some(View::Unchanged);
+        counts[class][0] += f64::from(u8::from(unchanged));
+        counts[class][1] += 1.0;
+    }
+    let [standing, alike, moved] = counts.map(|[unchanged, all]| unchanged / all);
+    let views = ViewRates { standing, alike, moved };
     let mut switching = Vec::new();
     for (to, share) in occupied.iter().enumerate() {
         switching.extend((0..gears.len()).map(|from| {
@@ -188,21 +194,35 @@ pub(crate) fn motion(
         }));
     }
     let note = format!(
-        "gears reverse, stand, half, one, two, any: {}; change {change:.4}",
+        "gears reverse, stand, half, one, two, any: {}; change {change:.4}; slack {slack:.4}; \
+         unchanged views: standing {standing:.3}, alike {alike:.3}, moving {moved:.3}",
         occupied.iter().map(|p| format!("{p:.3}")).collect::<Vec<_>>().join(", "),
     );
     let motion = RouteTransition::new(n, recording.closed, gears, 0.5)?
         .with_switching(&switching)?
-        .with_views(&stretches, VIEWS)?;
+        .with_views(&stretches, views)?;
     Ok((motion, occupied, note))
 }
 
-/// How much each gear was used, and how often it changed: by smoothing the
-/// labelled moves with a model of gears alone.
+/// Reverse, stand, half, one, two, any.
+fn gears(slack: f64) -> Result<Vec<Gear>, TransitionError> {
+    Ok(vec![
+        Gear::speed(-1.0, slack)?,
+        Gear::speed(0.0, 0.0)?,
+        Gear::speed(0.5, slack)?,
+        Gear::speed(1.0, slack)?,
+        Gear::speed(2.0, slack)?,
+        Gear::uniform(-3..=4)?,
+    ])
+}
+
+/// How much each gear was used, how often it changed, and how many moves were
+/// off the gear's on either side: by smoothing the labelled moves with a model of
+/// gears alone.
 fn gears_used(
     gears: &[Gear],
     moves: &[Vec<(usize, usize, isize)>],
-) -> Result<(Vec<f64>, f64), Box<dyn Error>> {
+) -> Result<(Vec<f64>, f64, f64), Box<dyn Error>> {
     let k = gears.len();
     let keep = DenseTransition::from_fn(
         k,
@@ -213,6 +233,7 @@ fn gears_used(
     let prior = Prior::AtFirstObservation(Belief::uniform(k)?);
     let hmm = Hmm::new(prior, keep, LikelihoodVector::linear(k))?;
     let (mut used, mut changed, mut all) = (vec![UNSEEN; k], 1.0, 2.0);
+    let (mut off, mut count) = (2.0 * SLACK * SLACK_COUNT, SLACK_COUNT);
     for part in moves {
         let likelihood = |moved: isize| -> Vec<f64> {
             let of = |gear: &Gear| {
@@ -224,8 +245,12 @@ fn gears_used(
             if likelihoods.iter().all(|p| *p == 0.0) { vec![1.0; k] } else { likelihoods }
         };
         let seen: Vec<Vec<f64>> = part.iter().map(|(_, _, moved)| likelihood(*moved)).collect();
-        for belief in hmm.smooth(&seen)?.posteriors().iter().skip(1) {
+        let smoothing = hmm.smooth(&seen)?;
+        for (belief, likelihoods) in smoothing.posteriors().iter().skip(1).zip(&seen) {
             used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
+            let pairs = belief.as_slice().iter().zip(likelihoods);
+            off += pairs.filter(|pair| *pair.1 == SLACK).map(|pair| pair.0).sum::<f64>();
+            count += 1.0;
         }
         for moved in hmm.expected_moves(&seen)?.moves() {
             all += moved.weight;
@@ -233,7 +258,8 @@ fn gears_used(
         }
     }
     let sum: f64 = used.iter().sum();
-    Ok((used.into_iter().map(|used| used / sum).collect(), changed / all))
+    let used = used.into_iter().map(|used| used / sum).collect();
+    Ok((used, changed / all, 0.5 * off / count))
 }
 
 /// The rates of leaving the map and of coming back, as the labelled part shows

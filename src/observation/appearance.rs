@@ -1,7 +1,8 @@
 //! From distances between images to likelihoods of places.
 
+use super::ObservationError;
 use super::spread::{Spread, rank};
-use super::{ObservationError, temperature};
+use super::temperature::{self, TEMPERATURES};
 use crate::error::LikelihoodError;
 use crate::kernels;
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
@@ -119,7 +120,7 @@ impl AppearanceLikelihood {
     ///
     /// [`ObservationError::Parameter`] unless it is finite and from 1e-6 to 1e6.
     pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
-        if !(1e-6..=1e6).contains(&temperature) {
+        if !TEMPERATURES.contains(&temperature) {
             let (what, expected) = ("the temperature", "from 1e-6 to 1e6");
             return Err(ObservationError::Parameter { what, value: temperature, expected });
         }

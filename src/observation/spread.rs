@@ -26,7 +26,7 @@ pub enum Spread {
     },
     /// From the mean of the query's own distances, in this unit: one for all
     /// queries, so that one that looks like nothing says little. See
-    /// [`of`](Self::of).
+    /// [`of`](Self::of). From 1e-100 to 1e100, so that no score overflows.
     Fixed(f64),
 }
 
@@ -40,12 +40,12 @@ impl Spread {
     /// # Errors
     ///
     /// [`ObservationError::NoSpread`] if there are no rows, or more than half of
-    /// them have no range above 0, or one that is not finite.
+    /// them have no range above 0 (of distances that are finite).
     pub fn of<R: AsRef<[f32]>>(rows: &[R]) -> Result<Self, ObservationError> {
-        let mut ranges: Vec<f64> = rows.iter().filter_map(|row| range(row.as_ref())).collect();
+        let mut ranges: Vec<f64> = rows.iter().map(|row| range(row.as_ref())).collect();
         ranges.sort_by(f64::total_cmp);
         match ranges.get(ranges.len() / 2) {
-            Some(&range) if range > 0.0 && range.is_finite() => Ok(Self::Fixed(range / 5f64.ln())),
+            Some(&range) if range > 0.0 => Ok(Self::Fixed(range / 5f64.ln())),
             _ => Err(ObservationError::NoSpread),
         }
     }
@@ -57,11 +57,11 @@ impl Spread {
                 value: 0.0,
                 expected: "at least 1",
             }),
-            Self::Fixed(unit) if !(unit > 0.0 && unit.is_finite()) => {
+            Self::Fixed(unit) if !(1e-100..=1e100).contains(&unit) => {
                 Err(ObservationError::Parameter {
                     what: "the unit of distance",
                     value: unit,
-                    expected: "a finite value above 0",
+                    expected: "from 1e-100 to 1e100",
                 })
             }
             _ => Ok(()),
@@ -85,11 +85,7 @@ impl Spread {
             Self::Fixed(unit) => {
                 out.iter_mut().zip(distances).for_each(|(out, &d)| *out = centred(d) / unit);
             }
-            Self::Local { radius, closed } => {
-                // A window that would lap itself is the whole loop.
-                let radius = radius.min(distances.len());
-                local(distances, mean, radius, closed, out, memory);
-            }
+            Self::Local { radius, closed } => local(distances, radius, closed, out, memory),
         }
     }
 }
@@ -106,68 +102,77 @@ fn moments(distances: &[f32]) -> (f64, f64) {
     (count, if count > 0.0 { sum / count } else { 0.0 })
 }
 
-/// Mean and deviation of each window from running sums of the centred
-/// distances and their squares.
-fn local(
-    distances: &[f32],
-    mean: f64,
-    radius: usize,
-    closed: bool,
-    out: &mut [f64],
-    memory: &mut Scratch,
-) {
-    let n = distances.len();
-    let value = |i: usize| Some(f64::from(distances[i]) - mean).filter(|d| d.is_finite());
-    let (sums, squares) = memory.values(2 * (n + 1)).split_at_mut(n + 1);
-    (sums[0], squares[0]) = (0.0, 0.0);
-    for i in 0..n {
-        let d = value(i).unwrap_or(0.0);
-        (sums[i + 1], squares[i + 1]) = (sums[i] + d, squares[i] + d * d);
+/// How many distances are finite, their mean, and the sum of their squared
+/// differences from it.
+#[derive(Clone, Copy)]
+struct Moments([f64; 3]);
+
+impl Moments {
+    const NONE: Self = Self([0.0; 3]);
+
+    fn of(distance: f32) -> Self {
+        if distance.is_finite() { Self([1.0, f64::from(distance), 0.0]) } else { Self::NONE }
     }
-    let finite = distances.iter().all(|d| d.is_finite());
-    let between = |from: usize, to: usize| -> [f64; 3] {
-        let count = if finite {
-            to - from
-        } else {
-            distances[from..to].iter().filter(|d| d.is_finite()).count()
-        };
-        [count as f64, sums[to] - sums[from], squares[to] - squares[from]]
+
+    /// Of both together (Chan, Golub and LeVeque 1983). Nothing is subtracted
+    /// that would have to cancel: equal distances have squares of exactly 0.
+    fn and(self, other: Self) -> Self {
+        let (Self([count, mean, squares]), Self([more, other, further])) = (self, other);
+        if more == 0.0 {
+            return self;
+        }
+        let (share, apart) = (more / (count + more), other - mean);
+        let squares = squares + further + apart * apart * count * share;
+        Self([count + more, mean + apart * share, squares])
+    }
+}
+
+/// By mean and deviation of each window. Windows are cut into blocks of their
+/// length (van Herk 1992, Gil and Werman 1993): each is the end of one and the
+/// beginning of the next.
+fn local(distances: &[f32], radius: usize, closed: bool, out: &mut [f64], memory: &mut Scratch) {
+    let n = distances.len();
+    let radius = radius.min(n);
+    // A window that would lap itself is the whole loop.
+    let laps = closed && 2 * radius + 1 >= n;
+    let (radius, closed) = if laps { (n, false) } else { (radius, closed) };
+    let length = 2 * radius + 1;
+    // The window of i is from i to i + 2 `radius`, `radius` too far on.
+    let at = |k: usize| {
+        let i = if closed { Some((k + n - radius) % n) } else { k.checked_sub(radius) };
+        i.and_then(|i| distances.get(i)).map_or(Moments::NONE, |d| Moments::of(*d))
     };
+    let (ends, _) = memory.values(3 * length).as_chunks_mut::<3>();
+    let mut beginning = Moments::NONE;
     for (i, out) in out.iter_mut().enumerate() {
-        let [count, sum, squares] = if !closed {
-            between(i.saturating_sub(radius), (i + radius + 1).min(n))
-        } else if 2 * radius + 1 >= n {
-            between(0, n)
+        let in_block = i % length;
+        if in_block == 0 {
+            beginning = Moments::NONE;
+            let mut end = Moments::NONE;
+            for (k, stored) in ends.iter_mut().enumerate().rev() {
+                end = at(i + k).and(end);
+                *stored = end.0;
+            }
         } else {
-            let (low, high) = (i + n - radius, i + n + radius + 1); // n too far on
-            let add = |a: [f64; 3], b: [f64; 3]| [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-            if low >= n && high <= 2 * n {
-                between(low - n, high - n)
-            } else if low < n {
-                add(between(low, n), between(0, high - n))
-            } else {
-                add(between(low - n, n), between(0, high - 2 * n))
-            }
-        };
-        *out = match value(i) {
-            None => f64::INFINITY,
-            Some(d) => {
-                let centre = sum / count;
-                let variance = squares / count - centre * centre;
-                // Below this, rounding of the sums is all that there is.
-                let noise = 1e-12 * squares / count;
-                if variance > noise { (d - centre) / variance.sqrt() } else { 0.0 }
-            }
+            beginning = beginning.and(at(i + length - 1));
+        }
+        let Moments([count, mean, squares]) = Moments(ends[in_block]).and(beginning);
+        let deviation = (squares / count).sqrt();
+        *out = match f64::from(distances[i]) - mean {
+            centred if centred.is_finite() && deviation == 0.0 => 0.0,
+            centred if centred.is_finite() => centred / deviation,
+            _ => f64::INFINITY,
         };
     }
 }
 
-/// From the 2.5% to the 97.5% quantile of the finite distances.
-fn range(row: &[f32]) -> Option<f64> {
+/// From the 2.5% to the 97.5% quantile of the finite distances; 0 if there are
+/// none.
+fn range(row: &[f32]) -> f64 {
     let mut row: Vec<f32> = row.iter().copied().filter(|d| d.is_finite()).collect();
     row.sort_by(f32::total_cmp);
-    let at = |level: f64| row.get(rank(level, row.len()));
-    Some(f64::from(*at(0.975)?) - f64::from(*at(0.025)?))
+    let at = |level: f64| row.get(rank(level, row.len())).map_or(0.0, |d| f64::from(*d));
+    at(0.975) - at(0.025)
 }
 
 /// The index of a quantile among so many values in order.

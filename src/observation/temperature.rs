@@ -1,14 +1,15 @@
 //! How far distances are to be believed: fitting the temperature.
 
 use std::error::Error;
+use std::ops::RangeInclusive;
 
 use super::{AppearanceLikelihood, ObservationError};
 use crate::inference::LearnLikelihood;
 use crate::kernels;
 use crate::likelihood::Scratch;
 
-/// The best of 1/τ lies between these, or nowhere.
-const INVERSE: [f64; 2] = [1e-6, 1e6];
+/// Those that may be. The best of 1/τ lies between the same, or nowhere.
+pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// What a re-estimation tries in place of 1/τ: coarse steps to come near, and
 /// fine ones to arrive.
@@ -30,6 +31,9 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
         let Some(place) = *place else { continue };
         let mut scores = vec![0.0; references];
         sensor.scores(distances.as_ref(), &mut scores, &mut memory)?;
+        // Relative to the best score, which is then 0, so that ties with it stay.
+        let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+        scores.iter_mut().for_each(|z| *z -= least);
         match scores.get(place) {
             Some(score) if score.is_finite() => labelled.push((*score, scores)),
             _ => return Err(ObservationError::Label { row, place, references }),
@@ -40,10 +44,10 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
     }
     // d/dβ of Σ ln (exp(−β z_place) / Σ exp(−β z_i)) falls with β.
     let slope = |beta: f64| -> f64 {
-        labelled.iter().map(|(label, scores)| expected_score(scores, beta) - label).sum()
+        labelled.iter().map(|(label, scores)| moments(scores, beta)[0] - label).sum()
     };
-    let [mut low, mut high] = INVERSE;
-    if slope(low) <= 0.0 {
+    let (mut low, mut high) = TEMPERATURES.into_inner();
+    if slope(low) < 0.0 {
         return Err(ObservationError::Unbounded { trend: "hotter" });
     }
     if slope(high) >= 0.0 {
@@ -58,33 +62,39 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
     }
 }
 
-/// The mean of the scores under weights exp(−β z).
-fn expected_score(scores: &[f64], beta: f64) -> f64 {
-    let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
+/// Mean and variance of the scores, of which the least is 0, under weights
+/// exp(−β z).
+fn moments(scores: &[f64], beta: f64) -> [f64; 2] {
     let finite = scores.iter().filter(|z| z.is_finite());
-    let (weights, sum) = finite.fold((0.0, 0.0), |(weights, sum), z| {
-        let weight = (-beta * (z - least)).exp();
-        (weights + weight, sum + weight * z)
+    let [weights, sum, squares] = finite.fold([0.0; 3], |[weights, sum, squares], z| {
+        let weight = (-beta * z).exp();
+        [weights + weight, sum + weight * z, squares + weight * z * z]
     });
-    sum / weights
+    let mean = sum / weights;
+    [mean, squares / weights - mean * mean]
 }
 
 /// Learns the temperature, and nothing else: 1/τ maximises
 /// Σ over rows of (−E\[z\]/τ − ln mean exp(−z/τ)), where E is under the posterior
 /// of the places. Each re-estimation takes the best of 13 values about the old
-/// one, itself among them, so the likelihood never falls.
+/// one, or, where that is itself, a step of Newton that is short enough, so the
+/// likelihood never falls. The temperature stays within 1e-6 to 1e6.
 ///
 /// Consecutive frames that err together are evidence counted twice here, too: if
 /// there are labels, [`calibrate`] is better.
 impl LearnLikelihood for AppearanceLikelihood {
-    /// Σ E\[z\], then Σ ln mean exp(−z/τ) for each candidate.
-    type Statistics = Vec<f64>;
+    /// Of scores z relative to the least of their row: Σ E\[z\]; Σ mean and
+    /// Σ variance of z under the kernel, which are the first two derivatives of
+    /// Σ ln mean exp(−β z) but for a sign; the largest z of any
+    /// weight; and that sum for each
+    /// candidate.
+    type Statistics = [f64; 4 + FACTORS.len()];
 
-    fn statistics(&self) -> Vec<f64> {
-        vec![0.0; 1 + FACTORS.len()]
+    fn statistics(&self) -> Self::Statistics {
+        [0.0; 4 + FACTORS.len()]
     }
 
-    fn add(&self, statistics: &mut Vec<f64>, distances: &Vec<f32>, posterior: &[f64]) {
+    fn add(&self, statistics: &mut Self::Statistics, distances: &Vec<f32>, posterior: &[f64]) {
         let n = self.references();
         let mut scores = vec![0.0; n];
         if self.scores(distances, &mut scores, &mut Scratch::default()).is_err() {
@@ -95,39 +105,51 @@ impl LearnLikelihood for AppearanceLikelihood {
             return; // off the map at any temperature
         }
         // Relative to the least score, as the likelihood is.
-        let seen = scores.iter().zip(posterior).filter(|(z, _)| z.is_finite());
-        let mut expected: f64 = seen.map(|(z, p)| p * (z - least)).sum();
-        if let (Some(state), Some(score)) =
-            (self.off_map(), self.off_map_score(&mut scores.clone()))
-        {
-            expected += posterior[state] * (score - least);
+        scores.iter_mut().for_each(|z| *z -= least);
+        let [expected, mean, variance, most, log_means @ ..] = statistics;
+        let finite = scores.iter().zip(posterior).filter(|(z, _)| z.is_finite());
+        *expected += finite.map(|(z, p)| p * z).sum::<f64>();
+        if let (Some(state), Some(z)) = (self.off_map(), self.off_map_score(&mut scores.clone())) {
+            *expected += posterior[state] * z;
         }
-        statistics[0] += expected;
-        for (sum, factor) in statistics[1..].iter_mut().zip(FACTORS) {
-            let beta = factor / self.temperature();
-            let total: f64 = scores.iter().map(|z| (-beta * (z - least)).exp()).sum();
+        let beta = 1.0 / self.temperature();
+        let weighty = scores.iter().filter(|z| (-beta * **z).exp() > 0.0);
+        *most = weighty.fold(*most, |most, z| most.max(*z));
+        let [first, second] = moments(&scores, beta);
+        (*mean, *variance) = (*mean + first, *variance + second);
+        for (sum, factor) in log_means.iter_mut().zip(FACTORS) {
+            let total: f64 = scores.iter().map(|z| (-factor * beta * z).exp()).sum();
             *sum += (total / n as f64).ln();
         }
     }
 
-    fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
+        let most = statistics[3].max(other[3]);
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+        statistics[3] = most;
     }
 
     fn reestimate(
         &self,
-        statistics: &Vec<f64>,
+        statistics: &Self::Statistics,
         _: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let mut best = (f64::NEG_INFINITY, self.temperature());
-        for (log_mean, factor) in statistics[1..].iter().zip(FACTORS) {
-            let temperature = self.temperature() / factor;
-            let gain = -statistics[0] / temperature - log_mean;
-            if gain > best.0 {
-                best = (gain, temperature);
-            }
+        let [expected, mean, variance, most, log_means @ ..] = statistics;
+        let beta = 1.0 / self.temperature();
+        let gain = |at: usize| -expected * beta * FACTORS[at] - log_means[at];
+        let allowed = |factor: f64| TEMPERATURES.contains(&(self.temperature() / factor));
+        let candidates = (1..FACTORS.len()).filter(|at| allowed(FACTORS[*at]));
+        let best = candidates.fold(0, |best, at| if gain(at) > gain(best) { at } else { best });
+        let mut factor = FACTORS[best];
+        if best == 0 && *variance > 0.0 {
+            // The slope falls by the variance, which over a step of 1 / `most`
+            // changes by a factor of e at most: a step of Newton no longer than
+            // that goes up.
+            let limit = (1.0 / most).min(0.01 * beta);
+            factor = 1.0 + ((mean - expected) / variance).clamp(-limit, limit) / beta;
         }
-        Ok(self.clone().with_temperature(best.1)?)
+        let temperature = self.temperature() / if allowed(factor) { factor } else { 1.0 };
+        Ok(self.clone().with_temperature(temperature)?)
     }
 }
 
@@ -145,7 +167,8 @@ impl Calibration {
         self.chosen
     }
 
-    /// The mean log score of each candidate, in nats.
+    /// The mean log score of each candidate, in nats, over the steps that are
+    /// possible with at least one; −∞ where one of these is impossible.
     #[must_use]
     pub fn scores(&self) -> &[f64] {
         &self.scores
@@ -187,8 +210,8 @@ impl Calibration {
 /// # Errors
 ///
 /// [`ObservationError`] (as `E`) if there are no candidates, `worth` is not at
-/// least 0, or the scores are not as many for each or not log-probabilities; and
-/// what `log_scores` fails with.
+/// least 0, or the scores are none, not as many for each or not
+/// log-probabilities; and what `log_scores` fails with.
 pub fn calibrate<C, E: From<ObservationError>>(
     candidates: &[C],
     worth: f64,
@@ -201,9 +224,11 @@ pub fn calibrate<C, E: From<ObservationError>>(
     let mut all: Vec<Vec<f64>> = Vec::new();
     for candidate in candidates {
         let scores = log_scores(candidate)?;
-        let expected = all.first().map_or(scores.len().max(1), Vec::len);
-        if scores.len() != expected {
-            return Err(ObservationError::Labels { labels: scores.len(), rows: expected }.into());
+        if scores.is_empty() || all.first().is_some_and(|first| first.len() != scores.len()) {
+            let what = "the number of log scores";
+            let expected = "at least 1, and as many for each candidate";
+            let value = scores.len() as f64;
+            return Err(ObservationError::Parameter { what, value, expected }.into());
         }
         // A mass that rounds to above 1 is allowed.
         if let Some(&value) = scores.iter().find(|&&log| log.is_nan() || log > 1e-9) {
@@ -212,7 +237,18 @@ pub fn calibrate<C, E: From<ObservationError>>(
         }
         all.push(scores);
     }
-    let mean = |scores: &[f64]| kernels::sum(scores) / scores.len() as f64;
+    // A step that is impossible with every candidate tells none from another.
+    let steps = all.first().map_or(0, Vec::len);
+    let told: Vec<bool> =
+        (0..steps).map(|step| all.iter().any(|scores| scores[step].is_finite())).collect();
+    for scores in &mut all {
+        let mut told = told.iter();
+        scores.retain(|_| told.next() == Some(&true));
+    }
+    let mean = |scores: &[f64]| match scores.len() {
+        0 => f64::NEG_INFINITY,
+        count => kernels::sum(scores) / count as f64,
+    };
     let scores: Vec<f64> = all.iter().map(|scores| mean(scores)).collect();
     let better = |best: Option<usize>, at: usize| match best {
         Some(best) if scores[at] <= scores[best] => Some(best),
@@ -223,12 +259,13 @@ pub fn calibrate<C, E: From<ObservationError>>(
         value: 0.0,
         expected: "at least 1",
     })?;
-    let alike = |other: &Vec<f64>| {
-        let pairs = all[best].iter().zip(other);
+    let alike = |at: &usize| {
+        let pairs = all[best].iter().zip(&all[*at]);
         let differences: Vec<f64> = pairs.map(|(best, other)| best - other).collect();
-        mean(&differences) <= standard_error(&differences).max(worth)
+        // Of two means of −∞ there is no difference.
+        scores[*at] == scores[best] || mean(&differences) <= standard_error(&differences).max(worth)
     };
-    let chosen = all[..best].iter().position(alike).unwrap_or(best);
+    let chosen = (0..best).find(alike).unwrap_or(best);
     Ok(Calibration { chosen, scores })
 }
 

@@ -6,7 +6,8 @@ use crate::transition::View;
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
 /// about 1 for two places that have nothing in common. What is infinite in
-/// either row takes no part. O(n).
+/// either row takes no part; where that leaves nothing to compare, or the second
+/// row no deviation, a change is infinite. O(n).
 ///
 /// Rows of distances stand for the images, so it works for descriptors and
 /// similarities of any kind.
@@ -27,7 +28,11 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
         [moved + (a - b).abs(), squares + (b - mean).powi(2)]
     });
     let deviation = (squares / sums[0]).sqrt();
-    Ok(if moved == 0.0 { 0.0 } else { moved / sums[0] / deviation })
+    Ok(match sums[0] {
+        0.0 => f64::INFINITY,
+        _ if moved == 0.0 => 0.0,
+        count => moved / count / deviation,
+    })
 }
 
 /// Tells frame by frame whether the view has changed, against the last one that
@@ -52,7 +57,7 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 #[derive(Debug, Clone, PartialEq)]
 pub struct Views {
     threshold: f64,
-    last_new: Vec<f32>,
+    last_new: Option<Vec<f32>>,
 }
 
 impl Views {
@@ -67,11 +72,12 @@ impl Views {
             let (what, expected) = ("the threshold of change", "a finite value of at least 0");
             return Err(ObservationError::Parameter { what, value: threshold, expected });
         }
-        Ok(Self { threshold, last_new: Vec::new() })
+        Ok(Self { threshold, last_new: None })
     }
 
-    /// A tenth of the median change from row to row, of those above 0: a
-    /// threshold for recordings in which the vehicle moves most of the time.
+    /// A tenth of the median change from row to row, of those above 0 that are
+    /// finite: a threshold for recordings in which the vehicle moves most of the
+    /// time.
     /// O(N log N) for N distances; 0 if there is no change.
     ///
     /// # Errors
@@ -85,7 +91,7 @@ impl Views {
         Ok(changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median))
     }
 
-    /// Whether this row shows something new. The first does, and one after which
+    /// Whether this row shows something new. The first does, and one of which
     /// nothing can be compared. O(n); no allocation after the first.
     ///
     /// # Errors
@@ -93,11 +99,13 @@ impl Views {
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
     pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
-        if !self.last_new.is_empty() && view_change(&self.last_new, distances)? < self.threshold {
-            return Ok(View::Unchanged);
+        match &mut self.last_new {
+            Some(last) if view_change(last, distances)? < self.threshold => {
+                return Ok(View::Unchanged);
+            }
+            Some(last) => last.copy_from_slice(distances),
+            None => self.last_new = Some(distances.to_vec()),
         }
-        self.last_new.clear();
-        self.last_new.extend_from_slice(distances);
         Ok(View::Changed)
     }
 }
@@ -105,7 +113,9 @@ impl Views {
 /// Which stretch of a route each reference is in, for
 /// [`RouteTransition::with_views`](crate::RouteTransition::with_views):
 /// consecutive references share one if no query tells them apart, that is, if
-/// the change between their columns of `rows` is below a tenth of the median.
+/// the columns of `rows` are the same, or their [change](view_change) from the
+/// first of the stretch is below a tenth of the median
+/// ([`Views::threshold_of`] the columns).
 /// Standing images in a recorded route (a stop at a station, a tunnel) make
 /// such stretches. O(rows × references).
 ///
@@ -120,12 +130,15 @@ pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, Observ
     }
     let column = |i: usize| rows.iter().map(|row| row.as_ref()[i]).collect::<Vec<f32>>();
     let columns: Vec<Vec<f32>> = (0..expected).map(column).collect();
-    let mut views = Views::new(Views::threshold_of(&columns)?)?;
-    let mut stretch = 0;
+    let threshold = Views::threshold_of(&columns)?;
+    let (mut start, mut stretch) = (0, 0);
     let mut stretches = Vec::with_capacity(expected);
     for (i, column) in columns.iter().enumerate() {
         // Against the first of the stretch, so that it does not creep along.
-        stretch += usize::from(views.next(column)? == View::Changed && i > 0);
+        let change = view_change(&columns[start], column)?;
+        if change > 0.0 && change >= threshold && i > 0 {
+            (start, stretch) = (i, stretch + 1);
+        }
         stretches.push(stretch);
     }
     Ok(stretches)

@@ -1,0 +1,11 @@
+//! Appearance as a sensor, against its definitions: spreads, offsets, the state
+//! off the map, temperatures and views.
+#![allow(unreachable_pub, reason = "the definitions are of use to each part")]
+#![allow(clippy::cast_sign_loss, reason = "ranks are from 0 to 1")]
+
+mod definition;
+mod labelled;
+mod learning;
+mod likelihood;
+mod units;
+mod views;
