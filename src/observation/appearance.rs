@@ -75,7 +75,8 @@ pub enum Offsets {
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the
-/// map), are errors. Where all distances are equal, the query says nothing.
+/// map, which then has a likelihood of 1), are errors. Where all distances are
+/// equal, the query says nothing but what the offsets say.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AppearanceLikelihood {
     references: usize,
@@ -128,8 +129,8 @@ impl AppearanceLikelihood {
     }
 
     /// With a last state for what is not on the map, as likely as the match at
-    /// this rank, as a fraction: 0 is the best of all references, 1 the worst;
-    /// 0.1 to 0.2 suit most recordings.
+    /// this rank, as a fraction (to the nearest reference): 0 is the best of all,
+    /// 1 the worst of those at a finite distance; 0.1 to 0.2 suit most recordings.
     ///
     /// # Errors
     ///
@@ -188,6 +189,8 @@ impl AppearanceLikelihood {
     /// where that is not known (those are left out). It maximises
     /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
     /// iteration, of which there are some 60.
+    ///
+    /// A state off the map takes no part.
     ///
     /// In sequence it is still too cold, since the errors of one frame come
     /// again in the next; [`calibrate`](super::calibrate) sees to that.

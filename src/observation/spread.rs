@@ -34,7 +34,7 @@ impl Spread {
     /// A [fixed](Self::Fixed) unit from some rows of distances: the median, over
     /// the rows, of the range from the 2.5% to the 97.5% quantile divided by
     /// ln 5, so that at temperature 1 the likelihood changes fivefold over that
-    /// range (Xu, Sünderhauf and Milford 2020 scale by their first query so).
+    /// range; distances that are not finite are left out (Xu, Sünderhauf and Milford 2020 scale by their first query so).
     /// O(N log N) for N distances.
     ///
     /// # Errors

@@ -80,6 +80,7 @@ fn moments(scores: &[f64], beta: f64) -> [f64; 2] {
 /// one, or, where that is itself, a step of Newton that is short enough, so the
 /// likelihood never falls. The temperature stays within 1e-6 to 1e6.
 ///
+/// Start hot: from a cold start the gains may be too small to go on for.
 /// Consecutive frames that err together are evidence counted twice here, too: if
 /// there are labels, [`calibrate`] is better.
 impl LearnLikelihood for AppearanceLikelihood {
@@ -203,7 +204,7 @@ impl Calibration {
 ///     let log = |(k, place): (usize, usize)| beliefs.get(k + 1)?.probability(place);
 ///     Ok::<_, Box<dyn std::error::Error>>([0, 1, 2].into_iter().enumerate().filter_map(log).map(f64::ln).collect())
 /// })?;
-/// assert_eq!(fitted.chosen(), 3);
+/// assert_eq!(fitted.chosen(), 2); // the colder one gains less than a hundredth
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
