@@ -6,10 +6,11 @@ use std::ops::Range;
 
 use wayfix::observation::{AppearanceLikelihood, Calibration, calibrate};
 use wayfix::{
-    Belief, BeliefView, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior,
-    RouteControl, TransitionEntries, evaluate,
+    Belief, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior, RouteControl,
+    TransitionEntries, evaluate,
 };
 
+use super::answers::places;
 use super::model::{self, Camera, Model, Sighting, Steps};
 use super::recording::{Answers, Recording};
 
@@ -65,13 +66,13 @@ pub(crate) fn estimate(
 }
 
 #[derive(Clone)]
-struct Task<'a> {
-    recording: &'a Recording,
-    settings: &'a Settings,
+pub(super) struct Task<'a> {
+    pub(super) recording: &'a Recording,
+    pub(super) settings: &'a Settings,
     steps: Steps,
     cameras: [(&'static str, AppearanceLikelihood); 3],
     /// How far from the middle of the true places is still right.
-    width: usize,
+    pub(super) width: usize,
 }
 
 impl Task<'_> {
@@ -289,86 +290,6 @@ impl Task<'_> {
         Ok((answers, beliefs))
     }
 
-    /// The answer of a belief: off the map, if that is more probable than not.
-    fn place(&self, belief: &[f64]) -> Option<usize> {
-        let n = self.recording.references;
-        let on_map = belief.get(n).is_none_or(|off| *off <= 0.5);
-        on_map.then(|| mode(&belief[..n]))
-    }
-
-    /// The probability that a place is right to a tolerance, or of off the map.
-    fn mass_near(&self, belief: &[f64], place: Option<usize>, tolerance: usize) -> f64 {
-        let (n, tolerance) = (self.recording.references, tolerance.saturating_add(self.width));
-        let Some(place) = place else { return belief.get(n).copied().unwrap_or(0.0) };
-        let sum = if self.recording.closed {
-            let near = |i: &usize| {
-                let apart = i.abs_diff(place);
-                apart.min(n - apart) <= tolerance
-            };
-            (0..n).filter(near).map(|i| belief[i]).sum::<f64>()
-        } else {
-            let end = place.saturating_add(tolerance).saturating_add(1).min(n);
-            belief[place.saturating_sub(tolerance)..end].iter().sum()
-        };
-        sum.min(1.0)
-    }
-
-    /// The probability of what is true.
-    fn true_mass(&self, belief: &[f64], step: usize, tolerance: usize) -> f64 {
-        let n = self.recording.references;
-        if self.recording.truth[step].is_none() {
-            return belief.get(n).copied().unwrap_or(0.0);
-        }
-        let right = (0..n).filter(|i| self.recording.is_right(step, Some(*i), tolerance));
-        right.map(|i| belief[i]).sum::<f64>().min(1.0)
-    }
-
-    fn answers(&self, method: &str, beliefs: &[Vec<f64>]) -> Answers {
-        let n = self.recording.references;
-        let places: Vec<Option<usize>> = beliefs.iter().map(|belief| self.place(belief)).collect();
-        let tolerances = &self.settings.tolerances;
-        let near = |tolerance: &usize| {
-            let pairs = beliefs.iter().zip(&places);
-            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
-        };
-        let truth = |tolerance: &usize| {
-            let steps = beliefs.iter().enumerate();
-            steps.map(|(step, belief)| self.true_mass(belief, step, *tolerance)).collect()
-        };
-        let probability: Vec<Vec<f64>> = tolerances.iter().map(near).collect();
-        Answers {
-            method: method.into(),
-            confidence: probability[0].clone(),
-            probability: Some(probability),
-            truth_mass: Some(tolerances.iter().map(truth).collect()),
-            on_map: self
-                .settings
-                .off_map
-                .then(|| beliefs.iter().map(|belief| 1.0 - belief[n].min(1.0)).collect()),
-            places,
-        }
-    }
-
-    /// The best path, as probable as the smoother thinks.
-    fn path_answers(&self, path: &[usize], smoothed: &[Vec<f64>]) -> Answers {
-        let n = self.recording.references;
-        let places: Vec<Option<usize>> =
-            path.iter().map(|place| (*place < n).then_some(*place)).collect();
-        let near = |tolerance: &usize| {
-            let pairs = smoothed.iter().zip(&places);
-            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
-        };
-        let probability: Vec<Vec<f64>> = self.settings.tolerances.iter().map(near).collect();
-        Answers {
-            method: "viterbi".into(),
-            confidence: probability[0].clone(),
-            probability: Some(probability),
-            truth_mass: None,
-            on_map: None,
-            places,
-        }
-    }
-
     /// Each image on its own, all places alike before.
     fn single(&self, camera: &AppearanceLikelihood) -> Result<Answers, Box<dyn Error>> {
         let prior = Prior::AtFirstObservation(Belief::uniform(camera.states())?);
@@ -383,17 +304,4 @@ impl Task<'_> {
         }
         Ok(self.answers("single", &beliefs))
     }
-}
-
-/// The probability of each group.
-fn places(groups: &Groups, belief: BeliefView<'_>) -> Vec<f64> {
-    let mut sums = vec![0.0; groups.count()];
-    let states = groups.as_slice().iter().zip(belief.as_slice());
-    states.for_each(|(group, p)| sums[*group] += p);
-    sums
-}
-
-fn mode(values: &[f64]) -> usize {
-    let better = |best: usize, i: usize| if values[i] > values[best] { i } else { best };
-    (0..values.len()).fold(0, better)
 }

@@ -1,11 +1,13 @@
 //! What both examples on visual place recognition share: a recording goes in,
 //! answers of several methods, tables and pictures come out.
 
+mod answers;
 pub(crate) mod arguments;
 mod belief;
 pub(crate) mod drive;
 mod estimate;
 mod figures;
+mod gears;
 mod measures;
 mod model;
 pub(crate) mod patches;

@@ -7,19 +7,17 @@ use std::ops::Range;
 
 use wayfix::observation::{AppearanceLikelihood, Offsets, Views, alike_stretches};
 use wayfix::{
-    Belief, DenseTransition, Gear, GroupedLikelihood, Groups, Hmm, LikelihoodVector, Odometry,
-    OffMapTransition, OptionalLikelihood, Prior, RouteControl, RouteTransition, TransitionEntries,
-    TransitionError, View, ViewRates,
+    Belief, GroupedLikelihood, Groups, Hmm, Odometry, OffMapTransition, OptionalLikelihood, Prior,
+    RouteControl, RouteTransition, TransitionEntries, View, ViewRates,
 };
 
+use super::gears::{self, SLACK};
 use super::recording::Recording;
 
 /// What a frame says to the filter: nothing, if it shows what the last one did.
 pub(crate) type Sighting = Option<Vec<f32>>;
 pub(crate) type Camera = GroupedLikelihood<OptionalLikelihood<AppearanceLikelihood>>;
 
-/// How often a gear that was not seen in the labelled part counts as seen.
-const UNSEEN: f64 = 1.0;
 /// How often each reference counts as an average one, beside the labelled rows.
 const AVERAGE: f64 = 20.0;
 /// The probabilities of leaving the map and of coming back, where the labelled
@@ -31,10 +29,6 @@ const RANK: f64 = 0.15;
 /// How often a view stays as it is: standing, within a stretch, and moving on;
 /// each counts as seen twice.
 const UNCHANGED: [f64; 3] = [0.95, 0.8, 0.02];
-/// The share of moves that are one place off the gear's, on either side, before
-/// any are seen; and how many moves that counts for.
-const SLACK: f64 = 0.02;
-const SLACK_COUNT: f64 = 20.0;
 
 /// The steps of a recording as a filter takes them.
 #[derive(Clone)]
@@ -171,8 +165,8 @@ pub(crate) fn motion(
 ) -> Result<(RouteTransition, Vec<f64>, String), Box<dyn Error>> {
     let n = recording.references;
     let moves = moves(recording, fit_on);
-    let (occupied, change, slack) = gears_used(&gears(SLACK)?, &moves)?;
-    let gears = gears(slack)?;
+    let (occupied, change, slack) = gears::used(&gears::all(SLACK)?, &moves)?;
+    let gears = gears::all(slack)?;
     let stretches = alike_stretches(&steps.new_rows(fit_on))?;
 
     // How often the view stays, standing, within a stretch, and moving on.
@@ -202,64 +196,6 @@ pub(crate) fn motion(
         .with_switching(&switching)?
         .with_views(&stretches, views)?;
     Ok((motion, occupied, note))
-}
-
-/// Reverse, stand, half, one, two, any.
-fn gears(slack: f64) -> Result<Vec<Gear>, TransitionError> {
-    Ok(vec![
-        Gear::speed(-1.0, slack)?,
-        Gear::speed(0.0, 0.0)?,
-        Gear::speed(0.5, slack)?,
-        Gear::speed(1.0, slack)?,
-        Gear::speed(2.0, slack)?,
-        Gear::uniform(-3..=4)?,
-    ])
-}
-
-/// How much each gear was used, how often it changed, and how many moves were
-/// off the gear's on either side: by smoothing the labelled moves with a model of
-/// gears alone.
-fn gears_used(
-    gears: &[Gear],
-    moves: &[Vec<(usize, usize, isize)>],
-) -> Result<(Vec<f64>, f64, f64), Box<dyn Error>> {
-    let k = gears.len();
-    let keep = DenseTransition::from_fn(
-        k,
-        |to, from| {
-            if to == from { 0.98 } else { 0.02 / (k - 1) as f64 }
-        },
-    )?;
-    let prior = Prior::AtFirstObservation(Belief::uniform(k)?);
-    let hmm = Hmm::new(prior, keep, LikelihoodVector::linear(k))?;
-    let (mut used, mut changed, mut all) = (vec![UNSEEN; k], 1.0, 2.0);
-    let (mut off, mut count) = (2.0 * SLACK * SLACK_COUNT, SLACK_COUNT);
-    for part in moves {
-        let likelihood = |moved: isize| -> Vec<f64> {
-            let of = |gear: &Gear| {
-                let at = usize::try_from(moved - gear.first()).ok();
-                at.and_then(|at| gear.weights().get(at)).copied().unwrap_or(0.0)
-            };
-            let likelihoods: Vec<f64> = gears.iter().map(of).collect();
-            // A jump that no gear makes says nothing.
-            if likelihoods.iter().all(|p| *p == 0.0) { vec![1.0; k] } else { likelihoods }
-        };
-        let seen: Vec<Vec<f64>> = part.iter().map(|(_, _, moved)| likelihood(*moved)).collect();
-        let smoothing = hmm.smooth(&seen)?;
-        for (belief, likelihoods) in smoothing.posteriors().iter().skip(1).zip(&seen) {
-            used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
-            let pairs = belief.as_slice().iter().zip(likelihoods);
-            off += pairs.filter(|pair| *pair.1 == SLACK).map(|pair| pair.0).sum::<f64>();
-            count += 1.0;
-        }
-        for moved in hmm.expected_moves(&seen)?.moves() {
-            all += moved.weight;
-            changed += if moved.from == moved.to { 0.0 } else { moved.weight };
-        }
-    }
-    let sum: f64 = used.iter().sum();
-    let used = used.into_iter().map(|used| used / sum).collect();
-    Ok((used, changed / all, 0.5 * off / count))
 }
 
 /// The rates of leaving the map and of coming back, as the labelled part shows

@@ -46,7 +46,7 @@ const fn look(colour: RGBColor, dash: u32, mark: Mark, solid: bool) -> Look {
 }
 
 /// Methods in the order in which they are shown.
-const METHODS: [(&str, &str, Look); 7] = [
+const METHODS: [(&str, &str, Look); 8] = [
     ("single", "single image", look(GREY, 3, Mark::Cross, false)),
     ("seqslam_trailing", "SeqSLAM, trailing", look(SKY, 7, Mark::Triangle, false)),
     ("seqslam_centred", "SeqSLAM, centred", look(BLUE, 7, Mark::Triangle, true)),
@@ -54,6 +54,7 @@ const METHODS: [(&str, &str, Look); 7] = [
     ("fixed_lag", "fixed lag", look(ORANGE, 0, Mark::Square, false)),
     ("smoother", "smoother", look(GREEN, 0, Mark::Circle, true)),
     ("viterbi", "Viterbi", look(PURPLE, 14, Mark::Square, true)),
+    ("smoother_untempered", "smoother, untempered", look(BLACK, 0, Mark::Cross, false)),
 ];
 
 /// Where a method stands in that order; others come last.
