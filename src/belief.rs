@@ -1,5 +1,7 @@
 //! A distribution over states and its verbs.
 
+use std::ops::Range;
+
 use crate::error::BeliefError;
 
 /// How far a sum of probabilities may lie from one.
@@ -187,7 +189,9 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// The probability of the states at most `radius` from `centre` by index:
     /// on a route, of being within so many places of one. Around the
     /// [mode](Self::mode) it says whether a vehicle is localised, by a level that
-    /// you choose. O(radius).
+    /// you choose. It goes by numbers alone: a last state off the map, or the ends
+    /// of a loop, are no neighbours ([`given`](Self::given) leaves states out).
+    /// O(radius).
     ///
     /// ```
     /// let belief = wayfix::Belief::new(vec![0.02, 0.3, 0.5, 0.13, 0.05])?;
@@ -206,6 +210,29 @@ impl<S: AsRef<[f64]>> Belief<S> {
         }
         let end = centre.saturating_add(radius).saturating_add(1).min(states);
         self.mass(centre.saturating_sub(radius)..end)
+    }
+
+    /// The distribution given that the state is one of a range: on the map, say.
+    /// Its states are numbered from the start of the range. O(length).
+    ///
+    /// ```
+    /// let belief = wayfix::Belief::new(vec![0.5, 0.25, 0.25])?; // the last is off the map
+    /// assert_eq!(belief.given(1..3)?.as_slice(), [0.5, 0.5]);
+    /// # Ok::<(), wayfix::BeliefError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`BeliefError`] if a state does not exist, or they have no probability.
+    pub fn given(&self, range: Range<usize>) -> Result<Belief, BeliefError> {
+        let values = self.values();
+        let states = values.len();
+        if range.is_empty() {
+            return Err(BeliefError::Empty);
+        }
+        let state = range.end - 1;
+        let kept = values.get(range).ok_or(BeliefError::State { state, states })?;
+        Belief::from_weights(kept.to_vec())
     }
 
     /// The smallest set of states that holds at least `level` of the
@@ -308,6 +335,17 @@ mod tests {
         assert_eq!([around(0, 0), around(0, 1), around(2, 1), around(3, 9)], [0.5, 0.75, 0.5, 1.0]);
         assert_eq!(around(1, usize::MAX), 1.0);
         assert!(belief.mass_around(4, 1).is_err());
+    }
+
+    #[test]
+    fn given_a_range_what_is_left_sums_to_one() {
+        let belief = Belief::new(vec![0.5, 0.125, 0.375, 0.0]).unwrap();
+        assert_eq!(belief.given(1..3).unwrap().as_slice(), [0.25, 0.75]);
+        assert_eq!(belief.given(0..4).unwrap().as_slice(), belief.as_slice());
+        let text = |range| belief.given(range).unwrap_err().to_string();
+        assert_eq!(text(2..5), "state 4 does not exist, the belief has 4 states (0 to 3)");
+        assert_eq!(text(3..4), "the probabilities sum to 0, expected weights above 0");
+        assert!(belief.given(2..2).is_err() && belief.given(9..9).is_err());
     }
 
     #[test]

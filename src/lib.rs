@@ -80,7 +80,6 @@
 //! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
 //! | sightings that may be missing | [`OptionalLikelihood`] |
 //! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
-//! | places with several reference images | [`PooledLikelihood`] |
 //! | several sensors | [`FusedLikelihood`] |
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |

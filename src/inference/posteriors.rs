@@ -51,7 +51,8 @@ impl Posteriors {
         Some(Belief::view(values))
     }
 
-    /// The distributions of steps 0 to T, in order.
+    /// The distributions of steps 0 to T, in order: T + 1 of them. Beside
+    /// observations, skip the first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
         self.values.chunks_exact(self.states).map(Belief::view)
     }

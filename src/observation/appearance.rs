@@ -34,13 +34,13 @@ pub enum Offsets {
 /// against a reference drawn at random, ln p of a sequence can be compared
 /// between temperatures.
 ///
-/// A temperature of 1 is nearly always far too cold in sequence: one frame after
-/// the other errs in the same way, yet filter and smoother multiply them as if
-/// each were fresh evidence. Fit it, by
-/// [`with_learned_temperature`](Self::with_learned_temperature) or
-/// [`calibrate`](super::calibrate) on a labelled part, or by
-/// [`Hmm::learn`](crate::Hmm::learn) without labels, and hold it fixed on the
-/// rest.
+/// A temperature that suits single images is too cold in sequence: one frame
+/// after the other errs in the same way, yet filter and smoother multiply them as
+/// if each were fresh evidence. 1 is a fair start. Fit it by
+/// [`calibrate`](super::calibrate) on a labelled part and hold it fixed on the
+/// rest; [`with_learned_temperature`](Self::with_learned_temperature) (from
+/// labelled images in no order) and [`Hmm::learn`](crate::Hmm::learn) (without
+/// labels) give one for single images.
 ///
 /// ```
 /// use wayfix::observation::AppearanceLikelihood;
@@ -129,8 +129,8 @@ impl AppearanceLikelihood {
     }
 
     /// With a last state for what is not on the map, as likely as the match at
-    /// this rank, as a fraction (to the nearest reference): 0 is the best of all,
-    /// 1 the worst of those at a finite distance; 0.1 to 0.2 suit most recordings.
+    /// this rank among those at a finite distance, as a fraction (to the nearest
+    /// reference): 0 is the best, 1 the worst; 0.15 suits most recordings.
     ///
     /// # Errors
     ///
@@ -243,7 +243,7 @@ impl AppearanceLikelihood {
 
     /// The state that is off the map, if there is one.
     #[must_use]
-    pub fn off_map(&self) -> Option<usize> {
+    pub fn off_map_state(&self) -> Option<usize> {
         self.off_map.map(|_| self.references)
     }
 
@@ -293,17 +293,15 @@ impl AppearanceLikelihood {
         Ok(())
     }
 
-    /// The score of the state off the map: that of the finite match at its rank,
-    /// or the worst finite one before it. `copy` holds the scores and loses
-    /// their order.
+    /// The score of the state off the map: that of the match at its rank among
+    /// the finite ones. `copy` holds the scores and loses their order.
     pub(super) fn off_map_score(&self, copy: &mut [f64]) -> Option<f64> {
-        let at = rank(self.off_map?, copy.len());
-        let (better, &mut score, _) = copy.select_nth_unstable_by(at, f64::total_cmp);
-        if score.is_finite() {
-            return Some(score);
+        let finite = copy.iter().filter(|z| z.is_finite()).count();
+        if finite == 0 {
+            return self.off_map.map(|_| 0.0);
         }
-        let finite = better.iter().copied().filter(|z| z.is_finite());
-        finite.reduce(f64::max).or(Some(0.0))
+        let at = rank(self.off_map?, finite);
+        Some(*copy.select_nth_unstable_by(at, f64::total_cmp).1)
     }
 }
 

@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use crate::error::TableError;
 
-/// Why an observation model cannot be built.
+/// Why an observation model cannot be built, or has no likelihood for a query.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum ObservationError {

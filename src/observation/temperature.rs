@@ -110,7 +110,9 @@ impl LearnLikelihood for AppearanceLikelihood {
         let [expected, mean, variance, most, log_means @ ..] = statistics;
         let finite = scores.iter().zip(posterior).filter(|(z, _)| z.is_finite());
         *expected += finite.map(|(z, p)| p * z).sum::<f64>();
-        if let (Some(state), Some(z)) = (self.off_map(), self.off_map_score(&mut scores.clone())) {
+        if let (Some(state), Some(z)) =
+            (self.off_map_state(), self.off_map_score(&mut scores.clone()))
+        {
             *expected += posterior[state] * z;
         }
         let beta = 1.0 / self.temperature();
@@ -188,7 +190,13 @@ impl Calibration {
 /// nats, or one standard error of the differences step by step (the
 /// one-standard-error rule of Breiman and others 1984). So a short labelled part
 /// without an error does not make the model as sure as can be; 0.01, a hundredth
-/// of the probability, is a difference that few would pay for.
+/// of the probability, is a difference that few would pay for. (If scores are low
+/// and fall from the hottest on, look whether labels and beliefs are of the same
+/// steps.)
+///
+/// A labelled part that never leaves the map says nothing of a state off the map.
+/// Make it leave: take the references of some of its steps off the map, by setting
+/// their distances to infinity.
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
@@ -200,9 +208,9 @@ impl Calibration {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;
 ///     let smoothing = hmm.smooth(&rows)?;
-///     let beliefs = smoothing.posteriors();
-///     let log = |(k, place): (usize, usize)| beliefs.get(k + 1)?.probability(place);
-///     Ok::<_, Box<dyn std::error::Error>>([0, 1, 2].into_iter().enumerate().filter_map(log).map(f64::ln).collect())
+///     let beliefs = smoothing.posteriors().iter().skip(1); // the first is of step 0
+///     let scores = beliefs.zip([0, 1, 2]).map(|(belief, place)| belief.as_slice()[place].ln());
+///     Ok::<_, Box<dyn std::error::Error>>(scores.collect())
 /// })?;
 /// assert_eq!(fitted.chosen(), 2); // the colder one gains less than a hundredth
 /// # Ok::<(), Box<dyn std::error::Error>>(())

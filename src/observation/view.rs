@@ -6,7 +6,7 @@ use crate::transition::View;
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
 /// about 1 for two places that have nothing in common. What is infinite in
-/// either row takes no part; where that leaves nothing to compare, or the second
+/// either row (or NaN) takes no part; where that leaves nothing to compare, or the second
 /// row no deviation, a change is infinite. O(n).
 ///
 /// Rows of distances stand for the images, so it works for descriptors and

@@ -116,8 +116,8 @@ impl Plan {
             let mut order: Vec<f64> = z.clone();
             order.sort_by(f64::total_cmp);
             let finite = order.iter().filter(|z| z.is_finite()).count();
-            let at = round(rank * (row.len() - 1) as f64) as usize;
-            z.push(order[at.min(finite - 1)]);
+            let at = round(rank * (finite - 1) as f64) as usize;
+            z.push(order[at]);
         }
         z
     }

@@ -184,13 +184,19 @@ fn a_sensor_says_what_it_is_made_of() {
     let rows = [[0.1_f32, 0.5, 0.7], [0.2, 0.1, 0.9]];
     let plain = AppearanceLikelihood::new(3).unwrap();
     assert_eq!(
-        (plain.references(), plain.states(), plain.off_map(), plain.spread(), plain.temperature()),
+        (
+            plain.references(),
+            plain.states(),
+            plain.off_map_state(),
+            plain.spread(),
+            plain.temperature()
+        ),
         (3, 3, None, Spread::Query, 1.0)
     );
     let sensor =
         plain.clone().with_offsets(Offsets::All, &rows, 1.0).unwrap().with_off_map(0.5).unwrap();
     let sensor = sensor.with_temperature(1e-6).unwrap().with_temperature(1e6).unwrap();
-    assert_eq!((sensor.references(), sensor.states(), sensor.off_map()), (3, 4, Some(3)));
+    assert_eq!((sensor.references(), sensor.states(), sensor.off_map_state()), (3, 4, Some(3)));
     assert_eq!(sensor.temperature(), 1e6);
     // Offsets are taken anew, and forgotten with the scale that they are in.
     let again = sensor.clone().with_offsets(Offsets::All, &rows[..1], 1.0).unwrap();
@@ -269,7 +275,7 @@ fn scores_beyond_the_range_of_doubles_are_kept_apart() {
 }
 
 #[test]
-fn a_rank_is_a_place_in_the_order_of_all_references() {
+fn a_rank_is_a_place_in_the_order_of_the_finite_references() {
     let row: Vec<f32> = (0..201_u16).map(|i| f32::from(i * 37 % 201)).collect();
     for k in 0..=200_u16 {
         let rank = f64::from(k) / 200.0;
@@ -279,9 +285,9 @@ fn a_rank_is_a_place_in_the_order_of_all_references() {
         let at = row.iter().position(|d| *d == f32::from(k)).unwrap();
         assert_eq!(p[201].to_bits(), p[at].to_bits(), "rank {rank}");
     }
-    // Where that one is infinitely far, the worst of the others.
+    // Those that are infinitely far are none of them.
     let row = vec![0.3, INF, 0.1, INF, 0.2];
-    for (rank, at) in [(0.0, 2), (0.25, 4), (0.5, 0), (0.75, 0), (1.0, 0)] {
+    for (rank, at) in [(0.0, 2), (0.24, 2), (0.26, 4), (0.5, 4), (0.74, 4), (0.76, 0), (1.0, 0)] {
         let plan = Plan { off_map: Some(rank), ..Plan::new(Spread::Query) };
         let (_, p) = step(&[1.0; 6], plan.sensor(5), &row).unwrap();
         assert_eq!(p[5].to_bits(), p[at].to_bits(), "rank {rank}");

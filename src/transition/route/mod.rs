@@ -53,8 +53,8 @@ pub struct RouteControl {
 /// - e is the probability of the [view](View), by [`ViewRates`]; or 1 if it is
 ///   not given, or the route is without views.
 ///
-/// - Where G w o of some moves is below 1e-290, but above 1e-250 of others, what
-///   is left of it may have lost digits.
+/// Where G w o of some moves is below 1e-290, but above 1e-250 of others, what
+/// is left of it may have lost digits.
 ///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k gears with windows of
 /// w weights, in contiguous loops; a step with odometry and a view costs twice as

@@ -10,14 +10,16 @@ use crate::error::TransitionError;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum View {
-    /// Like another place.
+    /// Unlike the last new view: the vehicle, or what it sees, has moved.
     Changed,
-    /// The same.
+    /// Like the last new view.
     Unchanged,
 }
 
 /// The probabilities of a [`View::Unchanged`] after a step; that of a
-/// [`View::Changed`] is the rest to one.
+/// [`View::Changed`] is the rest to one. A *stretch* is a run of references that
+/// look alike ([`alike_stretches`](crate::observation::alike_stretches)). Where
+/// nothing is known, 0.95, 0.8 and 0.02 will do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
