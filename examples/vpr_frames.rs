@@ -74,26 +74,20 @@ struct Arguments {
     detour: Vec<Detour>,
     /// Measure the distance before each step, in frames, with normal noise of
     /// this standard deviation.
-    #[arg(long, value_name = "SD", value_parser = deviation)]
+    #[arg(long, value_name = "SD", value_parser = deviation, allow_negative_numbers = true)]
     odometry: Option<Normal<f64>>,
     #[command(flatten)]
     common: Common,
 }
 
 fn deviation(text: &str) -> Result<Normal<f64>, String> {
-    let number = text.parse().ok().filter(|sd: &f64| sd.is_finite() && *sd >= 0.0);
+    let number = text.parse().ok().filter(|sd: &f64| (sd * sd).is_finite() && *sd >= 0.0);
     let normal = number.and_then(|sd| Normal::new(0.0, sd).ok());
-    normal.ok_or_else(|| String::from("expected a finite number of at least 0"))
+    normal.ok_or_else(|| String::from("expected a number of at least 0, its square finite"))
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    vpr::exit_code(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {

@@ -19,9 +19,10 @@ mod tables;
 
 use std::error::Error;
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, Write};
 use std::ops::Range;
 use std::path::Path;
+use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -41,6 +42,24 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// What went wrong, and why: an error and its causes.
+pub(crate) fn chain(error: &(dyn Error + 'static)) -> String {
+    let causes = std::iter::successors(error.source(), |error| (*error).source());
+    causes.fold(error.to_string(), |text, cause| {
+        let cause = cause.to_string();
+        // Some errors say their cause themselves.
+        if text.ends_with(&cause) { text } else { format!("{text}: {cause}") }
+    })
+}
+
+/// Says what went wrong, if anything did.
+pub(crate) fn exit_code(result: Result<(), Box<dyn Error>>) -> ExitCode {
+    let Err(error) = result else { return ExitCode::SUCCESS };
+    // Nobody may be there to read it.
+    let _ = writeln!(io::stderr(), "error: {}", chain(&*error));
+    ExitCode::FAILURE
 }
 
 /// What a recording is called: the last part of a path.
@@ -110,7 +129,7 @@ pub(crate) fn run(
     let report = tables::report(recording, &settings, &report_on, &estimates.notes, &measured);
     print!("{report}");
     let written = write(recording, &settings, &estimates, &measured, &lags, &report, out);
-    written.map_err(|e| format!("cannot write into {}: {e}", out.display()))?;
+    written.map_err(|e| format!("cannot write into {}: {}", out.display(), chain(&*e)))?;
     println!("\nWrote report, tables and pictures into {}", out.display());
     Ok(())
 }
@@ -143,10 +162,31 @@ fn write(
         // Those of another run would not belong to the rest.
         for file in [table, picture] {
             fs::remove_file(file).or_else(|error| match error.kind() {
-                ErrorKind::NotFound => Ok(()),
+                io::ErrorKind::NotFound => Ok(()),
                 _ => Err(error),
             })?;
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use thiserror::Error;
+
+    use super::*;
+
+    #[derive(Debug, Error)]
+    #[error("outer")]
+    struct Outer(#[source] Middle);
+
+    #[derive(Debug, Error)]
+    #[error("middle: {0}")]
+    struct Middle(#[source] io::Error);
+
+    #[test]
+    fn errors_say_each_cause_once() {
+        assert_eq!(chain(&Outer(Middle(io::Error::other("inner")))), "outer: middle: inner");
+        assert_eq!(chain(&io::Error::other("inner")), "inner");
+    }
 }
