@@ -94,7 +94,7 @@ pub(crate) fn compare(
     Ok(Recording { name, references: map.len(), distances, truth, odometry: None, closed: false })
 }
 
-/// Estimates, measures, prints and writes.
+/// Estimates, measures, writes and prints.
 pub(crate) fn run(
     recording: &Recording,
     common: &Common,
@@ -127,11 +127,20 @@ pub(crate) fn run(
     let lags: Vec<(usize, Vec<f64>)> = lags.collect();
 
     let report = tables::report(recording, &settings, &report_on, &estimates.notes, &measured);
-    print!("{report}");
     let written = write(recording, &settings, &estimates, &measured, &lags, &report, out);
     written.map_err(|e| format!("cannot write into {}: {}", out.display(), chain(&*e)))?;
-    println!("\nWrote report, tables and pictures into {}", out.display());
+    print(&format!("{report}\nWrote report, tables and pictures into {}\n", out.display()))
+        .map_err(|e| format!("cannot print: {e}"))?;
     Ok(())
+}
+
+/// Prints; it is no failure if a reader has seen enough.
+fn print(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match write!(out, "{text}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        printed => printed,
+    }
 }
 
 fn write(
