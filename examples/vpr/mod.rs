@@ -119,7 +119,16 @@ pub(crate) fn run(
 
     let tolerances = &settings.tolerances;
     let measure = |answers| measures::measure(recording, answers, tolerances, &report_on);
-    let measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
+    let mut measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
+    if !settings.off_map {
+        // Nobody was asked whether it is on the map.
+        measured.iter_mut().for_each(|method| method.roc = None);
+        let mut used = settings.fit_on.iter().cloned().flatten().chain(report_on.iter().copied());
+        if used.any(|step| recording.truth[step].is_none()) {
+            let note = "places off the map were ruled out: add --off-map";
+            estimates.notes.push(note.to_owned());
+        }
+    }
     let recall = |places, tolerance| measures::recall(recording, places, tolerance, &report_on);
     let lags = estimates.lags.iter().map(|(lag, places)| {
         (*lag, tolerances.iter().map(|tolerance| recall(places, *tolerance)).collect())
@@ -164,7 +173,7 @@ fn write(
     figures::lags(&out.join("lag.svg"), name, tolerances, lags)?;
     belief::draw(&out.join("belief.svg"), recording, &estimates.belief, &settings.fit_on)?;
     let [table, picture] = ["roc.csv", "roc.svg"].map(|file| out.join(file));
-    if settings.off_map && measured.iter().any(|method| method.roc.is_some()) {
+    if measured.iter().any(|method| method.roc.is_some()) {
         tables::write_roc(&table, measured)?;
         figures::roc(&picture, name, measured)?;
     } else {
