@@ -70,7 +70,7 @@ pub(crate) enum StepsError {
     #[error("{option} {}..{end}: the recording has {steps} steps, expected an end up to {steps}", range.start, end = range.end)]
     Beyond { option: &'static str, range: Range<usize>, steps: usize },
     #[error(
-        "a recording of {steps} steps has no first third to learn from, expected --fit-on or 3 steps"
+        "the first third of a recording of {steps} steps is too short to learn from, expected --fit-on or at least 6 steps"
     )]
     Short { steps: usize },
     #[error(
@@ -113,7 +113,7 @@ impl Common {
     pub(crate) fn settings(&self, steps: usize) -> Result<(Settings, Vec<usize>), StepsError> {
         let third = Span(0..steps / 3);
         let fit_on = match &self.fit_on[..] {
-            [] if third.0.is_empty() => return Err(StepsError::Short { steps }),
+            [] if third.0.len() < 2 => return Err(StepsError::Short { steps }),
             [] => vec![third.0],
             spans => joined("--fit-on", spans, steps)?,
         };
@@ -213,8 +213,9 @@ mod tests {
             "all 10 steps are learned from, expected --fit-on to leave some to report on"
         );
         assert_eq!(
-            error(2, ""),
-            "a recording of 2 steps has no first third to learn from, expected --fit-on or 3 steps"
+            error(5, ""),
+            "the first third of a recording of 5 steps is too short to learn from, expected \
+             --fit-on or at least 6 steps"
         );
         for wrong in ["5", "5..", "5..5", "6..5", "-1..5", "1..5,"] {
             let error = error(10, &format!("--fit-on={wrong}"));

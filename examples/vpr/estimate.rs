@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::ops::Range;
 
-use wayfix::observation::{AppearanceLikelihood, Calibration, calibrate};
+use wayfix::observation::{AppearanceLikelihood, Calibration, ObservationError, calibrate};
 use wayfix::{
     Belief, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior, RouteControl,
     TransitionEntries, evaluate,
@@ -50,6 +50,15 @@ pub(crate) fn estimate(
     settings: &Settings,
 ) -> Result<Estimates, Box<dyn Error>> {
     let fit_on = &settings.fit_on;
+    if !model::shows_motion(recording, fit_on) {
+        let labelled = fit_on.iter().cloned().flatten();
+        let on_map = labelled.clone().filter(|step| recording.truth[*step].is_some()).count();
+        return Err(format!(
+            "{on_map} of {} steps of --fit-on are on the map, expected at least 2 in a row",
+            labelled.count(),
+        )
+        .into());
+    }
     let steps = Steps::new(recording, fit_on)?;
     let cameras = model::cameras(recording, &steps, fit_on, settings.off_map)?;
     let (motion, occupied, note) = model::motion(recording, &steps, fit_on)?;
@@ -92,11 +101,17 @@ impl Task<'_> {
         };
         let (at, temperature) = candidates[calibration.chosen()];
         let (offsets, camera) = &self.cameras[at];
-        let alone = self.for_single_images(camera);
+        let (alone, learned) = self.for_single_images(camera);
         notes.push(format!(
             "temperature {temperature} in sequence with offsets of {offsets}, {:.3} for single images",
             alone.temperature(),
         ));
+        if let Err(error) = learned {
+            notes.push(format!(
+                "single images have the temperature of the sensor, as none was learned: {}",
+                super::chain(&error)
+            ));
+        }
         let tables = self.cameras.iter().zip(calibration.scores().chunks(TEMPERATURES.len()));
         for ((offsets, _), scores) in tables {
             let tried = TEMPERATURES.iter().zip(scores);
@@ -138,15 +153,20 @@ impl Task<'_> {
     }
 
     /// The camera at the temperature that is best for single labelled images;
-    /// as it is, if none is.
-    fn for_single_images(&self, camera: &AppearanceLikelihood) -> AppearanceLikelihood {
+    /// as it is, if none is, and why.
+    fn for_single_images(
+        &self,
+        camera: &AppearanceLikelihood,
+    ) -> (AppearanceLikelihood, Result<(), ObservationError>) {
         let ranges = &self.settings.fit_on;
         let rows: Vec<&[f32]> =
             ranges.iter().cloned().flatten().map(|step| self.recording.row(step)).collect();
         let labels: Vec<Option<usize>> =
             ranges.iter().flat_map(|range| model::labels(self.recording, range)).collect();
-        let learned = camera.clone().with_learned_temperature(&rows, &labels);
-        learned.unwrap_or_else(|_| camera.clone())
+        match camera.clone().with_learned_temperature(&rows, &labels) {
+            Ok(learned) => (learned, Ok(())),
+            Err(error) => (camera.clone(), Err(error)),
+        }
     }
 
     /// The camera and temperature with which filter and smoother do well on the
