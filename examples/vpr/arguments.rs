@@ -129,7 +129,12 @@ impl Common {
         if report_on.is_empty() {
             return Err(StepsError::NothingLeft { steps });
         }
-        let tolerances = self.tolerance.clone();
+        let mut tolerances = Vec::new();
+        for tolerance in &self.tolerance {
+            if !tolerances.contains(tolerance) {
+                tolerances.push(*tolerance);
+            }
+        }
         Ok((Settings { fit_on, lag: self.lag, off_map: self.off_map, tolerances }, report_on))
     }
 
@@ -192,10 +197,10 @@ mod tests {
 
     #[test]
     fn the_first_third_is_learned_from() {
-        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 0").unwrap();
+        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
         assert_eq!(settings.fit_on, vec![0..3; 1]);
         assert_eq!(report, [4, 5, 9, 10]);
-        assert_eq!(settings.tolerances, [0]);
+        assert_eq!(settings.tolerances, [3, 0]);
     }
 
     #[test]

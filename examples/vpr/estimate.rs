@@ -115,7 +115,8 @@ impl Task<'_> {
         let tables = self.cameras.iter().zip(calibration.scores().chunks(TEMPERATURES.len()));
         for ((offsets, _), scores) in tables {
             let tried = TEMPERATURES.iter().zip(scores);
-            let tried: Vec<String> = tried.map(|(t, score)| format!("{t}: {score:.3}")).collect();
+            let tried: Vec<String> =
+                tried.map(|(t, score)| format!("{t}: {}", super::decimals(*score, 3))).collect();
             notes.push(format!(
                 "log scores, offsets of {offsets}, by temperature: {}",
                 tried.join(", ")
@@ -124,7 +125,7 @@ impl Task<'_> {
 
         let hmm = model.hmm(camera.clone().with_temperature(temperature)?)?;
         notes.push(format!("temperature without labels, {}", self.unlabelled(&hmm)?));
-        notes.push(self.localised(&hmm, &model.groups)?);
+        notes.extend(self.localised(&hmm, &model.groups)?);
         let all = 0..self.recording.steps();
         let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
         let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
@@ -209,16 +210,20 @@ impl Task<'_> {
         let learning = Learning { iterations: 20, keep_prior: true, ..Learning::default() };
         let learned = hmm.learn(&parts, &learning)?;
         let camera = learned.model().likelihood().sensor().sensor();
-        Ok(format!("{} iterations: {:.3}", learned.iterations(), camera.temperature()))
+        Ok(format!(
+            "{}: {:.3}",
+            super::counted(learned.iterations(), "iteration"),
+            camera.temperature()
+        ))
     }
 
     /// How soon a filter that starts anywhere has found the place, from starts
-    /// all over the recording.
+    /// all over the recording that are neither learned from nor off the map.
     fn localised<A: TransitionEntries<Control = RouteControl>>(
         &self,
         hmm: &Hmm<&A, Camera>,
         groups: &Groups,
-    ) -> Result<String, Box<dyn Error>> {
+    ) -> Result<Option<String>, Box<dyn Error>> {
         let count = self.recording.steps();
         let tolerance = self.settings.tolerances.iter().copied().max().unwrap_or(0);
         let fitted = |step: &usize| self.settings.fit_on.iter().any(|range| range.contains(step));
@@ -242,12 +247,16 @@ impl Task<'_> {
             steps.extend(evaluate::steps_to_localise_correctly(&masses, 0.9, 5)?);
         }
         steps.sort_unstable();
-        let median = steps.get(steps.len() / 2).map_or("none".into(), ToString::to_string);
-        Ok(format!(
-            "started anywhere, {} of {tried} find their place to {tolerance} within {LOCALISE} \
-             steps (mass of 0.9, right for 5 steps), half of these within {median}",
-            steps.len(),
-        ))
+        let (found, half) = match steps.get(steps.len() / 2) {
+            Some(median) => (steps.len().to_string(), format!(", half of these within {median}")),
+            None => (String::from("none"), String::new()),
+        };
+        Ok((tried > 0).then(|| {
+            format!(
+                "started anywhere, {found} of {tried} find their place to {tolerance} within \
+                 {LOCALISE} steps (mass of 0.9, right for 5 steps){half}"
+            )
+        }))
     }
 
     /// Filtered and smoothed probabilities of the places (and of off the map).

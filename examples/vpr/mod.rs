@@ -62,6 +62,20 @@ pub(crate) fn exit_code(result: Result<(), Box<dyn Error>>) -> ExitCode {
     ExitCode::FAILURE
 }
 
+/// "1 step", "2 steps".
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// So many digits after the point, and no minus before a zero.
+pub(crate) fn decimals(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => zero.to_owned(),
+        _ => text,
+    }
+}
+
 /// What a recording is called: the last part of a path.
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
@@ -201,6 +215,14 @@ mod tests {
     #[derive(Debug, Error)]
     #[error("middle: {0}")]
     struct Middle(#[source] io::Error);
+
+    #[test]
+    fn zeros_have_no_minus() {
+        let values = [-0.0, -0.00004, -0.00006, 0.5, f64::NEG_INFINITY];
+        let texts = values.map(|value| decimals(value, 4));
+        assert_eq!(texts, ["0.0000", "0.0000", "-0.0001", "0.5000", "-inf"]);
+        assert_eq!(decimals(-0.4, 0), "0");
+    }
 
     #[test]
     fn errors_say_each_cause_once() {
