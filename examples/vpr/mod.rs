@@ -13,7 +13,7 @@ mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
 mod seqslam;
-mod style;
+pub(crate) mod style;
 pub(crate) mod synthetic;
 mod tables;
 
@@ -117,7 +117,11 @@ pub(crate) fn run(
     let (settings, report_on) = common.settings(recording.steps())?;
     if report_on.iter().all(|step| recording.truth[*step].is_none()) {
         let count = report_on.len();
-        return Err(format!("none of the {count} steps to report on is on the map").into());
+        return Err(format!(
+            "none of the {count} steps to report on is on the map, expected --report-on to have \
+             one that is, by the truth"
+        )
+        .into());
     }
     fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
 
