@@ -123,6 +123,13 @@ pub(crate) fn run(
         )
         .into());
     }
+    let nowhere = |step: &usize| recording.row(*step).iter().all(|d| *d == f32::INFINITY);
+    if let Some(step) = (0..recording.steps()).find(nowhere).filter(|_| !settings.off_map) {
+        return Err(format!(
+            "all distances of query {step} are infinite, expected a finite one or --off-map"
+        )
+        .into());
+    }
     fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
 
     let mut estimates = estimate::estimate(recording, &settings)?;
