@@ -25,7 +25,7 @@ use clap::Parser;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Normal};
 
-use vpr::arguments::{Common, Span};
+use vpr::arguments::{Common, Span, whole};
 use vpr::drive::{Detour, Drive, Leg};
 use vpr::synthetic;
 
@@ -43,18 +43,18 @@ struct Arguments {
     #[arg(long, value_name = "FILE", requires = "reference")]
     query: Option<PathBuf>,
     /// The height of a frame.
-    #[arg(long, requires = "reference")]
+    #[arg(long, requires = "reference", value_parser = whole, allow_negative_numbers = true)]
     rows: Option<usize>,
     /// The width of a frame.
-    #[arg(long, requires = "reference")]
+    #[arg(long, requires = "reference", value_parser = whole, allow_negative_numbers = true)]
     cols: Option<usize>,
     /// The side of the square patches that are normalised.
-    #[arg(long, value_name = "PIXELS", default_value_t = 8)]
+    #[arg(long, value_name = "PIXELS", default_value_t = 8, value_parser = whole, allow_negative_numbers = true)]
     patch: usize,
     /// Take only these frames of the reference as the map, as FIRST..END;
     /// places number from FIRST [default: all; of the made-up recording, the
     /// first 300].
-    #[arg(long, value_name = "RANGE")]
+    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
     reference_range: Option<Span>,
     /// Show the query as a drive of so many steps at a speed in frames per
     /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
@@ -62,38 +62,32 @@ struct Arguments {
     /// nearest frame, halves up. So there is one frame more than the legs have
     /// steps, and those of detours [default: all frames in order; of the
     /// made-up recording, a drive with a stop and a reverse].
-    #[arg(long, value_name = "LEGS", value_delimiter = ',')]
+    #[arg(long, value_name = "LEGS", value_delimiter = ',', allow_hyphen_values = true)]
     drive: Vec<Leg>,
     /// The frame at which the drive starts.
-    #[arg(long, value_name = "FRAME", default_value_t = 0, requires = "drive")]
+    #[arg(long, value_name = "FRAME", default_value_t = 0, requires = "drive", value_parser = whole, allow_negative_numbers = true)]
     start: usize,
     /// Before step STEP of the drive (from 1, detours not counted), show the
     /// query frames FIRST to END - 1, driven at speed 1; then the drive goes on
     /// as if nothing had been. May be given several times.
-    #[arg(long, value_name = "FIRST..END@STEP")]
+    #[arg(long, value_name = "FIRST..END@STEP", allow_hyphen_values = true)]
     detour: Vec<Detour>,
     /// Measure the distance before each step, in frames, with normal noise of
     /// this standard deviation.
-    #[arg(long, value_name = "SD", value_parser = deviation)]
+    #[arg(long, value_name = "SD", value_parser = deviation, allow_negative_numbers = true)]
     odometry: Option<Normal<f64>>,
     #[command(flatten)]
     common: Common,
 }
 
 fn deviation(text: &str) -> Result<Normal<f64>, String> {
-    let number = text.parse().ok().filter(|sd: &f64| sd.is_finite() && *sd >= 0.0);
+    let number = text.parse().ok().filter(|sd: &f64| (sd * sd).is_finite() && *sd >= 0.0);
     let normal = number.and_then(|sd| Normal::new(0.0, sd).ok());
-    normal.ok_or_else(|| String::from("expected a finite number of at least 0"))
+    normal.ok_or_else(|| String::from("expected a number of at least 0, its square finite"))
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    vpr::exit_code(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {

@@ -33,11 +33,12 @@ struct Arguments {
     /// route. Without it, a made-up recording is used.
     #[arg(long, value_name = "FILE", requires = "truth")]
     similarity: Option<PathBuf>,
-    /// A CSV file of `query,first,last`, from 0: which references, the last
+    /// A CSV file of `query,first,last`, from 0, below a header line of these
+    /// names or without one: which references, the last
     /// included, show the place of the query; both empty or -1 if none does.
     #[arg(long, value_name = "FILE", requires = "similarity")]
     truth: Option<PathBuf>,
-    /// The matrix has distances: smaller = more alike.
+    /// The matrix has distances: smaller = more alike, inf = surely not there.
     #[arg(long, requires = "similarity")]
     distances: bool,
     #[command(flatten)]
@@ -45,13 +46,7 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    vpr::exit_code(run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
@@ -59,7 +54,8 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let files = arguments.similarity.as_ref().zip(arguments.truth.as_ref());
     let mut recording = if let Some((similarity, truth)) = files {
         let name = vpr::file_name(similarity);
-        let similarity::Matrix { columns, mut values } = similarity::read_matrix(similarity)?;
+        let similarity::Matrix { columns, mut values } =
+            similarity::read_matrix(similarity, arguments.distances)?;
         if !arguments.distances {
             values.iter_mut().for_each(|value| *value = -*value);
         }

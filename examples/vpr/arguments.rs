@@ -15,26 +15,26 @@ use super::seqslam::SeqSlam;
 pub(crate) struct Common {
     /// The steps whose places are known and learned from, as FIRST..END,
     /// several separated by commas [default: the first third].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',')]
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
     fit_on: Vec<Span>,
     /// The steps that results are reported on [default: all that are not
     /// learned from].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',')]
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
     report_on: Vec<Span>,
     /// How many steps later a fixed-lag answer is due.
-    #[arg(long, value_name = "STEPS", default_value_t = 20)]
+    #[arg(long, value_name = "STEPS", default_value_t = 20, value_parser = whole, allow_negative_numbers = true)]
     lag: usize,
     /// Model places that are not on the map.
     #[arg(long)]
     pub(crate) off_map: bool,
     /// How many references beside the right ones still count as right.
-    #[arg(long, value_name = "REFERENCES", default_value = "1,10", value_delimiter = ',')]
+    #[arg(long, value_name = "REFERENCES", default_value = "1,10", value_delimiter = ',', value_parser = whole, allow_negative_numbers = true)]
     tolerance: Vec<usize>,
     /// The references form a closed route.
     #[arg(long = "loop")]
     pub(crate) closed: bool,
     /// SeqSLAM: the length of a line, in steps.
-    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count)]
+    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count, allow_negative_numbers = true)]
     sequence: NonZeroUsize,
     /// SeqSLAM: the slopes of a line, in references per step.
     #[arg(
@@ -46,10 +46,10 @@ pub(crate) struct Common {
     )]
     velocities: Vec<Velocity>,
     /// SeqSLAM: the references on either side that contrast is relative to.
-    #[arg(long, value_name = "REFERENCES", default_value_t = 10)]
+    #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
     /// The seed of all that is random.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     pub(crate) seed: u64,
     /// Where to write tables and pictures [default: target/ and the example's
     /// name].
@@ -70,7 +70,7 @@ pub(crate) enum StepsError {
     #[error("{option} {}..{end}: the recording has {steps} steps, expected an end up to {steps}", range.start, end = range.end)]
     Beyond { option: &'static str, range: Range<usize>, steps: usize },
     #[error(
-        "a recording of {steps} steps has no first third to learn from, expected --fit-on or 3 steps"
+        "the first third of a recording of {steps} steps is too short to learn from, expected --fit-on or at least 6 steps"
     )]
     Short { steps: usize },
     #[error(
@@ -79,6 +79,11 @@ pub(crate) enum StepsError {
     Learned { step: usize },
     #[error("all {steps} steps are learned from, expected --fit-on to leave some to report on")]
     NothingLeft { steps: usize },
+}
+
+/// A whole number, or what was expected.
+pub(crate) fn whole(text: &str) -> Result<usize, String> {
+    text.trim().parse().map_err(|_| String::from("expected a whole number of at least 0"))
 }
 
 fn count(text: &str) -> Result<NonZeroUsize, String> {
@@ -113,7 +118,7 @@ impl Common {
     pub(crate) fn settings(&self, steps: usize) -> Result<(Settings, Vec<usize>), StepsError> {
         let third = Span(0..steps / 3);
         let fit_on = match &self.fit_on[..] {
-            [] if third.0.is_empty() => return Err(StepsError::Short { steps }),
+            [] if third.0.len() < 2 => return Err(StepsError::Short { steps }),
             [] => vec![third.0],
             spans => joined("--fit-on", spans, steps)?,
         };
@@ -129,7 +134,12 @@ impl Common {
         if report_on.is_empty() {
             return Err(StepsError::NothingLeft { steps });
         }
-        let tolerances = self.tolerance.clone();
+        let mut tolerances = Vec::new();
+        for tolerance in &self.tolerance {
+            if !tolerances.contains(tolerance) {
+                tolerances.push(*tolerance);
+            }
+        }
         Ok((Settings { fit_on, lag: self.lag, off_map: self.off_map, tolerances }, report_on))
     }
 
@@ -192,10 +202,10 @@ mod tests {
 
     #[test]
     fn the_first_third_is_learned_from() {
-        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 0").unwrap();
+        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
         assert_eq!(settings.fit_on, vec![0..3; 1]);
         assert_eq!(report, [4, 5, 9, 10]);
-        assert_eq!(settings.tolerances, [0]);
+        assert_eq!(settings.tolerances, [3, 0]);
     }
 
     #[test]
@@ -213,13 +223,23 @@ mod tests {
             "all 10 steps are learned from, expected --fit-on to leave some to report on"
         );
         assert_eq!(
-            error(2, ""),
-            "a recording of 2 steps has no first third to learn from, expected --fit-on or 3 steps"
+            error(5, ""),
+            "the first third of a recording of 5 steps is too short to learn from, expected \
+             --fit-on or at least 6 steps"
         );
         for wrong in ["5", "5..", "5..5", "6..5", "-1..5", "1..5,"] {
             let error = error(10, &format!("--fit-on={wrong}"));
             assert!(error.contains("FIRST..END"), "{error}");
         }
+        for option in ["--tolerance", "--lag", "--contrast"] {
+            let error = error(10, &format!("{option} -1"));
+            assert!(
+                error.contains("-1") && error.contains("whole number of at least 0"),
+                "{error}"
+            );
+        }
+        assert!(error(10, "--sequence -1").contains("a whole number above 0"));
+        assert!(error(10, "--fit-on -1..5").contains("FIRST..END"));
         for wrong in ["--velocities nan", "--velocities=", "--sequence 0", "--tolerance -1"] {
             assert!(error(10, wrong).starts_with("error: "), "{wrong}");
         }

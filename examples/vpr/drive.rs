@@ -9,11 +9,12 @@ use thiserror::Error;
 /// Why a recording cannot be shown as a drive.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub(crate) enum DriveError {
-    #[error("--start {start} is not in the recording, expected 0 to {}", frames - 1)]
+    #[error("--start {start} is not in the recording, expected frames 0 to {}", frames - 1)]
     Start { start: usize, frames: usize },
     #[error(
-        "--drive: step {of_leg} of leg {leg} ({steps}@{speed}), step {step} of the drive, would \
-         show frame {position}, expected -0.5 to below {}.5", frames - 1
+        "--drive: step {of_leg} of leg {leg} ({steps}@{}), step {step} of the drive, would \
+         show frame {}, expected frames 0 to {last} (-0.5 to below {last}.5)",
+        short(*speed), short(*position), last = frames - 1
     )]
     Leaves {
         /// From 1.
@@ -27,8 +28,8 @@ pub(crate) enum DriveError {
         frames: usize,
     },
     #[error(
-        "--detour {}..{}@{at}: frame {} is not in the recording, expected ends up to {frames}",
-        detour.start, detour.end, detour.end - 1
+        "--detour {}..{}@{at}: frame {} is not in the recording, expected frames 0 to {}",
+        detour.start, detour.end, detour.end - 1, frames - 1
     )]
     DetourFrames { detour: Range<usize>, at: usize, frames: usize },
     #[error(
@@ -58,6 +59,11 @@ pub(crate) struct Drive {
     pub(crate) frames: Vec<usize>,
     /// In frames; the first is 0.
     pub(crate) distances: Vec<f64>,
+}
+
+/// A number without its many digits, if it is huge.
+fn short(value: f64) -> String {
+    if value.abs() > 1e9 { format!("{value:e}") } else { value.to_string() }
 }
 
 impl FromStr for Leg {
@@ -187,12 +193,19 @@ mod tests {
         assert_eq!(
             error.to_string(),
             "--drive: step 3 of leg 3 (4@-2), step 66 of the drive, would show frame -1, expected \
-             -0.5 to below 19.5"
+             frames 0 to 19 (-0.5 to below 19.5)"
         );
         let error = Drive::new(&legs("3@1e300,3@1e300"), 2, 20).unwrap_err();
-        assert!(error.to_string().contains("step 1 of leg 1"), "{error}");
+        assert_eq!(
+            error.to_string(),
+            "--drive: step 1 of leg 1 (3@1e300), step 1 of the drive, would show frame 1e300, \
+             expected frames 0 to 19 (-0.5 to below 19.5)"
+        );
         let error = Drive::new(&[], 20, 20).unwrap_err();
-        assert_eq!(error.to_string(), "--start 20 is not in the recording, expected 0 to 19");
+        assert_eq!(
+            error.to_string(),
+            "--start 20 is not in the recording, expected frames 0 to 19"
+        );
     }
 
     #[test]
@@ -207,7 +220,7 @@ mod tests {
         let error = |text| drive.clone().with_detours(&[detour(text)], 20).unwrap_err().to_string();
         assert_eq!(
             error("18..21@2"),
-            "--detour 18..21@2: frame 20 is not in the recording, expected ends up to 20"
+            "--detour 18..21@2: frame 20 is not in the recording, expected frames 0 to 19"
         );
         let expected = "expected a step of 1 to 4, as the drive has 4 steps";
         assert_eq!(error("1..2@0"), format!("--detour 1..2@0: {expected}"));

@@ -4,7 +4,7 @@
 use std::error::Error;
 use std::ops::Range;
 
-use wayfix::observation::{AppearanceLikelihood, Calibration, calibrate};
+use wayfix::observation::{AppearanceLikelihood, Calibration, ObservationError, calibrate};
 use wayfix::{
     Belief, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior, RouteControl,
     TransitionEntries, evaluate,
@@ -50,6 +50,15 @@ pub(crate) fn estimate(
     settings: &Settings,
 ) -> Result<Estimates, Box<dyn Error>> {
     let fit_on = &settings.fit_on;
+    if !model::shows_motion(recording, fit_on) {
+        let labelled = fit_on.iter().cloned().flatten();
+        let on_map = labelled.clone().filter(|step| recording.truth[*step].is_some()).count();
+        return Err(format!(
+            "{on_map} of {} steps of --fit-on are on the map, expected at least 2 in a row",
+            labelled.count(),
+        )
+        .into());
+    }
     let steps = Steps::new(recording, fit_on)?;
     let cameras = model::cameras(recording, &steps, fit_on, settings.off_map)?;
     let (motion, occupied, note) = model::motion(recording, &steps, fit_on)?;
@@ -92,15 +101,22 @@ impl Task<'_> {
         };
         let (at, temperature) = candidates[calibration.chosen()];
         let (offsets, camera) = &self.cameras[at];
-        let alone = self.for_single_images(camera);
+        let (alone, learned) = self.for_single_images(camera);
         notes.push(format!(
             "temperature {temperature} in sequence with offsets of {offsets}, {:.3} for single images",
             alone.temperature(),
         ));
+        if let Err(error) = learned {
+            notes.push(format!(
+                "single images have the temperature of the sensor, as none was learned: {}",
+                super::chain(&error)
+            ));
+        }
         let tables = self.cameras.iter().zip(calibration.scores().chunks(TEMPERATURES.len()));
         for ((offsets, _), scores) in tables {
             let tried = TEMPERATURES.iter().zip(scores);
-            let tried: Vec<String> = tried.map(|(t, score)| format!("{t}: {score:.3}")).collect();
+            let tried: Vec<String> =
+                tried.map(|(t, score)| format!("{t}: {}", super::decimals(*score, 3))).collect();
             notes.push(format!(
                 "log scores, offsets of {offsets}, by temperature: {}",
                 tried.join(", ")
@@ -109,7 +125,7 @@ impl Task<'_> {
 
         let hmm = model.hmm(camera.clone().with_temperature(temperature)?)?;
         notes.push(format!("temperature without labels, {}", self.unlabelled(&hmm)?));
-        notes.push(self.localised(&hmm, &model.groups)?);
+        notes.extend(self.localised(&hmm, &model.groups)?);
         let all = 0..self.recording.steps();
         let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
         let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
@@ -138,15 +154,20 @@ impl Task<'_> {
     }
 
     /// The camera at the temperature that is best for single labelled images;
-    /// as it is, if none is.
-    fn for_single_images(&self, camera: &AppearanceLikelihood) -> AppearanceLikelihood {
+    /// as it is, if none is, and why.
+    fn for_single_images(
+        &self,
+        camera: &AppearanceLikelihood,
+    ) -> (AppearanceLikelihood, Result<(), ObservationError>) {
         let ranges = &self.settings.fit_on;
         let rows: Vec<&[f32]> =
             ranges.iter().cloned().flatten().map(|step| self.recording.row(step)).collect();
         let labels: Vec<Option<usize>> =
             ranges.iter().flat_map(|range| model::labels(self.recording, range)).collect();
-        let learned = camera.clone().with_learned_temperature(&rows, &labels);
-        learned.unwrap_or_else(|_| camera.clone())
+        match camera.clone().with_learned_temperature(&rows, &labels) {
+            Ok(learned) => (learned, Ok(())),
+            Err(error) => (camera.clone(), Err(error)),
+        }
     }
 
     /// The camera and temperature with which filter and smoother do well on the
@@ -189,16 +210,20 @@ impl Task<'_> {
         let learning = Learning { iterations: 20, keep_prior: true, ..Learning::default() };
         let learned = hmm.learn(&parts, &learning)?;
         let camera = learned.model().likelihood().sensor().sensor();
-        Ok(format!("{} iterations: {:.3}", learned.iterations(), camera.temperature()))
+        Ok(format!(
+            "{}: {:.3}",
+            super::counted(learned.iterations(), "iteration"),
+            camera.temperature()
+        ))
     }
 
     /// How soon a filter that starts anywhere has found the place, from starts
-    /// all over the recording.
+    /// all over the recording that are neither learned from nor off the map.
     fn localised<A: TransitionEntries<Control = RouteControl>>(
         &self,
         hmm: &Hmm<&A, Camera>,
         groups: &Groups,
-    ) -> Result<String, Box<dyn Error>> {
+    ) -> Result<Option<String>, Box<dyn Error>> {
         let count = self.recording.steps();
         let tolerance = self.settings.tolerances.iter().copied().max().unwrap_or(0);
         let fitted = |step: &usize| self.settings.fit_on.iter().any(|range| range.contains(step));
@@ -222,12 +247,16 @@ impl Task<'_> {
             steps.extend(evaluate::steps_to_localise_correctly(&masses, 0.9, 5)?);
         }
         steps.sort_unstable();
-        let median = steps.get(steps.len() / 2).map_or("none".into(), ToString::to_string);
-        Ok(format!(
-            "started anywhere, {} of {tried} find their place to {tolerance} within {LOCALISE} \
-             steps (mass of 0.9, right for 5 steps), half of these within {median}",
-            steps.len(),
-        ))
+        let (found, half) = match steps.get(steps.len() / 2) {
+            Some(median) => (steps.len().to_string(), format!(", half of these within {median}")),
+            None => (String::from("none"), String::new()),
+        };
+        Ok((tried > 0).then(|| {
+            format!(
+                "started anywhere, {found} of {tried} find their place to {tolerance} within \
+                 {LOCALISE} steps (mass of 0.9, right for 5 steps){half}"
+            )
+        }))
     }
 
     /// Filtered and smoothed probabilities of the places (and of off the map).

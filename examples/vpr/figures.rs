@@ -114,7 +114,7 @@ fn below(values: impl Iterator<Item = f64>) -> f64 {
 
 /// "within 1 reference".
 pub(crate) fn within(tolerance: usize) -> String {
-    format!("within {tolerance} reference{}", if tolerance == 1 { "" } else { "s" })
+    format!("within {}", super::counted(tolerance, "reference"))
 }
 
 /// A panel for each tolerance, a curve for each method: steps, as the area is

@@ -13,15 +13,16 @@ mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
 mod seqslam;
-mod style;
+pub(crate) mod style;
 pub(crate) mod synthetic;
 mod tables;
 
 use std::error::Error;
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{self, Write};
 use std::ops::Range;
 use std::path::Path;
+use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -41,6 +42,38 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// What went wrong, and why: an error and its causes.
+pub(crate) fn chain(error: &(dyn Error + 'static)) -> String {
+    let causes = std::iter::successors(error.source(), |error| (*error).source());
+    causes.fold(error.to_string(), |text, cause| {
+        let cause = cause.to_string();
+        // Some errors say their cause themselves.
+        if text.ends_with(&cause) { text } else { format!("{text}: {cause}") }
+    })
+}
+
+/// Says what went wrong, if anything did.
+pub(crate) fn exit_code(result: Result<(), Box<dyn Error>>) -> ExitCode {
+    let Err(error) = result else { return ExitCode::SUCCESS };
+    // Nobody may be there to read it.
+    let _ = writeln!(io::stderr(), "error: {}", chain(&*error));
+    ExitCode::FAILURE
+}
+
+/// "1 step", "2 steps".
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+/// So many digits after the point, and no minus before a zero.
+pub(crate) fn decimals(value: f64, digits: usize) -> String {
+    let text = format!("{value:.digits$}");
+    match text.strip_prefix('-') {
+        Some(zero) if zero.bytes().all(|byte| b"0.".contains(&byte)) => zero.to_owned(),
+        _ => text,
+    }
 }
 
 /// What a recording is called: the last part of a path.
@@ -75,7 +108,7 @@ pub(crate) fn compare(
     Ok(Recording { name, references: map.len(), distances, truth, odometry: None, closed: false })
 }
 
-/// Estimates, measures, prints and writes.
+/// Estimates, measures, writes and prints.
 pub(crate) fn run(
     recording: &Recording,
     common: &Common,
@@ -84,7 +117,18 @@ pub(crate) fn run(
     let (settings, report_on) = common.settings(recording.steps())?;
     if report_on.iter().all(|step| recording.truth[*step].is_none()) {
         let count = report_on.len();
-        return Err(format!("none of the {count} steps to report on is on the map").into());
+        return Err(format!(
+            "none of the {count} steps to report on is on the map, expected --report-on to have \
+             one that is, by the truth"
+        )
+        .into());
+    }
+    let nowhere = |step: &usize| recording.row(*step).iter().all(|d| *d == f32::INFINITY);
+    if let Some(step) = (0..recording.steps()).find(nowhere).filter(|_| !settings.off_map) {
+        return Err(format!(
+            "all distances of query {step} are infinite, expected a finite one or --off-map"
+        )
+        .into());
     }
     fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
 
@@ -100,7 +144,16 @@ pub(crate) fn run(
 
     let tolerances = &settings.tolerances;
     let measure = |answers| measures::measure(recording, answers, tolerances, &report_on);
-    let measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
+    let mut measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
+    if !settings.off_map {
+        // Nobody was asked whether it is on the map.
+        measured.iter_mut().for_each(|method| method.roc = None);
+        let mut used = settings.fit_on.iter().cloned().flatten().chain(report_on.iter().copied());
+        if used.any(|step| recording.truth[step].is_none()) {
+            let note = "places off the map were ruled out: add --off-map";
+            estimates.notes.push(note.to_owned());
+        }
+    }
     let recall = |places, tolerance| measures::recall(recording, places, tolerance, &report_on);
     let lags = estimates.lags.iter().map(|(lag, places)| {
         (*lag, tolerances.iter().map(|tolerance| recall(places, *tolerance)).collect())
@@ -108,11 +161,20 @@ pub(crate) fn run(
     let lags: Vec<(usize, Vec<f64>)> = lags.collect();
 
     let report = tables::report(recording, &settings, &report_on, &estimates.notes, &measured);
-    print!("{report}");
     let written = write(recording, &settings, &estimates, &measured, &lags, &report, out);
-    written.map_err(|e| format!("cannot write into {}: {e}", out.display()))?;
-    println!("\nWrote report, tables and pictures into {}", out.display());
+    written.map_err(|e| format!("cannot write into {}: {}", out.display(), chain(&*e)))?;
+    print(&format!("{report}\nWrote report, tables and pictures into {}\n", out.display()))
+        .map_err(|e| format!("cannot print: {e}"))?;
     Ok(())
+}
+
+/// Prints; it is no failure if a reader has seen enough.
+fn print(text: &str) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    match write!(out, "{text}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        printed => printed,
+    }
 }
 
 fn write(
@@ -136,17 +198,46 @@ fn write(
     figures::lags(&out.join("lag.svg"), name, tolerances, lags)?;
     belief::draw(&out.join("belief.svg"), recording, &estimates.belief, &settings.fit_on)?;
     let [table, picture] = ["roc.csv", "roc.svg"].map(|file| out.join(file));
-    if settings.off_map && measured.iter().any(|method| method.roc.is_some()) {
+    if measured.iter().any(|method| method.roc.is_some()) {
         tables::write_roc(&table, measured)?;
         figures::roc(&picture, name, measured)?;
     } else {
         // Those of another run would not belong to the rest.
         for file in [table, picture] {
             fs::remove_file(file).or_else(|error| match error.kind() {
-                ErrorKind::NotFound => Ok(()),
+                io::ErrorKind::NotFound => Ok(()),
                 _ => Err(error),
             })?;
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use thiserror::Error;
+
+    use super::*;
+
+    #[derive(Debug, Error)]
+    #[error("outer")]
+    struct Outer(#[source] Middle);
+
+    #[derive(Debug, Error)]
+    #[error("middle: {0}")]
+    struct Middle(#[source] io::Error);
+
+    #[test]
+    fn zeros_have_no_minus() {
+        let values = [-0.0, -0.00004, -0.00006, 0.5, f64::NEG_INFINITY];
+        let texts = values.map(|value| decimals(value, 4));
+        assert_eq!(texts, ["0.0000", "0.0000", "-0.0001", "0.5000", "-inf"]);
+        assert_eq!(decimals(-0.4, 0), "0");
+    }
+
+    #[test]
+    fn errors_say_each_cause_once() {
+        assert_eq!(chain(&Outer(Middle(io::Error::other("inner")))), "outer: middle: inner");
+        assert_eq!(chain(&io::Error::other("inner")), "inner");
+    }
 }

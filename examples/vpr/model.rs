@@ -148,6 +148,11 @@ fn moves(recording: &Recording, fit_on: &[Range<usize>]) -> Vec<Vec<(usize, usiz
     fit_on.iter().map(of).collect()
 }
 
+/// Are two steps in a row labelled?
+pub(crate) fn shows_motion(recording: &Recording, fit_on: &[Range<usize>]) -> bool {
+    moves(recording, fit_on).iter().any(|part| !part.is_empty())
+}
+
 /// How far the odometry is off, squared, on average over the labelled moves.
 fn odometry_variance(recording: &Recording, fit_on: &[Range<usize>]) -> f64 {
     let Some(odometry) = &recording.odometry else { return 0.0 };

@@ -13,7 +13,12 @@ pub(crate) enum PatchError {
         "--patch {patch} does not divide frames of {rows} rows × {cols} columns, expected {expected}"
     )]
     Side { patch: usize, rows: usize, cols: usize, expected: String },
-    #[error("--reference-range {}..{}: expected an end up to {frames}", range.start, range.end)]
+    #[error("--patch 1: a patch of one pixel has no contrast, expected {expected}")]
+    Pixel { expected: String },
+    #[error(
+        "--reference-range {}..{}: frame {} is not in the recording, expected frames 0 to {}",
+        range.start, range.end, range.end - 1, frames - 1
+    )]
     Range { range: Range<usize>, frames: usize },
     #[error("{queries} × {references} differences do not fit into memory")]
     Memory { queries: usize, references: usize },
@@ -56,6 +61,9 @@ impl Frames {
             } else {
                 sides.join(" or ")
             };
+            if patch == 1 {
+                return Err(PatchError::Pixel { expected });
+            }
             return Err(PatchError::Side { patch, rows, cols, expected });
         }
         let size = rows * cols;
@@ -218,8 +226,8 @@ mod tests {
         );
         assert_eq!(
             error(3, 4, 1).unwrap(),
-            "--patch 1 does not divide frames of 3 rows × 4 columns, expected frames whose sides \
-             have a common divisor above 1"
+            "--patch 1: a patch of one pixel has no contrast, expected frames whose sides have a \
+             common divisor above 1"
         );
         assert!(error(16, 32, 0).is_some());
         assert_eq!(error(16, 32, 16), None);

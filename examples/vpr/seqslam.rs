@@ -44,7 +44,8 @@ pub(crate) enum Alignment {
 
 impl SeqSlam {
     /// Each difference relative to those at the references around it: minus
-    /// their mean, by their standard deviation (of a sample). O(T × n × window).
+    /// their mean, by their standard deviation (of a sample). Infinite ones stay
+    /// so and do not count. O(T × n × window).
     pub(crate) fn enhance(&self, recording: &Recording) -> Vec<f32> {
         let n = recording.references;
         let mut enhanced = Vec::with_capacity(recording.distances.len());
@@ -66,11 +67,14 @@ impl SeqSlam {
                 } else {
                     i.saturating_sub(self.contrast)..n.min(i.saturating_add(self.contrast + 1))
                 };
-                let window = &padded[window];
-                let count = window.len() as f64;
-                let mean = window.iter().sum::<f64>() / count;
-                let squares: f64 = window.iter().map(|d| (d - mean).powi(2)).sum();
-                let flat = window.iter().all(|d| *d == window[0]);
+                if value == f64::INFINITY {
+                    return f32::INFINITY;
+                }
+                let window = padded[window].iter().filter(|d| d.is_finite());
+                let count = window.clone().count() as f64;
+                let mean = window.clone().sum::<f64>() / count;
+                let squares: f64 = window.clone().map(|d| (d - mean).powi(2)).sum();
+                let flat = window.clone().all(|d| *d == value);
                 let deviation = (squares / (count - 1.0)).sqrt();
                 if flat { 0.0 } else { ((value - mean) / deviation) as f32 }
             }));

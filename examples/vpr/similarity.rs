@@ -7,12 +7,16 @@ use std::path::{Path, PathBuf};
 use csv::{ReaderBuilder, StringRecord, Trim};
 use thiserror::Error;
 
+use crate::vpr::style::shortened;
+
 /// Why files hold no matrix or no truth. Lines and columns count from 1, as in
 /// an editor.
 #[derive(Debug, Error)]
 pub(crate) enum SimilarityError {
     #[error("cannot read {}: {source}", file.display())]
     File { file: PathBuf, source: csv::Error },
+    #[error("{} is not text (line {line} is not UTF-8), expected CSV", file.display())]
+    Text { file: PathBuf, line: usize },
     #[error("{} is empty, expected {expected}", file.display())]
     Empty { file: PathBuf, expected: &'static str },
     #[error("{}, line {line}, column {column}: {found:?}, expected {expected}", file.display())]
@@ -37,6 +41,10 @@ pub(crate) struct Matrix {
 fn records(file: &Path) -> Result<Vec<(u64, StringRecord)>, SimilarityError> {
     let failed = |source| SimilarityError::File { file: file.to_owned(), source };
     let text = fs::read(file).map_err(|error| failed(error.into()))?;
+    if let Err(error) = std::str::from_utf8(&text) {
+        let line = text[..error.valid_up_to()].split(|byte| *byte == b'\n').count();
+        return Err(SimilarityError::Text { file: file.to_owned(), line });
+    }
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
@@ -56,8 +64,22 @@ fn records(file: &Path) -> Result<Vec<(u64, StringRecord)>, SimilarityError> {
     Ok(records)
 }
 
-/// Reads a matrix of finite numbers without a header.
-pub(crate) fn read_matrix(file: &Path) -> Result<Matrix, SimilarityError> {
+/// A number of a matrix; distances may also be infinite.
+fn number(text: &str, distances: bool) -> Option<f32> {
+    let value = text.parse::<f32>().ok()?;
+    // Finite numbers that are too large are infinite, too, once they are read.
+    let infinite =
+        distances && value == f32::INFINITY && !text.contains(|c: char| c.is_ascii_digit());
+    (value.is_finite() || infinite).then_some(value)
+}
+
+/// A cell, as errors quote it.
+fn quoted(cell: &str) -> String {
+    shortened(cell, 40)
+}
+
+/// Reads a matrix of numbers without a header.
+pub(crate) fn read_matrix(file: &Path, distances: bool) -> Result<Matrix, SimilarityError> {
     let records = records(file)?;
     let Some((first, record)) = records.first() else {
         let expected = "a line for each query image, a column for each reference image";
@@ -75,13 +97,15 @@ pub(crate) fn read_matrix(file: &Path) -> Result<Matrix, SimilarityError> {
             });
         }
         for (column, found) in (1..).zip(record) {
-            let value = found.parse::<f32>().ok().filter(|value| value.is_finite());
-            values.push(value.ok_or_else(|| SimilarityError::Field {
+            values.push(number(found, distances).ok_or_else(|| SimilarityError::Field {
                 file: file.to_owned(),
                 line: *line,
                 column,
-                found: found.to_owned(),
-                expected: String::from("a finite number"),
+                found: quoted(found),
+                expected: format!(
+                    "a number within ±3.4e38{}",
+                    if distances { " or inf" } else { "" }
+                ),
             })?);
         }
     }
@@ -119,7 +143,7 @@ pub(crate) fn read_truth(
                 file: file.clone(),
                 line,
                 column: column + 1,
-                found: record[column].to_owned(),
+                found: quoted(&record[column]),
                 expected: format!("a whole number from 0 to {}{also}", below - 1),
             })
         };
@@ -129,7 +153,7 @@ pub(crate) fn read_truth(
         }
         let nowhere = |column: usize| matches!(&record[column], "" | "-1");
         let places = |expected| {
-            let (first, last) = (record[1].to_owned(), record[2].to_owned());
+            let (first, last) = (quoted(&record[1]), quoted(&record[2]));
             SimilarityError::Places { file: file.clone(), line, first, last, expected }
         };
         if nowhere(1) != nowhere(2) {
@@ -169,7 +193,8 @@ mod tests {
 
     fn matrix(name: &str, text: &str) -> Result<(usize, Vec<f32>), String> {
         let name = format!("matrix_{name}");
-        with_file(&name, text.as_bytes(), read_matrix).map(|m| (m.columns, m.values))
+        with_file(&name, text.as_bytes(), |file| read_matrix(file, false))
+            .map(|m| (m.columns, m.values))
     }
 
     fn truth(name: &str, text: &str) -> Result<Vec<Option<RangeInclusive<usize>>>, String> {
@@ -188,12 +213,12 @@ mod tests {
         let error = |name: &str, text: &str| matrix(name, text).unwrap_err();
         assert_eq!(
             error("word", "1,2\n\n3,four\n"),
-            "FILE, line 3, column 2: \"four\", expected a finite number"
+            "FILE, line 3, column 2: \"four\", expected a number within ±3.4e38"
         );
         for wrong in ["nan", "inf", "-inf", "1e39", ""] {
             assert_eq!(
                 error("value", &format!("1,2,3\n1,{wrong},3\n")),
-                format!("FILE, line 2, column 2: {wrong:?}, expected a finite number")
+                format!("FILE, line 2, column 2: {wrong:?}, expected a number within ±3.4e38")
             );
         }
         assert_eq!(
@@ -204,10 +229,28 @@ mod tests {
                      reference image";
         assert_eq!(error("empty", ""), empty);
         assert_eq!(error("blank", "\n\n"), empty);
-        let bytes = with_file("bytes", b"1,2\n\xff,3\n", read_matrix);
-        assert!(bytes.err().unwrap().contains("line 2"));
-        let missing = read_matrix(Path::new("no such file.csv")).err().unwrap().to_string();
+        let bytes = with_file("bytes", b"1,2\n\xff,3\n", |file| read_matrix(file, false));
+        assert_eq!(bytes.err().unwrap(), "FILE is not text (line 2 is not UTF-8), expected CSV");
+        let long = error("long", &"9".repeat(50));
+        assert!(long.contains(&format!("\"{}…\"", "9".repeat(39))), "{long}");
+        let missing = read_matrix(Path::new("no such file.csv"), false).err().unwrap().to_string();
         assert!(missing.starts_with("cannot read no such file.csv: "), "{missing}");
+    }
+
+    #[test]
+    fn distances_may_be_infinite() {
+        let read = |name, text: &str| {
+            with_file(name, text.as_bytes(), |file| read_matrix(file, true)).map(|m| m.values)
+        };
+        assert_eq!(read("infinite", "1,inf\n").unwrap(), [1.0, f32::INFINITY]);
+        for wrong in ["-inf", "1e39", "nan"] {
+            assert_eq!(
+                read("no_distance", wrong).unwrap_err(),
+                format!(
+                    "FILE, line 1, column 1: {wrong:?}, expected a number within ±3.4e38 or inf"
+                )
+            );
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use wayfix::evaluate::{ReliabilityDiagram, RocCurve};
 
+use super::counted;
 use super::estimate::Settings;
 use super::measures::Measured;
 use super::recording::{Answers, Recording};
@@ -22,19 +23,20 @@ pub(crate) fn report(
     let on_map = recording.truth.iter().filter(|truth| truth.is_some()).count();
     let learned: usize = settings.fit_on.iter().map(Range::len).sum();
     let mut text = format!(
-        "{}\n{steps} steps, {on_map} of them on the map of {} references{}.\n{learned} steps are \
-         learned from, {} are reported on.\n",
+        "{}\n{}, {on_map} of them on the map of {}{}.\n{learned} steps are \
+         learned from, {} reported on.\n",
         recording.name,
-        recording.references,
+        counted(steps, "step"),
+        counted(recording.references, "reference"),
         if recording.closed { ", a closed route" } else { "" },
-        report_on.len(),
+        if report_on.len() == 1 { "1 is".into() } else { format!("{} are", report_on.len()) },
     );
     let mut put = |line: std::fmt::Arguments<'_>| {
         text.write_fmt(line).expect("a String takes all that is written");
     };
     notes.iter().for_each(|note| put(format_args!("{note}\n")));
     put(format_args!(
-        "\n{:<16}  tolerance  recall  calibr.   log score   recall at precision  PR area\n{:<16}  \
+        "\n{:<19}  tolerance  recall  calibr.   log score   recall at precision  PR area\n{:<19}  \
          {:9}  {:6}  error     {:10}  {:>9} {:>9}\n",
         "method", "", "", "", "", "100%", "99%"
     ));
@@ -44,11 +46,11 @@ pub(crate) fn report(
             let error =
                 score.reliability.as_ref().map(ReliabilityDiagram::expected_calibration_error);
             put(format_args!(
-                "{method:<16}  {:9}  {:6.4}  {:>7}  {:>10}  {:9.4} {:9.4}  {:7.4}\n",
+                "{method:<19}  {:9}  {:6.4}  {:>7}  {:>10}  {:9.4} {:9.4}  {:7.4}\n",
                 score.tolerance,
                 score.recall,
-                error.map_or(String::from("-"), |error| format!("{error:.4}")),
-                score.log_score.map_or(String::from("-"), |score| format!("{score:.4}")),
+                error.map_or(String::from("-"), |error| super::decimals(error, 4)),
+                score.log_score.map_or(String::from("-"), |score| super::decimals(score, 4)),
                 at(1.0),
                 at(0.99),
                 score.curve.average_precision(),
@@ -59,7 +61,7 @@ pub(crate) fn report(
         put(format_args!("\nOn the map or not: area under the ROC curve\n"));
         for Measured { method, roc, .. } in measured {
             if let Some(roc) = roc {
-                put(format_args!("{method:<16}  {:.4}\n", roc.area()));
+                put(format_args!("{method:<19}  {:.4}\n", roc.area()));
             }
         }
     }
@@ -67,7 +69,7 @@ pub(crate) fn report(
 }
 
 fn decimals(value: f64) -> String {
-    format!("{value:.6}")
+    super::decimals(value, 6)
 }
 
 /// Recall, calibration and log score of each method, to each tolerance.
