@@ -445,8 +445,8 @@ fn what_is_no_route_is_an_error() {
 fn what_is_no_odometry_is_an_error_and_the_filter_stays() {
     let route = stop_and_go(false);
     for (u, expected) in [
-        (driven(f64::NAN, 1.0), "an odometry distance of NaN places, expected a finite one"),
-        (driven(f64::INFINITY, 1.0), "an odometry distance of inf places, expected a finite one"),
+        (driven(f64::NAN, 1.0), "an odometry distance of NaN, expected a finite value"),
+        (driven(f64::INFINITY, 1.0), "an odometry distance of inf, expected a finite value"),
         (driven(1.0, -1.0), "an odometry variance of -1, expected a finite value of at least 0"),
         (
             driven(1.0, f64::NAN),
