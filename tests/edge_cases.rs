@@ -5,8 +5,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
     Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, KroneckerTransition,
     Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior,
-    RestartTransition, Scratch, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
-    TransitionEntries,
+    RestartTransition, RoundedTails, Scratch, SparseTransition, SwitchedTransition,
+    TableLikelihood, Transition, TransitionEntries,
 };
 
 fn before(belief: Belief) -> Prior {
@@ -540,4 +540,18 @@ fn a_slightly_negative_prediction_is_an_error() {
     let hmm = Hmm::new(before(uniform(2)), Negative, LikelihoodVector::linear(2)).unwrap();
     let error = hmm.filter().step_with(&0, &[1.0, 1.0]).unwrap_err();
     assert!(matches!(error, InferenceError::Predicted { step: 1, state: 1, value } if value < 0.0));
+}
+
+#[test]
+fn a_missing_sighting_of_a_sensor_with_rounded_tails_rounds_them_too() {
+    // State 1 keeps 1e-30 of itself at each step: from 1e-300 to below a double.
+    let fade =
+        SparseTransition::from_triplets(2, [(0, 0, 1.0), (0, 1, 1.0), (1, 1, 1e-30)]).unwrap();
+    let prior = || Prior::AtFirstObservation(Belief::new(vec![1.0, 1e-300]).unwrap());
+    let seen = [Some(vec![0.0, 0.0]), None, Some(vec![-2000.0, 0.0])];
+    let vector = LikelihoodVector::log(2).owned();
+    let exact = Hmm::new(prior(), &fade, OptionalLikelihood::new(vector)).unwrap();
+    assert_eq!(exact.smooth(&seen).unwrap().posteriors().modes()[2], 1);
+    let inside = Hmm::new(prior(), &fade, OptionalLikelihood::new(RoundedTails(vector))).unwrap();
+    assert_eq!(inside.smooth(&seen).unwrap().posteriors().modes()[2], 0);
 }

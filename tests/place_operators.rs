@@ -327,7 +327,7 @@ proptest! {
         let belief = || Belief::new(back.clone()).unwrap();
         let plain =
             OffMapTransition::new(sparse(&matrices[0]), leave, return_rate, belief()).unwrap();
-        prop_assert_eq!(plain.off_map(), back.len());
+        prop_assert_eq!(plain.off_map_state(), back.len());
         check_all(plain, &[(); 3], &vec![expected[0].clone(); 3], &inputs, exact)?;
         // Each gear has its own control; a fourth there is not.
         let geared =
@@ -963,7 +963,7 @@ fn bad_ways_off_the_map_are_named() {
     );
     let endless = wayfix::WindowTransition::new(1, 0, &[1.0], wayfix::Ends::Loop).unwrap();
     let one = Belief::uniform(1).unwrap();
-    assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map(), 1);
+    assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map_state(), 1);
 }
 
 /// The way back from nowhere is the last, and counts only if it is better.

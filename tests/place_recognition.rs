@@ -100,7 +100,7 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
     let back = Belief::uniform(PLACES).unwrap();
     let motion = OffMapTransition::new(ahead(), 0.002, 0.02, back).unwrap();
     let hmm = from_anywhere(motion, camera().with_off_map(0.15).unwrap());
-    let off = hmm.transition().off_map();
+    let off = hmm.transition().off_map_state();
     for seed in 0..5 {
         let rows = rows(&drive, seed);
         let mut stream = hmm.fixed_lag(20);

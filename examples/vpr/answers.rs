@@ -1,6 +1,6 @@
 //! From beliefs to answers: where, and how probably.
 
-use wayfix::{BeliefView, Groups};
+use wayfix::{BeliefView, GroupError, Groups};
 
 use super::estimate::Task;
 use super::recording::Answers;
@@ -42,42 +42,40 @@ impl Task<'_> {
 
     pub(super) fn answers(&self, method: &str, beliefs: &[Vec<f64>]) -> Answers {
         let n = self.recording.references;
-        let places: Vec<Option<usize>> = beliefs.iter().map(|belief| self.place(belief)).collect();
-        let tolerances = &self.settings.tolerances;
-        let near = |tolerance: &usize| {
-            let pairs = beliefs.iter().zip(&places);
-            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
-        };
+        let places = beliefs.iter().map(|belief| self.place(belief)).collect();
         let truth = |tolerance: &usize| {
             let steps = beliefs.iter().enumerate();
             steps.map(|(step, belief)| self.true_mass(belief, step, *tolerance)).collect()
         };
-        let probability: Vec<Vec<f64>> = tolerances.iter().map(near).collect();
+        let on_map = || beliefs.iter().map(|belief| 1.0 - belief[n].min(1.0)).collect();
         Answers {
-            method: method.into(),
-            confidence: probability[0].clone(),
-            probability: Some(probability),
-            truth_mass: Some(tolerances.iter().map(truth).collect()),
-            on_map: self
-                .settings
-                .off_map
-                .then(|| beliefs.iter().map(|belief| 1.0 - belief[n].min(1.0)).collect()),
-            places,
+            truth_mass: Some(self.settings.tolerances.iter().map(truth).collect()),
+            on_map: self.settings.off_map.then(on_map),
+            ..self.answers_at(method, places, beliefs)
         }
     }
 
     /// The best path, as probable as the smoother thinks.
     pub(super) fn path_answers(&self, path: &[usize], smoothed: &[Vec<f64>]) -> Answers {
         let n = self.recording.references;
-        let places: Vec<Option<usize>> =
-            path.iter().map(|place| (*place < n).then_some(*place)).collect();
+        let places = path.iter().map(|place| (*place < n).then_some(*place)).collect();
+        self.answers_at("viterbi", places, smoothed)
+    }
+
+    /// Places, as probable as the beliefs say.
+    fn answers_at(
+        &self,
+        method: &str,
+        places: Vec<Option<usize>>,
+        beliefs: &[Vec<f64>],
+    ) -> Answers {
         let near = |tolerance: &usize| {
-            let pairs = smoothed.iter().zip(&places);
+            let pairs = beliefs.iter().zip(&places);
             pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
         };
         let probability: Vec<Vec<f64>> = self.settings.tolerances.iter().map(near).collect();
         Answers {
-            method: "viterbi".into(),
+            method: method.into(),
             confidence: probability[0].clone(),
             probability: Some(probability),
             truth_mass: None,
@@ -88,11 +86,8 @@ impl Task<'_> {
 }
 
 /// The probability of each group.
-pub(super) fn places(groups: &Groups, belief: BeliefView<'_>) -> Vec<f64> {
-    let mut sums = vec![0.0; groups.count()];
-    let states = groups.as_slice().iter().zip(belief.as_slice());
-    states.for_each(|(group, p)| sums[*group] += p);
-    sums
+pub(super) fn places(groups: &Groups, belief: BeliefView<'_>) -> Result<Vec<f64>, GroupError> {
+    Ok(groups.marginal(&belief)?.into_vec())
 }
 
 fn mode(values: &[f64]) -> usize {

@@ -238,7 +238,7 @@ impl Task<'_> {
                 // To a filter that has just begun, every view is new.
                 let sighting = if step == start { Some(seen) } else { sighting };
                 filter.step_with(&self.steps.controls[step], &sighting)?;
-                let belief = places(groups, filter.belief());
+                let belief = places(groups, filter.belief())?;
                 let place = self.place(&belief);
                 let mass = self.mass_near(&belief, place, tolerance);
                 masses.push((mass, self.recording.is_right(step, place, tolerance)));
@@ -272,11 +272,12 @@ impl Task<'_> {
                 beliefs.push(places(groups, belief));
             }
         })?;
-        for beliefs in &mut beliefs {
-            beliefs.pop(); // step 0
-            beliefs.reverse();
-        }
-        Ok(beliefs)
+        // From last to first; the first is step 0.
+        let [filtered, smoothed] = beliefs.map(|beliefs| {
+            let steps = beliefs.into_iter().rev().skip(1);
+            steps.collect::<Result<Vec<Vec<f64>>, _>>()
+        });
+        Ok([filtered?, smoothed?])
     }
 
     /// One pass of a fixed-lag smoother, read at several lags; and the beliefs
@@ -306,7 +307,7 @@ impl Task<'_> {
                 let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
                 for step in due.filter(|step| now + 1 == count || step + *of == now) {
                     let belief = stream.get(step + 1).ok_or("beyond the lag")?;
-                    let belief = places(groups, belief);
+                    let belief = places(groups, belief)?;
                     answers[step] = self.place(&belief);
                     if *of == lag {
                         beliefs[step] = belief;

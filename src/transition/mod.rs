@@ -36,7 +36,7 @@ pub use window::{Ends, WindowTransition};
 
 use std::any::Any;
 
-use crate::belief::SUM_TOLERANCE;
+use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
 
@@ -321,6 +321,21 @@ fn check_sum(
         return Err(TransitionError::Parameter { what: whole, value: sum, expected: "1" });
     }
     Ok(())
+}
+
+/// A belief times a rate, none of whose products may underflow.
+fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
+    let mut values = belief.into_vec();
+    for (state, r) in values.iter_mut().enumerate() {
+        let value = *r * rate;
+        if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
+            let what = format!("the probability of {what} state {state}");
+            let expected = "0 or at least 2.2e-308, the smallest normal double";
+            return Err(TransitionError::Parameter { what, value, expected });
+        }
+        *r = value;
+    }
+    Ok(values)
 }
 
 pub(crate) fn check_probability(

@@ -2,6 +2,7 @@
 
 use super::{
     Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
+    scaled,
 };
 use crate::belief::Belief;
 use crate::error::TransitionError;
@@ -40,7 +41,7 @@ use crate::kernels::{self, log2};
 /// assert_eq!(out, [0.0, 0.75, 0.25]);
 /// a.apply(&(), &[0.0, 0.0, 1.0], &mut out);
 /// assert_eq!(out, [0.5, 0.0, 0.5]);
-/// assert_eq!(a.off_map(), 2);
+/// assert_eq!(a.off_map_state(), 2);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -76,16 +77,7 @@ impl<A: Transition> OffMapTransition<A> {
     ) -> Result<Self, TransitionError> {
         check_probability(leave, || "the rate of leaving".to_owned())?;
         check_probability(return_rate, || "the rate of return".to_owned())?;
-        let mut back = back.into_vec();
-        for (state, r) in back.iter_mut().enumerate() {
-            let value = *r * return_rate;
-            if *r > 0.0 && return_rate > 0.0 && value < f64::MIN_POSITIVE {
-                let what = format!("the probability of a return to state {state}");
-                let expected = "0 or at least 2.2e-308, the smallest normal double";
-                return Err(TransitionError::Parameter { what, value, expected });
-            }
-            *r = value;
-        }
+        let back = scaled(back, return_rate, "a return to")?;
         Self::from_parts(inner, leave, 1.0 - return_rate, back)
     }
 
@@ -97,7 +89,7 @@ impl<A: Transition> OffMapTransition<A> {
 
     /// The state that is off the map, the last one.
     #[must_use]
-    pub fn off_map(&self) -> usize {
+    pub fn off_map_state(&self) -> usize {
         self.back.len()
     }
 
@@ -127,7 +119,7 @@ impl<A: Transition> OffMapTransition<A> {
     /// [`TransitionError::PartStates`] unless it is one of the states on the
     /// map.
     pub fn groups(&self, inner: &Groups) -> Result<Groups, TransitionError> {
-        let (found, expected) = (inner.as_slice().len(), self.off_map());
+        let (found, expected) = (inner.as_slice().len(), self.off_map_state());
         if found != expected {
             return Err(TransitionError::PartStates { part: "grouping", found, expected });
         }
@@ -169,17 +161,17 @@ impl<A: Transition> OffMapTransition<A> {
 
     /// The entry that comes last in a row or a column, that of off the map.
     fn last<T>(&self, value: T, is_entry: bool) -> impl Iterator<Item = (usize, T)> + use<T, A> {
-        is_entry.then_some((self.off_map(), value)).into_iter()
+        is_entry.then_some((self.off_map_state(), value)).into_iter()
     }
 
     /// What leads into a state from off the map.
     fn returning(&self, to: usize) -> f64 {
-        if to == self.off_map() { self.stay } else { self.back[to] }
+        if to == self.off_map_state() { self.stay } else { self.back[to] }
     }
 
     /// The states on the map if they lead to a state as to all others: off it.
     fn leavers(&self, to: usize) -> std::ops::Range<usize> {
-        if to == self.off_map() && self.leave > 0.0 { 0..to } else { 0..0 }
+        if to == self.off_map_state() && self.leave > 0.0 { 0..to } else { 0..0 }
     }
 }
 
@@ -192,7 +184,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
-        let n = self.off_map();
+        let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply(control, &x[..n], out);
         for (out, back) in out.iter_mut().zip(&self.back) {
@@ -203,7 +195,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
-        let n = self.off_map();
+        let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply_transpose(control, &x[..n], out);
         let left = self.leave * x[n];
@@ -213,7 +205,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
-        let n = self.off_map();
+        let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply_log(control, &x[..n], out);
         let keep = self.keep.ln();
@@ -226,7 +218,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 
     fn apply_transpose_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
-        let n = self.off_map();
+        let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply_transpose_log(control, &x[..n], out);
         let (keep, left) = (self.keep.ln(), self.leave.ln() + x[n]);
@@ -242,13 +234,13 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let returns = self.returning(to);
-        let on_map = (to < self.off_map()).then(|| self.inner.incoming(control, to));
+        let on_map = (to < self.off_map_state()).then(|| self.inner.incoming(control, to));
         let leavers = self.leavers(to).map(|j| (j, self.leave));
         self.kept(on_map).chain(leavers).chain(self.last(returns, returns > 0.0))
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let on_map = from < self.off_map();
+        let on_map = from < self.off_map_state();
         assert!(from < self.states(), "there is no state {from}");
         let moves = self.kept(on_map.then(|| self.inner.outgoing(control, from)));
         let returns = (!on_map).then(|| self.returns()).into_iter().flatten();
@@ -258,7 +250,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let (keep, leave) = (log2(self.keep), log2(self.leave));
-        let on_map = (to < self.off_map()).then(|| self.inner.incoming_log2(control, to));
+        let on_map = (to < self.off_map_state()).then(|| self.inner.incoming_log2(control, to));
         let moves = on_map.into_iter().flatten().map(move |(j, log2)| (j, keep + log2));
         let returns = self.returning(to);
         moves
@@ -269,7 +261,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
-        let n = self.off_map();
+        let n = self.off_map_state();
         // Every entry of A has the same factor, so the best ways on the map stay
         // the best, and off the map leads the first of all best states. What
         // comes back is from the last state: it must be better to count.

@@ -2,7 +2,7 @@
 
 use std::ops::Add;
 
-use super::{Transition, TransitionEntries, best_of, check_probability, log, merge};
+use super::{Transition, TransitionEntries, best_of, check_probability, log, merge, scaled};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
@@ -54,16 +54,7 @@ impl<A: Transition> RestartTransition<A> {
             let part = "restart belief";
             return Err(TransitionError::PartStates { part, found, expected });
         }
-        let mut restart = restart.into_vec();
-        for (state, r) in restart.iter_mut().enumerate() {
-            let value = *r * rate;
-            if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
-                let what = format!("the probability of a restart in state {state}");
-                let expected = "0 or at least 2.2e-308, the smallest normal double";
-                return Err(TransitionError::Parameter { what, value, expected });
-            }
-            *r = value;
-        }
+        let restart = scaled(restart, rate, "a restart in")?;
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
