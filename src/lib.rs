@@ -201,8 +201,8 @@ pub use sequence::{Controlled, Sequence};
 pub use transition::{
     DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, KroneckerTransition,
     Odometry, OffMapTransition, PowerTransition, RestartTransition, RouteControl, RouteTransition,
-    SparseTransition, SwitchedTransition, TiedTransition, Transition, TransitionEntries, View,
-    ViewRates, WindowTransition,
+    SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
+    View, ViewRates, WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -55,8 +55,11 @@ use crate::transition::Transition;
 pub struct Filter<M> {
     model: M,
     state: FilterState,
+    /// The belief, lifted: always at hand for the next step.
+    lifted: Vec<f64>,
     predicted: Vec<f64>,
     after: Vec<f64>,
+    after_lifted: Vec<f64>,
     after_logs: Vec<f64>,
     /// Memory for the logarithms of the state while it has none.
     spare: Vec<f64>,
@@ -82,10 +85,15 @@ where
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
+        let state = FilterState::new(model.prior());
+        let mut lifted = vec![0.0; n];
+        kernels::lift(state.belief.as_slice(), &mut lifted);
         Self {
-            state: FilterState::new(model.prior()),
+            state,
+            lifted,
             predicted: vec![0.0; n],
             after: vec![0.0; n],
+            after_lifted: vec![0.0; n],
             after_logs: vec![0.0; n],
             spare: vec![0.0; n],
             work: Workspace::new(n),
@@ -110,6 +118,15 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<f64, InferenceError> {
+        Ok(self.step_in_full(control, observation)?.log)
+    }
+
+    /// A step, with all that it gives.
+    pub(super) fn step_in_full(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<Advanced, InferenceError> {
         let number = self.state.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
         self.advance(number, control, observation)
@@ -124,22 +141,22 @@ where
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
         let number = self.state.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
-        let Self { model, state, predicted, after, after_logs, work, .. } = self;
+        let Self { model, state, lifted, predicted, after, after_lifted, after_logs, work, .. } =
+            self;
         let step = Step { hmm: &**model, number, control };
         let mut in_logs = state.logs.is_some();
         if !in_logs {
-            kernels::lift(state.belief.as_slice(), predicted);
-            step.predict(predicted, after)?;
+            step.predict(lifted, after)?;
             let sum = step.check_prediction(after)?;
             in_logs = normalise(after, sum);
         }
         if in_logs {
-            let mut results = Results { predicted, after, logs: after_logs };
+            let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
             step.predict_in_logs(state.held(), &mut results, &mut work.values)?;
             normalise_logs(after_logs, after);
             in_logs = loses(after_logs, after);
         }
-        self.commit(number, &Advanced { log: 0.0, in_logs });
+        self.commit(number, &Advanced { log: 0.0, normaliser: 0.0, in_logs, lifted: false });
         Ok(())
     }
 
@@ -157,7 +174,7 @@ where
     pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
         let at_first = !self.model.prior().moves_at(1);
         let number = self.state.steps.max(usize::from(at_first));
-        self.advance(number, None, observation)
+        Ok(self.advance(number, None, observation)?.log)
     }
 
     /// The distribution `controls.len()` steps ahead, without observations,
@@ -223,6 +240,7 @@ where
         if let Some(logs) = &snapshot.logs {
             self.after_logs.copy_from_slice(logs);
         }
+        self.lift();
         self.keep_logs(snapshot.logs.is_some());
         Ok(())
     }
@@ -232,6 +250,7 @@ where
         let Self { model, state, .. } = self;
         state.belief.as_mut_vec().copy_from_slice(model.prior().belief().as_slice());
         (state.steps, state.log_likelihood) = (0, LogSum::default());
+        self.lift();
         self.keep_logs(false);
     }
 
@@ -247,6 +266,7 @@ where
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
         self.state.belief.as_mut_vec().copy_from_slice(belief.as_slice());
+        self.lift();
         self.keep_logs(false);
         Ok(())
     }
@@ -256,13 +276,14 @@ where
         number: usize,
         control: Option<&A::Control>,
         observation: &B::Observation,
-    ) -> Result<f64, InferenceError> {
-        let Self { model, state, predicted, after, after_logs, work, .. } = self;
+    ) -> Result<Advanced, InferenceError> {
+        let Self { model, state, lifted, predicted, after, after_lifted, after_logs, work, .. } =
+            self;
         let step = Step { hmm: &**model, number, control };
-        let mut results = Results { predicted, after, logs: after_logs };
-        let advanced = step.advance(observation, state.held(), &mut results, work)?;
+        let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
+        let advanced = step.advance(observation, state.held(), lifted, &mut results, work)?;
         self.commit(number, &advanced);
-        Ok(advanced.log)
+        Ok(advanced)
     }
 
     pub(super) fn held(&self) -> Held<'_> {
@@ -276,9 +297,18 @@ where
     /// Only here does a step change the filter.
     fn commit(&mut self, number: usize, advanced: &Advanced) {
         mem::swap(self.state.belief.as_mut_vec(), &mut self.after);
+        if advanced.lifted {
+            mem::swap(&mut self.lifted, &mut self.after_lifted);
+        } else {
+            self.lift();
+        }
         self.keep_logs(advanced.in_logs);
         self.state.steps = number;
         self.state.log_likelihood.add(advanced.log);
+    }
+
+    fn lift(&mut self) {
+        kernels::lift(self.state.belief.as_slice(), &mut self.lifted);
     }
 
     /// Takes over the logarithms in `after_logs`, or has none from now on.

@@ -2,18 +2,19 @@
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT};
+use crate::kernels::{self, LIFT, Made, Sparse, Updated};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{Form, Stored, Transition};
 
 /// A step is taken in linear space if the normaliser is at least this part of
 /// the largest likelihood. A likelihood that has lost digits by scaling then
 /// gives a result below 2^-990, which is looked at again.
 const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
-/// Likelihoods with their largest value in this range are taken as they are.
+/// Likelihoods with their largest value in this range, 2^-300 to 2^16, are taken as
+/// they are: their products with lifted predictions are doubles, and the sum is.
 const UNSCALED: std::ops::RangeInclusive<f64> =
-    f64::from_bits((1023 - 16) << 52)..=f64::from_bits((1023 + 16) << 52);
+    f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
 
 /// Memory for steps; allocated once, when it is made.
 #[derive(Debug, Clone)]
@@ -74,10 +75,13 @@ impl Held<'_> {
 
 /// Where a step writes its results.
 pub(super) struct Results<'a> {
-    /// The prediction, lifted by [`LIFT`], which it sums to but for rounding.
+    /// The prediction, lifted by [`LIFT`], which it sums to but for rounding;
+    /// not written where it need not be kept.
     pub(super) predicted: &'a mut [f64],
     /// The belief after the observation.
     pub(super) after: &'a mut [f64],
+    /// The same lifted, if the step says so.
+    pub(super) lifted: &'a mut [f64],
     /// Its logarithms, if the step says so.
     pub(super) logs: &'a mut [f64],
 }
@@ -86,8 +90,13 @@ pub(super) struct Results<'a> {
 pub(super) struct Advanced {
     /// ln N, the log-likelihood of the observation.
     pub(super) log: f64,
+    /// N itself, for the likelihoods as the sensor gave them, where the step was
+    /// taken with those; else 0.
+    pub(super) normaliser: f64,
     /// Whether the belief has to be kept as logarithms too.
     pub(super) in_logs: bool,
+    /// Whether the lifted belief has been written.
+    pub(super) lifted: bool,
 }
 
 /// The model at one step.
@@ -139,59 +148,137 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok((diagonal, largest))
     }
 
-    /// From the last belief to the predicted one and the one after the
-    /// observation.
+    /// From the last belief to the one after the observation.
     ///
     /// In linear space, unless logarithms are needed: because the belief before
     /// is kept so, because the observation contradicts the prediction by more
     /// than 2^32, or because a state that is possible would get 0. The last does
     /// not count after a sensor with rounded tails.
+    ///
+    /// `lifted` is the belief before, lifted.
     pub(super) fn advance(
         &self,
         observation: &B::Observation,
         before: Held<'_>,
+        lifted: &[f64],
         results: &mut Results<'_>,
         work: &mut Workspace,
     ) -> Result<Advanced, InferenceError> {
         let Workspace { scratch, values } = work;
-        let (diagonal, largest) = self.diagonal(observation, scratch)?;
+        let wrap = |source| InferenceError::Likelihood { step: self.number, source };
+        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
+        diagonal.check_shape(self.hmm.states()).map_err(wrap)?;
+        // As they are, if they can be; whether they are valid is seen on the way.
+        if let (None, Some(linear)) = (before.logs, diagonal.linear_values())
+            && let Some(normaliser) =
+                self.advance_in_doubles(&diagonal, (linear, false), lifted, results)?
+        {
+            let log = normaliser.ln() + diagonal.log_factor;
+            return Ok(Advanced { log, normaliser, in_logs: false, lifted: true });
+        }
+        let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         // Likelihoods near one, with the logarithm of what was divided out.
-        let (linear, largest, log_scale): (&[f64], _, _) = match diagonal.values {
+        let log_scale = match diagonal.values {
             Values::Linear(linear) | Values::Checked { linear, .. } => {
-                if UNSCALED.contains(&largest) {
-                    (linear, largest, 0.0)
-                } else if largest == 0.0 {
+                if largest == 0.0 {
                     return Err(InferenceError::Impossible { step: self.number });
-                } else {
-                    values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
-                    (values, 1.0, largest.ln())
                 }
+                values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
+                largest.ln()
             }
             Values::Log(logs) => {
                 if largest == f64::NEG_INFINITY {
                     return Err(InferenceError::Impossible { step: self.number });
                 }
                 values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
-                (values, 1.0, largest)
+                largest
             }
         };
-        if before.logs.is_none() {
-            kernels::lift(before.linear, results.after);
-            self.predict(results.after, results.predicted)?;
-            let sums = kernels::multiply(results.predicted, linear, results.after);
-            if sums.least < 0.0 || !is_one(sums.first / LIFT) {
-                self.check_prediction(results.predicted)?;
-            }
-            let normaliser = sums.products / LIFT;
-            if is_one(sums.first / LIFT) && normaliser >= LEAST_NORMALISER * largest {
-                let small = kernels::normalise(results.after, sums.products);
-                if !(small && loses_states(&diagonal, linear, results.predicted, results.after)) {
-                    let log = normaliser.ln() + log_scale + diagonal.log_factor;
-                    return Ok(Advanced { log, in_logs: false });
-                }
-            }
+        if before.logs.is_none()
+            && let Some(scaled) =
+                self.advance_in_doubles(&diagonal, (values, true), lifted, results)?
+        {
+            let log = scaled.ln() + log_scale + diagonal.log_factor;
+            return Ok(Advanced { log, normaliser: 0.0, in_logs: false, lifted: true });
         }
         self.advance_in_logs(diagonal, log_scale, before, results, values)
+    }
+
+    /// The step in linear space, with likelihoods in proportion to those of the
+    /// diagonal, and whether they have been scaled. Gives their normaliser, or `None` where doubles do not hold the
+    /// results or the likelihoods are not valid or have to be scaled.
+    #[inline]
+    fn advance_in_doubles(
+        &self,
+        diagonal: &Diagonal<'_>,
+        (likelihoods, scaled): (&[f64], bool),
+        lifted: &[f64],
+        results: &mut Results<'_>,
+    ) -> Result<Option<f64>, InferenceError> {
+        let updated = self.update(lifted, likelihoods, scaled, results)?;
+        let valid = updated.least_likelihood >= 0.0
+            && UNSCALED.contains(&updated.largest_likelihood)
+            && is_one(updated.predicted / LIFT);
+        let normaliser = updated.products / LIFT;
+        // So that a NaN is not valid either.
+        let likely = normaliser >= LEAST_NORMALISER * updated.largest_likelihood;
+        if !(valid && likely && normaliser.is_finite()) {
+            return Ok(None);
+        }
+        kernels::settle(results.lifted, results.after, updated.products);
+        let lost = updated.small
+            && !diagonal.tails_rounded
+            && self.loses_states(diagonal, likelihoods, lifted, results)?;
+        Ok((!lost).then_some(normaliser))
+    }
+
+    /// Prediction and product with the likelihoods, into the lifted result.
+    #[inline]
+    fn update(
+        &self,
+        lifted: &[f64],
+        likelihoods: &[f64],
+        scaled: bool,
+        results: &mut Results<'_>,
+    ) -> Result<Updated, InferenceError> {
+        let Some(control) = self.control else {
+            return Ok(kernels::update(Made(lifted), likelihoods, scaled, results.lifted));
+        };
+        self.check_control(control)?;
+        let transition = self.hmm.transition();
+        if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
+            let product = Sparse { matrix: &matrix.sliced_rows, x: lifted };
+            return Ok(kernels::update(product, likelihoods, scaled, results.lifted));
+        }
+        transition.apply(control, lifted, results.predicted);
+        let updated = kernels::update(Made(results.predicted), likelihoods, scaled, results.lifted);
+        if updated.least_predicted < 0.0 || !is_one(updated.predicted / LIFT) {
+            self.check_prediction(results.predicted)?;
+        }
+        Ok(updated)
+    }
+
+    /// Whether a state that prediction and likelihood allow has got 0, or a
+    /// scaled likelihood too small to have all its digits.
+    #[cold]
+    fn loses_states(
+        &self,
+        diagonal: &Diagonal<'_>,
+        scaled: &[f64],
+        lifted: &[f64],
+        results: &mut Results<'_>,
+    ) -> Result<bool, InferenceError> {
+        self.predict(lifted, results.predicted)?;
+        let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
+            p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
+        };
+        let states = results.predicted.iter().zip(&*results.after).zip(scaled);
+        Ok(match diagonal.values {
+            Values::Linear(b) | Values::Checked { linear: b, .. } => {
+                states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
+            }
+            Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
+        })
     }
 
     /// The same step in logarithms. `log_scale` is taken out of those of the
@@ -214,7 +301,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         };
         let log = normaliser + log_scale + diagonal.log_factor;
         let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
-        Ok(Advanced { log, in_logs })
+        Ok(Advanced { log, normaliser: 0.0, in_logs, lifted: false })
     }
 
     /// The prediction, in linear space and in logarithms (into those of the
@@ -257,24 +344,6 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
 /// One, but for rounding and what columns may be off by.
 pub(super) fn is_one(sum: f64) -> bool {
     (sum - 1.0).abs() <= 1e-6
-}
-
-/// Whether a state that prediction and likelihood allow has got 0, or a scaled
-/// likelihood too small to have all its digits; and whether that matters.
-fn loses_states(diagonal: &Diagonal<'_>, scaled: &[f64], predicted: &[f64], after: &[f64]) -> bool {
-    if diagonal.tails_rounded {
-        return false;
-    }
-    let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
-        p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
-    };
-    let states = predicted.iter().zip(after).zip(scaled);
-    match diagonal.values {
-        Values::Linear(b) | Values::Checked { linear: b, .. } => {
-            states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
-        }
-        Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
-    }
 }
 
 /// Whether a probability above 0 rounds to 0.

@@ -71,15 +71,30 @@ impl<'a> Diagonal<'a> {
         }
     }
 
-    /// Checks length, values and factor, and returns the largest value in the
-    /// form that the diagonal has (0 or −∞ if every state is ruled out).
-    pub(crate) fn check(&self, states: usize) -> Result<f64, LikelihoodError> {
+    /// The likelihoods, unless they are logarithms.
+    pub(crate) fn linear_values(&self) -> Option<&'a [f64]> {
+        match self.values {
+            Values::Linear(linear) | Values::Checked { linear, .. } => Some(linear),
+            Values::Log(_) => None,
+        }
+    }
+
+    /// Checks length and factor.
+    #[inline]
+    pub(crate) fn check_shape(&self, states: usize) -> Result<(), LikelihoodError> {
         if self.len() != states {
             return Err(LikelihoodError::WrongLength { found: self.len(), expected: states });
         }
         if self.log_factor.is_nan() || self.log_factor.abs() > LARGEST_LOG {
             return Err(LikelihoodError::LogFactor { value: self.log_factor });
         }
+        Ok(())
+    }
+
+    /// Checks length, values and factor, and returns the largest value in the
+    /// form that the diagonal has (0 or −∞ if every state is ruled out).
+    pub(crate) fn check(&self, states: usize) -> Result<f64, LikelihoodError> {
+        self.check_shape(states)?;
         match self.values {
             Values::Linear(values) => {
                 kernels::largest(values).map_err(|state| LikelihoodError::Value {

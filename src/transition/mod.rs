@@ -16,6 +16,7 @@ mod restart;
 mod route;
 mod shared;
 mod sparse;
+mod stored;
 mod switched;
 mod tied;
 mod window;
@@ -30,6 +31,8 @@ pub use power::PowerTransition;
 pub use restart::RestartTransition;
 pub use route::{Gear, RouteControl, RouteTransition, View, ViewRates};
 pub use sparse::SparseTransition;
+pub(crate) use stored::Form;
+pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;
 pub use window::{Ends, WindowTransition};
@@ -165,6 +168,15 @@ pub trait Transition {
     /// As [`apply_log`](Self::apply_log), with A'.
     fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
         log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
+    }
+
+    /// The matrix of a step, if it is one that this crate stores: inference
+    /// then goes through it by itself, and does with each product at once what
+    /// else there is to do. `None`, unless an operator hands on that of another,
+    /// which it must equal.
+    fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
+        let _ = control;
+        None
     }
 
     /// Whether there is an operator for this control; all are accepted unless

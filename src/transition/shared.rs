@@ -3,7 +3,7 @@
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::{SparseTransition, TiedTransition, Transition, TransitionEntries};
+use super::{SparseTransition, Stored, TiedTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
 use crate::fixed::Fixed;
 
@@ -33,6 +33,10 @@ macro_rules! as_target {
 
             fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply_transpose_log(control, x, out);
+            }
+
+            fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
+                (**self).stored(control)
             }
 
             fn check_control(&self, control: &Self::Control) -> Result<(), TransitionError> {

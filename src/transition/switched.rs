@@ -1,6 +1,6 @@
 //! One of several operators at each step, chosen by the control.
 
-use super::{Transition, TransitionEntries};
+use super::{Stored, Transition, TransitionEntries};
 use crate::error::TransitionError;
 
 /// A family of operators; the control of a step is the number of the one that
@@ -75,6 +75,10 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
 
     fn apply_transpose_log(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
         self.operators[control].apply_transpose_log(&(), x, out);
+    }
+
+    fn stored(&self, &control: &usize) -> Option<Stored<'_>> {
+        self.operators.get(control)?.stored(&())
     }
 
     fn check_control(&self, &control: &usize) -> Result<(), TransitionError> {

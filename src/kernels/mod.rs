@@ -4,7 +4,16 @@
 //! the order of the additions, so the result to the bit, is the same on every
 //! machine.
 
-const LANES: usize = 8;
+mod lanes;
+mod max;
+mod sliced;
+mod update;
+
+pub(crate) use max::{Maximise, maximise};
+pub(crate) use sliced::{Sliced, Values};
+pub(crate) use update::{BACK_LIFT, Made, Sparse, Updated, retreat, settle, update, weigh};
+
+use lanes::LANES;
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a
@@ -40,41 +49,6 @@ pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
         }
     }
     total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
-}
-
-/// What [`multiply`] sums up.
-pub(crate) struct Sums {
-    /// Σ xᵢ yᵢ.
-    pub(crate) products: f64,
-    /// Σ xᵢ.
-    pub(crate) first: f64,
-    /// The least xᵢ, or 0 if all are above.
-    pub(crate) least: f64,
-}
-
-/// `out = x ∘ y`, and its sums.
-pub(crate) fn multiply(x: &[f64], y: &[f64], out: &mut [f64]) -> Sums {
-    let (outs, out_rest) = out.as_chunks_mut::<LANES>();
-    let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
-    let (mut products, mut first) = ([0.0; LANES], [0.0; LANES]);
-    let mut least = [0.0; LANES];
-    for ((out, x), y) in outs.iter_mut().zip(xs).zip(ys) {
-        for l in 0..LANES {
-            least[l] = if x[l] < least[l] { x[l] } else { least[l] };
-            out[l] = x[l] * y[l];
-            products[l] += out[l];
-            first[l] += x[l];
-        }
-    }
-    let least = least.into_iter().fold(0.0, f64::min);
-    let mut sums = Sums { products: total(products), first: total(first), least };
-    for ((out, x), y) in out_rest.iter_mut().zip(x_rest).zip(y_rest) {
-        *out = x * y;
-        sums.products += *out;
-        sums.first += x;
-        sums.least = sums.least.min(*x);
-    }
-    sums
 }
 
 /// `out = x` times [`LIFT`].
@@ -185,10 +159,6 @@ mod tests {
             let expected = (n * (n + 1) / 2) as f64;
             assert_eq!(sum(&x), expected);
             assert_eq!(dot(&x, &y), 2.0 * expected);
-            let mut out = vec![f64::NAN; n];
-            let sums = multiply(&x, &y, &mut out);
-            assert_eq!((sums.products, sums.first), (2.0 * expected, expected));
-            assert!(out.iter().zip(&x).all(|(out, x)| *out == 2.0 * x));
             assert_eq!(largest(&x), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {
                 for at in 0..n {

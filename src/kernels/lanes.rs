@@ -1,0 +1,563 @@
+//! Eight doubles at a time, with what the machine has: the only unsafe code.
+//!
+//! A kernel is written once, for any [`Lanes`], and run with the one that
+//! [`Isa::chosen`] names. All of them add in the same order and none
+//! fuses a product with a sum, so that results are the same to the bit on every
+//! machine.
+//!
+//! Why it is sound: [`Avx2`] and [`Avx512`] are proofs that the instructions are
+//! there. They have a private field, and only [`run`] makes them, after detection.
+//! Loads and stores take references to arrays; a gather bounds its indices.
+#![allow(unsafe_code, reason = "the module that holds all of it")]
+
+use std::sync::OnceLock;
+
+/// How many doubles there are.
+pub(crate) const LANES: usize = 8;
+
+/// Eight doubles.
+pub(crate) type Eight = [f64; LANES];
+
+/// Sets of instructions, from the plainest to the widest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Isa {
+    /// Whatever the compiler makes of arrays.
+    Plain,
+    /// x86-64 with AVX2.
+    Avx2,
+    /// x86-64 with AVX-512 F and VL.
+    Avx512,
+}
+
+impl Isa {
+    const NAMES: [(&'static str, Self); 3] =
+        [("plain", Self::Plain), ("avx2", Self::Avx2), ("avx512", Self::Avx512)];
+
+    /// Whether this machine has it.
+    pub(crate) fn is_here(self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        match self {
+            Self::Plain => true,
+            Self::Avx2 => is_x86_feature_detected!("avx2"),
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        matches!(self, Self::Plain)
+    }
+
+    /// The widest that this machine has, or a plainer one if the environment
+    /// variable `WAYFIX_INSTRUCTIONS` names it. Looked up once.
+    pub(crate) fn chosen() -> Self {
+        static CHOSEN: OnceLock<Isa> = OnceLock::new();
+        *CHOSEN.get_or_init(|| {
+            let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
+            let widest = Self::NAMES.iter().find(|(name, _)| *name == named);
+            let widest = widest.map_or(Self::Avx512, |found| found.1);
+            let here = Self::NAMES.iter().rev().map(|named| named.1);
+            here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Plain)
+        })
+    }
+}
+
+/// Work that is done with lanes.
+pub(crate) trait Kernel {
+    /// What it gives.
+    type Output;
+
+    /// Does it. Implementations are `#[inline(always)]`, so that they become
+    /// part of a function that may use the instructions.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+/// Runs a kernel with the instructions chosen.
+#[inline]
+pub(crate) fn run<K: Kernel>(kernel: K) -> K::Output {
+    // SAFETY: what is chosen is here.
+    unsafe { run_unchecked(Isa::chosen(), kernel) }
+}
+
+/// Runs a kernel with these instructions, or plainly if they are not here.
+#[cfg(test)]
+pub(crate) fn run_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+    let isa = if isa.is_here() { isa } else { Isa::Plain };
+    // SAFETY: it is here.
+    unsafe { run_unchecked(isa, kernel) }
+}
+
+/// # Safety
+///
+/// The instructions must be there.
+#[inline]
+unsafe fn run_unchecked<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn avx2<K: Kernel>(kernel: K) -> K::Output {
+            kernel.run(Avx2(()))
+        }
+        #[target_feature(enable = "avx512f,avx512vl,avx2")]
+        fn avx512<K: Kernel>(kernel: K) -> K::Output {
+            kernel.run(Avx512(()))
+        }
+        match isa {
+            // SAFETY: the caller has detected them.
+            Isa::Avx512 => return unsafe { avx512(kernel) },
+            Isa::Avx2 => return unsafe { avx2(kernel) },
+            Isa::Plain => {}
+        }
+    }
+    let _ = isa;
+    kernel.run(Plain)
+}
+
+/// Operations on eight doubles (`V`), on comparisons of them (`M`) and on eight
+/// indices (`I`).
+pub(crate) trait Lanes: Copy {
+    type V: Copy;
+    type M: Copy;
+    type I: Copy;
+
+    fn splat(self, x: f64) -> Self::V;
+    fn load(self, x: &Eight) -> Self::V;
+    fn store(self, v: Self::V, out: &mut Eight);
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    fn div(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The smaller of each two, `b` if one is NaN.
+    fn min(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The larger of each two, `b` if one is NaN.
+    fn max(self, a: Self::V, b: Self::V) -> Self::V;
+    /// a < b, false if one is NaN.
+    fn less(self, a: Self::V, b: Self::V) -> Self::M;
+    /// a = b, false if one is NaN.
+    fn equal(self, a: Self::V, b: Self::V) -> Self::M;
+    fn and(self, a: Self::M, b: Self::M) -> Self::M;
+    fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    fn any(self, m: Self::M) -> bool;
+    /// `a` where the mask is set, else `b`.
+    fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
+
+    /// `x[index]` for each of eight; `x` has from 1 to 2^31 − 1 values.
+    /// An index beyond takes some value of `x`.
+    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+
+    fn indices(self, indices: &[u32; LANES]) -> Self::I;
+    /// base, base + 1, … base + 7.
+    fn ramp(self, base: u32) -> Self::I;
+    /// a < b, for indices below 2^31.
+    fn index_less(self, a: Self::I, b: Self::I) -> Self::M;
+    fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
+    fn store_index(self, i: Self::I, out: &mut [u32; LANES]);
+
+    /// The lanes one after another.
+    #[inline(always)]
+    fn to_array(self, v: Self::V) -> Eight {
+        let mut out = [0.0; LANES];
+        self.store(v, &mut out);
+        out
+    }
+
+    /// Fewer than eight, with 0 for those that miss.
+    #[inline(always)]
+    fn load_part(self, x: &[f64]) -> Self::V {
+        let mut eight = [0.0; LANES];
+        eight[..x.len()].copy_from_slice(x);
+        self.load(&eight)
+    }
+
+    /// The first lanes, as many as there is room for.
+    #[inline(always)]
+    fn store_part(self, v: Self::V, out: &mut [f64]) {
+        out.copy_from_slice(&self.to_array(v)[..out.len()]);
+    }
+}
+
+/// Arrays.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plain;
+
+#[inline(always)]
+fn each<T, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(&T, &T) -> R) -> [R; LANES] {
+    std::array::from_fn(|l| f(&a[l], &b[l]))
+}
+
+impl Lanes for Plain {
+    type V = Eight;
+    type M = [bool; LANES];
+    type I = [u32; LANES];
+
+    #[inline(always)]
+    fn splat(self, x: f64) -> Eight {
+        [x; LANES]
+    }
+    #[inline(always)]
+    fn load(self, x: &Eight) -> Eight {
+        *x
+    }
+    #[inline(always)]
+    fn store(self, v: Eight, out: &mut Eight) {
+        *out = v;
+    }
+    #[inline(always)]
+    fn add(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn sub(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn mul(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a / b)
+    }
+    #[inline(always)]
+    fn min(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| if a < b { *a } else { *b })
+    }
+    #[inline(always)]
+    fn max(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| if a > b { *a } else { *b })
+    }
+    #[inline(always)]
+    fn less(self, a: Eight, b: Eight) -> [bool; LANES] {
+        each(a, b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn equal(self, a: Eight, b: Eight) -> [bool; LANES] {
+        each(a, b, |a, b| a == b)
+    }
+    #[inline(always)]
+    fn and(self, a: [bool; LANES], b: [bool; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a & b)
+    }
+    #[inline(always)]
+    fn or(self, a: [bool; LANES], b: [bool; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a | b)
+    }
+    #[inline(always)]
+    fn any(self, m: [bool; LANES]) -> bool {
+        m.into_iter().fold(false, |any, m| any | m)
+    }
+    #[inline(always)]
+    fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
+        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
+        std::array::from_fn(|l| x[indices[l] as usize])
+    }
+    #[inline(always)]
+    fn indices(self, indices: &[u32; LANES]) -> [u32; LANES] {
+        *indices
+    }
+    #[inline(always)]
+    fn ramp(self, base: u32) -> [u32; LANES] {
+        std::array::from_fn(|l| base + l as u32)
+    }
+    #[inline(always)]
+    fn index_less(self, a: [u32; LANES], b: [u32; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn select_index(self, m: [bool; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
+        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn store_index(self, i: [u32; LANES], out: &mut [u32; LANES]) {
+        *out = i;
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use x86::{Avx2, Avx512};
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use super::{Eight, LANES, Lanes};
+    use std::arch::x86_64::*;
+
+    /// There is AVX2. Two registers of four doubles.
+    #[derive(Debug, Clone, Copy)]
+    pub(crate) struct Avx2(pub(super) ());
+
+    /// There are AVX-512 F and VL, and AVX2. One register of eight doubles.
+    #[derive(Debug, Clone, Copy)]
+    pub(crate) struct Avx512(pub(super) ());
+
+    type Two = (__m256d, __m256d);
+
+    // SAFETY, for all blocks below: `self` proves that the instructions are here;
+    // pointers come from references to arrays of the size that is read or
+    // written; gathers are bounded as said there.
+
+    impl Lanes for Avx2 {
+        type V = Two;
+        type M = Two;
+        /// As 64-bit lanes.
+        type I = (__m256i, __m256i);
+
+        #[inline(always)]
+        fn splat(self, x: f64) -> Two {
+            let four = unsafe { _mm256_set1_pd(x) };
+            (four, four)
+        }
+        #[inline(always)]
+        fn load(self, x: &Eight) -> Two {
+            unsafe { (_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x[4..].as_ptr())) }
+        }
+        #[inline(always)]
+        fn store(self, v: Two, out: &mut Eight) {
+            unsafe {
+                _mm256_storeu_pd(out.as_mut_ptr(), v.0);
+                _mm256_storeu_pd(out[4..].as_mut_ptr(), v.1);
+            }
+        }
+        #[inline(always)]
+        fn add(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_add_pd(a.0, b.0), _mm256_add_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn sub(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_sub_pd(a.0, b.0), _mm256_sub_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn mul(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_mul_pd(a.0, b.0), _mm256_mul_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn div(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_div_pd(a.0, b.0), _mm256_div_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn min(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_min_pd(a.0, b.0), _mm256_min_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn max(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_max_pd(a.0, b.0), _mm256_max_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn less(self, a: Two, b: Two) -> Two {
+            unsafe {
+                (_mm256_cmp_pd::<_CMP_LT_OQ>(a.0, b.0), _mm256_cmp_pd::<_CMP_LT_OQ>(a.1, b.1))
+            }
+        }
+        #[inline(always)]
+        fn equal(self, a: Two, b: Two) -> Two {
+            unsafe {
+                (_mm256_cmp_pd::<_CMP_EQ_OQ>(a.0, b.0), _mm256_cmp_pd::<_CMP_EQ_OQ>(a.1, b.1))
+            }
+        }
+        #[inline(always)]
+        fn and(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_and_pd(a.0, b.0), _mm256_and_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn or(self, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_or_pd(a.0, b.0), _mm256_or_pd(a.1, b.1)) }
+        }
+        #[inline(always)]
+        fn any(self, m: Two) -> bool {
+            unsafe { _mm256_movemask_pd(_mm256_or_pd(m.0, m.1)) != 0 }
+        }
+        #[inline(always)]
+        fn select(self, m: Two, a: Two, b: Two) -> Two {
+            unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
+        }
+        #[inline(always)]
+        fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Two {
+            let last = bound(x);
+            unsafe {
+                let last = _mm_set1_epi32(last);
+                let low = _mm_loadu_si128(indices.as_ptr().cast());
+                let high = _mm_loadu_si128(indices[4..].as_ptr().cast());
+                // As numbers without a sign, no index exceeds the last one.
+                let (low, high) = (_mm_min_epu32(low, last), _mm_min_epu32(high, last));
+                (
+                    _mm256_i32gather_pd::<8>(x.as_ptr(), low),
+                    _mm256_i32gather_pd::<8>(x.as_ptr(), high),
+                )
+            }
+        }
+        #[inline(always)]
+        fn indices(self, indices: &[u32; LANES]) -> Self::I {
+            unsafe {
+                let low = _mm_loadu_si128(indices.as_ptr().cast());
+                let high = _mm_loadu_si128(indices[4..].as_ptr().cast());
+                (_mm256_cvtepu32_epi64(low), _mm256_cvtepu32_epi64(high))
+            }
+        }
+        #[inline(always)]
+        fn ramp(self, base: u32) -> Self::I {
+            unsafe {
+                let base = _mm256_set1_epi64x(i64::from(base));
+                let (low, high) = (_mm256_setr_epi64x(0, 1, 2, 3), _mm256_setr_epi64x(4, 5, 6, 7));
+                (_mm256_add_epi64(base, low), _mm256_add_epi64(base, high))
+            }
+        }
+        #[inline(always)]
+        fn index_less(self, a: Self::I, b: Self::I) -> Two {
+            unsafe {
+                let (low, high) = (_mm256_cmpgt_epi64(b.0, a.0), _mm256_cmpgt_epi64(b.1, a.1));
+                (_mm256_castsi256_pd(low), _mm256_castsi256_pd(high))
+            }
+        }
+        #[inline(always)]
+        fn select_index(self, m: Two, a: Self::I, b: Self::I) -> Self::I {
+            unsafe {
+                let m = (_mm256_castpd_si256(m.0), _mm256_castpd_si256(m.1));
+                (_mm256_blendv_epi8(b.0, a.0, m.0), _mm256_blendv_epi8(b.1, a.1, m.1))
+            }
+        }
+        #[inline(always)]
+        fn store_index(self, i: Self::I, out: &mut [u32; LANES]) {
+            unsafe {
+                // The low halves of the lanes, in order.
+                let even = _mm256_setr_epi32(0, 2, 4, 6, 0, 2, 4, 6);
+                let low = _mm256_permutevar8x32_epi32(i.0, even);
+                let high = _mm256_permutevar8x32_epi32(i.1, even);
+                let all = _mm256_blend_epi32::<0b1111_0000>(low, high);
+                _mm256_storeu_si256(out.as_mut_ptr().cast(), all);
+            }
+        }
+    }
+
+    impl Lanes for Avx512 {
+        type V = __m512d;
+        type M = __mmask8;
+        type I = __m256i;
+
+        #[inline(always)]
+        fn splat(self, x: f64) -> __m512d {
+            unsafe { _mm512_set1_pd(x) }
+        }
+        #[inline(always)]
+        fn load(self, x: &Eight) -> __m512d {
+            unsafe { _mm512_loadu_pd(x.as_ptr()) }
+        }
+        #[inline(always)]
+        fn store(self, v: __m512d, out: &mut Eight) {
+            unsafe { _mm512_storeu_pd(out.as_mut_ptr(), v) }
+        }
+        #[inline(always)]
+        fn add(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_add_pd(a, b) }
+        }
+        #[inline(always)]
+        fn sub(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_sub_pd(a, b) }
+        }
+        #[inline(always)]
+        fn mul(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_mul_pd(a, b) }
+        }
+        #[inline(always)]
+        fn div(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_div_pd(a, b) }
+        }
+        #[inline(always)]
+        fn min(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_min_pd(a, b) }
+        }
+        #[inline(always)]
+        fn max(self, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_max_pd(a, b) }
+        }
+        #[inline(always)]
+        fn less(self, a: __m512d, b: __m512d) -> __mmask8 {
+            unsafe { _mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b) }
+        }
+        #[inline(always)]
+        fn equal(self, a: __m512d, b: __m512d) -> __mmask8 {
+            unsafe { _mm512_cmp_pd_mask::<_CMP_EQ_OQ>(a, b) }
+        }
+        #[inline(always)]
+        fn and(self, a: __mmask8, b: __mmask8) -> __mmask8 {
+            a & b
+        }
+        #[inline(always)]
+        fn or(self, a: __mmask8, b: __mmask8) -> __mmask8 {
+            a | b
+        }
+        #[inline(always)]
+        fn any(self, m: __mmask8) -> bool {
+            m != 0
+        }
+        #[inline(always)]
+        fn select(self, m: __mmask8, a: __m512d, b: __m512d) -> __m512d {
+            unsafe { _mm512_mask_blend_pd(m, b, a) }
+        }
+        #[inline(always)]
+        fn gather(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
+            let last = bound(x);
+            unsafe {
+                let indices = _mm256_loadu_si256(indices.as_ptr().cast());
+                // As numbers without a sign, no index exceeds the last one.
+                let indices = _mm256_min_epu32(indices, _mm256_set1_epi32(last));
+                _mm512_i32gather_pd::<8>(indices, x.as_ptr())
+            }
+        }
+        #[inline(always)]
+        fn indices(self, indices: &[u32; LANES]) -> __m256i {
+            unsafe { _mm256_loadu_si256(indices.as_ptr().cast()) }
+        }
+        #[inline(always)]
+        fn ramp(self, base: u32) -> __m256i {
+            unsafe {
+                let base = _mm256_set1_epi32(base.cast_signed());
+                _mm256_add_epi32(base, _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7))
+            }
+        }
+        #[inline(always)]
+        fn index_less(self, a: __m256i, b: __m256i) -> __mmask8 {
+            unsafe { _mm256_cmplt_epu32_mask(a, b) }
+        }
+        #[inline(always)]
+        fn select_index(self, m: __mmask8, a: __m256i, b: __m256i) -> __m256i {
+            unsafe { _mm256_mask_blend_epi32(m, b, a) }
+        }
+        #[inline(always)]
+        fn store_index(self, i: __m256i, out: &mut [u32; LANES]) {
+            unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), i) }
+        }
+        #[inline(always)]
+        fn load_part(self, x: &[f64]) -> __m512d {
+            let mask = part(x.len());
+            // SAFETY: lanes beyond the slice are not read.
+            unsafe { _mm512_maskz_loadu_pd(mask, x.as_ptr()) }
+        }
+        #[inline(always)]
+        fn store_part(self, v: __m512d, out: &mut [f64]) {
+            let mask = part(out.len());
+            // SAFETY: lanes beyond the slice are not written.
+            unsafe { _mm512_mask_storeu_pd(out.as_mut_ptr(), mask, v) }
+        }
+    }
+
+    /// A mask of the first lanes.
+    #[inline(always)]
+    fn part(count: usize) -> __mmask8 {
+        if count < LANES { (1 << count) - 1 } else { __mmask8::MAX }
+    }
+
+    /// The last index of what is gathered from. Gathers take indices with a sign.
+    #[inline(always)]
+    fn bound(x: &[f64]) -> i32 {
+        match i32::try_from(x.len()) {
+            Ok(length) if length > 0 => length - 1,
+            _ => too_large(x.len()),
+        }
+    }
+
+    #[cold]
+    fn too_large(length: usize) -> ! {
+        panic!("gathers from 1 to 2^31 - 1 values, not {length}")
+    }
+}

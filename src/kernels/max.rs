@@ -1,0 +1,98 @@
+//! The product in which a maximum stands for the sum, with eight lines at a
+//! time: the step of Viterbi.
+
+use super::lanes::{Eight, Kernel, LANES, Lanes, run};
+use super::sliced::{Slice, Sliced, Values};
+
+/// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus `likelihoods[i]` if there
+/// are some; `from[i]` the lowest j that attains it. Gives the largest of
+/// `next`.
+pub(crate) struct Maximise<'a> {
+    pub(crate) matrix: &'a Sliced,
+    /// The logarithms of its values.
+    pub(crate) log2: &'a Values,
+    pub(crate) x: &'a [f64],
+    pub(crate) likelihoods: Option<&'a [f64]>,
+    pub(crate) next: &'a mut [f64],
+    pub(crate) from: &'a mut [u32],
+}
+
+impl Kernel for Maximise<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> f64 {
+        let Self { matrix, log2, x, likelihoods, next, from } = self;
+        let n = matrix.lines();
+        assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
+        assert!(likelihoods.is_none_or(|b| b.len() == n), "one likelihood per state");
+        let (nexts, next_rest) = next.as_chunks_mut::<LANES>();
+        let (froms, from_rest) = from.as_chunks_mut::<LANES>();
+        let nothing = lanes.splat(f64::NEG_INFINITY);
+        let (mut start, mut apart, mut largest) = (Slice::default(), 0, nothing);
+        for (number, end) in matrix.slices.iter().enumerate() {
+            let (mut best, mut index) = (nothing, lanes.ramp(0));
+            // Slots do not come in the order of their indices: of several that
+            // attain the maximum, the lowest has to be looked for.
+            let mut better = |value: L::V, j: L::I| {
+                let tie = lanes.and(lanes.equal(value, best), lanes.index_less(j, index));
+                let take = lanes.or(lanes.less(best, value), tie);
+                best = lanes.max(value, best);
+                index = lanes.select_index(take, j, index);
+            };
+            let shifted = start.shifted as usize..end.shifted as usize;
+            for (base, log2) in matrix.bases[shifted.clone()].iter().zip(&log2.shifted[shifted]) {
+                let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
+                better(lanes.add(lanes.load(log2), lanes.load(x)), lanes.ramp(*base));
+            }
+            let gathered = start.gathered as usize..end.gathered as usize;
+            for (j, log2) in matrix.indices[gathered.clone()].iter().zip(&log2.gathered[gathered]) {
+                better(lanes.add(lanes.load(log2), lanes.gather(x, j)), lanes.indices(j));
+            }
+            if start.apart < end.apart {
+                let mut bests = lanes.to_array(best);
+                let mut lowest = [0; LANES];
+                lanes.store_index(index, &mut lowest);
+                for line in &matrix.apart[start.apart as usize..end.apart as usize] {
+                    let (best, lowest) =
+                        (&mut bests[line.lane as usize], &mut lowest[line.lane as usize]);
+                    for at in apart..line.end as usize {
+                        let j = matrix.apart_indices[at];
+                        let value = log2.apart[at] + x[j as usize];
+                        if value > *best || (value == *best && j < *lowest) {
+                            (*best, *lowest) = (value, j);
+                        }
+                    }
+                    apart = line.end as usize;
+                }
+                (best, index) = (lanes.load(&bests), lanes.indices(&lowest));
+            }
+            start = *end;
+            if let Some(likelihoods) = likelihoods {
+                let (chunks, rest) = likelihoods.as_chunks::<LANES>();
+                let b = match chunks.get(number) {
+                    Some(chunk) => lanes.load(chunk),
+                    None => lanes.load_part(rest),
+                };
+                best = lanes.add(best, b);
+            }
+            if let (Some(next), Some(from)) = (nexts.get_mut(number), froms.get_mut(number)) {
+                lanes.store(best, next);
+                lanes.store_index(index, from);
+                largest = lanes.max(best, largest);
+            } else {
+                let mut indices = [0; LANES];
+                lanes.store_index(index, &mut indices);
+                from_rest.copy_from_slice(&indices[..from_rest.len()]);
+                lanes.store_part(best, next_rest);
+            }
+        }
+        let largest = lanes.to_array(largest).into_iter().chain(next_rest.iter().copied());
+        largest.fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// [`Maximise`] with the instructions chosen.
+pub(crate) fn maximise(work: Maximise<'_>) -> f64 {
+    run(work)
+}

@@ -1,0 +1,264 @@
+//! Sparse lines (rows of A, or its columns) cut into slices of eight, for
+//! products with eight lines at a time (sliced ELLPACK, Monakov, Lokhmotov and
+//! Avetisyan 2010).
+//!
+//! Lines stay in their order, so that results are written, and vectors beside
+//! them read, without permutation. The entries of a slice fill slots of eight, one for
+//! each line, of two kinds. A *gathered* slot has an index for each line. A
+//! *shifted* slot has one index, that of its first line; the others follow it: on a
+//! map whose places are numbered along the roads many entries (all those of staying)
+//! lie on such diagonals, and a load costs a fifth of a gather. What few lines have more
+//! of than the rest of their slice is kept apart, line by line.
+
+use super::lanes::{Eight, Kernel, LANES, Lanes, run};
+#[cfg(test)]
+use super::lanes::{Isa, run_on};
+
+/// A shifted slot is worth while if it saves two fifths of a gathered one.
+const SHIFTED_COST: usize = 2;
+const GATHERED_COST: usize = 5;
+/// An entry kept apart costs about as much as a quarter of a gathered slot.
+const APART_COST: usize = 1;
+
+/// Lines of a matrix of n lines and n columns, in slices of eight.
+#[derive(Debug, Clone)]
+pub(crate) struct Sliced {
+    lines: usize,
+    pub(super) slices: Vec<Slice>,
+    /// The index of the first line of each shifted slot.
+    pub(super) bases: Vec<u32>,
+    pub(super) indices: Vec<[u32; LANES]>,
+    pub(super) apart: Vec<Apart>,
+    pub(super) apart_indices: Vec<u32>,
+    values: Values,
+}
+
+/// Values of a matrix of this structure.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Values {
+    pub(super) shifted: Vec<Eight>,
+    pub(super) gathered: Vec<Eight>,
+    pub(super) apart: Vec<f64>,
+}
+
+/// Where the slots of a slice end.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Slice {
+    pub(super) shifted: u32,
+    pub(super) gathered: u32,
+    pub(super) apart: u32,
+}
+
+/// What a lane has more of.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Apart {
+    pub(super) lane: u32,
+    pub(super) end: u32,
+}
+
+impl Sliced {
+    /// From lines whose indices ascend and are below `lines`. O(entries log).
+    pub(crate) fn new<'a>(lines: usize, line: impl Fn(usize) -> (&'a [u32], &'a [f64])) -> Self {
+        let mut sliced = Self {
+            lines,
+            slices: Vec::with_capacity(lines.div_ceil(LANES)),
+            bases: Vec::new(),
+            indices: Vec::new(),
+            apart: Vec::new(),
+            apart_indices: Vec::new(),
+            values: Values::default(),
+        };
+        let mut entries = Vec::new();
+        for first in (0..lines).step_by(LANES) {
+            entries.clear();
+            for lane in 0..LANES.min(lines - first) {
+                let (indices, values) = line(first + lane);
+                // The base is the index that lane 0 would have.
+                let of = |(&index, &value): (&u32, &f64)| Entry {
+                    base: i64::from(index) - lane as i64,
+                    lane,
+                    index,
+                    value,
+                };
+                entries.extend(indices.iter().zip(values).map(of));
+            }
+            sliced.push(first, &mut entries);
+        }
+        sliced.bases.shrink_to_fit();
+        sliced.indices.shrink_to_fit();
+        sliced.values.shifted.shrink_to_fit();
+        sliced.values.gathered.shrink_to_fit();
+        sliced
+    }
+
+    /// Adds a slice.
+    fn push(&mut self, first: usize, entries: &mut [Entry]) {
+        entries.sort_unstable_by_key(|entry| (entry.base, entry.lane));
+        let inside = |base: i64| base >= 0 && base as usize + LANES <= self.lines;
+        let mut diagonals: Vec<&[Entry]> =
+            entries.chunk_by(|a, b| a.base == b.base).filter(|d| inside(d[0].base)).collect();
+        // The fullest first: as many as lower the cost.
+        diagonals.sort_by_key(|diagonal| std::cmp::Reverse(diagonal.len()));
+        let mut left = [0_usize; LANES];
+        entries.iter().for_each(|entry| left[entry.lane] += 1);
+        let cost = |shifted: usize, left: &[usize; LANES]| {
+            let deepest = left.iter().copied().max().unwrap_or(0);
+            shifted * SHIFTED_COST + deepest * GATHERED_COST
+        };
+        let (mut best, mut taken) = (cost(0, &left), 0);
+        let mut after = left;
+        for (count, diagonal) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
+            diagonal.iter().for_each(|entry| after[entry.lane] -= 1);
+            if cost(count + 1, &after) < best {
+                (best, taken, left) = (cost(count + 1, &after), count + 1, after);
+            }
+        }
+        let mut bases: Vec<i64> = diagonals[..taken].iter().map(|d| d[0].base).collect();
+        bases.sort_unstable();
+        for &base in &bases {
+            self.bases.push(base as u32);
+            self.values.shifted.push([0.0; LANES]);
+        }
+        // How deep the gathered slots are: what is deeper is kept apart.
+        let apart_cost = |depth: usize| {
+            let deeper: usize = left.iter().map(|left| left.saturating_sub(depth)).sum();
+            depth * GATHERED_COST + deeper * APART_COST
+        };
+        let depth = left.iter().copied().min_by_key(|&depth| apart_cost(depth)).unwrap_or(0);
+        let start = self.indices.len();
+        // Lanes without an entry take some place of the slice, and 0 of it.
+        self.indices.resize(start + depth, [first as u32; LANES]);
+        self.values.gathered.resize(start + depth, [0.0; LANES]);
+        let shifted_start = self.bases.len() - bases.len();
+        entries.sort_unstable_by_key(|entry| (entry.lane, entry.index));
+        for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
+            let (lane, mut rank) = (of_lane[0].lane, 0);
+            for entry in of_lane {
+                if let Ok(at) = bases.binary_search(&entry.base) {
+                    self.values.shifted[shifted_start + at][lane] = entry.value;
+                    continue;
+                }
+                if rank < depth {
+                    self.indices[start + rank][lane] = entry.index;
+                    self.values.gathered[start + rank][lane] = entry.value;
+                } else {
+                    self.apart_indices.push(entry.index);
+                    self.values.apart.push(entry.value);
+                }
+                rank += 1;
+            }
+            if rank > depth {
+                let end = self.apart_indices.len() as u32;
+                self.apart.push(Apart { lane: lane as u32, end });
+            }
+        }
+        self.slices.push(Slice {
+            shifted: self.bases.len() as u32,
+            gathered: self.indices.len() as u32,
+            apart: self.apart.len() as u32,
+        });
+    }
+
+    /// The logarithms of all values, to base 2 as decoders add them; −∞ where
+    /// there is no entry.
+    pub(crate) fn log2(&self) -> Values {
+        let eight = |slot: &Eight| slot.map(super::log2);
+        Values {
+            shifted: self.values.shifted.iter().map(eight).collect(),
+            gathered: self.values.gathered.iter().map(eight).collect(),
+            apart: self.values.apart.iter().map(|p| super::log2(*p)).collect(),
+        }
+    }
+
+    /// How many lines there are.
+    pub(crate) fn lines(&self) -> usize {
+        self.lines
+    }
+
+    /// `out` = the product with x.
+    pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
+        run(Multiply { matrix: self, x, out });
+    }
+
+    /// The same with given instructions.
+    #[cfg(test)]
+    pub(crate) fn multiply_on(&self, isa: Isa, x: &[f64], out: &mut [f64]) {
+        run_on(isa, Multiply { matrix: self, x, out });
+    }
+
+    /// Goes through the slices, each with its part of the product.
+    #[inline(always)]
+    pub(super) fn products<L: Lanes>(
+        &self,
+        lanes: L,
+        x: &[f64],
+        mut each: impl FnMut(usize, L::V),
+    ) {
+        assert_eq!(x.len(), self.lines, "x must have one value per state");
+        let mut from = Slice::default();
+        let mut apart = 0;
+        for (number, to) in self.slices.iter().enumerate() {
+            let mut sum = lanes.splat(0.0);
+            let shifted = from.shifted as usize..to.shifted as usize;
+            for (base, values) in
+                self.bases[shifted.clone()].iter().zip(&self.values.shifted[shifted])
+            {
+                let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
+                sum = lanes.add(sum, lanes.mul(lanes.load(values), lanes.load(x)));
+            }
+            let gathered = from.gathered as usize..to.gathered as usize;
+            for (indices, values) in
+                self.indices[gathered.clone()].iter().zip(&self.values.gathered[gathered])
+            {
+                sum = lanes.add(sum, lanes.mul(lanes.load(values), lanes.gather(x, indices)));
+            }
+            if from.apart < to.apart {
+                let mut sums = lanes.to_array(sum);
+                for line in &self.apart[from.apart as usize..to.apart as usize] {
+                    let range = apart..line.end as usize;
+                    apart = range.end;
+                    let sum = &mut sums[line.lane as usize];
+                    // One after another, as in a slot: lines of the same values
+                    // must have the same sum.
+                    for (&i, value) in
+                        self.apart_indices[range.clone()].iter().zip(&self.values.apart[range])
+                    {
+                        *sum += value * x[i as usize];
+                    }
+                }
+                sum = lanes.load(&sums);
+            }
+            from = *to;
+            each(number, sum);
+        }
+    }
+}
+
+/// An entry of a slice.
+struct Entry {
+    base: i64,
+    lane: usize,
+    index: u32,
+    value: f64,
+}
+
+struct Multiply<'a> {
+    matrix: &'a Sliced,
+    x: &'a [f64],
+    out: &'a mut [f64],
+}
+
+impl Kernel for Multiply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { matrix, x, out } = self;
+        assert_eq!(out.len(), matrix.lines, "out must have one value per state");
+        let (chunks, rest) = out.as_chunks_mut::<LANES>();
+        matrix.products(lanes, x, |number, sum| match chunks.get_mut(number) {
+            Some(chunk) => lanes.store(sum, chunk),
+            None => lanes.store_part(sum, rest),
+        });
+    }
+}

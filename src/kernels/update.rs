@@ -1,0 +1,268 @@
+//! Element by element on the eight lines at hand, while their product is still in
+//! registers: the second half of a step of filter and smoother.
+
+use super::lanes::{Eight, Kernel, LANES, Lanes, run};
+use super::sliced::Sliced;
+use super::{LIFT, total};
+
+/// A product with a vector, eight lines after eight.
+pub(crate) trait Product: Copy {
+    /// The number of lines.
+    fn lines(self) -> usize;
+
+    /// Hands each eight to `each`, with their number; lines beyond the last
+    /// have 0.
+    fn each<L: Lanes>(self, lanes: L, each: impl FnMut(usize, L::V));
+}
+
+/// One that has been made.
+#[derive(Clone, Copy)]
+pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
+
+impl Product for Made<'_> {
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.0.len()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, mut each: impl FnMut(usize, L::V)) {
+        let (chunks, rest) = self.0.as_chunks::<LANES>();
+        chunks.iter().enumerate().for_each(|(number, chunk)| each(number, lanes.load(chunk)));
+        if !rest.is_empty() {
+            each(chunks.len(), lanes.load_part(rest));
+        }
+    }
+}
+
+/// One with a sparse matrix.
+#[derive(Clone, Copy)]
+pub(crate) struct Sparse<'a> {
+    pub(crate) matrix: &'a Sliced,
+    pub(crate) x: &'a [f64],
+}
+
+impl Product for Sparse<'_> {
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.matrix.lines()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, each: impl FnMut(usize, L::V)) {
+        self.matrix.products(lanes, self.x, each);
+    }
+}
+
+/// Eight values of a slice, or what is left of them.
+#[inline(always)]
+fn eight<L: Lanes>(lanes: L, (chunks, rest): (&[Eight], &[f64]), number: usize) -> L::V {
+    match chunks.get(number) {
+        Some(chunk) => lanes.load(chunk),
+        None => lanes.load_part(rest),
+    }
+}
+
+/// Writes eight values to a slice, or what there is room for.
+#[inline(always)]
+fn put<L: Lanes>(lanes: L, (chunks, rest): (&mut [Eight], &mut [f64]), number: usize, v: L::V) {
+    match chunks.get_mut(number) {
+        Some(chunk) => lanes.store(v, chunk),
+        None => lanes.store_part(v, rest),
+    }
+}
+
+/// `out = p ∘ b` for a lifted prediction p.
+pub(crate) struct Update<'a, P> {
+    pub(crate) prediction: P,
+    pub(crate) likelihoods: &'a [f64],
+    /// Whether the likelihoods have been scaled, so that one of 0 may have been
+    /// above.
+    pub(crate) scaled: bool,
+    pub(crate) out: &'a mut [f64],
+}
+
+/// What an [`Update`] has seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Updated {
+    /// Σ pᵢ bᵢ. NaN or infinite if a likelihood is.
+    pub(crate) products: f64,
+    /// Σ pᵢ.
+    pub(crate) predicted: f64,
+    /// The least pᵢ, or 0 if all are above; that of the likelihoods.
+    pub(crate) least_predicted: f64,
+    pub(crate) least_likelihood: f64,
+    /// The largest bᵢ.
+    pub(crate) largest_likelihood: f64,
+    /// Whether a result is below 1, though neither of its factors is 0.
+    pub(crate) small: bool,
+}
+
+impl<P: Product> Kernel for Update<'_, P> {
+    type Output = Updated;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Updated {
+        let Self { prediction, likelihoods, scaled, out } = self;
+        let n = prediction.lines();
+        let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
+        let b = likelihoods.as_chunks::<LANES>();
+        let (outs, rest) = out.as_chunks_mut::<LANES>();
+        let (zero, one) = (lanes.splat(0.0), lanes.splat(1.0));
+        let possible = if scaled { one } else { zero };
+        let (mut products, mut predicted) = (zero, zero);
+        let (mut least_p, mut least_b, mut largest_b) = (zero, zero, zero);
+        let mut small = false;
+        prediction.each(lanes, |number, p| {
+            let b = eight(lanes, b, number);
+            let after = lanes.mul(p, b);
+            put(lanes, (&mut *outs, &mut *rest), number, after);
+            products = lanes.add(products, after);
+            predicted = lanes.add(predicted, p);
+            least_p = lanes.min(p, least_p);
+            least_b = lanes.min(b, least_b);
+            largest_b = lanes.max(b, largest_b);
+            let below = lanes.less(after, one);
+            if lanes.any(below) {
+                let factors = lanes.less(zero, lanes.min(p, lanes.max(b, possible)));
+                small |= lanes.any(lanes.and(below, factors));
+            }
+        });
+        let fold = |v, f: fn(f64, f64) -> f64| lanes.to_array(v).into_iter().fold(0.0, f);
+        Updated {
+            products: total(lanes.to_array(products)),
+            predicted: total(lanes.to_array(predicted)),
+            least_predicted: fold(least_p, f64::min),
+            least_likelihood: fold(least_b, f64::min),
+            largest_likelihood: fold(largest_b, f64::max),
+            small,
+        }
+    }
+}
+
+/// Makes what sums to `sum` a distribution, and lifts it: `x` becomes the
+/// lifted one, `out` the distribution. What would be below the smallest normal
+/// double becomes 0.
+pub(crate) struct Settle<'a> {
+    pub(crate) x: &'a mut [f64],
+    pub(crate) out: &'a mut [f64],
+    pub(crate) sum: f64,
+}
+
+impl Kernel for Settle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { x, out, sum } = self;
+        let out = &mut out[..x.len()];
+        let (factor, lift) = (lanes.splat(1.0 / sum), lanes.splat(LIFT));
+        let (least, zero) = (lanes.splat(f64::MIN_POSITIVE * sum), lanes.splat(0.0));
+        let settle = |v: L::V| {
+            let kept = lanes.select(lanes.less(v, least), zero, v);
+            lanes.mul(kept, factor)
+        };
+        let (xs, x_rest) = x.as_chunks_mut::<LANES>();
+        let (outs, out_rest) = out.as_chunks_mut::<LANES>();
+        for (x, out) in xs.iter_mut().zip(outs) {
+            let v = settle(lanes.load(x));
+            lanes.store(v, out);
+            lanes.store(lanes.mul(v, lift), x);
+        }
+        if !x_rest.is_empty() {
+            let v = settle(lanes.load_part(x_rest));
+            lanes.store_part(v, out_rest);
+            lanes.store_part(lanes.mul(v, lift), x_rest);
+        }
+    }
+}
+
+/// 2^700: lifts γ / p and γ / α, on the way back.
+pub(crate) const BACK_LIFT: f64 = f64::from_bits((1023 + 700) << 52);
+
+/// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal
+/// double becomes 0.
+pub(crate) struct Weigh<'a> {
+    pub(crate) q: &'a [f64],
+    pub(crate) likelihoods: &'a [f64],
+    pub(crate) factor: f64,
+    pub(crate) ratio: &'a mut [f64],
+}
+
+impl Kernel for Weigh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { q, likelihoods, factor, ratio } = self;
+        let n = q.len();
+        let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
+        let (ratios, rest) = ratio[..n].as_chunks_mut::<LANES>();
+        let (factor, zero) = (lanes.splat(factor), lanes.splat(0.0));
+        let least = lanes.splat(f64::MIN_POSITIVE * BACK_LIFT);
+        for number in 0..n.div_ceil(LANES) {
+            let b = lanes.mul(eight(lanes, b, number), factor);
+            let v = lanes.mul(eight(lanes, q, number), b);
+            let kept = lanes.select(lanes.less(v, least), zero, v);
+            put(lanes, (&mut *ratios, &mut *rest), number, kept);
+        }
+    }
+}
+
+/// The second half of a step back: `gamma = α ∘ q`, where q is the lifted
+/// product of A' with γ / p, and is kept. Gives Σ γᵢ.
+pub(crate) struct Retreat<'a, P> {
+    pub(crate) back: P,
+    pub(crate) alpha: &'a [f64],
+    pub(crate) gamma: &'a mut [f64],
+    pub(crate) q: &'a mut [f64],
+}
+
+impl<P: Product> Kernel for Retreat<'_, P> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> f64 {
+        let Self { back, alpha, gamma, q } = self;
+        let n = back.lines();
+        let alpha = alpha[..n].as_chunks::<LANES>();
+        let (gammas, gamma_rest) = gamma[..n].as_chunks_mut::<LANES>();
+        let (qs, q_rest) = q[..n].as_chunks_mut::<LANES>();
+        let (zero, unlift) = (lanes.splat(0.0), lanes.splat(1.0 / BACK_LIFT));
+        let least = lanes.splat(f64::MIN_POSITIVE);
+        let mut sum = zero;
+        back.each(lanes, |number, q| {
+            let v = lanes.mul(lanes.mul(q, eight(lanes, alpha, number)), unlift);
+            let kept = lanes.select(lanes.less(v, least), zero, v);
+            put(lanes, (&mut *gammas, &mut *gamma_rest), number, kept);
+            put(lanes, (&mut *qs, &mut *q_rest), number, q);
+            sum = lanes.add(sum, kept);
+        });
+        total(lanes.to_array(sum))
+    }
+}
+
+/// [`Update`] with the instructions chosen.
+pub(crate) fn update(
+    prediction: impl Product,
+    likelihoods: &[f64],
+    scaled: bool,
+    out: &mut [f64],
+) -> Updated {
+    run(Update { prediction, likelihoods, scaled, out })
+}
+
+/// [`Settle`] with the instructions chosen.
+pub(crate) fn settle(x: &mut [f64], out: &mut [f64], sum: f64) {
+    run(Settle { x, out, sum });
+}
+
+/// [`Weigh`] with the instructions chosen.
+pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
+    run(Weigh { q, likelihoods, factor, ratio });
+}
+
+/// [`Retreat`] with the instructions chosen.
+pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
+    run(Retreat { back, alpha, gamma, q })
+}
