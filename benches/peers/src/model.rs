@@ -14,11 +14,13 @@ use wayfix::{
 
 use crate::{Failure, npy};
 
+/// To, from, probability.
+pub(crate) type Entry = (usize, usize, f64);
+
 /// A transition matrix, the distribution of the first state, and likelihoods.
 pub(crate) struct Numbers {
     pub(crate) states: usize,
-    /// (to, from, probability)
-    pub(crate) entries: Vec<(usize, usize, f64)>,
+    pub(crate) entries: Vec<Entry>,
     /// At the first observation.
     pub(crate) prior: Vec<f64>,
     /// T × n.
@@ -29,7 +31,7 @@ impl Numbers {
     /// Uniform at first, with likelihoods of independent exponential weights.
     pub(crate) fn new(
         states: usize,
-        entries: Vec<(usize, usize, f64)>,
+        entries: Vec<Entry>,
         steps: usize,
         rng: &mut ChaCha8Rng,
     ) -> Self {
@@ -52,15 +54,9 @@ impl Numbers {
     }
 
     pub(crate) fn dense(&self) -> Result<Hmm<DenseTransition, LikelihoodVector>, Failure> {
-        let transition = DenseTransition::from_rows(self.states, &self.matrix())?;
+        let transition =
+            DenseTransition::from_rows(self.states, &matrix(self.states, &self.entries))?;
         self.hmm(transition)
-    }
-
-    /// A[to, from] at `to * n + from`.
-    pub(crate) fn matrix(&self) -> Vec<f64> {
-        let mut matrix = vec![0.0; self.states * self.states];
-        self.entries.iter().for_each(|&(to, from, p)| matrix[to * self.states + from] = p);
-        matrix
     }
 
     fn hmm<A: TransitionEntries>(
@@ -86,7 +82,7 @@ pub(crate) fn write_model(
     folder: &Path,
     states: usize,
     prior: &[f64],
-    entries: &[(usize, usize, f64)],
+    entries: &[Entry],
 ) -> Result<(), Failure> {
     fs::create_dir_all(folder)?;
     let count = [entries.len()];
@@ -152,7 +148,7 @@ pub(crate) fn weights(count: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 /// A full matrix, as entries: columns of independent exponential weights.
-pub(crate) fn full(states: usize, rng: &mut ChaCha8Rng) -> Vec<(usize, usize, f64)> {
+pub(crate) fn full(states: usize, rng: &mut ChaCha8Rng) -> Vec<Entry> {
     let column = |from| {
         let column = distribution(states, rng).into_iter().enumerate();
         column.map(move |(to, p)| (to, from, p)).collect::<Vec<_>>()
@@ -165,4 +161,13 @@ pub(crate) fn distribution(count: usize, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let weights = weights(count, rng);
     let sum: f64 = weights.iter().sum();
     weights.into_iter().map(|weight| weight / sum).collect()
+}
+
+/// A[to, from] at `to * n + from`.
+pub(crate) fn matrix(states: usize, entries: &[Entry]) -> Vec<f64> {
+    let mut matrix = vec![0.0; states * states];
+    for &(to, from, p) in entries {
+        matrix[to * states + from] = p;
+    }
+    matrix
 }

@@ -23,7 +23,8 @@ fn write(
     bytes: impl Iterator<Item = [u8; 8]>,
 ) -> io::Result<()> {
     assert_eq!(shape.iter().product::<usize>(), count, "the shape of {}", path.display());
-    let shape: String = shape.iter().map(|axis| format!("{axis},")).collect();
+    let shape: Vec<String> = shape.iter().map(ToString::to_string).collect();
+    let shape = shape.join(",") + ","; // a tuple, of one axis, too
     let mut header = format!("{{'descr':'{kind}','fortran_order':False,'shape':({shape})}}");
     // Magic, version and length take 10 bytes; what follows is aligned to 64.
     while (10 + header.len() + 1) % 64 != 0 {

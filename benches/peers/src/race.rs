@@ -129,7 +129,7 @@ impl Row {
         if self.times.len() % 2 == 1 {
             self.times[middle]
         } else {
-            (self.times[middle - 1] + self.times[middle]) / 2.0
+            f64::midpoint(self.times[middle - 1], self.times[middle])
         }
     }
 }

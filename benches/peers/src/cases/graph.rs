@@ -4,17 +4,17 @@ use std::path::Path;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-use crate::Failure;
-use crate::model::{Answers, Numbers};
+use crate::model::{Answers, Entry, Numbers};
 use crate::race::Races;
+use crate::{Failure, Folders};
 
-const CASE: &str = "graph";
+pub(crate) const CASE: &str = "graph";
 
-pub(crate) fn run(races: &mut Races, out: &Path, graph: &Path) -> Result<(), Failure> {
-    let (states, entries) = walk(graph)?;
+pub(crate) fn run(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
+    let (states, entries) = walk(&folders.graph)?;
     let numbers = Numbers::new(states, entries, 50, &mut ChaCha8Rng::seed_from_u64(1));
     let (hmm, ys) = (numbers.sparse()?, numbers.observations());
-    let folder = out.join(CASE);
+    let folder = folders.out.join(CASE);
     numbers.write(&folder, 1)?;
     Answers::of(&hmm, &ys)?.write(&folder, states)?;
     super::alone(races, CASE, &hmm, &ys);
@@ -23,7 +23,7 @@ pub(crate) fn run(races: &mut Races, out: &Path, graph: &Path) -> Result<(), Fai
 
 /// The number of places, and the entries of a random walk: stop with 0.1, else
 /// any road alike.
-fn walk(graph: &Path) -> Result<(usize, Vec<(usize, usize, f64)>), Failure> {
+fn walk(graph: &Path) -> Result<(usize, Vec<Entry>), Failure> {
     let places = csv::Reader::from_path(graph.join("nodes.csv"))?.into_records().count();
     let mut ways = vec![Vec::new(); places];
     for edge in csv::Reader::from_path(graph.join("edges.csv"))?.into_records() {

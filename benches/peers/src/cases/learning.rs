@@ -1,18 +1,17 @@
 //! Baum–Welch.
 
 use std::fs;
-use std::path::Path;
 use std::time::Instant;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use serde_json::json;
 use wayfix::{Belief, DenseTransition, Hmm, Learned, Learning, Prior, Simulation, TableLikelihood};
 
-use crate::model::{distribution, full, write_model};
+use crate::model::{Entry, distribution, full, matrix, write_model};
 use crate::race::Races;
-use crate::{Failure, npy};
+use crate::{Failure, Folders, npy};
 
-const CASE: &str = "learning";
+pub(crate) const CASE: &str = "learning";
 const STATES: usize = 10;
 const SYMBOLS: usize = 20;
 const SEQUENCES: usize = 50;
@@ -24,7 +23,7 @@ type Model = Hmm<DenseTransition, TableLikelihood>;
 
 /// A random model, with its entries and its table.
 struct Parts {
-    entries: Vec<(usize, usize, f64)>,
+    entries: Vec<Entry>,
     prior: Vec<f64>,
     table: Vec<Vec<f64>>,
 }
@@ -38,15 +37,13 @@ impl Parts {
     }
 
     fn hmm(&self) -> Result<Model, Failure> {
-        let mut matrix = vec![0.0; STATES * STATES];
-        self.entries.iter().for_each(|&(to, from, p)| matrix[to * STATES + from] = p);
-        let transition = DenseTransition::from_rows(STATES, &matrix)?;
+        let transition = DenseTransition::from_rows(STATES, &matrix(STATES, &self.entries))?;
         let prior = Prior::AtFirstObservation(Belief::new(self.prior.clone())?);
         Ok(Hmm::new(prior, transition, TableLikelihood::from_rows(&self.table)?)?)
     }
 }
 
-pub(crate) fn run(races: &mut Races, out: &Path) -> Result<(), Failure> {
+pub(crate) fn run(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let truth = Parts::random(&mut rng).hmm()?;
     let simulated: Vec<Simulation<usize>> =
@@ -56,7 +53,7 @@ pub(crate) fn run(races: &mut Races, out: &Path) -> Result<(), Failure> {
     let hmm = start.hmm()?;
 
     let (learned, _) = learn(&hmm, &seen, 1 + MORE)?;
-    let folder = out.join(CASE);
+    let folder = folders.out.join(CASE);
     write_model(&folder, STATES, &start.prior, &start.entries)?;
     npy::doubles(&folder.join("table.npy"), &[STATES, SYMBOLS], &start.table.concat())?;
     npy::indices(&folder.join("symbols.npy"), &[SEQUENCES, STEPS], &seen.concat())?;

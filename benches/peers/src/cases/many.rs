@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::hint::black_box;
-use std::path::Path;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use serde_json::json;
@@ -10,18 +9,18 @@ use wayfix::canberra;
 
 use crate::model::{Numbers, observed};
 use crate::race::{Contender, Races};
-use crate::{Failure, npy};
+use crate::{Failure, Folders, npy};
 
-const CASE: &str = "road map 2000 x 50";
+pub(crate) const CASE: &str = "road map 2000 x 50";
 const SEQUENCES: usize = 2000;
 const STEPS: usize = 50;
 
-pub(crate) fn run(races: &mut Races, out: &Path) -> Result<(), Failure> {
+pub(crate) fn run(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
     let (n, mut rng) = (canberra::PLACES, ChaCha8Rng::seed_from_u64(1));
     let numbers = Numbers::new(n, super::road_map::entries(), SEQUENCES * STEPS, &mut rng);
     let (hmm, ys) = (numbers.sparse()?, numbers.observations());
     let sequences: Vec<&[&[f64]]> = ys.chunks(STEPS).collect();
-    let folder = out.join(CASE);
+    let folder = folders.out.join(CASE);
     numbers.write(&folder, SEQUENCES)?;
 
     let (mut log_likelihoods, mut firsts, mut sums) = (Vec::new(), Vec::new(), Vec::new());

@@ -1,21 +1,19 @@
 //! The Canberra map, with likelihoods given.
 
-use std::path::Path;
-
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::canberra;
 
-use crate::Failure;
-use crate::model::{Answers, Numbers};
+use crate::model::{Answers, Entry, Numbers};
 use crate::race::Races;
+use crate::{Failure, Folders};
 
-const CASE: &str = "road map";
+pub(crate) const CASE: &str = "road map";
 
-pub(crate) fn run(races: &mut Races, out: &Path) -> Result<(), Failure> {
+pub(crate) fn run(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
     let numbers =
         Numbers::new(canberra::PLACES, entries(), 1000, &mut ChaCha8Rng::seed_from_u64(1));
     let (hmm, ys) = (numbers.sparse()?, numbers.observations());
-    let folder = out.join(CASE);
+    let folder = folders.out.join(CASE);
     numbers.write(&folder, 1)?;
     Answers::of(&hmm, &ys)?.write(&folder, numbers.states)?;
     super::alone(races, CASE, &hmm, &ys);
@@ -23,7 +21,7 @@ pub(crate) fn run(races: &mut Races, out: &Path) -> Result<(), Failure> {
 }
 
 /// The moves of the map.
-pub(super) fn entries() -> Vec<(usize, usize, f64)> {
+pub(super) fn entries() -> Vec<Entry> {
     let (n, transition) = (canberra::PLACES, canberra::turning().into_transition());
     let all = (0..n).flat_map(|from| (0..n).map(move |to| (to, from)));
     let entries = all.map(|(to, from)| (to, from, transition.get(to, from)));

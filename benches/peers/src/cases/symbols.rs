@@ -11,12 +11,12 @@ use rand_distr::{Distribution, Uniform};
 use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood, canberra};
 
 use super::ANSWERED;
-use crate::Failure;
 use crate::check::{TOLERANCE, of_distributions, of_numbers, of_paths, within};
-use crate::model::{distribution, full, observed};
+use crate::model::{distribution, full, matrix, observed};
 use crate::race::{Contender, Races};
+use crate::{Failure, Folders};
 
-const CASE: &str = "dense 105";
+pub(crate) const CASE: &str = "dense 105";
 const N: usize = canberra::PLACES;
 const STEPS: usize = 1000;
 /// The crate bio adds up in logarithms with a polynomial for the exponential.
@@ -24,10 +24,9 @@ const OF_BIO: f64 = 1e-5;
 
 type Model = Hmm<DenseTransition, TableLikelihood>;
 
-pub(crate) fn run(races: &mut Races) -> Result<(), Failure> {
+pub(crate) fn run(races: &mut Races, _: &Folders) -> Result<(), Failure> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut matrix = vec![0.0; N * N]; // [to, from]
-    full(N, &mut rng).into_iter().for_each(|(to, from, p)| matrix[to * N + from] = p);
+    let matrix = matrix(N, &full(N, &mut rng));
     let table: Vec<Vec<f64>> = (0..N).map(|_| distribution(N, &mut rng)).collect();
     let symbols = Uniform::new(0, N)?;
     let ys: Vec<usize> = (0..STEPS).map(|_| symbols.sample(&mut rng)).collect();
