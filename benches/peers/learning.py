@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from dynamax.hidden_markov_model import CategoricalHMM as DynamaxCategorical
 from hmmlearn.hmm import CategoricalHMM as HmmlearnCategorical
-from models import Case, of_distributions, of_numbers
+from models import Case, of_distributions, of_numbers, worst
 from race import elapsed, within
 
 NAME = "learning"
@@ -22,8 +22,8 @@ def run(times, out):
     steps = symbols.size
 
     def check(who, logs, rows):
-        off = max(of_numbers(logs, sizes["log_likelihoods"][:len(logs)]),
-                  of_distributions(rows, case["learned_transition"].T))
+        off = worst(of_numbers(logs, sizes["log_likelihoods"][:len(logs)]),
+                    of_distributions(rows, case["learned_transition"].T))
         return within(f"{NAME}, {who}", off)
 
     together, lengths = symbols.reshape(-1, 1), [symbols.shape[1]] * len(symbols)

@@ -5,7 +5,7 @@ from functools import partial
 import jax
 import numpy as np
 from libraries import smooth_by_dynamax, smooth_by_hmmlearn
-from models import Case, of_distributions, of_numbers
+from models import Case, of_distributions, of_numbers, worst
 from race import Contender
 
 NAME = "road map 2000 x 50"
@@ -24,7 +24,7 @@ def run(times, out):
     def check(count, answer):
         logs, smoothed = answer
         smoothed = np.asarray(smoothed)
-        return max(
+        return worst(
             of_numbers(logs, case["log_likelihoods"][:count]),
             of_distributions(smoothed[:, 0], case["smoothed_first"][:count]),
             of_distributions(smoothed.sum(axis=1), case["smoothed_sum"][:count]))

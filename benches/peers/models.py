@@ -40,7 +40,7 @@ class Case:
         log = partial(of_numbers, expected=self.sizes["log_likelihood"])
 
         def both(distributions):
-            return lambda answer: max(log(answer[0]), of_distributions(answer[1], distributions))
+            return lambda answer: worst(log(answer[0]), of_distributions(answer[1], distributions))
 
         return {
             "filter": both(self["filtered"][-1]),
@@ -54,6 +54,7 @@ class Case:
 def of_numbers(found, expected):
     """How far numbers are off, relatively to those expected."""
     found, expected = np.asarray(found, float), np.asarray(expected, float)
+    assert found.shape == expected.shape, (found.shape, expected.shape)
     return float(np.max(np.abs(found - expected) / np.abs(expected)))
 
 
@@ -67,3 +68,8 @@ def of_distributions(found, expected):
 def of_paths(found, expected):
     """0 for the same path, else infinite."""
     return 0.0 if np.array_equal(found, expected) else math.inf
+
+
+def worst(*differences):
+    """The largest; not a number if one is none, which `max` may overlook."""
+    return float(np.max(differences))
