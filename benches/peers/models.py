@@ -1,0 +1,75 @@
+"""Models, observations and answers as the Rust program wrote them."""
+
+import json
+import math
+from functools import partial
+
+import numpy as np
+import scipy.sparse
+
+
+class Case:
+    """One case; its arrays are items."""
+
+    def __init__(self, out, name):
+        folder = out / name
+        self.name = name
+        self.sizes = json.loads((folder / "model.json").read_text())
+        self.arrays = {path.stem: np.load(path) for path in folder.glob("*.npy")}
+        self.states = self.sizes["states"]
+        to, from_ = self["to"].astype(np.int32), self["from"].astype(np.int32)
+        shape = (self.states, self.states)
+        # Columns sum to one.
+        self.sparse = scipy.sparse.csr_array((self["probability"], (to, from_)), shape)
+
+    def __getitem__(self, name):
+        return self.arrays[name]
+
+    @property
+    def rows(self):
+        """The transition matrix as hmmlearn and dynamax take it: rows sum to one."""
+        return np.ascontiguousarray(self.sparse.toarray().T)
+
+    def logs(self):
+        """The likelihoods as dynamax takes them."""
+        with np.errstate(divide="ignore"):
+            return np.log(self["likelihoods"])
+
+    def check(self, routine):
+        """How far an answer of this routine is off."""
+        log = partial(of_numbers, expected=self.sizes["log_likelihood"])
+
+        def both(distributions):
+            return lambda answer: worst(log(answer[0]), of_distributions(answer[1], distributions))
+
+        return {
+            "filter": both(self["filtered"][-1]),
+            "forward": both(self["filtered"]),
+            "score": log,
+            "smooth": both(self["smoothed"]),
+            "viterbi": lambda path: of_paths(path, self["path"]),
+        }[routine]
+
+
+def of_numbers(found, expected):
+    """How far numbers are off, relatively to those expected."""
+    found, expected = np.asarray(found, float), np.asarray(expected, float)
+    assert found.shape == expected.shape, (found.shape, expected.shape)
+    return float(np.max(np.abs(found - expected) / np.abs(expected)))
+
+
+def of_distributions(found, expected):
+    """How far distributions are off, relatively to the largest probability of each."""
+    found = np.asarray(found)
+    assert found.shape == expected.shape, (found.shape, expected.shape)
+    return float(np.max(np.abs(found - expected).max(-1) / expected.max(-1)))
+
+
+def of_paths(found, expected):
+    """0 for the same path, else infinite."""
+    return 0.0 if np.array_equal(found, expected) else math.inf
+
+
+def worst(*differences):
+    """The largest; not a number if one is none, which `max` may overlook."""
+    return float(np.max(differences))

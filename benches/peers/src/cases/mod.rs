@@ -1,0 +1,57 @@
+//! One case a file.
+
+pub(crate) mod graph;
+pub(crate) mod learning;
+pub(crate) mod many;
+pub(crate) mod road_map;
+pub(crate) mod symbols;
+pub(crate) mod thousand;
+pub(crate) mod two_states;
+
+use std::hint::black_box;
+
+use wayfix::{Hmm, LikelihoodVector, TransitionEntries};
+
+use crate::race::{Contender, Races};
+
+/// Why a routine that has given its answer cannot fail when it is timed.
+const ANSWERED: &str = "it has answered before";
+
+/// A filter that goes through the observations, one at a time.
+fn filter<'a, A: TransitionEntries<Control = ()>>(
+    hmm: &'a Hmm<A, LikelihoodVector>,
+    ys: &'a [&[f64]],
+) -> Contender<'a> {
+    let mut filter = hmm.filter();
+    Contender::wayfix(move || {
+        filter.restart();
+        for &y in ys {
+            black_box(filter.step(black_box(y)).expect(ANSWERED));
+        }
+    })
+}
+
+/// The routines of wayfix that only peers in Python are compared with.
+fn alone<A: TransitionEntries<Control = ()>>(
+    races: &mut Races,
+    case: &'static str,
+    hmm: &Hmm<A, LikelihoodVector>,
+    ys: &[&[f64]],
+) {
+    races.run(case, "filter", ys.len(), vec![filter(hmm, ys)]);
+    whole(races, case, hmm, ys);
+}
+
+/// Those for a whole sequence.
+fn whole<A: TransitionEntries<Control = ()>>(
+    races: &mut Races,
+    case: &'static str,
+    hmm: &Hmm<A, LikelihoodVector>,
+    ys: &[&[f64]],
+) {
+    let mut run = |routine, contender| races.run(case, routine, ys.len(), vec![contender]);
+    run("forward", Contender::wayfix(|| drop(black_box(hmm.forward(black_box(ys))))));
+    run("score", Contender::wayfix(|| drop(black_box(hmm.score(black_box(ys))))));
+    run("smooth", Contender::wayfix(|| drop(black_box(hmm.smooth(black_box(ys))))));
+    run("viterbi", Contender::wayfix(|| drop(black_box(hmm.viterbi(black_box(ys))))));
+}
