@@ -101,7 +101,10 @@ fn streams_of_a_hundred_thousand_steps_are_the_batch() {
     assert_eq!(decoder.log_probability(), batch.log_probability());
     let smoothing = hmm.smooth(ys).unwrap();
     for k in steps - 3..=steps {
-        assert_eq!(smoother.get(k), smoothing.posteriors().get(k));
+        let (stream, batch) = (smoother.get(k).unwrap(), smoothing.posteriors().get(k).unwrap());
+        for (a, b) in stream.as_slice().iter().zip(batch.as_slice()) {
+            assert!((a - b).abs() <= 1e-12 * b.max(1e-290), "{a} {b} at {k}");
+        }
     }
     assert_eq!(hmm.score(ys).unwrap(), smoothing.log_likelihood());
     let entropy = hmm.path_entropy(ys).unwrap();

@@ -29,12 +29,13 @@ fn memory_is_what_the_docs_say() {
     // A few vectors of n numbers, and a constant.
     let small = 16 * 8 * n + 4096;
     let steps = 20_000;
+    // A number a step besides: log-likelihoods or normalisers.
     let found = peak(|| hmm.smooth(&ys[..steps]).unwrap());
-    assert!((block(steps)..block(steps) + small).contains(&found), "smooth: {found}");
+    assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "smooth: {found}");
     let found = peak(|| hmm.forward(&ys[..steps]).unwrap());
-    assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "forward: {found}");
+    assert!((block(steps)..block(steps) + 16 * steps + small).contains(&found), "forward: {found}");
     let found = peak(|| hmm.path_sampler(&ys[..steps]).unwrap());
-    assert!((block(steps)..block(steps) + small).contains(&found), "sampler: {found}");
+    assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "sampler: {found}");
     let found = peak(|| hmm.score(ys).unwrap());
     assert!(found < small, "score: {found}");
     let found = peak(|| hmm.path_entropy(&ys[..steps]).unwrap());

@@ -10,14 +10,18 @@
 //! because B(y_k) β_k is in proportion to γ_k / p_k. Every product on the right
 //! is a probability, that of a pair of states, so that nothing can grow; and
 //! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed.
-//! Predictions are made again: to keep them would take as much memory as the
-//! result.
+//!
+//! Predictions need not be made again (to keep them would take as much memory as the
+//! result): with q_k = γ_k / α_k, the product that the step before has
+//! left, and α_k = b_k ∘ p_k / N_k, the ratio is b_k ∘ q_k / N_k. So it is made where
+//! the likelihoods are at hand without cost; elsewhere, and where doubles do not
+//! hold q, predictions are made again.
 
 use super::step::{Held, Step, is_one, normalise_logs};
 use crate::error::InferenceError;
-use crate::kernels::{self, LIFT};
-use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::kernels::{self, BACK_LIFT, LIFT, Made, Sparse};
+use crate::likelihood::{Likelihood, Scratch};
+use crate::transition::{Form, Stored, Transition};
 
 /// A ratio γ / p above 2^64 is not taken in linear space if the lifted p is
 /// below 2^40: it might overflow.
@@ -29,24 +33,105 @@ const LEAST_PREDICTED: f64 = f64::from_bits((1023 + 40) << 52);
 pub(super) struct Backward {
     /// γ_{k-1}.
     pub(super) gamma: Vec<f64>,
-    /// γ_k / p_k, or its logarithm.
+    /// γ_k / p_k times `ratio_scale`, or its logarithm.
     pub(super) ratio: Vec<f64>,
+    pub(super) ratio_scale: f64,
     /// Whether `ratio` is in logarithms.
     pub(super) in_logs: bool,
+    carried: Carried,
     predicted: Vec<f64>,
     values: Vec<f64>,
+    scratch: Scratch,
+}
+
+/// What one step back leaves to the next.
+#[derive(Debug, Clone)]
+pub(super) struct Carried {
+    /// γ_k / α_k, lifted by [`BACK_LIFT`]; 1 at the last step.
+    q: Vec<f64>,
+    /// Σ γ_k: one, but for rounding, which must not add up.
+    sum: f64,
+    /// Whether doubles hold it.
+    held: bool,
+}
+
+/// What was seen at step k, and its normaliser N_k if the filter took the
+/// step with the likelihoods as they are, else 0.
+pub(super) struct Seen<'a, Y: ?Sized> {
+    pub(super) observation: &'a Y,
+    pub(super) normaliser: f64,
 }
 
 impl Backward {
+    /// At the last step of a sequence.
     pub(super) fn new(states: usize) -> Self {
         let zeros = vec![0.0; states];
         Self {
             gamma: zeros.clone(),
             ratio: zeros.clone(),
+            ratio_scale: 1.0,
             in_logs: false,
+            carried: Carried { q: vec![BACK_LIFT; states], sum: 1.0, held: true },
             predicted: zeros.clone(),
             values: zeros,
+            scratch: Scratch::default(),
         }
+    }
+
+    /// What the last step back has left.
+    pub(super) fn carried(&self) -> Carried {
+        self.carried.clone()
+    }
+
+    /// Goes on from there.
+    pub(super) fn carry_on(&mut self, carried: &Carried) {
+        self.carried.clone_from(carried);
+    }
+
+    /// As [`retreat`](Self::retreat), by what was seen if it can be.
+    pub(super) fn retreat_from<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        seen: &Seen<'_, B::Observation>,
+        alpha: Held<'_>,
+        gamma: &[f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = step.control else { return self.retreat(step, alpha, gamma) };
+        if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
+            return self.retreat(step, alpha, gamma);
+        }
+        let Self { ratio, carried: Carried { q, .. }, gamma: result, values, .. } = self;
+        let transition = step.hmm.transition();
+        let sum = if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
+            let back = Sparse { matrix: &matrix.sliced_columns, x: ratio };
+            kernels::retreat(back, alpha.linear, result, q)
+        } else {
+            transition.apply_transpose(control, ratio, values);
+            kernels::retreat(Made(values), alpha.linear, result, q)
+        };
+        if !is_one(sum) {
+            return self.retreat(step, alpha, gamma);
+        }
+        (self.carried.sum, self.in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
+        Ok(())
+    }
+
+    /// The ratio γ_k / p_k from what was seen at k. Returns whether it could be
+    /// had so.
+    fn weigh<B: Likelihood>(&mut self, likelihood: &B, seen: &Seen<'_, B::Observation>) -> bool {
+        let Self { ratio, carried, scratch, .. } = self;
+        if seen.normaliser == 0.0 || !likelihood.is_at_hand() {
+            return false;
+        }
+        // That it is valid has been seen on the way there.
+        let Ok(diagonal) = likelihood.diagonal(seen.observation, scratch) else { return false };
+        let Some(likelihoods) = diagonal.linear_values() else { return false };
+        if likelihoods.len() != ratio.len() {
+            return false;
+        }
+        let factor = 1.0 / (seen.normaliser * carried.sum);
+        kernels::weigh(&carried.q, likelihoods, factor, ratio);
+        true
     }
 
     /// From γ_k to γ_{k-1}, where a step leads from α_{k-1}. Where nothing
@@ -62,6 +147,7 @@ impl Backward {
             return Ok(());
         };
         step.check_control(control)?;
+        (self.carried.held, self.ratio_scale) = (false, 1.0);
         self.in_logs = alpha.logs.is_some() || {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted)?;
@@ -84,7 +170,12 @@ impl Backward {
         self.gamma.iter_mut().zip(&self.values).for_each(|(gamma, back)| *gamma *= *back);
         let sum = kernels::sum(&self.gamma);
         kernels::normalise(&mut self.gamma, sum);
-        is_one(sum / LIFT)
+        // From here on it can go on by what was seen. (Should q overflow, the
+        // next sum is not one.)
+        let carried = &mut self.carried;
+        carried.q.iter_mut().zip(&self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
+        (carried.sum, carried.held) = (sum / LIFT, is_one(sum / LIFT));
+        carried.held
     }
 
     /// The same in logarithms, where linear space does not hold the ratios.

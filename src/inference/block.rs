@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::backward::Seen;
 use super::filter::Filter;
 use super::posteriors::Posteriors;
 use super::step::Held;
@@ -17,11 +18,15 @@ pub(super) struct Block {
     pub(super) posteriors: Posteriors,
     /// The logarithms of the rows that have values beyond doubles.
     pub(super) logs: HashMap<usize, Vec<f64>>,
+    /// The normaliser of the step to each row, as
+    /// [`Advanced`](super::step::Advanced) has it.
+    normalisers: Vec<f64>,
 }
 
 impl Block {
     pub(super) fn new(states: usize, steps: usize) -> Self {
-        Self { posteriors: Posteriors::new(states, steps), logs: HashMap::new() }
+        let posteriors = Posteriors::new(states, steps);
+        Self { posteriors, logs: HashMap::new(), normalisers: vec![0.0; steps + 1] }
     }
 
     /// Runs a filter `steps` further and keeps all beliefs, beginning with the
@@ -42,7 +47,10 @@ impl Block {
         self.keep(0, filter);
         for row in 1..=steps {
             let step = filter.steps() + 1;
-            each(filter.step_with(sequence.control(step), sequence.observation(step))?);
+            let control = sequence.control(step);
+            let advanced = filter.step_in_full(control, sequence.observation(step))?;
+            each(advanced.log);
+            self.normalisers[row] = advanced.normaliser;
             self.keep(row, filter);
         }
         Ok(())
@@ -54,6 +62,12 @@ impl Block {
         if let Some(logs) = held.logs {
             self.logs.insert(row, logs.to_vec());
         }
+    }
+
+    /// What was seen on the way to a row, where `observation` is that of its
+    /// step.
+    pub(super) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Seen<'a, Y> {
+        Seen { observation, normaliser: self.normalisers[row] }
     }
 
     pub(super) fn held(&self, row: usize) -> Held<'_> {

@@ -76,9 +76,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// to a visitor, with the pairwise posterior of the move that leads to it.
     /// Returns ln p(y_1 … y_T).
     ///
-    /// Gives what [`smooth`](Self::smooth) gives, to the bit. Takes four
-    /// products with A or A' a step in backward order and seven in forward
-    /// order (three in either, if n T is below 65,536), and O(n).
+    /// Gives what [`smooth`](Self::smooth) gives, to the bit. Takes three
+    /// products with A or A' a step in backward order and five in forward
+    /// order (two in either, if n T is below 65,536), and O(n); more where the sensor
+    /// has to compute its likelihoods.
     ///
     /// ```
     /// use wayfix::Order;
@@ -120,7 +121,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             block: Block::new(n, length.min(steps)),
             smoothed: Posteriors::new(n, length.min(steps)),
             ratios: vec![0.0; n * length.min(steps)],
-            in_logs: vec![false; length.min(steps)],
+            forms: vec![(false, 1.0); length.min(steps)],
             held: None,
             filter: self.filter(),
             backward: Backward::new(n),
@@ -128,13 +129,16 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
         if order == Order::Forward {
             // Where each segment ends, as the pass back finds it.
-            let mut ends = vec![segments.filter.held().linear.to_vec()];
+            let last = segments.filter.held().linear.to_vec();
+            let mut ends = vec![(last, segments.backward.carried())];
             for start in checkpoints[1..].iter().rev() {
-                let end = ends[ends.len() - 1].clone();
+                let end = ends[ends.len() - 1].0.clone();
                 segments.run(start, length, &end)?;
-                ends.push(segments.smoothed.row(0).to_vec());
+                let first = segments.smoothed.row(0).to_vec();
+                ends.push((first, segments.backward.carried()));
             }
-            for (start, end) in checkpoints.iter().zip(ends.iter().rev()) {
+            for (start, (end, carried)) in checkpoints.iter().zip(ends.iter().rev()) {
+                segments.backward.carry_on(carried);
                 let rows = segments.run(start, length, end)?;
                 let first = usize::from(start.steps() > 0);
                 (first..=rows).for_each(|row| visit(&segments.step(row, start)));
@@ -195,7 +199,8 @@ struct Segments<'m, A: Transition, B, S: ?Sized> {
     smoothed: Posteriors,
     /// γ / p of each step, or their logarithms.
     ratios: Vec<f64>,
-    in_logs: Vec<bool>,
+    /// Which of the two, and the scale of the former.
+    forms: Vec<(bool, f64)>,
     filter: Filter<&'m Hmm<A, B>>,
     backward: Backward,
 }
@@ -243,10 +248,12 @@ where
         self.smoothed.row_mut(rows).copy_from_slice(end);
         for row in (1..=rows).rev() {
             let step = Step::of(self.hmm, self.sequence, start.steps() + row);
-            self.backward.retreat(&step, self.block.held(row - 1), self.smoothed.row(row))?;
+            let seen = self.block.seen(row, self.sequence.observation(step.number));
+            let (alpha, gamma) = (self.block.held(row - 1), self.smoothed.row(row));
+            self.backward.retreat_from(&step, &seen, alpha, gamma)?;
             self.smoothed.row_mut(row - 1).copy_from_slice(&self.backward.gamma);
             self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
-            self.in_logs[row - 1] = self.backward.in_logs;
+            self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);
         }
         Ok(rows)
     }
@@ -259,7 +266,8 @@ where
             control: self.sequence.control(number),
             alpha: self.block.held(row - 1),
             ratio: &self.ratios[(row - 1) * n..row * n],
-            in_logs: self.in_logs[row - 1],
+            in_logs: self.forms[row - 1].0,
+            scale: self.forms[row - 1].1,
         });
         let (filtered, smoothed) = (self.block.posteriors.row(row), self.smoothed.row(row));
         SmoothedStep { step: number, filtered, smoothed, pairs }

@@ -18,7 +18,7 @@ use crate::transition::Transition;
 /// steps j = k − L … k.
 ///
 /// It goes back from the filtered belief through the window, as the batch
-/// smoother does, and gives to the bit what [`Hmm::smooth`] would of the
+/// smoother does, and gives, but for rounding, what [`Hmm::smooth`] would of the
 /// observations so far. A step costs one product for the filter and two for
 /// each step of the window, O(L) products in all; memory is 2 n (L + 1) numbers.
 /// After an error it is as it was before the call.

@@ -26,9 +26,10 @@ pub struct Pairs<'a, A: Transition> {
     pub(super) transition: &'a A,
     pub(super) control: &'a A::Control,
     pub(super) alpha: Held<'a>,
-    /// γ_k / p_k, or its logarithm.
+    /// γ_k / p_k over `scale`, or its logarithm.
     pub(super) ratio: &'a [f64],
     pub(super) in_logs: bool,
+    pub(super) scale: f64,
 }
 
 impl<A: Transition> fmt::Debug for Pairs<'_, A> {
@@ -59,7 +60,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         if self.in_logs {
             (self.alpha.log(from) + p.ln() + ratio).exp()
         } else {
-            self.alpha.linear[from] * (p * ratio)
+            self.alpha.linear[from] * (p * ratio) * self.scale
         }
     }
 }

@@ -39,9 +39,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// An empty sequence is allowed: the posterior of X_0 then is the prior.
     ///
-    /// Three products with A or A' and O(n) a step; the result holds n (T + 1)
-    /// numbers, and nothing else grows with T (but for steps that doubles do
-    /// not hold, which keep n more). For long sequences there is
+    /// Two products with A or A' and O(n) a step (three where the sensor has to
+    /// compute its likelihoods); the result holds n (T + 1) numbers, and of other
+    /// memory one number a step grows with T (but for steps that doubles do not
+    /// hold, which keep n more). For long sequences there is
     /// [`smooth_each`](Self::smooth_each), for live ones
     /// a fixed lag.
     ///
@@ -71,7 +72,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut backward = Backward::new(n);
         for number in (1..=steps).rev() {
             let step = Step::of(self, sequence, number);
-            backward.retreat(&step, block.held(number - 1), block.posteriors.row(number))?;
+            let seen = block.seen(number, sequence.observation(number));
+            let gamma = block.posteriors.row(number);
+            backward.retreat_from(&step, &seen, block.held(number - 1), gamma)?;
             block.posteriors.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
         Ok(Smoothing { posteriors: block.posteriors, log_likelihood: filter.log_likelihood() })

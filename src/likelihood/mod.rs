@@ -99,6 +99,13 @@ pub trait Likelihood {
     fn rounds_tails(&self) -> bool {
         false
     }
+
+    /// Whether likelihoods are at hand, so that to ask for them costs nothing: the
+    /// smoother then does so a second time, in place of a product with A. False,
+    /// unless an implementation says otherwise.
+    fn is_at_hand(&self) -> bool {
+        false
+    }
 }
 
 /// A likelihood that can also draw observations, for simulation.

@@ -62,6 +62,10 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
     fn rounds_tails(&self) -> bool {
         self.sensor.rounds_tails()
     }
+
+    fn is_at_hand(&self) -> bool {
+        self.sensor.is_at_hand()
+    }
 }
 
 impl<B: SampleObservation> SampleObservation for OptionalLikelihood<B> {

@@ -65,6 +65,10 @@ impl<B: Likelihood> Likelihood for RoundedTails<B> {
     fn rounds_tails(&self) -> bool {
         true
     }
+
+    fn is_at_hand(&self) -> bool {
+        self.0.is_at_hand()
+    }
 }
 
 impl<B: SampleObservation> SampleObservation for RoundedTails<B> {

@@ -32,6 +32,10 @@ macro_rules! as_target {
             fn rounds_tails(&self) -> bool {
                 (**self).rounds_tails()
             }
+
+            fn is_at_hand(&self) -> bool {
+                (**self).is_at_hand()
+            }
         }
     )*};
 }

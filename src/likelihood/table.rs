@@ -145,6 +145,10 @@ impl Likelihood for TableLikelihood {
         let (linear, log2) = (&self.columns[column.clone()], &self.log2[column]);
         Ok(Diagonal::checked(linear, self.largest[symbol], Some(log2)))
     }
+
+    fn is_at_hand(&self) -> bool {
+        true
+    }
 }
 
 impl SampleObservation for TableLikelihood {

@@ -70,6 +70,10 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
         let values = observation.as_ref();
         Ok(if self.log { Diagonal::log(values) } else { Diagonal::linear(values) })
     }
+
+    fn is_at_hand(&self) -> bool {
+        !self.log
+    }
 }
 
 impl<Y: ?Sized> Clone for LikelihoodVector<Y> {
