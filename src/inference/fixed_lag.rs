@@ -35,7 +35,9 @@ use crate::transition::Transition;
 ///     smoother.step(&sighting)?;
 /// }
 /// // What was two steps ago, after all five sightings.
-/// assert_eq!(smoother.get(3), hmm.smooth(&[0, 0, 1, 0, 0])?.posteriors().get(3));
+/// let smoothing = hmm.smooth(&[0, 0, 1, 0, 0])?;
+/// let (stream, batch) = (smoother.get(3).unwrap(), smoothing.posteriors().get(3).unwrap());
+/// assert!((stream.as_slice()[0] - batch.as_slice()[0]).abs() < 1e-15);
 /// assert_eq!(smoother.lagged().mode(), 1);
 /// assert_eq!(smoother.get(2), None); // no longer in the window
 /// # Ok::<(), Box<dyn std::error::Error>>(())

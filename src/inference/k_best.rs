@@ -2,11 +2,11 @@
 //! Sundberg 1994).
 
 use super::scores::TakenOut;
-use super::step::Step;
+use super::step::{Step, Workspace};
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
@@ -56,7 +56,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let empty = ViterbiPath { states: Vec::new(), log_probability: 0.0 };
             return Ok(vec![empty; count.min(1)]);
         }
-        let mut scratch = Scratch::default();
+        let mut work = Workspace::new(n);
         let mut taken_out = TakenOut::default();
         // The paths to each state of each step, best first.
         let mut lists: Vec<Vec<Vec<Way>>> = Vec::with_capacity(steps);
@@ -70,7 +70,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
-            step.observe(observation, &mut scratch, &mut added, &mut taken_out)?;
+            step.observe(observation, &mut work, &mut added, &mut taken_out)?;
             let mut best: Vec<f64> = (list.iter().zip(&added))
                 .map(|(ways, added)| ways.first().map_or(f64::NEG_INFINITY, |w| w.score + added))
                 .collect();

@@ -6,10 +6,10 @@ use std::mem;
 use std::ops::Deref;
 
 use super::scores::{TakenOut, best};
-use super::step::Step;
+use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::Likelihood;
 use crate::transition::TransitionEntries;
 
 /// A decoder for a live stream: it commits the states of a step as soon as the
@@ -50,7 +50,7 @@ pub struct OnlineViterbi<M> {
     committed: Vec<usize>,
     next: Vec<f64>,
     from: Vec<u32>,
-    scratch: Scratch,
+    work: Workspace,
     spare: Vec<Level>,
     /// The states before those of the last step that no path goes on from.
     gone: Vec<u32>,
@@ -95,7 +95,7 @@ where
             committed: Vec::new(),
             next: vec![0.0; n],
             from: vec![0; n],
-            scratch: Scratch::default(),
+            work: Workspace::new(n),
             spare: Vec::new(),
             gone: Vec::with_capacity(n),
         }
@@ -168,20 +168,20 @@ where
         control: &A::Control,
         observation: Option<&B::Observation>,
     ) -> Result<&[usize], InferenceError> {
-        let Self { model, scores, next, from, scratch, taken_out, .. } = self;
+        let Self { model, scores, next, from, work, taken_out, .. } = self;
         let number = self.steps + 1;
         let control = model.prior().moves_at(number).then_some(control);
         let step = Step { hmm: &**model, number, control };
+        let mut taken_out = taken_out.clone();
         if number == 1 {
             step.first_scores(next)?;
+            if let Some(observation) = observation {
+                step.observe(observation, work, next, &mut taken_out)?;
+            }
+            step.settle(next, &mut taken_out)?;
         } else {
-            step.maximise(scores, next, from)?;
+            step.decode(scores, observation, (next, from), work, &mut taken_out)?;
         }
-        let mut taken_out = taken_out.clone();
-        if let Some(observation) = observation {
-            step.observe(observation, scratch, next, &mut taken_out)?;
-        }
-        step.settle(next, &mut taken_out)?;
         // From here on nothing fails.
         self.taken_out = taken_out;
         mem::swap(&mut self.scores, &mut self.next);

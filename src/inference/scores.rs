@@ -6,11 +6,11 @@
 use std::f64::consts::{LN_2, LOG2_E};
 
 use super::LogSum;
-use super::step::Step;
+use super::step::{Step, Workspace};
 use crate::error::InferenceError;
-use crate::kernels::{self, LIFT};
-use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::transition::TransitionEntries;
+use crate::kernels::{self, LIFT, Shifted};
+use crate::likelihood::{Diagonal, Likelihood, Values};
+use crate::transition::{Form, Stored, TransitionEntries};
 
 /// 2^-900. A prior of at least this, lifted, is above 2^99: its product with
 /// the least entry, 2^-1074, is a double with all its digits.
@@ -67,16 +67,35 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// The best way into each state.
-    pub(super) fn maximise(
+    /// A step of Viterbi: the best way into each state, with the likelihoods of
+    /// the observation if there is one, and a whole number taken out.
+    pub(super) fn decode(
         &self,
         scores: &[f64],
-        next: &mut [f64],
-        from: &mut [u32],
+        observation: Option<&B::Observation>,
+        (next, from): (&mut [f64], &mut [u32]),
+        work: &mut Workspace,
+        taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
+        let Workspace { scratch, values } = work;
+        let likelihoods = match observation {
+            Some(observation) => {
+                let (diagonal, largest) = self.diagonal(observation, scratch)?;
+                Some(self.likelihood_scores(&diagonal, largest, values, taken_out)?)
+            }
+            None => None,
+        };
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         self.check_control(control)?;
-        self.hmm.transition().max_product(control, scores, next, from);
+        let transition = self.hmm.transition();
+        let largest =
+            if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
+                matrix.maximise(scores, likelihoods, next, from)
+            } else {
+                transition.max_product(control, scores, next, from);
+                kernels::add_scores(next, likelihoods)
+            };
+        self.settle_at(next, largest, taken_out)?;
         Ok(())
     }
 
@@ -84,13 +103,50 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     pub(super) fn observe(
         &self,
         observation: &B::Observation,
-        scratch: &mut Scratch,
+        work: &mut Workspace,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
+        let Workspace { scratch, values } = work;
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
-        taken_out.factors.add(add_likelihoods(diagonal, largest, scores));
+        let likelihoods = self.likelihood_scores(&diagonal, largest, values, taken_out)?;
+        kernels::add_scores(scores, Some(likelihoods));
         Ok(())
+    }
+
+    /// log2 b, and a common part that keeps them small; what is left out
+    /// goes to `taken_out`.
+    fn likelihood_scores<'a>(
+        &self,
+        diagonal: &Diagonal<'a>,
+        largest: f64,
+        values: &'a mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<Shifted<'a>, InferenceError> {
+        let impossible = match diagonal.values {
+            Values::Log(_) => largest == f64::NEG_INFINITY,
+            _ => largest == 0.0,
+        };
+        if impossible {
+            return Err(InferenceError::Impossible { step: self.number });
+        }
+        // Whole powers of two can be taken out without rounding.
+        let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
+        let (shifted, left_out) = match diagonal.values {
+            Values::Log(logs) => {
+                kernels::log2_of_logs(logs, largest, values);
+                (Shifted { scores: values, shift: 0.0 }, largest)
+            }
+            Values::Checked { log2: Some(scores), .. } => {
+                (Shifted { scores, shift: whole }, whole * LN_2)
+            }
+            Values::Linear(linear) | Values::Checked { linear, .. } => {
+                values.iter_mut().zip(linear).for_each(|(out, b)| *out = kernels::log2(*b));
+                (Shifted { scores: values, shift: whole }, whole * LN_2)
+            }
+        };
+        taken_out.factors.add(left_out + diagonal.log_factor);
+        Ok(shifted)
     }
 
     /// Takes a whole number out of scores, and returns it; an error if all are
@@ -101,6 +157,15 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<f64, InferenceError> {
         let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        self.settle_at(scores, best, taken_out)
+    }
+
+    fn settle_at(
+        &self,
+        scores: &mut [f64],
+        best: f64,
+        taken_out: &mut TakenOut,
+    ) -> Result<f64, InferenceError> {
         if best == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
@@ -126,35 +191,4 @@ pub(super) fn best(scores: &[f64]) -> usize {
         }
     }
     state
-}
-
-/// Adds log2 b to the scores, but for a common part that keeps them small;
-/// returns what was left out, as a natural logarithm.
-fn add_likelihoods(diagonal: Diagonal<'_>, largest: f64, score: &mut [f64]) -> f64 {
-    fn add(score: &mut [f64], log2: impl Iterator<Item = f64>) {
-        score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
-    }
-    let impossible = |score: &mut [f64]| {
-        score.fill(f64::NEG_INFINITY);
-        0.0
-    };
-    // Whole powers of two can be taken out without rounding.
-    let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
-    let left_out = match diagonal.values {
-        Values::Log(_) if largest == f64::NEG_INFINITY => impossible(score),
-        Values::Log(logs) => {
-            add(score, logs.iter().map(|log| kernels::on_grid((log - largest) * LOG2_E)));
-            largest
-        }
-        _ if largest == 0.0 => impossible(score),
-        Values::Checked { log2: Some(log2), .. } => {
-            add(score, log2.iter().map(|log2| log2 - whole));
-            whole * LN_2
-        }
-        Values::Linear(linear) | Values::Checked { linear, .. } => {
-            add(score, linear.iter().map(|&b| kernels::log2(b) - whole));
-            whole * LN_2
-        }
-    };
-    left_out + diagonal.log_factor
 }

@@ -19,7 +19,7 @@ const UNSCALED: std::ops::RangeInclusive<f64> =
 /// Memory for steps; allocated once, when it is made.
 #[derive(Debug, Clone)]
 pub(super) struct Workspace {
-    scratch: Scratch,
+    pub(super) scratch: Scratch,
     pub(super) values: Vec<f64>,
 }
 

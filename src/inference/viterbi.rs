@@ -1,10 +1,10 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 
 use super::scores::{TakenOut, best};
-use super::step::Step;
+use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
@@ -67,22 +67,23 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
-        let mut scratch = Scratch::default();
+        let mut work = Workspace::new(n);
         let mut scores = vec![0.0; n];
         let mut next = vec![0.0; n];
         let mut from = vec![0_u32; n * (steps - 1)];
         let mut taken_out = TakenOut::default();
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
+            let observation = sequence.observation(number);
             if number == 1 {
                 step.first_scores(&mut next)?;
+                step.observe(observation, &mut work, &mut next, &mut taken_out)?;
+                step.settle(&mut next, &mut taken_out)?;
             } else {
                 let from = &mut from[(number - 2) * n..(number - 1) * n];
-                step.maximise(&scores, &mut next, from)?;
+                let next = (&mut next[..], from);
+                step.decode(&scores, Some(observation), next, &mut work, &mut taken_out)?;
             }
-            let observation = sequence.observation(number);
-            step.observe(observation, &mut scratch, &mut next, &mut taken_out)?;
-            step.settle(&mut next, &mut taken_out)?;
             std::mem::swap(&mut scores, &mut next);
         }
         let mut state = best(&scores);

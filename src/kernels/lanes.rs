@@ -125,7 +125,6 @@ pub(crate) trait Lanes: Copy {
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    fn div(self, a: Self::V, b: Self::V) -> Self::V;
     /// The smaller of each two, `b` if one is NaN.
     fn min(self, a: Self::V, b: Self::V) -> Self::V;
     /// The larger of each two, `b` if one is NaN.
@@ -212,10 +211,6 @@ impl Lanes for Plain {
     #[inline(always)]
     fn mul(self, a: Eight, b: Eight) -> Eight {
         each(a, b, |a, b| a * b)
-    }
-    #[inline(always)]
-    fn div(self, a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| a / b)
     }
     #[inline(always)]
     fn min(self, a: Eight, b: Eight) -> Eight {
@@ -330,10 +325,6 @@ mod x86 {
         #[inline(always)]
         fn mul(self, a: Two, b: Two) -> Two {
             unsafe { (_mm256_mul_pd(a.0, b.0), _mm256_mul_pd(a.1, b.1)) }
-        }
-        #[inline(always)]
-        fn div(self, a: Two, b: Two) -> Two {
-            unsafe { (_mm256_div_pd(a.0, b.0), _mm256_div_pd(a.1, b.1)) }
         }
         #[inline(always)]
         fn min(self, a: Two, b: Two) -> Two {
@@ -457,10 +448,6 @@ mod x86 {
         #[inline(always)]
         fn mul(self, a: __m512d, b: __m512d) -> __m512d {
             unsafe { _mm512_mul_pd(a, b) }
-        }
-        #[inline(always)]
-        fn div(self, a: __m512d, b: __m512d) -> __m512d {
-            unsafe { _mm512_div_pd(a, b) }
         }
         #[inline(always)]
         fn min(self, a: __m512d, b: __m512d) -> __m512d {

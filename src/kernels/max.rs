@@ -1,10 +1,33 @@
 //! The product in which a maximum stands for the sum, with eight lines at a
 //! time: the step of Viterbi.
 
+use std::f64::consts::LOG2_E;
+
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 use super::sliced::{Slice, Sliced, Values};
+use super::{GRID_RANGE, GRID_STEPS, INTEGERS};
 
-/// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus `likelihoods[i]` if there
+/// Scores of which each is to be lowered by `shift`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shifted<'a> {
+    pub(crate) scores: &'a [f64],
+    pub(crate) shift: f64,
+}
+
+impl Shifted<'_> {
+    /// Those of the eight with this number.
+    #[inline(always)]
+    fn eight<L: Lanes>(self, lanes: L, number: usize) -> L::V {
+        let (chunks, rest) = self.scores.as_chunks::<LANES>();
+        let b = match chunks.get(number) {
+            Some(chunk) => lanes.load(chunk),
+            None => lanes.load_part(rest),
+        };
+        lanes.sub(b, lanes.splat(self.shift))
+    }
+}
+
+/// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there
 /// are some; `from[i]` the lowest j that attains it. Gives the largest of
 /// `next`.
 pub(crate) struct Maximise<'a> {
@@ -12,7 +35,7 @@ pub(crate) struct Maximise<'a> {
     /// The logarithms of its values.
     pub(crate) log2: &'a Values,
     pub(crate) x: &'a [f64],
-    pub(crate) likelihoods: Option<&'a [f64]>,
+    pub(crate) likelihoods: Option<Shifted<'a>>,
     pub(crate) next: &'a mut [f64],
     pub(crate) from: &'a mut [u32],
 }
@@ -25,7 +48,7 @@ impl Kernel for Maximise<'_> {
         let Self { matrix, log2, x, likelihoods, next, from } = self;
         let n = matrix.lines();
         assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
-        assert!(likelihoods.is_none_or(|b| b.len() == n), "one likelihood per state");
+        assert!(likelihoods.is_none_or(|b| b.scores.len() == n), "one likelihood per state");
         let (nexts, next_rest) = next.as_chunks_mut::<LANES>();
         let (froms, from_rest) = from.as_chunks_mut::<LANES>();
         let nothing = lanes.splat(f64::NEG_INFINITY);
@@ -69,12 +92,7 @@ impl Kernel for Maximise<'_> {
             }
             start = *end;
             if let Some(likelihoods) = likelihoods {
-                let (chunks, rest) = likelihoods.as_chunks::<LANES>();
-                let b = match chunks.get(number) {
-                    Some(chunk) => lanes.load(chunk),
-                    None => lanes.load_part(rest),
-                };
-                best = lanes.add(best, b);
+                best = lanes.add(best, likelihoods.eight(lanes, number));
             }
             if let (Some(next), Some(from)) = (nexts.get_mut(number), froms.get_mut(number)) {
                 lanes.store(best, next);
@@ -95,4 +113,77 @@ impl Kernel for Maximise<'_> {
 /// [`Maximise`] with the instructions chosen.
 pub(crate) fn maximise(work: Maximise<'_>) -> f64 {
     run(work)
+}
+
+/// Adds to scores, and gives the largest.
+struct Add<'a> {
+    scores: &'a mut [f64],
+    added: Option<Shifted<'a>>,
+}
+
+impl Kernel for Add<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> f64 {
+        let Self { scores, added } = self;
+        let count = scores.len().div_ceil(LANES);
+        let (chunks, rest) = scores.as_chunks_mut::<LANES>();
+        let mut largest = lanes.splat(f64::NEG_INFINITY);
+        for number in 0..count {
+            let sum = |score| added.map_or(score, |b| lanes.add(score, b.eight(lanes, number)));
+            if let Some(chunk) = chunks.get_mut(number) {
+                let score = sum(lanes.load(chunk));
+                largest = lanes.max(score, largest);
+                lanes.store(score, chunk);
+            } else {
+                lanes.store_part(sum(lanes.load_part(rest)), rest);
+            }
+        }
+        let largest = lanes.to_array(largest).into_iter().chain(rest.iter().copied());
+        largest.fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// Adds to scores, and gives the largest.
+pub(crate) fn add_scores(scores: &mut [f64], added: Option<Shifted<'_>>) -> f64 {
+    run(Add { scores, added })
+}
+
+/// Logarithms to base 2, on the grid, of likelihoods over the largest.
+struct Log2OfLogs<'a> {
+    logs: &'a [f64],
+    largest: f64,
+    out: &'a mut [f64],
+}
+
+impl Kernel for Log2OfLogs<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { logs, largest, out } = self;
+        let n = logs.len();
+        let (chunks, rest) = logs.as_chunks::<LANES>();
+        let (outs, out_rest) = out[..n].as_chunks_mut::<LANES>();
+        let (largest, factor) = (lanes.splat(largest), lanes.splat(LOG2_E));
+        let (steps, step) = (lanes.splat(GRID_STEPS), lanes.splat(1.0 / GRID_STEPS));
+        let (shift, fine) = (lanes.splat(INTEGERS), lanes.splat(-GRID_RANGE));
+        let convert = |logs| {
+            let x = lanes.mul(lanes.sub(logs, largest), factor);
+            // As in `on_grid`, for what is not above 0.
+            let rounded = lanes.add(lanes.sub(lanes.mul(x, steps), shift), shift);
+            lanes.select(lanes.less(fine, x), lanes.mul(rounded, step), x)
+        };
+        for (out, chunk) in outs.iter_mut().zip(chunks) {
+            lanes.store(convert(lanes.load(chunk)), out);
+        }
+        lanes.store_part(convert(lanes.load_part(rest)), out_rest);
+    }
+}
+
+/// Logarithms to base 2, on the grid of `log2`, from natural ones of which
+/// `largest` is the largest, over that.
+pub(crate) fn log2_of_logs(logs: &[f64], largest: f64, out: &mut [f64]) {
+    run(Log2OfLogs { logs, largest, out });
 }

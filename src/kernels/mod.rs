@@ -9,7 +9,7 @@ mod max;
 mod sliced;
 mod update;
 
-pub(crate) use max::{Maximise, maximise};
+pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{BACK_LIFT, Made, Sparse, Updated, retreat, settle, update, weigh};
 
@@ -88,9 +88,21 @@ pub(crate) fn normalise(x: &mut [f64], sum: f64) -> bool {
 /// that of a double of this size.
 #[inline]
 pub(crate) fn on_grid(x: f64) -> f64 {
-    const STEPS: f64 = (1_u64 << 45) as f64;
-    if x.abs() < 128.0 { (x * STEPS).round() / STEPS } else { x }
+    if x.abs() < GRID_RANGE {
+        // What is added and taken away again leaves no room for a fraction.
+        let shift = INTEGERS.copysign(x);
+        (x * GRID_STEPS + shift - shift) / GRID_STEPS
+    } else {
+        x
+    }
 }
+
+/// How many steps of the grid there are to 1.
+const GRID_STEPS: f64 = (1_u64 << 45) as f64;
+/// From here on doubles are on the grid.
+const GRID_RANGE: f64 = 128.0;
+/// 2^52: from here on doubles are whole numbers.
+const INTEGERS: f64 = (1_u64 << 52) as f64;
 
 /// log2 on the grid of [`on_grid`]; doubling adds exactly 1. NaN for what is
 /// no probability.

@@ -6,7 +6,7 @@ use super::compressed::Compressed;
 use super::stored::Stored;
 use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
-use crate::kernels::{Maximise, Sliced, Values, maximise};
+use crate::kernels::{Maximise, Shifted, Sliced, Values, maximise};
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit
 /// indices.
@@ -183,7 +183,7 @@ impl SparseTransition {
     pub(crate) fn maximise(
         &self,
         x: &[f64],
-        likelihoods: Option<&[f64]>,
+        likelihoods: Option<Shifted<'_>>,
         next: &mut [f64],
         from: &mut [u32],
     ) -> f64 {
