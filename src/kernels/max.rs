@@ -54,24 +54,17 @@ impl Kernel for Maximise<'_> {
         let nothing = lanes.splat(f64::NEG_INFINITY);
         let (mut start, mut apart, mut largest) = (Slice::default(), 0, nothing);
         for (number, end) in matrix.slices.iter().enumerate() {
-            let (mut best, mut index) = (nothing, lanes.ramp(0));
-            // Slots do not come in the order of their indices: of several that
-            // attain the maximum, the lowest has to be looked for.
-            let mut better = |value: L::V, j: L::I| {
-                let tie = lanes.and(lanes.equal(value, best), lanes.index_less(j, index));
-                let take = lanes.or(lanes.less(best, value), tie);
-                best = lanes.max(value, best);
-                index = lanes.select_index(take, j, index);
-            };
+            let mut best = Best { value: nothing, index: lanes.ramp(0) };
             let shifted = start.shifted as usize..end.shifted as usize;
             for (base, log2) in matrix.bases[shifted.clone()].iter().zip(&log2.shifted[shifted]) {
                 let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
-                better(lanes.add(lanes.load(log2), lanes.load(x)), lanes.ramp(*base));
+                best.take(lanes, lanes.add(lanes.load(log2), lanes.load(x)), lanes.ramp(*base));
             }
             let gathered = start.gathered as usize..end.gathered as usize;
             for (j, log2) in matrix.indices[gathered.clone()].iter().zip(&log2.gathered[gathered]) {
-                better(lanes.add(lanes.load(log2), lanes.gather(x, j)), lanes.indices(j));
+                best.take(lanes, lanes.add(lanes.load(log2), lanes.gather(x, j)), lanes.indices(j));
             }
+            let Best { value: mut best, mut index } = best;
             if start.apart < end.apart {
                 let mut bests = lanes.to_array(best);
                 let mut lowest = [0; LANES];
@@ -110,6 +103,24 @@ impl Kernel for Maximise<'_> {
     }
 }
 
+/// The best so far, and where it comes from.
+struct Best<L: Lanes> {
+    value: L::V,
+    index: L::I,
+}
+
+impl<L: Lanes> Best<L> {
+    /// Slots do not come in the order of their indices: of several that attain
+    /// the maximum, the lowest has to be looked for.
+    #[inline(always)]
+    fn take(&mut self, lanes: L, value: L::V, j: L::I) {
+        let tie = lanes.and(lanes.equal(value, self.value), lanes.index_less(j, self.index));
+        let better = lanes.or(lanes.less(self.value, value), tie);
+        self.value = lanes.max(value, self.value);
+        self.index = lanes.select_index(better, j, self.index);
+    }
+}
+
 /// [`Maximise`] with the instructions chosen.
 pub(crate) fn maximise(work: Maximise<'_>) -> f64 {
     run(work)
@@ -131,13 +142,18 @@ impl Kernel for Add<'_> {
         let (chunks, rest) = scores.as_chunks_mut::<LANES>();
         let mut largest = lanes.splat(f64::NEG_INFINITY);
         for number in 0..count {
-            let sum = |score| added.map_or(score, |b| lanes.add(score, b.eight(lanes, number)));
+            let mut score = match chunks.get(number) {
+                Some(chunk) => lanes.load(chunk),
+                None => lanes.load_part(rest),
+            };
+            if let Some(added) = added {
+                score = lanes.add(score, added.eight(lanes, number));
+            }
             if let Some(chunk) = chunks.get_mut(number) {
-                let score = sum(lanes.load(chunk));
                 largest = lanes.max(score, largest);
                 lanes.store(score, chunk);
             } else {
-                lanes.store_part(sum(lanes.load_part(rest)), rest);
+                lanes.store_part(score, rest);
             }
         }
         let largest = lanes.to_array(largest).into_iter().chain(rest.iter().copied());
@@ -166,20 +182,22 @@ impl Kernel for Log2OfLogs<'_> {
         let n = logs.len();
         let (chunks, rest) = logs.as_chunks::<LANES>();
         let (outs, out_rest) = out[..n].as_chunks_mut::<LANES>();
-        let (largest, factor) = (lanes.splat(largest), lanes.splat(LOG2_E));
-        let (steps, step) = (lanes.splat(GRID_STEPS), lanes.splat(1.0 / GRID_STEPS));
-        let (shift, fine) = (lanes.splat(INTEGERS), lanes.splat(-GRID_RANGE));
-        let convert = |logs| {
-            let x = lanes.mul(lanes.sub(logs, largest), factor);
-            // As in `on_grid`, for what is not above 0.
-            let rounded = lanes.add(lanes.sub(lanes.mul(x, steps), shift), shift);
-            lanes.select(lanes.less(fine, x), lanes.mul(rounded, step), x)
-        };
         for (out, chunk) in outs.iter_mut().zip(chunks) {
-            lanes.store(convert(lanes.load(chunk)), out);
+            lanes.store(log2_over(lanes, lanes.load(chunk), largest), out);
         }
-        lanes.store_part(convert(lanes.load_part(rest)), out_rest);
+        lanes.store_part(log2_over(lanes, lanes.load_part(rest), largest), out_rest);
     }
+}
+
+/// As `on_grid`, for logarithms that are not above `largest`.
+#[inline(always)]
+fn log2_over<L: Lanes>(lanes: L, logs: L::V, largest: f64) -> L::V {
+    let x = lanes.mul(lanes.sub(logs, lanes.splat(largest)), lanes.splat(LOG2_E));
+    let whole = lanes.splat(INTEGERS);
+    let steps = lanes.mul(x, lanes.splat(GRID_STEPS));
+    let rounded = lanes.add(lanes.sub(steps, whole), whole);
+    let on_grid = lanes.mul(rounded, lanes.splat(1.0 / GRID_STEPS));
+    lanes.select(lanes.less(lanes.splat(-GRID_RANGE), x), on_grid, x)
 }
 
 /// Logarithms to base 2, on the grid of `log2`, from natural ones of which

@@ -13,12 +13,14 @@
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 #[cfg(test)]
 use super::lanes::{Isa, run_on};
+use super::update::Each;
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
 const SHIFTED_COST: usize = 2;
 const GATHERED_COST: usize = 5;
-/// An entry kept apart costs about as much as a quarter of a gathered slot.
-const APART_COST: usize = 1;
+/// To keep entries apart costs some gathered slots, and half of one for each.
+const SOME_APART_COST: usize = 30;
+const APART_COST: usize = 2;
 
 /// Lines of a matrix of n lines and n columns, in slices of eight.
 #[derive(Debug, Clone)]
@@ -122,7 +124,8 @@ impl Sliced {
         // How deep the gathered slots are: what is deeper is kept apart.
         let apart_cost = |depth: usize| {
             let deeper: usize = left.iter().map(|left| left.saturating_sub(depth)).sum();
-            depth * GATHERED_COST + deeper * APART_COST
+            let some = if deeper > 0 { SOME_APART_COST } else { 0 };
+            depth * GATHERED_COST + some + deeper * APART_COST
         };
         let depth = left.iter().copied().min_by_key(|&depth| apart_cost(depth)).unwrap_or(0);
         let start = self.indices.len();
@@ -186,14 +189,9 @@ impl Sliced {
         run_on(isa, Multiply { matrix: self, x, out });
     }
 
-    /// Goes through the slices, each with its part of the product.
+    /// Goes through the slices, and hands over the product with each.
     #[inline(always)]
-    pub(super) fn products<L: Lanes>(
-        &self,
-        lanes: L,
-        x: &[f64],
-        mut each: impl FnMut(usize, L::V),
-    ) {
+    pub(super) fn products<L: Lanes>(&self, lanes: L, x: &[f64], each: &mut impl Each<L>) {
         assert_eq!(x.len(), self.lines, "x must have one value per state");
         let mut from = Slice::default();
         let mut apart = 0;
@@ -229,7 +227,7 @@ impl Sliced {
                 sum = lanes.load(&sums);
             }
             from = *to;
-            each(number, sum);
+            each.eight(lanes, number, sum);
         }
     }
 }
@@ -255,10 +253,18 @@ impl Kernel for Multiply<'_> {
     fn run<L: Lanes>(self, lanes: L) {
         let Self { matrix, x, out } = self;
         assert_eq!(out.len(), matrix.lines, "out must have one value per state");
-        let (chunks, rest) = out.as_chunks_mut::<LANES>();
-        matrix.products(lanes, x, |number, sum| match chunks.get_mut(number) {
-            Some(chunk) => lanes.store(sum, chunk),
-            None => lanes.store_part(sum, rest),
-        });
+        matrix.products(lanes, x, &mut Store(out.as_chunks_mut()));
+    }
+}
+
+struct Store<'a>((&'a mut [Eight], &'a mut [f64]));
+
+impl<L: Lanes> Each<L> for Store<'_> {
+    #[inline(always)]
+    fn eight(&mut self, lanes: L, number: usize, product: L::V) {
+        match self.0.0.get_mut(number) {
+            Some(chunk) => lanes.store(product, chunk),
+            None => lanes.store_part(product, self.0.1),
+        }
     }
 }

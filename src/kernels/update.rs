@@ -10,9 +10,15 @@ pub(crate) trait Product: Copy {
     /// The number of lines.
     fn lines(self) -> usize;
 
-    /// Hands each eight to `each`, with their number; lines beyond the last
-    /// have 0.
-    fn each<L: Lanes>(self, lanes: L, each: impl FnMut(usize, L::V));
+    /// Hands each eight over; lines beyond the last have 0.
+    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>);
+}
+
+/// What is done with eight lines of a product. (A closure might not become part
+/// of the function that may use the instructions.)
+pub(crate) trait Each<L: Lanes> {
+    /// Takes those with this number. Implementations are `#[inline(always)]`.
+    fn eight(&mut self, lanes: L, number: usize, product: L::V);
 }
 
 /// One that has been made.
@@ -26,11 +32,13 @@ impl Product for Made<'_> {
     }
 
     #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, mut each: impl FnMut(usize, L::V)) {
+    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
         let (chunks, rest) = self.0.as_chunks::<LANES>();
-        chunks.iter().enumerate().for_each(|(number, chunk)| each(number, lanes.load(chunk)));
+        for (number, chunk) in chunks.iter().enumerate() {
+            each.eight(lanes, number, lanes.load(chunk));
+        }
         if !rest.is_empty() {
-            each(chunks.len(), lanes.load_part(rest));
+            each.eight(lanes, chunks.len(), lanes.load_part(rest));
         }
     }
 }
@@ -49,7 +57,7 @@ impl Product for Sparse<'_> {
     }
 
     #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, each: impl FnMut(usize, L::V)) {
+    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
         self.matrix.products(lanes, self.x, each);
     }
 }
@@ -106,36 +114,61 @@ impl<P: Product> Kernel for Update<'_, P> {
         let Self { prediction, likelihoods, scaled, out } = self;
         let n = prediction.lines();
         let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
-        let b = likelihoods.as_chunks::<LANES>();
-        let (outs, rest) = out.as_chunks_mut::<LANES>();
-        let (zero, one) = (lanes.splat(0.0), lanes.splat(1.0));
-        let possible = if scaled { one } else { zero };
-        let (mut products, mut predicted) = (zero, zero);
-        let (mut least_p, mut least_b, mut largest_b) = (zero, zero, zero);
-        let mut small = false;
-        prediction.each(lanes, |number, p| {
-            let b = eight(lanes, b, number);
-            let after = lanes.mul(p, b);
-            put(lanes, (&mut *outs, &mut *rest), number, after);
-            products = lanes.add(products, after);
-            predicted = lanes.add(predicted, p);
-            least_p = lanes.min(p, least_p);
-            least_b = lanes.min(b, least_b);
-            largest_b = lanes.max(b, largest_b);
-            let below = lanes.less(after, one);
-            if lanes.any(below) {
-                let factors = lanes.less(zero, lanes.min(p, lanes.max(b, possible)));
-                small |= lanes.any(lanes.and(below, factors));
-            }
-        });
+        let zero = lanes.splat(0.0);
+        let mut each = UpdateEach::<L> {
+            likelihoods: likelihoods.as_chunks(),
+            out: out.as_chunks_mut(),
+            one: lanes.splat(1.0),
+            possible: lanes.splat(if scaled { 1.0 } else { 0.0 }),
+            products: zero,
+            predicted: zero,
+            least_predicted: zero,
+            least_likelihood: zero,
+            largest_likelihood: zero,
+            small: false,
+        };
+        prediction.each(lanes, &mut each);
         let fold = |v, f: fn(f64, f64) -> f64| lanes.to_array(v).into_iter().fold(0.0, f);
         Updated {
-            products: total(lanes.to_array(products)),
-            predicted: total(lanes.to_array(predicted)),
-            least_predicted: fold(least_p, f64::min),
-            least_likelihood: fold(least_b, f64::min),
-            largest_likelihood: fold(largest_b, f64::max),
-            small,
+            products: total(lanes.to_array(each.products)),
+            predicted: total(lanes.to_array(each.predicted)),
+            least_predicted: fold(each.least_predicted, f64::min),
+            least_likelihood: fold(each.least_likelihood, f64::min),
+            largest_likelihood: fold(each.largest_likelihood, f64::max),
+            small: each.small,
+        }
+    }
+}
+
+struct UpdateEach<'a, L: Lanes> {
+    likelihoods: (&'a [Eight], &'a [f64]),
+    out: (&'a mut [Eight], &'a mut [f64]),
+    one: L::V,
+    possible: L::V,
+    products: L::V,
+    predicted: L::V,
+    least_predicted: L::V,
+    least_likelihood: L::V,
+    largest_likelihood: L::V,
+    small: bool,
+}
+
+impl<L: Lanes> Each<L> for UpdateEach<'_, L> {
+    #[inline(always)]
+    fn eight(&mut self, lanes: L, number: usize, p: L::V) {
+        let b = eight(lanes, self.likelihoods, number);
+        let after = lanes.mul(p, b);
+        put(lanes, (&mut *self.out.0, &mut *self.out.1), number, after);
+        self.products = lanes.add(self.products, after);
+        self.predicted = lanes.add(self.predicted, p);
+        self.least_predicted = lanes.min(p, self.least_predicted);
+        self.least_likelihood = lanes.min(b, self.least_likelihood);
+        self.largest_likelihood = lanes.max(b, self.largest_likelihood);
+        let below = lanes.less(after, self.one);
+        if lanes.any(below) {
+            let possible = lanes.min(p, lanes.max(b, self.possible));
+            let possible = lanes.less(lanes.splat(0.0), possible);
+            self.small |= lanes.any(lanes.and(below, possible));
         }
     }
 }
@@ -158,19 +191,17 @@ impl Kernel for Settle<'_> {
         let out = &mut out[..x.len()];
         let (factor, lift) = (lanes.splat(1.0 / sum), lanes.splat(LIFT));
         let (least, zero) = (lanes.splat(f64::MIN_POSITIVE * sum), lanes.splat(0.0));
-        let settle = |v: L::V| {
-            let kept = lanes.select(lanes.less(v, least), zero, v);
-            lanes.mul(kept, factor)
-        };
         let (xs, x_rest) = x.as_chunks_mut::<LANES>();
         let (outs, out_rest) = out.as_chunks_mut::<LANES>();
         for (x, out) in xs.iter_mut().zip(outs) {
-            let v = settle(lanes.load(x));
+            let v = lanes.load(x);
+            let v = lanes.mul(lanes.select(lanes.less(v, least), zero, v), factor);
             lanes.store(v, out);
             lanes.store(lanes.mul(v, lift), x);
         }
         if !x_rest.is_empty() {
-            let v = settle(lanes.load_part(x_rest));
+            let v = lanes.load_part(x_rest);
+            let v = lanes.mul(lanes.select(lanes.less(v, least), zero, v), factor);
             lanes.store_part(v, out_rest);
             lanes.store_part(lanes.mul(v, lift), x_rest);
         }
@@ -225,20 +256,36 @@ impl<P: Product> Kernel for Retreat<'_, P> {
     fn run<L: Lanes>(self, lanes: L) -> f64 {
         let Self { back, alpha, gamma, q } = self;
         let n = back.lines();
-        let alpha = alpha[..n].as_chunks::<LANES>();
-        let (gammas, gamma_rest) = gamma[..n].as_chunks_mut::<LANES>();
-        let (qs, q_rest) = q[..n].as_chunks_mut::<LANES>();
-        let (zero, unlift) = (lanes.splat(0.0), lanes.splat(1.0 / BACK_LIFT));
-        let least = lanes.splat(f64::MIN_POSITIVE);
-        let mut sum = zero;
-        back.each(lanes, |number, q| {
-            let v = lanes.mul(lanes.mul(q, eight(lanes, alpha, number)), unlift);
-            let kept = lanes.select(lanes.less(v, least), zero, v);
-            put(lanes, (&mut *gammas, &mut *gamma_rest), number, kept);
-            put(lanes, (&mut *qs, &mut *q_rest), number, q);
-            sum = lanes.add(sum, kept);
-        });
-        total(lanes.to_array(sum))
+        let mut each = RetreatEach::<L> {
+            alpha: alpha[..n].as_chunks(),
+            gamma: gamma[..n].as_chunks_mut(),
+            q: q[..n].as_chunks_mut(),
+            unlift: lanes.splat(1.0 / BACK_LIFT),
+            least: lanes.splat(f64::MIN_POSITIVE),
+            sum: lanes.splat(0.0),
+        };
+        back.each(lanes, &mut each);
+        total(lanes.to_array(each.sum))
+    }
+}
+
+struct RetreatEach<'a, L: Lanes> {
+    alpha: (&'a [Eight], &'a [f64]),
+    gamma: (&'a mut [Eight], &'a mut [f64]),
+    q: (&'a mut [Eight], &'a mut [f64]),
+    unlift: L::V,
+    least: L::V,
+    sum: L::V,
+}
+
+impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
+    #[inline(always)]
+    fn eight(&mut self, lanes: L, number: usize, q: L::V) {
+        let v = lanes.mul(lanes.mul(q, eight(lanes, self.alpha, number)), self.unlift);
+        let kept = lanes.select(lanes.less(v, self.least), lanes.splat(0.0), v);
+        put(lanes, (&mut *self.gamma.0, &mut *self.gamma.1), number, kept);
+        put(lanes, (&mut *self.q.0, &mut *self.q.1), number, q);
+        self.sum = lanes.add(self.sum, kept);
     }
 }
 
