@@ -5,7 +5,7 @@ use std::ops::Deref;
 
 use super::LogSum;
 use super::filter_state::FilterState;
-use super::step::{Advanced, Held, Results, Step, Workspace, loses, normalise_logs};
+use super::step::{Advanced, Form, Held, Lifted, Results, Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -55,8 +55,7 @@ use crate::transition::Transition;
 pub struct Filter<M> {
     model: M,
     state: FilterState,
-    /// The belief, lifted: always at hand for the next step.
-    lifted: Vec<f64>,
+    lifted: Lifted,
     predicted: Vec<f64>,
     after: Vec<f64>,
     after_lifted: Vec<f64>,
@@ -86,11 +85,9 @@ where
     pub fn new(model: M) -> Self {
         let n = model.states();
         let state = FilterState::new(model.prior());
-        let mut lifted = vec![0.0; n];
-        kernels::lift(state.belief.as_slice(), &mut lifted);
         Self {
+            lifted: Lifted::new(state.belief.as_slice()),
             state,
-            lifted,
             predicted: vec![0.0; n],
             after: vec![0.0; n],
             after_lifted: vec![0.0; n],
@@ -146,7 +143,7 @@ where
         let step = Step { hmm: &**model, number, control };
         let mut in_logs = state.logs.is_some();
         if !in_logs {
-            step.predict(lifted, after)?;
+            step.predict(lifted.values(state.belief.as_slice()), after)?;
             let sum = step.check_prediction(after)?;
             in_logs = normalise(after, sum);
         }
@@ -156,7 +153,7 @@ where
             normalise_logs(after_logs, after);
             in_logs = loses(after_logs, after);
         }
-        self.commit(number, &Advanced { log: 0.0, normaliser: 0.0, in_logs, lifted: false });
+        self.commit(number, &Advanced { log: 0.0, normaliser: 0.0, in_logs, form: Form::Other });
         Ok(())
     }
 
@@ -240,7 +237,7 @@ where
         if let Some(logs) = &snapshot.logs {
             self.after_logs.copy_from_slice(logs);
         }
-        self.lift();
+        self.lifted.follow(self.state.belief.as_slice());
         self.keep_logs(snapshot.logs.is_some());
         Ok(())
     }
@@ -250,7 +247,7 @@ where
         let Self { model, state, .. } = self;
         state.belief.as_mut_vec().copy_from_slice(model.prior().belief().as_slice());
         (state.steps, state.log_likelihood) = (0, LogSum::default());
-        self.lift();
+        self.lifted.follow(self.state.belief.as_slice());
         self.keep_logs(false);
     }
 
@@ -266,7 +263,7 @@ where
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
         self.state.belief.as_mut_vec().copy_from_slice(belief.as_slice());
-        self.lift();
+        self.lifted.follow(self.state.belief.as_slice());
         self.keep_logs(false);
         Ok(())
     }
@@ -296,19 +293,19 @@ where
 
     /// Only here does a step change the filter.
     fn commit(&mut self, number: usize, advanced: &Advanced) {
-        mem::swap(self.state.belief.as_mut_vec(), &mut self.after);
-        if advanced.lifted {
-            mem::swap(&mut self.lifted, &mut self.after_lifted);
-        } else {
-            self.lift();
+        let belief = self.state.belief.as_mut_vec();
+        match advanced.form {
+            Form::Plain { .. } => mem::swap(belief, &mut self.after_lifted),
+            Form::Lifted { .. } => mem::swap(belief, &mut self.after),
+            Form::Other => {
+                mem::swap(belief, &mut self.after);
+                self.lifted.follow(belief);
+            }
         }
+        self.lifted.commit(advanced.form, &mut self.after_lifted);
         self.keep_logs(advanced.in_logs);
         self.state.steps = number;
         self.state.log_likelihood.add(advanced.log);
-    }
-
-    fn lift(&mut self) {
-        kernels::lift(self.state.belief.as_slice(), &mut self.lifted);
     }
 
     /// Takes over the logarithms in `after_logs`, or has none from now on.

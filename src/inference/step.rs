@@ -2,10 +2,10 @@
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT, Made, Sparse, Updated};
+use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
-use crate::transition::{Form, Stored, Transition};
+use crate::transition::{self, SparseTransition, Transition};
 
 /// A step is taken in linear space if the normaliser is at least this part of
 /// the largest likelihood. A likelihood that has lost digits by scaling then
@@ -15,6 +15,9 @@ const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 /// they are: their products with lifted predictions are doubles, and the sum is.
 const UNSCALED: std::ops::RangeInclusive<f64> =
     f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
+
+/// For how many steps to lift once a result was too small without.
+const LIFT_FOR: u32 = 64;
 
 /// Memory for steps; allocated once, when it is made.
 #[derive(Debug, Clone)]
@@ -73,14 +76,73 @@ impl Held<'_> {
     }
 }
 
+/// The belief before a step in the form that products take: lifted by
+/// [`LIFT`], unless it and the matrix have nothing so small that it matters.
+#[derive(Debug, Clone)]
+pub(super) struct Lifted {
+    values: Vec<f64>,
+    /// Whether `values` are those of the present belief.
+    valid: bool,
+    /// Whether the belief has a value above 0 and below 2^-900.
+    tiny: bool,
+    /// For how many steps more to lift in any case: results have been small.
+    more: u32,
+}
+
+impl Lifted {
+    pub(super) fn new(belief: &[f64]) -> Self {
+        let mut new = Self { values: vec![0.0; belief.len()], valid: false, tiny: false, more: 0 };
+        new.follow(belief);
+        new
+    }
+
+    /// Takes another belief.
+    pub(super) fn follow(&mut self, belief: &[f64]) {
+        (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
+    }
+
+    /// The lifted belief.
+    pub(super) fn values(&mut self, belief: &[f64]) -> &[f64] {
+        if !self.valid {
+            kernels::lift(belief, &mut self.values);
+            self.valid = true;
+        }
+        &self.values
+    }
+
+    /// After a step that has put the belief into its results.
+    pub(super) fn commit(&mut self, form: Form, lifted: &mut Vec<f64>) {
+        self.more = self.more.saturating_sub(1);
+        match form {
+            Form::Plain { tiny } => (self.valid, self.tiny) = (false, tiny),
+            Form::Lifted { tiny } => {
+                std::mem::swap(&mut self.values, lifted);
+                (self.valid, self.tiny) = (true, tiny);
+            }
+            Form::Other => {}
+        }
+    }
+}
+
+/// In which form a step has left its result.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Form {
+    /// The belief is in [`Results::lifted`], not lifted.
+    Plain { tiny: bool },
+    /// It is in [`Results::after`], and lifted in `lifted`.
+    Lifted { tiny: bool },
+    /// It is in [`Results::after`] alone.
+    Other,
+}
+
 /// Where a step writes its results.
 pub(super) struct Results<'a> {
-    /// The prediction, lifted by [`LIFT`], which it sums to but for rounding;
+    /// The prediction, lifted, which then sums to [`LIFT`] but for rounding;
     /// not written where it need not be kept.
     pub(super) predicted: &'a mut [f64],
     /// The belief after the observation.
     pub(super) after: &'a mut [f64],
-    /// The same lifted, if the step says so.
+    /// The same lifted, as [`Form`] says.
     pub(super) lifted: &'a mut [f64],
     /// Its logarithms, if the step says so.
     pub(super) logs: &'a mut [f64],
@@ -95,8 +157,8 @@ pub(super) struct Advanced {
     pub(super) normaliser: f64,
     /// Whether the belief has to be kept as logarithms too.
     pub(super) in_logs: bool,
-    /// Whether the lifted belief has been written.
-    pub(super) lifted: bool,
+    /// Where the belief is.
+    pub(super) form: Form,
 }
 
 /// The model at one step.
@@ -155,12 +217,12 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// than 2^32, or because a state that is possible would get 0. The last does
     /// not count after a sensor with rounded tails.
     ///
-    /// `lifted` is the belief before, lifted.
+    /// `lifted` follows the belief before.
     pub(super) fn advance(
         &self,
         observation: &B::Observation,
         before: Held<'_>,
-        lifted: &[f64],
+        lifted: &mut Lifted,
         results: &mut Results<'_>,
         work: &mut Workspace,
     ) -> Result<Advanced, InferenceError> {
@@ -169,12 +231,13 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
         diagonal.check_shape(self.hmm.states()).map_err(wrap)?;
         // As they are, if they can be; whether they are valid is seen on the way.
-        if let (None, Some(linear)) = (before.logs, diagonal.linear_values())
-            && let Some(normaliser) =
-                self.advance_in_doubles(&diagonal, (linear, false), lifted, results)?
-        {
-            let log = normaliser.ln() + diagonal.log_factor;
-            return Ok(Advanced { log, normaliser, in_logs: false, lifted: true });
+        if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
+            let as_they_are = Likelihoods { diagonal: &diagonal, values: linear, scaled: false };
+            let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
+            if let Some((normaliser, form)) = advanced {
+                let log = normaliser.ln() + diagonal.log_factor;
+                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         // Likelihoods near one, with the logarithm of what was divided out.
@@ -194,64 +257,87 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 largest
             }
         };
-        if before.logs.is_none()
-            && let Some(scaled) =
-                self.advance_in_doubles(&diagonal, (values, true), lifted, results)?
-        {
-            let log = scaled.ln() + log_scale + diagonal.log_factor;
-            return Ok(Advanced { log, normaliser: 0.0, in_logs: false, lifted: true });
+        if before.logs.is_none() {
+            let scaled = Likelihoods { diagonal: &diagonal, values, scaled: true };
+            let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
+            if let Some((scaled, form)) = advanced {
+                let log = scaled.ln() + log_scale + diagonal.log_factor;
+                return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
+            }
         }
         self.advance_in_logs(diagonal, log_scale, before, results, values)
     }
 
-    /// The step in linear space, with likelihoods in proportion to those of the
-    /// diagonal, and whether they have been scaled. Gives their normaliser, or `None` where doubles do not hold the
-    /// results or the likelihoods are not valid or have to be scaled.
+    /// The step in linear space. Gives the normaliser of the likelihoods, or
+    /// `None` where doubles do not hold the results or the likelihoods are not valid or
+    /// have to be scaled.
     #[inline]
     fn advance_in_doubles(
         &self,
-        diagonal: &Diagonal<'_>,
-        (likelihoods, scaled): (&[f64], bool),
-        lifted: &[f64],
+        likelihoods: Likelihoods<'_>,
+        belief: &[f64],
+        lifted: &mut Lifted,
         results: &mut Results<'_>,
-    ) -> Result<Option<f64>, InferenceError> {
-        let updated = self.update(lifted, likelihoods, scaled, results)?;
-        let valid = updated.least_likelihood >= 0.0
-            && UNSCALED.contains(&updated.largest_likelihood)
-            && is_one(updated.predicted / LIFT);
-        let normaliser = updated.products / LIFT;
-        // So that a NaN is not valid either.
-        let likely = normaliser >= LEAST_NORMALISER * updated.largest_likelihood;
-        if !(valid && likely && normaliser.is_finite()) {
+    ) -> Result<Option<(f64, Form)>, InferenceError> {
+        if !lifted.tiny
+            && lifted.more == 0
+            && let Some(matrix) = self.matrix()?
+            && matrix.plain
+        {
+            let product = Sparse { matrix: &matrix.sliced_rows, x: belief };
+            let updated = kernels::update(likelihoods.update(product, 1.0, results.lifted));
+            if !holds(&updated, 1.0) {
+                return Ok(None);
+            }
+            if !updated.small {
+                let tiny = kernels::settle(results.lifted, updated.products);
+                return Ok(Some((updated.products, Form::Plain { tiny })));
+            }
+            lifted.more = LIFT_FOR;
+        }
+        let lifted = lifted.values(belief);
+        let updated = self.update(likelihoods, lifted, results)?;
+        if !holds(&updated, LIFT) {
             return Ok(None);
         }
-        kernels::settle(results.lifted, results.after, updated.products);
-        let lost = updated.small
-            && !diagonal.tails_rounded
-            && self.loses_states(diagonal, likelihoods, lifted, results)?;
-        Ok((!lost).then_some(normaliser))
+        let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
+        if updated.small
+            && !likelihoods.diagonal.tails_rounded
+            && self.loses_states(likelihoods, lifted, results)?
+        {
+            return Ok(None);
+        }
+        Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
+    }
+
+    /// The matrix of the step, if there is a sparse one.
+    fn matrix(&self) -> Result<Option<&'m SparseTransition>, InferenceError> {
+        let Some(control) = self.control else { return Ok(None) };
+        self.check_control(control)?;
+        let stored = self.hmm.transition().stored(control);
+        Ok(stored.map(|stored| match stored.form() {
+            transition::Form::Sparse(matrix) => matrix,
+        }))
     }
 
     /// Prediction and product with the likelihoods, into the lifted result.
     #[inline]
     fn update(
         &self,
+        likelihoods: Likelihoods<'_>,
         lifted: &[f64],
-        likelihoods: &[f64],
-        scaled: bool,
         results: &mut Results<'_>,
     ) -> Result<Updated, InferenceError> {
-        let Some(control) = self.control else {
-            return Ok(kernels::update(Made(lifted), likelihoods, scaled, results.lifted));
-        };
-        self.check_control(control)?;
-        let transition = self.hmm.transition();
-        if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
+        if let Some(matrix) = self.matrix()? {
             let product = Sparse { matrix: &matrix.sliced_rows, x: lifted };
-            return Ok(kernels::update(product, likelihoods, scaled, results.lifted));
+            return Ok(kernels::update(likelihoods.update(product, LIFT, results.lifted)));
         }
-        transition.apply(control, lifted, results.predicted);
-        let updated = kernels::update(Made(results.predicted), likelihoods, scaled, results.lifted);
+        let Some(control) = self.control else {
+            return Ok(kernels::update(likelihoods.update(Made(lifted), LIFT, results.lifted)));
+        };
+        self.hmm.transition().apply(control, lifted, results.predicted);
+        let product = Made(results.predicted);
+        let updated = kernels::update(likelihoods.update(product, LIFT, results.lifted));
         if updated.least_predicted < 0.0 || !is_one(updated.predicted / LIFT) {
             self.check_prediction(results.predicted)?;
         }
@@ -263,8 +349,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     #[cold]
     fn loses_states(
         &self,
-        diagonal: &Diagonal<'_>,
-        scaled: &[f64],
+        likelihoods: Likelihoods<'_>,
         lifted: &[f64],
         results: &mut Results<'_>,
     ) -> Result<bool, InferenceError> {
@@ -272,8 +357,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
             p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
         };
-        let states = results.predicted.iter().zip(&*results.after).zip(scaled);
-        Ok(match diagonal.values {
+        let states = results.predicted.iter().zip(&*results.after).zip(likelihoods.values);
+        Ok(match likelihoods.diagonal.values {
             Values::Linear(b) | Values::Checked { linear: b, .. } => {
                 states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
             }
@@ -301,7 +386,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         };
         let log = normaliser + log_scale + diagonal.log_factor;
         let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
-        Ok(Advanced { log, normaliser: 0.0, in_logs, lifted: false })
+        Ok(Advanced { log, normaliser: 0.0, in_logs, form: Form::Other })
     }
 
     /// The prediction, in linear space and in logarithms (into those of the
@@ -339,6 +424,34 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let sum = lifted / LIFT;
         if is_one(sum) { Ok(lifted) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
+}
+
+/// Likelihoods in proportion to those of a diagonal.
+#[derive(Clone, Copy)]
+struct Likelihoods<'a> {
+    diagonal: &'a Diagonal<'a>,
+    values: &'a [f64],
+    /// Whether they have been scaled, so that one of 0 may have been above.
+    scaled: bool,
+}
+
+impl<'a> Likelihoods<'a> {
+    fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
+        Update { prediction, lift, likelihoods: self.values, scaled: self.scaled, out }
+    }
+}
+
+/// Whether doubles hold the results of an update, and the likelihoods are valid
+/// and near enough to one.
+#[inline]
+fn holds(updated: &Updated, lift: f64) -> bool {
+    let normaliser = updated.products / lift;
+    updated.least_likelihood >= 0.0
+        && UNSCALED.contains(&updated.largest_likelihood)
+        && is_one(updated.predicted / lift)
+        // So that a NaN is not valid either.
+        && normaliser >= LEAST_NORMALISER * updated.largest_likelihood
+        && normaliser.is_finite()
 }
 
 /// One, but for rounding and what columns may be off by.

@@ -11,7 +11,10 @@ mod update;
 
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use sliced::{Sliced, Values};
-pub(crate) use update::{BACK_LIFT, Made, Sparse, Updated, retreat, settle, update, weigh};
+pub(crate) use update::{
+    BACK_LIFT, Made, Sparse, Update, Updated, any_tiny, retreat, settle, settle_and_lift, update,
+    weigh,
+};
 
 use lanes::LANES;
 

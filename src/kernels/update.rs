@@ -80,9 +80,10 @@ fn put<L: Lanes>(lanes: L, (chunks, rest): (&mut [Eight], &mut [f64]), number: u
     }
 }
 
-/// `out = p ∘ b` for a lifted prediction p.
+/// `out = p ∘ b` for a prediction p that sums to `lift`.
 pub(crate) struct Update<'a, P> {
     pub(crate) prediction: P,
+    pub(crate) lift: f64,
     pub(crate) likelihoods: &'a [f64],
     /// Whether the likelihoods have been scaled, so that one of 0 may have been
     /// above.
@@ -102,7 +103,8 @@ pub(crate) struct Updated {
     pub(crate) least_likelihood: f64,
     /// The largest bᵢ.
     pub(crate) largest_likelihood: f64,
-    /// Whether a result is below 1, though neither of its factors is 0.
+    /// Whether a result is below 2^-1000 of the lift, though neither of its
+    /// factors is 0.
     pub(crate) small: bool,
 }
 
@@ -111,14 +113,14 @@ impl<P: Product> Kernel for Update<'_, P> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Updated {
-        let Self { prediction, likelihoods, scaled, out } = self;
+        let Self { prediction, lift, likelihoods, scaled, out } = self;
         let n = prediction.lines();
         let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
         let zero = lanes.splat(0.0);
         let mut each = UpdateEach::<L> {
             likelihoods: likelihoods.as_chunks(),
             out: out.as_chunks_mut(),
-            one: lanes.splat(1.0),
+            least: lanes.splat(lift / LIFT),
             possible: lanes.splat(if scaled { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
@@ -143,7 +145,7 @@ impl<P: Product> Kernel for Update<'_, P> {
 struct UpdateEach<'a, L: Lanes> {
     likelihoods: (&'a [Eight], &'a [f64]),
     out: (&'a mut [Eight], &'a mut [f64]),
-    one: L::V,
+    least: L::V,
     possible: L::V,
     products: L::V,
     predicted: L::V,
@@ -164,7 +166,7 @@ impl<L: Lanes> Each<L> for UpdateEach<'_, L> {
         self.least_predicted = lanes.min(p, self.least_predicted);
         self.least_likelihood = lanes.min(b, self.least_likelihood);
         self.largest_likelihood = lanes.max(b, self.largest_likelihood);
-        let below = lanes.less(after, self.one);
+        let below = lanes.less(after, self.least);
         if lanes.any(below) {
             let possible = lanes.min(p, lanes.max(b, self.possible));
             let possible = lanes.less(lanes.splat(0.0), possible);
@@ -173,24 +175,70 @@ impl<L: Lanes> Each<L> for UpdateEach<'_, L> {
     }
 }
 
+/// Makes what sums to `sum` a distribution, in place. Gives whether a value is
+/// above 0 and below 2^-900.
+pub(crate) struct Settle<'a> {
+    pub(crate) x: &'a mut [f64],
+    pub(crate) sum: f64,
+}
+
+impl Kernel for Settle<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> bool {
+        let Self { x, sum } = self;
+        let factor = lanes.splat(1.0 / sum);
+        let (xs, rest) = x.as_chunks_mut::<LANES>();
+        let zero = lanes.splat(0.0);
+        let mut tiny = lanes.less(zero, zero);
+        for x in xs {
+            let v = lanes.mul(lanes.load(x), factor);
+            lanes.store(v, x);
+            tiny = lanes.or(tiny, is_tiny(lanes, v));
+        }
+        if !rest.is_empty() {
+            let v = lanes.mul(lanes.load_part(rest), factor);
+            lanes.store_part(v, rest);
+            tiny = lanes.or(tiny, is_tiny(lanes, v));
+        }
+        lanes.any(tiny)
+    }
+}
+
+/// 2^-900: from here on the products of a probability with an entry of at least
+/// 2^-100 have all their digits without a lift.
+const TINY: f64 = f64::from_bits((1023 - 900) << 52);
+
+#[inline(always)]
+fn is_tiny<L: Lanes>(lanes: L, v: L::V) -> L::M {
+    lanes.and(lanes.less(v, lanes.splat(TINY)), lanes.less(lanes.splat(0.0), v))
+}
+
+/// Whether a probability is above 0 and below 2^-900.
+pub(crate) fn any_tiny(x: &[f64]) -> bool {
+    x.iter().any(|&x| 0.0 < x && x < TINY)
+}
+
 /// Makes what sums to `sum` a distribution, and lifts it: `x` becomes the
 /// lifted one, `out` the distribution. What would be below the smallest normal
-/// double becomes 0.
-pub(crate) struct Settle<'a> {
+/// double becomes 0. Gives whether a value is above 0 and below 2^-900.
+pub(crate) struct SettleAndLift<'a> {
     pub(crate) x: &'a mut [f64],
     pub(crate) out: &'a mut [f64],
     pub(crate) sum: f64,
 }
 
-impl Kernel for Settle<'_> {
-    type Output = ();
+impl Kernel for SettleAndLift<'_> {
+    type Output = bool;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
+    fn run<L: Lanes>(self, lanes: L) -> bool {
         let Self { x, out, sum } = self;
         let out = &mut out[..x.len()];
         let (factor, lift) = (lanes.splat(1.0 / sum), lanes.splat(LIFT));
         let (least, zero) = (lanes.splat(f64::MIN_POSITIVE * sum), lanes.splat(0.0));
+        let mut tiny = lanes.less(zero, zero);
         let (xs, x_rest) = x.as_chunks_mut::<LANES>();
         let (outs, out_rest) = out.as_chunks_mut::<LANES>();
         for (x, out) in xs.iter_mut().zip(outs) {
@@ -198,13 +246,16 @@ impl Kernel for Settle<'_> {
             let v = lanes.mul(lanes.select(lanes.less(v, least), zero, v), factor);
             lanes.store(v, out);
             lanes.store(lanes.mul(v, lift), x);
+            tiny = lanes.or(tiny, is_tiny(lanes, v));
         }
         if !x_rest.is_empty() {
             let v = lanes.load_part(x_rest);
             let v = lanes.mul(lanes.select(lanes.less(v, least), zero, v), factor);
             lanes.store_part(v, out_rest);
             lanes.store_part(lanes.mul(v, lift), x_rest);
+            tiny = lanes.or(tiny, is_tiny(lanes, v));
         }
+        lanes.any(tiny)
     }
 }
 
@@ -290,18 +341,18 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
 }
 
 /// [`Update`] with the instructions chosen.
-pub(crate) fn update(
-    prediction: impl Product,
-    likelihoods: &[f64],
-    scaled: bool,
-    out: &mut [f64],
-) -> Updated {
-    run(Update { prediction, likelihoods, scaled, out })
+pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
+    run(update)
 }
 
 /// [`Settle`] with the instructions chosen.
-pub(crate) fn settle(x: &mut [f64], out: &mut [f64], sum: f64) {
-    run(Settle { x, out, sum });
+pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
+    run(Settle { x, sum })
+}
+
+/// [`SettleAndLift`] with the instructions chosen.
+pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
+    run(SettleAndLift { x, out, sum })
 }
 
 /// [`Weigh`] with the instructions chosen.

@@ -61,6 +61,11 @@ impl Compressed {
         self.indices.len()
     }
 
+    /// The values of all lines.
+    pub(super) fn values(&self) -> &[f64] {
+        &self.values
+    }
+
     /// Indices and values of a line.
     #[inline]
     pub(super) fn slices(&self, line: usize) -> (&[u32], &[f64]) {

@@ -8,6 +8,9 @@ use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels::{Maximise, Shifted, Sliced, Values, maximise};
 
+/// 2^-100.
+const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
+
 /// A sparse transition matrix, stored by rows and by columns with 32-bit
 /// indices.
 ///
@@ -32,6 +35,8 @@ pub struct SparseTransition {
     columns: Compressed,
     pub(crate) sliced_rows: Sliced,
     pub(crate) sliced_columns: Sliced,
+    /// Whether all entries are at least 2^-100.
+    pub(crate) plain: bool,
     /// log2 of the values of the rows, made when first decoded with.
     log2: OnceLock<Values>,
 }
@@ -86,7 +91,8 @@ impl SparseTransition {
         let columns = rows.transposed();
         let sliced_rows = Sliced::new(states, |line| rows.slices(line));
         let sliced_columns = Sliced::new(states, |line| columns.slices(line));
-        Ok(Self { rows, columns, sliced_rows, sliced_columns, log2: OnceLock::new() })
+        let plain = !rows.values().iter().any(|&p| p < LEAST_PLAIN);
+        Ok(Self { rows, columns, sliced_rows, sliced_columns, plain, log2: OnceLock::new() })
     }
 
     /// From a dense matrix, row after row: `matrix[i * n + j]` = A\[i, j\] =
