@@ -78,6 +78,7 @@
 //! | few parameters for many moves, to be learned | [`TiedTransition`] |
 //! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
 //! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
+//! | likelihoods of a few states among millions | [`SparseLikelihood`] |
 //! | sightings that may be missing | [`OptionalLikelihood`] |
 //! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
 //! | several sensors | [`FusedLikelihood`] |
@@ -188,14 +189,15 @@ pub use fixed::Fixed;
 pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
 pub use inference::{
-    Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled, LearnLikelihood,
-    LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order, Pairs, PathSampler,
-    Posteriors, Simulation, SmoothedStep, Smoothing, StopReason, ViterbiPath,
+    Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
+    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
+    Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
+    StopReason, ViterbiPath,
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails, SampleObservation,
-    Scratch, TableLikelihood,
+    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails,
+    SampleObservation, Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

@@ -8,6 +8,8 @@ mod filter_state;
 
 mod fixed_lag;
 
+mod pruned;
+
 mod online_viterbi;
 
 mod filtering;
@@ -32,6 +34,7 @@ mod many;
 
 mod backward;
 mod block;
+mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;
@@ -48,6 +51,7 @@ pub use learnable::{LearnLikelihood, LearnTransition};
 pub use online_viterbi::OnlineViterbi;
 pub use pairs::{Move, MoveCounts, Pairs};
 pub use posteriors::Posteriors;
+pub use pruned::{Certificate, PrunedFilter, Pruning};
 pub use sampler::PathSampler;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;

@@ -4,7 +4,7 @@ use std::ops::Deref;
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
 /// A sensor after which filter and smoother may round to 0 what is below
@@ -64,6 +64,22 @@ impl<B: Likelihood> Likelihood for RoundedTails<B> {
 
     fn rounds_tails(&self) -> bool {
         true
+    }
+}
+
+impl<B: LocalLikelihood> LocalLikelihood for RoundedTails<B> {
+    fn local(
+        &self,
+        observation: &B::Observation,
+        states: &[usize],
+        out: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        self.0.local(observation, states, out, scratch)
+    }
+
+    fn standing_out(&self, observation: &B::Observation, states: &mut Vec<usize>) {
+        self.0.standing_out(observation, states);
     }
 }
 

@@ -1,0 +1,308 @@
+//! What is proven of the exact belief: numbers that it lies between.
+
+use crate::transition::TransitionEntries;
+
+use super::super::frontier::Frontier;
+
+/// 2^900. Numbers times this keep their digits in products down to 1e-578, and
+/// bounds as large as 1e37 do not overflow.
+const LIFT: f64 = f64::from_bits((1023 + 900) << 52);
+/// Below this a lifted number may have lost digits, and gets [`LOST`] more.
+const SMALL: f64 = 1e-270;
+/// More than all that a lifted sum can lose below the smallest double.
+const LOST: f64 = 1e-290;
+/// For what a bound may lose by a dozen roundings.
+const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
+/// How far columns may be off one.
+const COLUMN: f64 = 1.0 + 1.1e-9;
+
+/// The largest entry of A, and the largest sum of a row.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rows {
+    entry: f64,
+    sum: f64,
+}
+
+impl Rows {
+    /// O(E).
+    pub(super) fn of<A: TransitionEntries<Control = ()>>(transition: &A) -> Self {
+        let mut largest = Self { entry: 0.0, sum: 0.0 };
+        for i in 0..transition.states() {
+            let (mut sum, mut terms) = (0.0, 0_u32);
+            for (_, a) in transition.incoming(&(), i) {
+                largest.entry = f64::max(largest.entry, a);
+                sum += a;
+                terms += 1;
+            }
+            largest.sum = f64::max(largest.sum, sum * (1.0 + f64::from(terms) * f64::EPSILON));
+        }
+        largest
+    }
+}
+
+/// An estimate of the belief, and what holds for the exact one α times a number
+/// s that nobody knows, the same for all states:
+///
+/// ```text
+/// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the states followed
+///            s α(i) ≤ elsewhere                for every other state,
+///          Σ s α(i) ≤ outside                  over all of these
+/// ```
+#[derive(Debug, Clone, Default)]
+pub(super) struct Envelope {
+    /// In ascending order.
+    pub(super) states: Vec<usize>,
+    /// Sums to one.
+    pub(super) estimate: Vec<f64>,
+    /// Sums to one, unless nothing is known.
+    lower: Vec<f64>,
+    excess: Vec<f64>,
+    elsewhere: f64,
+    outside: f64,
+}
+
+/// The likelihoods of a step, none of them far above one.
+pub(super) struct Weights<'a> {
+    /// One for each candidate.
+    pub(super) listed: &'a [f64],
+    /// At least as large as any other.
+    pub(super) others: f64,
+}
+
+/// What came out of a step before it was scaled.
+pub(super) struct Raw {
+    /// Σ of the estimates, lifted.
+    pub(super) estimate: f64,
+    /// Σ of the lower bounds, lifted.
+    lower: f64,
+    /// Σ of all excess.
+    pub(super) excess: f64,
+    /// Σ of the predicted estimates.
+    pub(super) predicted: f64,
+    /// The most terms of a sum.
+    terms: usize,
+}
+
+impl Envelope {
+    /// The belief itself, nothing pruned.
+    pub(super) fn start(&mut self, belief: &[f64]) {
+        self.clear();
+        for (state, &p) in belief.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
+            self.push(state, p, p, 0.0);
+        }
+        (self.elsewhere, self.outside) = (0.0, 0.0);
+    }
+
+    fn clear(&mut self) {
+        self.states.clear();
+        self.estimate.clear();
+        self.lower.clear();
+        self.excess.clear();
+    }
+
+    fn push(&mut self, state: usize, estimate: f64, lower: f64, excess: f64) {
+        self.states.push(state);
+        self.estimate.push(estimate);
+        self.lower.push(lower);
+        self.excess.push(excess);
+    }
+
+    /// Whether states that are not followed may have some probability.
+    pub(super) fn is_open(&self) -> bool {
+        self.outside > 0.0
+    }
+
+    /// Whether there is a lower bound at all.
+    pub(super) fn is_known(&self) -> bool {
+        self.lower.iter().any(|p| *p > 0.0)
+    }
+
+    /// Takes all candidates a step on from `before`; lifted, and not yet scaled.
+    pub(super) fn advance<A: TransitionEntries<Control = ()>>(
+        &mut self,
+        before: &Self,
+        transition: Option<(&A, Rows)>,
+        frontier: &Frontier,
+        weights: &Weights<'_>,
+    ) -> Raw {
+        self.clear();
+        let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, predicted: 0.0, terms: 1 };
+        for (&i, &b) in frontier.candidates().iter().zip(weights.listed) {
+            let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
+            let (mut beyond, mut terms) = (0.0, 0);
+            let mut add = |j: usize, a: f64| {
+                terms += 1;
+                if let Some(at) = frontier.place(j) {
+                    estimate += a * (before.estimate[at] * LIFT);
+                    lower += a * (before.lower[at] * LIFT);
+                    excess += a * (before.excess[at] * LIFT);
+                } else {
+                    beyond += a;
+                }
+            };
+            match transition {
+                Some((a, _)) => a.incoming(&(), i).for_each(|(j, a)| add(j, a)),
+                None => add(i, 1.0),
+            }
+            raw.terms = raw.terms.max(terms);
+            raw.predicted += estimate / LIFT;
+            if b == 0.0 {
+                continue;
+            }
+            let inflow = if beyond > 0.0 { beyond * (before.elsewhere * LIFT) } else { 0.0 };
+            let possible = estimate > 0.0 || before.is_open();
+            (estimate, lower, excess) = (b * estimate, b * lower, b * (excess + inflow));
+            if possible && lower + excess < SMALL {
+                excess += LOST;
+            }
+            raw.estimate += estimate;
+            raw.lower += lower;
+            raw.excess += excess;
+            self.push(i, estimate, lower, excess);
+        }
+        // What is no candidate is reached from outside only.
+        let (each, all) = match transition {
+            Some((_, rows)) => {
+                let by_row = rows.sum * before.elsewhere;
+                (by_row.min(rows.entry * before.outside), COLUMN * before.outside)
+            }
+            None => (before.elsewhere, before.outside),
+        };
+        let weigh = |x: f64| {
+            let possible = weights.others > 0.0 && before.is_open();
+            if possible { (weights.others * (x * LIFT)) * ROUNDED_UP + LOST } else { 0.0 }
+        };
+        (self.elsewhere, self.outside) = (weigh(each), weigh(all));
+        raw.excess += self.outside;
+        raw
+    }
+
+    /// Scales what a step gave, counts its rounding, and drops what is small or
+    /// more than `limit`. Returns by what the lower bounds were divided, as a
+    /// logarithm.
+    pub(super) fn settle(&mut self, raw: &Raw, threshold: f64, limit: usize) -> f64 {
+        // A sum of m products, their weight and their quotient have fewer than
+        // m + 8 roundings. For the lower bounds that is a common factor, which s
+        // takes, and an excess of twice that.
+        let rounding = (raw.terms + 8) as f64 * f64::EPSILON;
+        let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
+        if self.is_open() {
+            self.elsewhere = self.elsewhere / scale + LOST;
+            self.outside = self.outside / scale + LOST;
+        }
+        for at in 0..self.states.len() {
+            let lower = self.lower[at] / scale;
+            let excess = self.excess[at] / scale;
+            self.estimate[at] /= raw.estimate;
+            self.lower[at] = lower;
+            self.excess[at] = (excess + rounding * lower) * (1.0 + rounding) + f64::MIN_POSITIVE;
+        }
+        // Of an excess that is large itself, the small parts are no loss.
+        let relevant = threshold * (1.0 + raw.excess / scale);
+        self.retain(|estimate, excess| estimate > threshold || excess > relevant);
+        if self.states.len() > limit {
+            let before = self.lower.len();
+            self.lower.extend_from_within(..);
+            self.lower[before..].copy_from_slice(&self.estimate);
+            let (_, &mut cut, _) =
+                self.lower[before..].select_nth_unstable_by(limit, |a, b| b.total_cmp(a));
+            let above = self.estimate.iter().filter(|p| **p > cut).count();
+            self.lower.truncate(before);
+            let mut ties = limit - above;
+            self.retain(|estimate, _| {
+                let tie = estimate == cut && ties > 0;
+                ties -= usize::from(tie);
+                estimate > cut || tie
+            });
+        }
+        let sum: f64 = self.estimate.iter().sum();
+        self.estimate.iter_mut().for_each(|p| *p /= sum);
+        (scale / LIFT).ln() + self.normalise()
+    }
+
+    /// Keeps the states for which that is said of the estimate and the excess.
+    fn retain(&mut self, mut keep: impl FnMut(f64, f64) -> bool) {
+        let mut kept = 0;
+        for at in 0..self.states.len() {
+            let (lower, excess) = (self.lower[at], self.excess[at]);
+            if keep(self.estimate[at], excess) {
+                self.states[kept] = self.states[at];
+                self.estimate[kept] = self.estimate[at];
+                (self.lower[kept], self.excess[kept]) = (lower, excess);
+                kept += 1;
+            } else {
+                let most = (lower + excess).max(LOST);
+                self.elsewhere = self.elsewhere.max(most);
+                self.outside += most;
+            }
+        }
+        self.states.truncate(kept);
+        self.estimate.truncate(kept);
+        self.lower.truncate(kept);
+        self.excess.truncate(kept);
+    }
+
+    /// Makes the lower bounds sum to one. Returns the logarithm of their sum.
+    fn normalise(&mut self) -> f64 {
+        // A sum of numbers that are not negative has as many roundings as these.
+        let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
+        self.outside *= up;
+        self.elsewhere = self.elsewhere.min(self.outside);
+        let sum: f64 = self.lower.iter().sum();
+        if sum == 0.0 {
+            return 0.0;
+        }
+        self.lower.iter_mut().for_each(|p| *p /= sum);
+        self.excess.iter_mut().for_each(|p| *p /= sum);
+        (self.elsewhere, self.outside) = (self.elsewhere / sum, self.outside / sum);
+        sum.ln()
+    }
+
+    /// Forgets what is not known of the scale: where most of the belief is one
+    /// state, s is chosen so that this state is known exactly. Returns by what the
+    /// lower bounds were divided, and the most by which s may have been divided
+    /// beyond that, as logarithms.
+    pub(super) fn rebase(&mut self) -> (f64, f64) {
+        let mut mode = 0;
+        let mut rest = 0.0;
+        for (at, &lower) in self.lower.iter().enumerate() {
+            rest += lower;
+            if lower > self.lower[mode] {
+                mode = at;
+            }
+        }
+        let known = self.lower[mode];
+        let ratio = self.excess[mode] / known;
+        rest -= known;
+        // What is gained at the mode, against twice what the others lose.
+        if !(ratio.is_finite() && 2.0 * rest / (1.0 + ratio) < known) {
+            return (0.0, 0.0);
+        }
+        let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
+        for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
+            let reduced = *lower * factor;
+            *excess = (*excess + (*lower - reduced)) * (1.0 + 4.0 * f64::EPSILON);
+            *lower = reduced;
+        }
+        (self.lower[mode], self.excess[mode]) = (known, 0.0);
+        (self.normalise(), ratio.ln_1p())
+    }
+
+    /// How much the lower bounds miss at most, in parts of their sum.
+    pub(super) fn deficit(&self) -> f64 {
+        let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
+        (self.excess.iter().sum::<f64>() + self.outside) * up
+    }
+
+    /// At least the total variation between the estimate and the exact belief.
+    pub(super) fn bound(&self) -> f64 {
+        let sum: f64 = self.lower.iter().sum();
+        let deficit = self.deficit();
+        if sum == 0.0 || !deficit.is_finite() {
+            return 1.0;
+        }
+        let moved = self.estimate.iter().zip(&self.lower).map(|(a, b)| (a - b).abs());
+        let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
+        (deficit / (1.0 + deficit) + 0.5 * moved.sum::<f64>() + rounding).min(1.0)
+    }
+}
