@@ -189,7 +189,7 @@ pub use fixed::Fixed;
 pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
 pub use inference::{
-    Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
+    BeamPath, Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
     LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
     Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
     StopReason, ViterbiPath,

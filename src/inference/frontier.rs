@@ -9,14 +9,15 @@ use crate::transition::TransitionEntries;
 pub(super) struct Frontier {
     /// One more than a state's place among those followed, or 0.
     places: Vec<u32>,
-    listed: Vec<u64>,
+    /// A bit for each candidate, but for those that are only wanted.
+    reached: Vec<u64>,
     candidates: Vec<usize>,
 }
 
 impl Frontier {
     pub(super) fn new(states: usize) -> Self {
-        let listed = vec![0; states.div_ceil(64)];
-        Self { places: vec![0; states], listed, candidates: Vec::new() }
+        let reached = vec![0; states.div_ceil(64)];
+        Self { places: vec![0; states], reached, candidates: Vec::new() }
     }
 
     /// The place of a state among those followed.
@@ -35,30 +36,46 @@ impl Frontier {
 
     /// Lists what a step can lead to from the states followed, or these
     /// themselves if nothing moves, and whatever else is wanted.
-    pub(super) fn list<A: TransitionEntries<Control = ()>>(
+    pub(super) fn list<A: TransitionEntries>(
         &mut self,
         followed: &[usize],
-        transition: Option<&A>,
+        moves: Option<(&A, &A::Control)>,
         wanted: &[usize],
     ) {
-        let Self { places, listed, candidates } = self;
+        let Self { places, reached, candidates } = self;
+        candidates.iter().for_each(|&state| reached[state / 64] = 0);
         candidates.clear();
         let mut list = |state: usize| {
-            let (word, bit) = (&mut listed[state / 64], 1 << (state % 64));
+            let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
             if *word & bit == 0 {
                 *word |= bit;
                 candidates.push(state);
             }
         };
-        match transition {
-            Some(a) => {
-                followed.iter().for_each(|&j| a.outgoing(&(), j).for_each(|(i, _)| list(i)));
+        match moves {
+            Some((a, control)) => {
+                followed.iter().for_each(|&j| a.outgoing(control, j).for_each(|(i, _)| list(i)));
             }
             None => followed.iter().for_each(|&state| list(state)),
         }
-        wanted.iter().filter(|&&state| state < places.len()).for_each(|&state| list(state));
+        let first = candidates.len();
+        for &state in wanted.iter().filter(|&&state| state < places.len()) {
+            let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
+            if *word & bit == 0 {
+                *word |= bit;
+                candidates.push(state);
+            }
+        }
+        for &state in &candidates[first..] {
+            reached[state / 64] &= !(1 << (state % 64));
+        }
         candidates.sort_unstable();
-        candidates.iter().for_each(|&state| listed[state / 64] = 0);
+    }
+
+    /// Whether the step leads to a candidate from a state that is followed.
+    #[inline]
+    pub(super) fn is_reached(&self, candidate: usize) -> bool {
+        self.reached[candidate / 64] >> (candidate % 64) & 1 == 1
     }
 
     /// What was listed last, in ascending order.

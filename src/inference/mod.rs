@@ -23,6 +23,8 @@ mod viterbi;
 
 mod k_best;
 
+mod beam;
+
 mod sampler;
 
 mod simulate;
@@ -41,6 +43,7 @@ mod scores;
 mod step;
 
 pub use baum_welch::{Learned, Learning, StopReason};
+pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
 pub use filter_state::FilterState;

@@ -127,7 +127,25 @@ impl Envelope {
     ) -> Raw {
         self.clear();
         let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, predicted: 0.0, terms: 1 };
+        // What comes to a state from outside only.
+        let (each, all) = match transition {
+            Some((_, rows)) => {
+                let by_row = rows.sum * before.elsewhere;
+                (by_row.min(rows.entry * before.outside), COLUMN * before.outside)
+            }
+            None => (before.elsewhere, before.outside),
+        };
+        let weigh = |b: f64, x: f64| {
+            let possible = b > 0.0 && before.is_open();
+            if possible { (b * (x * LIFT)) * ROUNDED_UP + LOST } else { 0.0 }
+        };
         for (&i, &b) in frontier.candidates().iter().zip(weights.listed) {
+            if !frontier.is_reached(i) {
+                let excess = weigh(b, each);
+                raw.excess += excess;
+                self.push(i, 0.0, 0.0, excess);
+                continue;
+            }
             let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
             let (mut beyond, mut terms) = (0.0, 0);
             let mut add = |j: usize, a: f64| {
@@ -150,9 +168,8 @@ impl Envelope {
                 continue;
             }
             let inflow = if beyond > 0.0 { beyond * (before.elsewhere * LIFT) } else { 0.0 };
-            let possible = estimate > 0.0 || before.is_open();
             (estimate, lower, excess) = (b * estimate, b * lower, b * (excess + inflow));
-            if possible && lower + excess < SMALL {
+            if lower + excess < SMALL {
                 excess += LOST;
             }
             raw.estimate += estimate;
@@ -160,19 +177,7 @@ impl Envelope {
             raw.excess += excess;
             self.push(i, estimate, lower, excess);
         }
-        // What is no candidate is reached from outside only.
-        let (each, all) = match transition {
-            Some((_, rows)) => {
-                let by_row = rows.sum * before.elsewhere;
-                (by_row.min(rows.entry * before.outside), COLUMN * before.outside)
-            }
-            None => (before.elsewhere, before.outside),
-        };
-        let weigh = |x: f64| {
-            let possible = weights.others > 0.0 && before.is_open();
-            if possible { (weights.others * (x * LIFT)) * ROUNDED_UP + LOST } else { 0.0 }
-        };
-        (self.elsewhere, self.outside) = (weigh(each), weigh(all));
+        (self.elsewhere, self.outside) = (weigh(weights.others, each), weigh(weights.others, all));
         raw.excess += self.outside;
         raw
     }
@@ -198,7 +203,7 @@ impl Envelope {
             self.excess[at] = (excess + rounding * lower) * (1.0 + rounding) + f64::MIN_POSITIVE;
         }
         // Of an excess that is large itself, the small parts are no loss.
-        let relevant = threshold * (1.0 + raw.excess / scale);
+        let relevant = 256.0 * threshold * (1.0 + raw.excess / scale);
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
         if self.states.len() > limit {
             let before = self.lower.len();

@@ -71,10 +71,10 @@ impl Certificate {
 }
 
 /// The part of the tolerance that a step may drop, at first.
-const FIRST_SHARE: f64 = 1e-6;
+const FIRST_SHARE: f64 = 1e-8;
 /// Its limits.
 const LEAST_SHARE: f64 = 1e-30;
-const LARGEST_SHARE: f64 = 1e-3;
+const LARGEST_SHARE: f64 = 1e-8;
 
 /// A streaming filter that follows only the states that matter, and proves a
 /// bound on its distance from the exact belief.
@@ -242,7 +242,7 @@ where
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().standing_out(observation, wanted);
         }
-        frontier.list(&belief.states, transition.map(|part| part.0), wanted);
+        frontier.list(&belief.states, transition.map(|part| (part.0, &())), wanted);
         let candidates = frontier.candidates();
         values.clear();
         values.resize(candidates.len(), 1.0);
@@ -291,7 +291,7 @@ where
     /// far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
-        let factor = if used > 0.1 { 0.1 } else { 1.02 };
+        let factor = if used > 1e-3 { 0.1 } else { 1.01 };
         self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }
 }
