@@ -41,8 +41,9 @@ impl Case {
 
     fn hmm(&self) -> Hmm<SparseTransition, Sensor> {
         let entries = self.columns.iter().enumerate();
-        let entries = entries
-            .flat_map(|(from, column)| column.iter().enumerate().map(move |(to, p)| (to, from, *p)));
+        let entries = entries.flat_map(|(from, column)| {
+            column.iter().enumerate().map(move |(to, p)| (to, from, *p))
+        });
         let motion = SparseTransition::from_triplets(self.states, entries).unwrap();
         let camera = OptionalLikelihood::new(TableLikelihood::from_rows(&self.table).unwrap());
         let sensor = FusedLikelihood::new(camera, SparseLikelihood::new(self.states)).unwrap();

@@ -1,83 +1,81 @@
 //! The streaming filter for very large maps: it follows the places that matter,
 //! and proves how far it is from the exact one.
 
+mod advance;
+mod certificate;
 mod envelope;
+mod step;
 
 use std::mem;
 use std::ops::{Deref, RangeInclusive};
 
 use super::LogSum;
 use super::frontier::Frontier;
-use super::step::is_one;
+use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::transition::TransitionEntries;
-use envelope::{Envelope, Rows, Weights};
+pub use certificate::{Certificate, Pruning};
 
-/// How much a [`PrunedFilter`] may leave out.
+use advance::Rows;
+use envelope::Envelope;
+use step::LARGEST_SHARE;
+
+/// A streaming filter for very large models, which follows only the states that
+/// matter, and proves after every step how far its belief is at most from that of
+/// the exact [`Filter`](crate::Filter), in total variation.
+///
+/// A step costs O(entries into and out of the active states, and those for which
+/// the sensor speaks), whatever n is: on a map of ten million places about as much
+/// as on one of thirty thousand. It allocates nothing, unless the active states
+/// are more than ever before. Memory: 4 n bytes and n bits to know which states
+/// are active, and some 60 bytes for each of these.
 ///
 /// ```
-/// use wayfix::Pruning;
+/// use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
 ///
-/// let pruning = Pruning { tolerance: 1e-9, ..Pruning::default() };
-/// assert_eq!(pruning.most_active, usize::MAX);
+/// // Around a hundred thousand places, staying or going one on.
+/// let n = 100_000;
+/// let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
+/// let motion = SparseTransition::from_triplets(n, moves)?;
+/// let prior = Prior::AtFirstObservation(Belief::certain(n, 7)?);
+/// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
+///
+/// let mut filter = hmm.pruned_filter(Pruning { tolerance: 1e-6, ..Pruning::default() });
+/// for place in [7, 8, 8, 90_000, 9] {
+///     // A camera that is right nine times out of ten.
+///     let seen = SparseObservation::new(vec![(place, 0.9)], 0.1 / n as f64)?;
+///     let certificate = filter.step(&seen)?;
+///     assert!(certificate.holds() && certificate.bound() <= 1e-6);
+/// }
+/// assert_eq!(filter.mode(), 9);
+/// assert!(filter.active().len() < 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pruning {
-    /// How far the belief may be from the exact one, in total variation; 1e-6
-    /// unless changed. At 0 (or less, or NaN) nothing is left out that a double
-    /// holds.
-    pub tolerance: f64,
-    /// How many states may be followed at most, whatever that costs in certainty;
-    /// any number unless changed. It bounds the time of a step.
-    pub most_active: usize,
-}
-
-impl Default for Pruning {
-    fn default() -> Self {
-        Self { tolerance: 1e-6, most_active: usize::MAX }
-    }
-}
-
-/// What is proven of a pruned belief: how far it is at most from the exact one,
-/// in total variation, and whether that is within the tolerance.
 ///
-/// The total variation is the most by which the probability of any event can be
-/// wrong: half the sum of all differences.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[must_use = "the bound may be above the tolerance"]
-pub enum Certificate {
-    /// The bound, which is at most the tolerance.
-    Held(f64),
-    /// The bound, which is above the tolerance. The belief is still the best
-    /// guess, and the bound may come back.
-    Exceeded(f64),
-}
-
-impl Certificate {
-    /// The bound, from 0 to 1.
-    #[must_use]
-    pub fn bound(self) -> f64 {
-        let (Self::Held(bound) | Self::Exceeded(bound)) = self;
-        bound
-    }
-
-    /// Whether the bound is at most the tolerance.
-    #[must_use]
-    pub fn holds(self) -> bool {
-        matches!(self, Self::Held(_))
-    }
-}
-
-/// The part of the tolerance that a step may drop, at first.
-const FIRST_SHARE: f64 = 1e-8;
-/// Its limits.
-const LEAST_SHARE: f64 = 1e-30;
-const LARGEST_SHARE: f64 = 1e-8;
-
-/// A streaming filter that follows only the states that matter, and proves a
-/// bound on its distance from the exact belief.
+/// # What it does
+///
+/// What has less than a part of the tolerance after a step is dropped, and counted:
+/// for each active state, and for all others together, there is a ceiling on what
+/// was dropped there or comes from what was dropped. The bound is their sum, which
+/// also counts rounding; section 12 of the [formulas](crate::formulas) proves it.
+/// As the bound nears the tolerance, less is dropped, and more states are active.
+///
+/// The bound depends on what the sensor says of the states that it is not asked
+/// for ([`LocalLikelihood`]): where it speaks against them, it falls, and comes
+/// back after a time of doubt as soon as most of the belief is in one state.
+/// Where it cannot be held, as under [`Pruning::most_active`], or when a vehicle
+/// turns up where nothing had led, the [`Certificate`] of the step says so. That is
+/// no error: the belief is still the best guess.
+///
+/// # From the prior
+///
+/// All states that the prior allows are active at first. From a uniform one the
+/// first steps cost O(n), until the sensor has told some places from the others.
+///
+/// Likelihoods are taken as the sensor gives them, and what falls below 1e-290 of
+/// the whole is dropped, and counted.
 #[derive(Debug, Clone)]
 pub struct PrunedFilter<M> {
     model: M,
@@ -90,6 +88,8 @@ pub struct PrunedFilter<M> {
     /// for what the deficit is.
     log: LogSum,
     log_excess: LogSum,
+    /// Whether nothing is known of the likelihood any more.
+    log_lost: bool,
     /// The part of the tolerance that a step may drop.
     share: f64,
     next: Envelope,
@@ -101,8 +101,9 @@ pub struct PrunedFilter<M> {
 
 /// # Streams
 impl<A: TransitionEntries<Control = ()>, B: LocalLikelihood> Hmm<A, B> {
-    /// A streaming filter for very large models, which follows only the states
-    /// that matter; it borrows the model.
+    /// A streaming filter for very large models at the prior, which follows only
+    /// the states that matter and proves how far it is from the exact one; it
+    /// borrows the model. O(n + E), to look through the entries once.
     #[must_use]
     pub fn pruned_filter(&self, pruning: Pruning) -> PrunedFilter<&Self> {
         PrunedFilter::new(self, pruning)
@@ -126,7 +127,8 @@ where
             bound: 0.0,
             log: LogSum::default(),
             log_excess: LogSum::default(),
-            share: FIRST_SHARE,
+            log_lost: false,
+            share: LARGEST_SHARE,
             next: Envelope::default(),
             frontier: Frontier::new(model.states()),
             wanted: Vec::new(),
@@ -144,26 +146,54 @@ where
         next.start(model.prior().belief().as_slice());
         frontier.follow(&belief.states, &next.states);
         mem::swap(belief, next);
-        (self.steps, self.share) = (0, FIRST_SHARE);
+        (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
         (self.log, self.log_excess) = (LogSum::default(), LogSum::default());
-        self.bound = 0.0;
+        self.log_lost = false;
     }
 
-    /// One time step: prediction, then update with `observation`.
+    /// Puts another belief in place of the present one, as when a vehicle is told
+    /// where it is, or lost. Steps and log-likelihood stay; the bound is that of
+    /// an exact belief again. O(n).
     ///
     /// # Errors
     ///
-    /// x
+    /// [`InferenceError::StateCount`] if it has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+        let (found, expected) = (belief.states(), self.model.states());
+        if found != expected {
+            return Err(InferenceError::StateCount { what: "belief", found, expected });
+        }
+        self.log_excess.add(self.belief.deficit().ln_1p());
+        self.next.start(belief.as_slice());
+        self.frontier.follow(&self.belief.states, &self.next.states);
+        mem::swap(&mut self.belief, &mut self.next);
+        (self.share, self.bound) = (LARGEST_SHARE, 0.0);
+        Ok(())
+    }
+
+    /// One time step: prediction, then update with `observation`. Says what is
+    /// proven of the belief.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
+    /// first step has no transition.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step; the filter then is as before.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules the
+    /// observation out, [`Pruned`](InferenceError::Pruned) if it is ruled out in
+    /// all active states, but perhaps not in one that was dropped.
     pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
         let number = self.steps + 1;
         self.advance(number, self.model.prior().moves_at(number), Some(observation))
     }
 
-    /// Prediction alone: one time step without an observation.
+    /// Prediction alone: one time step without an observation. The log-likelihood
+    /// stays.
     ///
     /// # Errors
     ///
-    /// x
+    /// [`InferenceError`] if the operator does not give a distribution.
     pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
         let number = self.steps + 1;
         self.advance(number, self.model.prior().moves_at(number), None)
@@ -208,10 +238,11 @@ where
         (state < self.model.states()).then(followed)
     }
 
-    /// Between what ln p(y_1 … y_k) lies, over the observations made.
+    /// Between which values ln p(y_1 … y_k) lies, but for rounding, over the
+    /// observations made.
     #[must_use]
     pub fn log_likelihood(&self) -> RangeInclusive<f64> {
-        if !self.belief.is_known() {
+        if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
         let low = self.log.value();
@@ -228,70 +259,5 @@ where
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
-    }
-
-    fn advance(
-        &mut self,
-        number: usize,
-        moves: bool,
-        observation: Option<&B::Observation>,
-    ) -> Result<Certificate, InferenceError> {
-        let Self { model, belief, next, frontier, wanted, values, scratch, .. } = self;
-        let transition = moves.then(|| (model.transition(), self.rows));
-        wanted.clear();
-        if let Some(observation) = observation.filter(|_| belief.is_open()) {
-            model.likelihood().standing_out(observation, wanted);
-        }
-        frontier.list(&belief.states, transition.map(|part| (part.0, &())), wanted);
-        let candidates = frontier.candidates();
-        values.clear();
-        values.resize(candidates.len(), 1.0);
-        let (mut others, mut log_factor) = (1.0, 0.0);
-        if let Some(observation) = observation {
-            let wrap = |source| InferenceError::Likelihood { step: number, source };
-            let local = model.likelihood().local(observation, candidates, values, scratch);
-            let unlisted = local.map_err(wrap)?;
-            let largest = unlisted.check(candidates, values).map_err(wrap)?;
-            others = unlisted.largest();
-            log_factor = unlisted.log_factor();
-            if largest > 0.0 && !(2f64.powi(-16)..=2f64.powi(16)).contains(&largest) {
-                values.iter_mut().for_each(|b| *b /= largest);
-                others /= largest;
-                log_factor += largest.ln();
-            }
-        }
-        let weights = Weights { listed: values, others };
-        let raw = next.advance(belief, transition, frontier, &weights);
-        if !is_one(raw.predicted) {
-            return Err(InferenceError::PredictedSum { step: number, sum: raw.predicted });
-        }
-        if raw.estimate < f64::MIN_POSITIVE {
-            let proven = raw.excess == 0.0;
-            return Err(if proven {
-                InferenceError::Impossible { step: number }
-            } else {
-                InferenceError::Pruned { step: number }
-            });
-        }
-        let each = self.pruning.tolerance.max(0.0) * self.share / candidates.len() as f64;
-        let log = next.settle(&raw, each.clamp(1e-290, 1e-3), self.pruning.most_active.max(1));
-        let (rescaled, unknown) = next.rebase();
-        frontier.follow(&belief.states, &next.states);
-        mem::swap(belief, next);
-        self.steps = number;
-        self.log.add(log + log_factor);
-        self.log.add(rescaled);
-        self.log_excess.add(unknown);
-        self.bound = self.belief.bound();
-        self.adapt();
-        Ok(self.certificate())
-    }
-
-    /// Drops less where the bound nears the tolerance, and slowly more where it is
-    /// far from it.
-    fn adapt(&mut self) {
-        let used = self.bound / self.pruning.tolerance;
-        let factor = if used > 1e-3 { 0.1 } else { 1.01 };
-        self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }
 }
