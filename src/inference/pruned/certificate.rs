@@ -31,7 +31,6 @@ impl Default for Pruning {
 /// The total variation is the most by which the probability of any event can be
 /// wrong: half the sum of all differences.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[must_use = "the bound may be above the tolerance"]
 pub enum Certificate {
     /// The bound, which is at most the tolerance.
     Held(f64),

@@ -68,17 +68,23 @@ impl Envelope {
     }
 
     /// Scales what a step gave, counts its rounding, and drops what is small or
-    /// more than `limit`. Returns by what the lower bounds were divided, as a
-    /// logarithm.
-    pub(super) fn settle(&mut self, raw: &Raw, threshold: f64, limit: usize) -> f64 {
+    /// more than `limit`; `ranked` is memory for that. Returns by what the lower
+    /// bounds were divided, as a logarithm.
+    pub(super) fn settle(
+        &mut self,
+        raw: &Raw,
+        threshold: f64,
+        limit: usize,
+        ranked: &mut Vec<f64>,
+    ) -> f64 {
         // A sum of m products, their weight and their quotient have fewer than
         // m + 8 roundings. For the lower bounds that is a common factor, which s
         // takes, and an excess of twice that.
         let rounding = (raw.terms + 8) as f64 * f64::EPSILON;
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
-            self.elsewhere = self.elsewhere / scale + LOST;
-            self.outside = self.outside / scale + LOST;
+            self.elsewhere = self.elsewhere / scale * (1.0 + rounding) + LOST;
+            self.outside = self.outside / scale * (1.0 + rounding) + LOST;
         }
         for at in 0..self.states.len() {
             let lower = self.lower[at] / scale;
@@ -91,13 +97,10 @@ impl Envelope {
         let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
         if self.states.len() > limit {
-            let before = self.lower.len();
-            self.lower.extend_from_within(..);
-            self.lower[before..].copy_from_slice(&self.estimate);
-            let (_, &mut cut, _) =
-                self.lower[before..].select_nth_unstable_by(limit, |a, b| b.total_cmp(a));
+            ranked.clear();
+            ranked.extend_from_slice(&self.estimate);
+            let (_, &mut cut, _) = ranked.select_nth_unstable_by(limit, |a, b| b.total_cmp(a));
             let above = self.estimate.iter().filter(|p| **p > cut).count();
-            self.lower.truncate(before);
             let mut ties = limit - above;
             self.retain(|estimate, _| {
                 let tie = estimate == cut && ties > 0;

@@ -200,6 +200,7 @@ where
     }
 
     /// What is proven of the present belief.
+    #[must_use]
     pub fn certificate(&self) -> Certificate {
         let held = self.bound <= self.pruning.tolerance;
         if held { Certificate::Held(self.bound) } else { Certificate::Exceeded(self.bound) }

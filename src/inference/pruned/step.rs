@@ -80,7 +80,7 @@ where
         let count = candidates.len() as f64;
         let each = self.pruning.tolerance.max(0.0) * self.share / count;
         let each = each.clamp(LEAST_KEPT, 0.5 / count);
-        let log = next.settle(&raw, each, self.pruning.most_active.max(1));
+        let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         frontier.follow(&belief.states, &next.states);
         mem::swap(belief, next);
