@@ -37,6 +37,7 @@
 //! | verb | gives |
 //! |---|---|
 //! | [`Hmm::filter`] | [`Filter`]: p(now, given all so far), predictions and forecasts |
+//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the same for millions of states, within a bound that it proves |
 //! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
 //!
@@ -52,6 +53,7 @@
 //! | [`Hmm::score`] | ln p(y_1 … y_T) |
 //! | [`Hmm::path_entropy`] | how unsure the whole path is |
 //! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
+//! | [`Hmm::beam_viterbi`] | [`BeamPath`]: the same for millions of states, and whether it is proven |
 //! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
 //! | [`Hmm::learn`] | [`Learned`]: the model that explains many sequences best |
 //! | [`Hmm::learn_labelled`] | the model that labelled drives show |

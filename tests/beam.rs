@@ -11,11 +11,10 @@ use wayfix::{
 };
 
 type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
+type Steps = Hmm<SwitchedTransition<SparseTransition>, Sensor>;
 
 /// Likelihoods as numbers, so that both decoders take the same logarithms.
-fn hmm(
-    model: &Model,
-) -> (Hmm<SwitchedTransition<SparseTransition>, Sensor>, Vec<Option<Vec<f64>>>) {
+fn hmm(model: &Model) -> (Steps, Vec<Option<Vec<f64>>>) {
     let sensor = OptionalLikelihood::new(LikelihoodVector::linear(model.states).owned());
     let exp = |logs: &Vec<f64>| logs.iter().map(|log| log.exp()).collect();
     let seen = model.logs.iter().map(|logs| logs.as_ref().map(exp)).collect();

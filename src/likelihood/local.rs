@@ -69,7 +69,8 @@ pub trait LocalLikelihood: Likelihood {
     /// ascending order; `out` has as many values. Likelihoods may have any
     /// positive scale, as those of [`diagonal`](Likelihood::diagonal), but the
     /// same for `out` and the bound; [`Unlisted::with_log_factor`] says what was
-    /// taken out. Whoever calls this checks what comes back.
+    /// taken out. A likelihood below 2.2e-308 of the largest may be given as 0.
+    /// Whoever calls this checks what comes back.
     ///
     /// # Errors
     ///

@@ -1,6 +1,6 @@
 //! How much may be left out, and what is proven.
 
-/// How much a [`PrunedFilter`] may leave out.
+/// How much a [`PrunedFilter`](crate::PrunedFilter) may leave out.
 ///
 /// ```
 /// use wayfix::Pruning;

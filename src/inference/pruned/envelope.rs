@@ -13,7 +13,8 @@ pub(super) const LEAST_KEPT: f64 = 1e-290;
 /// only the sensor names would be followed, with all that it leads to.
 const IDLE: f64 = 256.0;
 /// An estimate of the belief, and what holds for the exact one α times a number
-/// s that nobody knows, the same for all states:
+/// s that nobody knows, the same for all states; it also holds for the estimate,
+/// times another number:
 ///
 /// ```text
 /// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the states followed
@@ -77,10 +78,10 @@ impl Envelope {
         limit: usize,
         ranked: &mut Vec<f64>,
     ) -> f64 {
-        // A sum of m products, their weight and their quotient have fewer than
+        // A sum of m products, their weight and their quotients have fewer than
         // m + 8 roundings. For the lower bounds that is a common factor, which s
-        // takes, and an excess of twice that.
-        let rounding = (raw.terms + 8) as f64 * f64::EPSILON;
+        // takes, and an excess of twice that; for the estimate the same again.
+        let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
             self.elsewhere = self.elsewhere / scale * (1.0 + rounding) + LOST;
@@ -167,8 +168,8 @@ impl Envelope {
         let known = self.lower[mode];
         let ratio = self.excess[mode] / known;
         rest -= known;
-        // What is gained at the mode, against twice what the others lose.
-        if !(ratio.is_finite() && 2.0 * rest / (1.0 + ratio) < known) {
+        // What is gained at the mode, against what the others lose.
+        if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
             return (0.0, 0.0);
         }
         let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
@@ -194,8 +195,7 @@ impl Envelope {
         if sum == 0.0 || !deficit.is_finite() {
             return 1.0;
         }
-        let moved = self.estimate.iter().zip(&self.lower).map(|(a, b)| (a - b).abs());
         let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
-        (deficit / (1.0 + deficit) + 0.5 * moved.sum::<f64>() + rounding).min(1.0)
+        (deficit / (1.0 + deficit) + rounding).min(1.0)
     }
 }

@@ -30,7 +30,7 @@ use step::LARGEST_SHARE;
 /// the sensor speaks), whatever n is: on a map of ten million places about as much
 /// as on one of thirty thousand. It allocates nothing, unless the active states
 /// are more than ever before. Memory: 4 n bytes and n bits to know which states
-/// are active, and some 60 bytes for each of these.
+/// are active, and some 80 bytes for each of these, as many as there ever were.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
@@ -59,7 +59,7 @@ use step::LARGEST_SHARE;
 /// What has less than a part of the tolerance after a step is dropped, and counted:
 /// for each active state, and for all others together, there is a ceiling on what
 /// was dropped there or comes from what was dropped. The bound is their sum, which
-/// also counts rounding; section 12 of the [formulas](crate::formulas) proves it.
+/// also counts rounding; section 13 of the [formulas](crate::formulas) proves it.
 /// As the bound nears the tolerance, less is dropped, and more states are active.
 ///
 /// The bound depends on what the sensor says of the states that it is not asked
