@@ -37,6 +37,7 @@
 //! | verb | gives |
 //! |---|---|
 //! | [`Hmm::filter`] | [`Filter`]: p(now, given all so far), predictions and forecasts |
+//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the same for millions of states, within a bound that it proves |
 //! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
 //!
@@ -52,6 +53,7 @@
 //! | [`Hmm::score`] | ln p(y_1 … y_T) |
 //! | [`Hmm::path_entropy`] | how unsure the whole path is |
 //! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
+//! | [`Hmm::beam_viterbi`] | [`BeamPath`]: the same for millions of states, and whether it is proven |
 //! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
 //! | [`Hmm::learn`] | [`Learned`]: the model that explains many sequences best |
 //! | [`Hmm::learn_labelled`] | the model that labelled drives show |
@@ -78,6 +80,7 @@
 //! | few parameters for many moves, to be learned | [`TiedTransition`] |
 //! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
 //! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
+//! | likelihoods of a few states among millions | [`SparseLikelihood`] |
 //! | sightings that may be missing | [`OptionalLikelihood`] |
 //! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
 //! | several sensors | [`FusedLikelihood`] |
@@ -188,14 +191,15 @@ pub use fixed::Fixed;
 pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
 pub use inference::{
-    Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled, LearnLikelihood,
-    LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order, Pairs, PathSampler,
-    Posteriors, Simulation, SmoothedStep, Smoothing, StopReason, ViterbiPath,
+    BeamPath, Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
+    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
+    Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
+    StopReason, ViterbiPath,
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails, SampleObservation,
-    Scratch, TableLikelihood,
+    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails,
+    SampleObservation, Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

@@ -21,6 +21,13 @@ pub enum InferenceError {
         /// The step, from 1.
         step: usize,
     },
+    /// The observation is impossible in all states that a pruned routine still
+    /// follows, but perhaps not in one that it has dropped.
+    #[error("the observation of step {step} is impossible in all states that were not pruned")]
+    Pruned {
+        /// The step, from 1.
+        step: usize,
+    },
     /// The likelihood could not be had.
     #[error("step {step} has no valid likelihood")]
     Likelihood {

@@ -221,6 +221,29 @@ pub enum LikelihoodError {
         /// How many states there are.
         states: usize,
     },
+    /// The bound on the likelihoods of states that were not listed is not a
+    /// valid one.
+    #[error(
+        "the likelihood of states not listed is bounded by {value}, expected a finite value of at least 0"
+    )]
+    Bound {
+        /// What was found.
+        value: f64,
+    },
+    /// A state is listed twice in an observation.
+    #[error("state {state} is listed twice")]
+    Twice {
+        /// The state, from 0.
+        state: usize,
+    },
+    /// An observation lists a state that the model does not have.
+    #[error("the observation lists state {state}, but there are {states} states (0 to {})", states.saturating_sub(1))]
+    Listed {
+        /// The state, from 0.
+        state: usize,
+        /// How many states there are.
+        states: usize,
+    },
     /// A sensor of your own has failed.
     #[error("the sensor failed")]
     Sensor(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -8,6 +8,8 @@ mod filter_state;
 
 mod fixed_lag;
 
+mod pruned;
+
 mod online_viterbi;
 
 mod filtering;
@@ -21,6 +23,8 @@ mod viterbi;
 
 mod k_best;
 
+mod beam;
+
 mod sampler;
 
 mod simulate;
@@ -32,12 +36,14 @@ mod many;
 
 mod backward;
 mod block;
+mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;
 mod step;
 
 pub use baum_welch::{Learned, Learning, StopReason};
+pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
 pub use filter_state::FilterState;
@@ -48,6 +54,7 @@ pub use learnable::{LearnLikelihood, LearnTransition};
 pub use online_viterbi::OnlineViterbi;
 pub use pairs::{Move, MoveCounts, Pairs};
 pub use posteriors::Posteriors;
+pub use pruned::{Certificate, PrunedFilter, Pruning};
 pub use sampler::PathSampler;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;

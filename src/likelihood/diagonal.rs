@@ -85,10 +85,7 @@ impl<'a> Diagonal<'a> {
         if self.len() != states {
             return Err(LikelihoodError::WrongLength { found: self.len(), expected: states });
         }
-        if self.log_factor.is_nan() || self.log_factor.abs() > LARGEST_LOG {
-            return Err(LikelihoodError::LogFactor { value: self.log_factor });
-        }
-        Ok(())
+        check_log_factor(self.log_factor)
     }
 
     /// Checks length, values and factor, and returns the largest value in the
@@ -128,6 +125,12 @@ impl<'a> Diagonal<'a> {
         };
         values.iter().map(move |&value| if is_log { value } else { value.ln() })
     }
+}
+
+/// A common factor must stay finite over all steps.
+pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
+    let valid = value.abs() <= LARGEST_LOG;
+    if valid { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
 }
 
 /// Memory that a likelihood may fill, kept from step to step.

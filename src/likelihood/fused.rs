@@ -3,7 +3,7 @@
 use rand::Rng;
 
 use super::diagonal::Values;
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::{HmmError, LikelihoodError};
 
 /// Two sensors that err independently given the state: the product of their
@@ -97,6 +97,49 @@ where
 
     fn rounds_tails(&self) -> bool {
         self.first.rounds_tails() && self.second.rounds_tails()
+    }
+}
+
+/// A product below 2.2e-308 of that of the two largest likelihoods may count as 0.
+impl<B1, B2> LocalLikelihood for FusedLikelihood<B1, B2>
+where
+    B1: LocalLikelihood<Observation: Sized>,
+    B2: LocalLikelihood<Observation: Sized>,
+{
+    fn local(
+        &self,
+        (first, second): &Self::Observation,
+        states: &[usize],
+        out: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        let (values, parts) = scratch.with_parts(states.len(), 2);
+        let (left, right) = parts.split_at_mut(1);
+        let first = self.first.local(first, states, out, &mut left[0])?;
+        let second = self.second.local(second, states, values, &mut right[0])?;
+        let largest = (first.check(states, out)?, second.check(states, values)?);
+        let exact = |a: f64, b: f64| {
+            a == 0.0 || b == 0.0 || (f64::MIN_POSITIVE..=f64::MAX).contains(&(a * b))
+        };
+        let all_exact = out.iter().zip(&*values).all(|(a, b)| exact(*a, *b));
+        let unscaled = all_exact && exact(largest.0, largest.1);
+        let scale = |largest: f64| if largest == 0.0 || unscaled { 1.0 } else { largest };
+        let (a, b) = (scale(largest.0), scale(largest.1));
+        out.iter_mut().zip(values).for_each(|(out, value)| *out = (*out / a) * (*value / b));
+        // A bound is rounded up.
+        let (of_first, of_second) = (first.largest() / a, second.largest() / b);
+        let others = if first.largest() == 0.0 || second.largest() == 0.0 {
+            0.0
+        } else {
+            (of_first * of_second * (1.0 + 4.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)
+        };
+        let log_factor = first.log_factor() + second.log_factor() + (a.ln() + b.ln());
+        Ok(Unlisted::at_most(others).with_log_factor(log_factor))
+    }
+
+    fn standing_out(&self, (first, second): &Self::Observation, states: &mut Vec<usize>) {
+        self.first.standing_out(first, states);
+        self.second.standing_out(second, states);
     }
 }
 

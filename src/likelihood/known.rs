@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
 /// A sensor that says which state it is, without error, or nothing: the
@@ -61,6 +61,34 @@ impl Likelihood for KnownState {
             *value.ok_or(LikelihoodError::State { state, states })? = 1.0;
         }
         Ok(Diagonal::checked(values, 1.0, None))
+    }
+}
+
+impl LocalLikelihood for KnownState {
+    /// # Errors
+    ///
+    /// [`LikelihoodError::State`] if there is no such state.
+    fn local(
+        &self,
+        &known: &Option<usize>,
+        states: &[usize],
+        out: &mut [f64],
+        _: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        let Some(known) = known else {
+            out.fill(1.0);
+            return Ok(Unlisted::at_most(1.0));
+        };
+        if known >= self.states {
+            return Err(LikelihoodError::State { state: known, states: self.states });
+        }
+        out.fill(0.0);
+        let listed = states.binary_search(&known).map(|at| out[at] = 1.0).is_ok();
+        Ok(Unlisted::at_most(if listed { 0.0 } else { 1.0 }))
+    }
+
+    fn standing_out(&self, &known: &Option<usize>, states: &mut Vec<usize>) {
+        states.extend(known.filter(|&state| state < self.states));
     }
 }
 

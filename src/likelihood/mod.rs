@@ -5,11 +5,13 @@ mod function;
 mod fused;
 mod grouped;
 mod known;
+mod local;
 mod optional;
 mod pooled;
 mod reestimate;
 mod rounded;
 mod shared;
+mod sparse;
 mod table;
 mod vector;
 
@@ -19,9 +21,11 @@ pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
 pub use grouped::GroupedLikelihood;
 pub use known::KnownState;
+pub use local::{LocalLikelihood, Unlisted};
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
 pub use rounded::RoundedTails;
+pub use sparse::{SparseLikelihood, SparseObservation};
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
 

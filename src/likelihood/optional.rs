@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
 /// A sensor that may say nothing: the observation is an `Option`, and `None`
@@ -65,6 +65,28 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
 
     fn is_at_hand(&self) -> bool {
         self.sensor.is_at_hand()
+    }
+}
+
+impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelihood<B> {
+    fn local(
+        &self,
+        observation: &Option<B::Observation>,
+        states: &[usize],
+        out: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        if let Some(observation) = observation {
+            return self.sensor.local(observation, states, out, scratch);
+        }
+        out.fill(1.0);
+        Ok(Unlisted::at_most(1.0))
+    }
+
+    fn standing_out(&self, observation: &Option<B::Observation>, states: &mut Vec<usize>) {
+        if let Some(observation) = observation {
+            self.sensor.standing_out(observation, states);
+        }
     }
 }
 

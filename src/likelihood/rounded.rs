@@ -4,7 +4,7 @@ use std::ops::Deref;
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
 /// A sensor after which filter and smoother may round to 0 what is below
@@ -68,6 +68,22 @@ impl<B: Likelihood> Likelihood for RoundedTails<B> {
 
     fn is_at_hand(&self) -> bool {
         self.0.is_at_hand()
+    }
+}
+
+impl<B: LocalLikelihood> LocalLikelihood for RoundedTails<B> {
+    fn local(
+        &self,
+        observation: &B::Observation,
+        states: &[usize],
+        out: &mut [f64],
+        scratch: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        self.0.local(observation, states, out, scratch)
+    }
+
+    fn standing_out(&self, observation: &B::Observation, states: &mut Vec<usize>) {
+        self.0.standing_out(observation, states);
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 use crate::fixed::Fixed;
 
@@ -35,6 +35,25 @@ macro_rules! as_target {
 
             fn is_at_hand(&self) -> bool {
                 (**self).is_at_hand()
+            }
+        }
+
+        impl<$($generics)*> LocalLikelihood for $type
+        where
+            B: LocalLikelihood,
+        {
+            fn local(
+                &self,
+                observation: &B::Observation,
+                states: &[usize],
+                out: &mut [f64],
+                scratch: &mut Scratch,
+            ) -> Result<Unlisted, LikelihoodError> {
+                (**self).local(observation, states, out, scratch)
+            }
+
+            fn standing_out(&self, observation: &B::Observation, states: &mut Vec<usize>) {
+                (**self).standing_out(observation, states);
             }
         }
     )*};

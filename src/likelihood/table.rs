@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, SampleObservation, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
 use crate::kernels;
@@ -12,7 +12,8 @@ use crate::random::index;
 /// observation is the symbol, 0 to m − 1.
 ///
 /// The diagonal of a symbol is handed out without copying or checking again.
-/// Memory: 16 n m bytes, for the values and their logarithms.
+/// Memory: 16 n m bytes, for the values and their logarithms, and 256 m for the
+/// states that each symbol speaks for most.
 ///
 /// ```
 /// use wayfix::TableLikelihood;
@@ -30,7 +31,12 @@ pub struct TableLikelihood {
     log2: Vec<f64>,
     /// The largest value of each symbol's column.
     largest: Vec<f64>,
+    /// The states with the largest values of each symbol, the largest first.
+    standing_out: Vec<Vec<(usize, f64)>>,
 }
+
+/// How many states of a symbol stand out, at most.
+const STANDING_OUT: usize = 16;
 
 impl TableLikelihood {
     /// From one row per state, each a distribution over the symbols. O(n m).
@@ -67,7 +73,8 @@ impl TableLikelihood {
         let log2 = columns.iter().map(|&value| kernels::log2(value)).collect();
         let maximum = |column: &[f64]| column.iter().copied().fold(0.0, f64::max);
         let largest = columns.chunks_exact(states).map(maximum).collect();
-        Ok(Self { states, columns, log2, largest })
+        let standing_out = columns.chunks_exact(states).map(standing_out).collect();
+        Ok(Self { states, columns, log2, largest, standing_out })
     }
 
     /// From a faer view with one row per state. O(n m).
@@ -149,6 +156,51 @@ impl Likelihood for TableLikelihood {
     fn is_at_hand(&self) -> bool {
         true
     }
+}
+
+/// O(states asked): of each symbol the 16 largest values are known, and the bound
+/// is the first of them whose state is not asked for, or the last.
+impl LocalLikelihood for TableLikelihood {
+    fn local(
+        &self,
+        &symbol: &usize,
+        states: &[usize],
+        out: &mut [f64],
+        _: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        let symbols = self.symbols();
+        if symbol >= symbols {
+            return Err(LikelihoodError::Symbol { symbol, symbols });
+        }
+        let column = &self.columns[symbol * self.states..];
+        out.iter_mut().zip(states).for_each(|(out, &state)| *out = column[state]);
+        if states.len() == self.states {
+            return Ok(Unlisted::at_most(0.0));
+        }
+        let known = &self.standing_out[symbol];
+        let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
+        // All that are above 0 may be known.
+        let rest = known.last().filter(|_| known.len() == STANDING_OUT);
+        Ok(Unlisted::at_most(other.or(rest).map_or(0.0, |entry| entry.1)))
+    }
+
+    fn standing_out(&self, &symbol: &usize, states: &mut Vec<usize>) {
+        let known = self.standing_out.get(symbol).into_iter().flatten();
+        states.extend(known.map(|entry| entry.0));
+    }
+}
+
+/// The states with the largest values above 0 of a column.
+fn standing_out(column: &[f64]) -> Vec<(usize, f64)> {
+    let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
+    for (state, &value) in column.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
+        if known.len() < STANDING_OUT || known.last().is_some_and(|last| value > last.1) {
+            let at = known.partition_point(|entry| entry.1 >= value);
+            known.insert(at, (state, value));
+            known.truncate(STANDING_OUT);
+        }
+    }
+    known
 }
 
 impl SampleObservation for TableLikelihood {

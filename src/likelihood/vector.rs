@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::{Diagonal, Likelihood, Scratch};
+use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
 /// The observation is the diagonal itself: a slice of n likelihoods, or of
@@ -73,6 +73,33 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
 
     fn is_at_hand(&self) -> bool {
         !self.log
+    }
+}
+
+/// O(n), since all values are looked at.
+impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
+    fn local(
+        &self,
+        observation: &Y,
+        states: &[usize],
+        out: &mut [f64],
+        _: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        let values = observation.as_ref();
+        let diagonal = if self.log { Diagonal::log(values) } else { Diagonal::linear(values) };
+        let largest = diagonal.check(self.states)?;
+        // Logarithms relative to the largest, so that the exponentials hold them.
+        let shift = if self.log && largest.is_finite() { largest } else { 0.0 };
+        let likelihood = |value: f64| if self.log { (value - shift).exp() } else { value };
+        let mut asked = states.iter().zip(out).peekable();
+        let mut others: f64 = if self.log { f64::NEG_INFINITY } else { 0.0 };
+        for (i, &value) in values.iter().enumerate() {
+            match asked.next_if(|(state, _)| **state == i) {
+                Some((_, out)) => *out = likelihood(value),
+                None => others = others.max(value),
+            }
+        }
+        Ok(Unlisted::at_most(likelihood(others)).with_log_factor(shift))
     }
 }
 

@@ -1,0 +1,205 @@
+//! Viterbi decoding along a beam, for very large maps, with a test whether the
+//! path is the best of all.
+
+mod scores;
+
+use std::f64::consts::{LN_2, LOG2_E};
+
+use super::LogSum;
+use super::frontier::Frontier;
+use super::viterbi::ViterbiPath;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::kernels;
+use crate::likelihood::{LocalLikelihood, Scratch};
+use crate::sequence::Sequence;
+use crate::transition::TransitionEntries;
+use scores::{Beam, Pointers};
+
+/// The best path within a beam, and what is proven of all other paths. Made by
+/// [`Hmm::beam_viterbi`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct BeamPath {
+    path: ViterbiPath,
+    pruned: f64,
+    most_active: usize,
+}
+
+impl BeamPath {
+    /// The best of the paths that never left the beam.
+    #[must_use]
+    pub fn path(&self) -> &ViterbiPath {
+        &self.path
+    }
+
+    /// The path, moved out.
+    #[must_use]
+    pub fn into_path(self) -> ViterbiPath {
+        self.path
+    }
+
+    /// No path at all has a ln p(path, y_1 … y_T) above this: the larger of that
+    /// of the path found and a bound on those of all paths that left the beam.
+    #[must_use]
+    pub fn upper_bound(&self) -> f64 {
+        self.path.log_probability.max(self.pruned)
+    }
+
+    /// Whether no path that left the beam can be better than the one found, which
+    /// then has the probability of the path of [`Hmm::viterbi`]. Paths that differ
+    /// by less than rounding (1e-14 a factor) may count as either.
+    #[must_use]
+    pub fn is_optimal(&self) -> bool {
+        self.pruned <= self.path.log_probability
+    }
+
+    /// Whether each path that left the beam is even worse than the one found,
+    /// which then is the path of [`Hmm::viterbi`], with its rule for ties.
+    #[must_use]
+    pub fn is_unrivalled(&self) -> bool {
+        self.pruned < self.path.log_probability
+    }
+
+    /// The largest number of states that were followed at a step.
+    #[must_use]
+    pub fn most_active(&self) -> usize {
+        self.most_active
+    }
+}
+
+/// # Paths
+impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
+    /// The most probable path among those that at every step stay within `width`
+    /// nats of the best, and whether it is [proven](BeamPath::is_optimal) that no
+    /// other path is better: for models so large that
+    /// [`viterbi`](Self::viterbi) takes too long, or its 4 n T bytes are too many.
+    ///
+    /// If it is not proven, take a wider beam; an infinite one keeps all states, a
+    /// negative or NaN one counts as 0. What can be proven at all depends on the
+    /// bound that the sensor gives for the states not asked: over steps at which
+    /// they are as likely as those of the path, nothing is gained against them,
+    /// and the width has to last.
+    ///
+    /// O(entries into and out of the states followed, and what the sensor takes) a
+    /// step; 8 bytes a state followed for the way back, and O(n) once.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
+    /// # let n = 1000;
+    /// # let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
+    /// # let motion = SparseTransition::from_triplets(n, moves)?;
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(n)?);
+    /// # let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
+    /// # let seen = |place| SparseObservation::new(vec![(place, 0.9)], 1e-4);
+    /// # let ys = [seen(700)?, seen(701)?, seen(20)?, seen(702)?];
+    /// let mut width = 5.0;
+    /// let found = loop {
+    ///     let found = hmm.beam_viterbi(&ys, width)?;
+    ///     if found.is_optimal() || width > 1000.0 {
+    ///         break found;
+    ///     }
+    ///     width *= 2.0;
+    /// };
+    /// assert!(found.is_optimal());
+    /// assert_eq!(found.path().states(), [700, 701, 701, 702]);
+    /// # assert_eq!(found.path(), &hmm.viterbi(&ys)?);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step at which an observation is impossible, or
+    /// has no valid likelihood, or a control is not valid;
+    /// [`InferenceError::Pruned`] if an observation is impossible in all states of
+    /// the beam, but perhaps not in another: a wider beam may do.
+    pub fn beam_viterbi<S>(&self, sequence: &S, width: f64) -> Result<BeamPath, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let steps = sequence.steps();
+        if steps == 0 {
+            let path = ViterbiPath { states: Vec::new(), log_probability: 0.0 };
+            return Ok(BeamPath { path, pruned: f64::NEG_INFINITY, most_active: 0 });
+        }
+        let width = width.max(0.0) * LOG2_E;
+        let prior = self.prior().belief().as_slice();
+        let mut frontier = Frontier::new(self.states());
+        let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
+        beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
+        frontier.follow(&[], &beam.states);
+        let mut next = Beam::default();
+        let mut pointers = Pointers::default();
+        let (mut from, mut wanted, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        let mut scratch = Scratch::default();
+        let (mut whole, mut factors) = (0.0, LogSum::default());
+        let mut most_active = 0;
+        for step in 1..=steps {
+            let observation = sequence.observation(step);
+            let moves = if self.prior().moves_at(step) {
+                let control = sequence.control(step);
+                let wrap = |source| InferenceError::Control { step, source };
+                self.transition().check_control(control).map_err(wrap)?;
+                Some((self.transition(), control))
+            } else {
+                None
+            };
+            wanted.clear();
+            if beam.elsewhere > f64::NEG_INFINITY {
+                self.likelihood().standing_out(observation, &mut wanted);
+            }
+            frontier.list(&beam.states, moves, &wanted);
+            next.clear();
+            next.states.extend_from_slice(frontier.candidates());
+            from.clear();
+            if step == 1 {
+                next.start(prior, moves, &mut from);
+            } else if let Some((transition, control)) = moves {
+                next.extend(&beam, &frontier, |i| transition.incoming_log2(control, i), &mut from);
+            }
+            // Likelihoods, but for whole powers of two.
+            values.clear();
+            values.resize(next.states.len(), 0.0);
+            let wrap = |source| InferenceError::Likelihood { step, source };
+            let local =
+                self.likelihood().local(observation, &next.states, &mut values, &mut scratch);
+            let others = local.map_err(wrap)?;
+            let largest = others.check(&next.states, &values).map_err(wrap)?;
+            let scale = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
+            factors.add(scale * LN_2 + others.log_factor());
+            next.weigh(&values, others.largest(), scale);
+            // A whole number is taken out, and then what is too far from the best.
+            let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if best == f64::NEG_INFINITY {
+                let ceilings = next.ceilings.iter().copied();
+                let other = ceilings.fold(next.elsewhere, f64::max);
+                let proven = other == f64::NEG_INFINITY;
+                return Err(if proven {
+                    InferenceError::Impossible { step }
+                } else {
+                    InferenceError::Pruned { step }
+                });
+            }
+            whole += best.floor();
+            next.prune(best, width, &mut from);
+            pointers.starts.push(pointers.entries.len());
+            let entries = next.states.iter().zip(&from);
+            pointers.entries.extend(entries.map(|(&state, &from)| (state as u32, from)));
+            most_active = most_active.max(next.states.len());
+            frontier.follow(&beam.states, &next.states);
+            std::mem::swap(&mut beam, &mut next);
+        }
+        let log_probability = |score: f64| {
+            let mut sum = factors;
+            sum.add(whole * LN_2);
+            sum.add(score * LN_2);
+            sum.value()
+        };
+        let at = super::scores::best(&beam.scores);
+        let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
+        let path = ViterbiPath {
+            states: pointers.path(at),
+            log_probability: log_probability(beam.scores[at]),
+        };
+        Ok(BeamPath { path, pruned: log_probability(pruned), most_active })
+    }
+}

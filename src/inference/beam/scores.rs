@@ -1,0 +1,145 @@
+//! The scores within a beam, ceilings on those of all other paths, and the way
+//! back.
+
+use super::super::frontier::Frontier;
+use crate::kernels::{self, LIFT};
+use crate::transition::TransitionEntries;
+
+/// By how much the logarithm to base 2 of an entry may be above 0, since columns
+/// may be off one by 1e-9.
+const ENTRY: f64 = 1.6e-9;
+
+/// The scores of a step, logarithms to base 2 on the grid of `kernels::log2`.
+#[derive(Debug, Default)]
+pub(super) struct Beam {
+    /// In ascending order.
+    pub(super) states: Vec<usize>,
+    /// That of the best path to each state that never left the beam.
+    pub(super) scores: Vec<f64>,
+    /// At least that of any path to each state that did.
+    pub(super) ceilings: Vec<f64>,
+    /// At least that of any path to any other state.
+    pub(super) elsewhere: f64,
+}
+
+/// The way back.
+#[derive(Debug, Default)]
+pub(super) struct Pointers {
+    /// The states of all steps, and the place of the state before each among those
+    /// of its step.
+    pub(super) entries: Vec<(u32, u32)>,
+    /// Where the entries of each step begin.
+    pub(super) starts: Vec<usize>,
+}
+
+impl Beam {
+    pub(super) fn clear(&mut self) {
+        self.states.clear();
+        self.scores.clear();
+        self.ceilings.clear();
+    }
+
+    /// The scores of step 1: X_0 is summed over.
+    pub(super) fn start<A: TransitionEntries>(
+        &mut self,
+        prior: &[f64],
+        moves: Option<(&A, &A::Control)>,
+        from: &mut Vec<u32>,
+    ) {
+        for &i in &self.states {
+            let lifted = match moves {
+                Some((transition, control)) => {
+                    let ways = transition.incoming(control, i);
+                    ways.map(|(j, a)| a * (prior[j] * LIFT)).sum()
+                }
+                None => prior[i] * LIFT,
+            };
+            let p = lifted / LIFT;
+            let normal = p >= f64::MIN_POSITIVE;
+            self.scores.push(if normal {
+                kernels::log2(p)
+            } else {
+                kernels::log2(lifted) - LIFT.log2()
+            });
+            self.ceilings.push(f64::NEG_INFINITY);
+            from.push(0);
+        }
+        self.elsewhere = f64::NEG_INFINITY;
+    }
+
+    /// The best ways into each state.
+    pub(super) fn extend<I: Iterator<Item = (usize, f64)>>(
+        &mut self,
+        before: &Self,
+        frontier: &Frontier,
+        incoming: impl Fn(usize) -> I,
+        from: &mut Vec<u32>,
+    ) {
+        for &i in &self.states {
+            let (mut score, mut best) = (f64::NEG_INFINITY, 0);
+            let (mut ceiling, mut beyond) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
+            for (j, log2) in incoming(i) {
+                if let Some(at) = frontier.place(j) {
+                    let value = log2 + before.scores[at];
+                    if value > score {
+                        (score, best) = (value, at as u32);
+                    }
+                    ceiling = f64::max(ceiling, log2 + before.ceilings[at]);
+                } else {
+                    beyond = f64::max(beyond, log2);
+                }
+            }
+            self.scores.push(score);
+            self.ceilings.push(ceiling.max(before.elsewhere + beyond));
+            from.push(best);
+        }
+        self.elsewhere = before.elsewhere + ENTRY;
+    }
+
+    /// Adds the logarithms of likelihoods, less a whole number.
+    pub(super) fn weigh(&mut self, listed: &[f64], others: f64, scale: f64) {
+        let both = self.scores.iter_mut().zip(&mut self.ceilings);
+        for ((score, ceiling), &b) in both.zip(listed) {
+            let log2 = kernels::log2(b) - scale;
+            *score += log2;
+            *ceiling += log2;
+        }
+        self.elsewhere += kernels::log2(others) - scale;
+    }
+
+    /// Drops the states of which all paths are further than `width` below the
+    /// best, and takes the whole part of that out.
+    pub(super) fn prune(&mut self, best: f64, width: f64, from: &mut Vec<u32>) {
+        let (floor, least) = (best.floor(), best - width);
+        let mut kept = 0;
+        for at in 0..self.states.len() {
+            let (score, ceiling) = (self.scores[at], self.ceilings[at]);
+            let highest = score.max(ceiling);
+            if highest >= least && highest > f64::NEG_INFINITY {
+                (self.states[kept], from[kept]) = (self.states[at], from[at]);
+                (self.scores[kept], self.ceilings[kept]) = (score - floor, ceiling - floor);
+                kept += 1;
+            } else {
+                self.elsewhere = self.elsewhere.max(highest);
+            }
+        }
+        self.states.truncate(kept);
+        self.scores.truncate(kept);
+        self.ceilings.truncate(kept);
+        from.truncate(kept);
+        self.elsewhere -= floor;
+    }
+}
+
+impl Pointers {
+    /// The path that ends in the state at this place of the last step.
+    pub(super) fn path(&self, mut at: usize) -> Vec<usize> {
+        let mut states = vec![0; self.starts.len()];
+        for (state, start) in states.iter_mut().zip(&self.starts).rev() {
+            let (here, before) = self.entries[start + at];
+            *state = here as usize;
+            at = before as usize;
+        }
+        states
+    }
+}

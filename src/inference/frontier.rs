@@ -1,0 +1,85 @@
+//! The few states that are followed among millions, and those that a step can
+//! lead to.
+
+use crate::transition::TransitionEntries;
+
+/// Which states are followed. A dense array says so, with no hashing: 4 bytes a
+/// state, and a bit for those that are listed.
+#[derive(Debug, Clone)]
+pub(super) struct Frontier {
+    /// One more than a state's place among those followed, or 0.
+    places: Vec<u32>,
+    /// A bit for each candidate, but for those that are only wanted.
+    reached: Vec<u64>,
+    candidates: Vec<usize>,
+}
+
+impl Frontier {
+    pub(super) fn new(states: usize) -> Self {
+        let reached = vec![0; states.div_ceil(64)];
+        Self { places: vec![0; states], reached, candidates: Vec::new() }
+    }
+
+    /// The place of a state among those followed.
+    #[inline]
+    pub(super) fn place(&self, state: usize) -> Option<usize> {
+        (self.places[state] as usize).checked_sub(1)
+    }
+
+    /// Follows other states from now on.
+    pub(super) fn follow(&mut self, before: &[usize], after: &[usize]) {
+        before.iter().for_each(|&state| self.places[state] = 0);
+        for (&state, place) in after.iter().zip(1..) {
+            self.places[state] = place;
+        }
+    }
+
+    /// Lists what a step can lead to from the states followed, or these
+    /// themselves if nothing moves, and whatever else is wanted.
+    pub(super) fn list<A: TransitionEntries>(
+        &mut self,
+        followed: &[usize],
+        moves: Option<(&A, &A::Control)>,
+        wanted: &[usize],
+    ) {
+        let Self { places, reached, candidates } = self;
+        candidates.iter().for_each(|&state| reached[state / 64] = 0);
+        candidates.clear();
+        let mut list = |state: usize| {
+            let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
+            if *word & bit == 0 {
+                *word |= bit;
+                candidates.push(state);
+            }
+        };
+        match moves {
+            Some((a, control)) => {
+                followed.iter().for_each(|&j| a.outgoing(control, j).for_each(|(i, _)| list(i)));
+            }
+            None => followed.iter().for_each(|&state| list(state)),
+        }
+        let first = candidates.len();
+        for &state in wanted.iter().filter(|&&state| state < places.len()) {
+            let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
+            if *word & bit == 0 {
+                *word |= bit;
+                candidates.push(state);
+            }
+        }
+        for &state in &candidates[first..] {
+            reached[state / 64] &= !(1 << (state % 64));
+        }
+        candidates.sort_unstable();
+    }
+
+    /// Whether the step leads to a candidate from a state that is followed.
+    #[inline]
+    pub(super) fn is_reached(&self, candidate: usize) -> bool {
+        self.reached[candidate / 64] >> (candidate % 64) & 1 == 1
+    }
+
+    /// What was listed last, in ascending order.
+    pub(super) fn candidates(&self) -> &[usize] {
+        &self.candidates
+    }
+}

@@ -1,0 +1,201 @@
+//! What is proven of the exact belief: numbers that it lies between.
+
+use super::advance::Raw;
+
+/// 2^900. Numbers times this keep their digits in products down to 1e-578, and
+/// bounds as large as 1e37 do not overflow.
+pub(super) const LIFT: f64 = f64::from_bits((1023 + 900) << 52);
+/// More than all that a lifted sum can lose below the smallest double.
+pub(super) const LOST: f64 = 1e-290;
+/// What is at most this is dropped anyway.
+pub(super) const LEAST_KEPT: f64 = 1e-290;
+/// How much more may be dropped of a ceiling than of the belief: else a state that
+/// only the sensor names would be followed, with all that it leads to.
+const IDLE: f64 = 256.0;
+/// An estimate of the belief, and what holds for the exact one α times a number
+/// s that nobody knows, the same for all states; it also holds for the estimate,
+/// times another number:
+///
+/// ```text
+/// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the states followed
+///            s α(i) ≤ elsewhere                for every other state,
+///          Σ s α(i) ≤ outside                  over all of these
+/// ```
+#[derive(Debug, Clone, Default)]
+pub(super) struct Envelope {
+    /// In ascending order.
+    pub(super) states: Vec<usize>,
+    /// Sums to one.
+    pub(super) estimate: Vec<f64>,
+    /// Sums to one, unless nothing is known.
+    pub(super) lower: Vec<f64>,
+    pub(super) excess: Vec<f64>,
+    pub(super) elsewhere: f64,
+    pub(super) outside: f64,
+}
+
+impl Envelope {
+    /// The belief itself, nothing pruned.
+    pub(super) fn start(&mut self, belief: &[f64]) {
+        self.clear();
+        for (state, &p) in belief.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
+            self.push(state, p, p, 0.0);
+        }
+        (self.elsewhere, self.outside) = (0.0, 0.0);
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.states.clear();
+        self.estimate.clear();
+        self.lower.clear();
+        self.excess.clear();
+    }
+
+    pub(super) fn push(&mut self, state: usize, estimate: f64, lower: f64, excess: f64) {
+        self.states.push(state);
+        self.estimate.push(estimate);
+        self.lower.push(lower);
+        self.excess.push(excess);
+    }
+
+    /// Whether states that are not followed may have some probability.
+    pub(super) fn is_open(&self) -> bool {
+        self.outside > 0.0
+    }
+
+    /// Whether there is a lower bound at all.
+    pub(super) fn is_known(&self) -> bool {
+        self.lower.iter().any(|p| *p > 0.0)
+    }
+
+    /// Scales what a step gave, counts its rounding, and drops what is small or
+    /// more than `limit`; `ranked` is memory for that. Returns by what the lower
+    /// bounds were divided, as a logarithm.
+    pub(super) fn settle(
+        &mut self,
+        raw: &Raw,
+        threshold: f64,
+        limit: usize,
+        ranked: &mut Vec<f64>,
+    ) -> f64 {
+        // A sum of m products, their weight and their quotients have fewer than
+        // m + 8 roundings. For the lower bounds that is a common factor, which s
+        // takes, and an excess of twice that; for the estimate the same again.
+        let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
+        let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
+        if self.is_open() {
+            self.elsewhere = self.elsewhere / scale * (1.0 + rounding) + LOST;
+            self.outside = self.outside / scale * (1.0 + rounding) + LOST;
+        }
+        for at in 0..self.states.len() {
+            let lower = self.lower[at] / scale;
+            let excess = self.excess[at] / scale;
+            self.estimate[at] /= raw.estimate;
+            self.lower[at] = lower;
+            self.excess[at] = (excess + rounding * lower) * (1.0 + rounding) + f64::MIN_POSITIVE;
+        }
+        // Of an excess that is large itself, the small parts are no loss.
+        let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
+        self.retain(|estimate, excess| estimate > threshold || excess > relevant);
+        if self.states.len() > limit {
+            ranked.clear();
+            ranked.extend_from_slice(&self.estimate);
+            let (_, &mut cut, _) = ranked.select_nth_unstable_by(limit, |a, b| b.total_cmp(a));
+            let above = self.estimate.iter().filter(|p| **p > cut).count();
+            let mut ties = limit - above;
+            self.retain(|estimate, _| {
+                let tie = estimate == cut && ties > 0;
+                ties -= usize::from(tie);
+                estimate > cut || tie
+            });
+        }
+        let sum: f64 = self.estimate.iter().sum();
+        self.estimate.iter_mut().for_each(|p| *p /= sum);
+        (scale / LIFT).ln() + self.normalise()
+    }
+
+    /// Keeps the states for which that is said of the estimate and the excess.
+    fn retain(&mut self, mut keep: impl FnMut(f64, f64) -> bool) {
+        let mut kept = 0;
+        for at in 0..self.states.len() {
+            let (lower, excess) = (self.lower[at], self.excess[at]);
+            if keep(self.estimate[at], excess) {
+                self.states[kept] = self.states[at];
+                self.estimate[kept] = self.estimate[at];
+                (self.lower[kept], self.excess[kept]) = (lower, excess);
+                kept += 1;
+            } else {
+                let most = (lower + excess).max(LOST);
+                self.elsewhere = self.elsewhere.max(most);
+                self.outside += most;
+            }
+        }
+        self.states.truncate(kept);
+        self.estimate.truncate(kept);
+        self.lower.truncate(kept);
+        self.excess.truncate(kept);
+    }
+
+    /// Makes the lower bounds sum to one. Returns the logarithm of their sum.
+    fn normalise(&mut self) -> f64 {
+        // A sum of numbers that are not negative has as many roundings as these.
+        let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
+        self.outside *= up;
+        self.elsewhere = self.elsewhere.min(self.outside);
+        let sum: f64 = self.lower.iter().sum();
+        if sum == 0.0 {
+            return 0.0;
+        }
+        self.lower.iter_mut().for_each(|p| *p /= sum);
+        self.excess.iter_mut().for_each(|p| *p /= sum);
+        (self.elsewhere, self.outside) = (self.elsewhere / sum, self.outside / sum);
+        sum.ln()
+    }
+
+    /// Forgets what is not known of the scale: where most of the belief is one
+    /// state, s is chosen so that this state is known exactly. Returns by what the
+    /// lower bounds were divided, and the most by which s may have been divided
+    /// beyond that, as logarithms.
+    pub(super) fn rebase(&mut self) -> (f64, f64) {
+        let mut mode = 0;
+        let mut rest = 0.0;
+        for (at, &lower) in self.lower.iter().enumerate() {
+            rest += lower;
+            if lower > self.lower[mode] {
+                mode = at;
+            }
+        }
+        let known = self.lower[mode];
+        let ratio = self.excess[mode] / known;
+        rest -= known;
+        // What is gained at the mode, against what the others lose.
+        if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
+            return (0.0, 0.0);
+        }
+        let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
+        for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
+            let reduced = *lower * factor;
+            *excess = (*excess + (*lower - reduced)) * (1.0 + 4.0 * f64::EPSILON);
+            *lower = reduced;
+        }
+        (self.lower[mode], self.excess[mode]) = (known, 0.0);
+        (self.normalise(), ratio.ln_1p())
+    }
+
+    /// How much the lower bounds miss at most, in parts of their sum.
+    pub(super) fn deficit(&self) -> f64 {
+        let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
+        (self.excess.iter().sum::<f64>() + self.outside) * up
+    }
+
+    /// At least the total variation between the estimate and the exact belief.
+    pub(super) fn bound(&self) -> f64 {
+        let sum: f64 = self.lower.iter().sum();
+        let deficit = self.deficit();
+        if sum == 0.0 || !deficit.is_finite() {
+            return 1.0;
+        }
+        let rounding = (self.states.len() + 8) as f64 * f64::EPSILON;
+        (deficit / (1.0 + deficit) + rounding).min(1.0)
+    }
+}

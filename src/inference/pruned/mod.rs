@@ -1,0 +1,264 @@
+//! The streaming filter for very large maps: it follows the places that matter,
+//! and proves how far it is from the exact one.
+
+mod advance;
+mod certificate;
+mod envelope;
+mod step;
+
+use std::mem;
+use std::ops::{Deref, RangeInclusive};
+
+use super::LogSum;
+use super::frontier::Frontier;
+use crate::belief::Belief;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::{LocalLikelihood, Scratch};
+use crate::transition::TransitionEntries;
+pub use certificate::{Certificate, Pruning};
+
+use advance::Rows;
+use envelope::Envelope;
+use step::LARGEST_SHARE;
+
+/// A streaming filter for very large models, which follows only the states that
+/// matter, and proves after every step how far its belief is at most from that of
+/// the exact [`Filter`](crate::Filter), in total variation.
+///
+/// A step costs O(entries into and out of the active states, and those for which
+/// the sensor speaks), whatever n is: on a map of ten million places about as much
+/// as on one of thirty thousand. It allocates nothing, unless the active states
+/// are more than ever before. Memory: 4 n bytes and n bits to know which states
+/// are active, and some 80 bytes for each of these, as many as there ever were.
+///
+/// ```
+/// use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
+///
+/// // Around a hundred thousand places, staying or going one on.
+/// let n = 100_000;
+/// let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
+/// let motion = SparseTransition::from_triplets(n, moves)?;
+/// let prior = Prior::AtFirstObservation(Belief::certain(n, 7)?);
+/// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(n))?;
+///
+/// let mut filter = hmm.pruned_filter(Pruning { tolerance: 1e-6, ..Pruning::default() });
+/// for place in [7, 8, 8, 90_000, 9] {
+///     // A camera that is right nine times out of ten.
+///     let seen = SparseObservation::new(vec![(place, 0.9)], 0.1 / n as f64)?;
+///     let certificate = filter.step(&seen)?;
+///     assert!(certificate.holds() && certificate.bound() <= 1e-6);
+/// }
+/// assert_eq!(filter.mode(), 9);
+/// assert!(filter.active().len() < 10);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # What it does
+///
+/// What has less than a part of the tolerance after a step is dropped, and counted:
+/// for each active state, and for all others together, there is a ceiling on what
+/// was dropped there or comes from what was dropped. The bound is their sum, which
+/// also counts rounding; section 13 of the [formulas](crate::formulas) proves it.
+/// As the bound nears the tolerance, less is dropped, and more states are active.
+///
+/// The bound depends on what the sensor says of the states that it is not asked
+/// for ([`LocalLikelihood`]): where it speaks against them, it falls, and comes
+/// back after a time of doubt as soon as most of the belief is in one state.
+/// Where it cannot be held, as under [`Pruning::most_active`], or when a vehicle
+/// turns up where nothing had led, the [`Certificate`] of the step says so. That is
+/// no error: the belief is still the best guess.
+///
+/// # From the prior
+///
+/// All states that the prior allows are active at first. From a uniform one the
+/// first steps cost O(n), until the sensor has told some places from the others.
+///
+/// Likelihoods are taken as the sensor gives them, and what falls below 1e-290 of
+/// the whole is dropped, and counted.
+#[derive(Debug, Clone)]
+pub struct PrunedFilter<M> {
+    model: M,
+    pruning: Pruning,
+    rows: Rows,
+    steps: usize,
+    belief: Envelope,
+    bound: f64,
+    /// ln p(y_1 … y_k) is at least `log`, and at most that and `log_excess`, but
+    /// for what the deficit is.
+    log: LogSum,
+    log_excess: LogSum,
+    /// Whether nothing is known of the likelihood any more.
+    log_lost: bool,
+    /// The part of the tolerance that a step may drop.
+    share: f64,
+    next: Envelope,
+    frontier: Frontier,
+    wanted: Vec<usize>,
+    values: Vec<f64>,
+    scratch: Scratch,
+}
+
+/// # Streams
+impl<A: TransitionEntries<Control = ()>, B: LocalLikelihood> Hmm<A, B> {
+    /// A streaming filter for very large models at the prior, which follows only
+    /// the states that matter and proves how far it is from the exact one; it
+    /// borrows the model. O(n + E), to look through the entries once.
+    #[must_use]
+    pub fn pruned_filter(&self, pruning: Pruning) -> PrunedFilter<&Self> {
+        PrunedFilter::new(self, pruning)
+    }
+}
+
+impl<M, A, B> PrunedFilter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: LocalLikelihood,
+{
+    /// A filter at the prior. O(n + E), to look through the entries once.
+    #[must_use]
+    pub fn new(model: M, pruning: Pruning) -> Self {
+        let mut filter = Self {
+            pruning,
+            rows: Rows::of(model.transition()),
+            steps: 0,
+            belief: Envelope::default(),
+            bound: 0.0,
+            log: LogSum::default(),
+            log_excess: LogSum::default(),
+            log_lost: false,
+            share: LARGEST_SHARE,
+            next: Envelope::default(),
+            frontier: Frontier::new(model.states()),
+            wanted: Vec::new(),
+            values: Vec::new(),
+            scratch: Scratch::default(),
+            model,
+        };
+        filter.restart();
+        filter
+    }
+
+    /// Back to the prior, with no steps taken. O(n).
+    pub fn restart(&mut self) {
+        let Self { model, belief, next, frontier, .. } = self;
+        next.start(model.prior().belief().as_slice());
+        frontier.follow(&belief.states, &next.states);
+        mem::swap(belief, next);
+        (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
+        (self.log, self.log_excess) = (LogSum::default(), LogSum::default());
+        self.log_lost = false;
+    }
+
+    /// Puts another belief in place of the present one, as when a vehicle is told
+    /// where it is, or lost. Steps and log-likelihood stay; the bound is that of
+    /// an exact belief again. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if it has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+        let (found, expected) = (belief.states(), self.model.states());
+        if found != expected {
+            return Err(InferenceError::StateCount { what: "belief", found, expected });
+        }
+        self.log_excess.add(self.belief.deficit().ln_1p());
+        self.next.start(belief.as_slice());
+        self.frontier.follow(&self.belief.states, &self.next.states);
+        mem::swap(&mut self.belief, &mut self.next);
+        (self.share, self.bound) = (LARGEST_SHARE, 0.0);
+        Ok(())
+    }
+
+    /// One time step: prediction, then update with `observation`. Says what is
+    /// proven of the belief.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
+    /// first step has no transition.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step; the filter then is as before.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules the
+    /// observation out, [`Pruned`](InferenceError::Pruned) if it is ruled out in
+    /// all active states, but perhaps not in one that was dropped.
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+        let number = self.steps + 1;
+        self.advance(number, self.model.prior().moves_at(number), Some(observation))
+    }
+
+    /// Prediction alone: one time step without an observation. The log-likelihood
+    /// stays.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the operator does not give a distribution.
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
+        let number = self.steps + 1;
+        self.advance(number, self.model.prior().moves_at(number), None)
+    }
+
+    /// What is proven of the present belief.
+    #[must_use]
+    pub fn certificate(&self) -> Certificate {
+        let held = self.bound <= self.pruning.tolerance;
+        if held { Certificate::Held(self.bound) } else { Certificate::Exceeded(self.bound) }
+    }
+
+    /// The states that are followed, in ascending order.
+    #[must_use]
+    pub fn active(&self) -> &[usize] {
+        &self.belief.states
+    }
+
+    /// The probabilities of the states that are followed, in the same order; they
+    /// sum to one.
+    #[must_use]
+    pub fn probabilities(&self) -> &[f64] {
+        &self.belief.estimate
+    }
+
+    /// The most probable state; of several, the lowest. O(active states).
+    #[must_use]
+    pub fn mode(&self) -> usize {
+        let mut best = (0, f64::NEG_INFINITY);
+        for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
+            if p > best.1 {
+                best = (state, p);
+            }
+        }
+        best.0
+    }
+
+    /// The probability of one state, 0 if it is not followed, or `None` if there
+    /// is no such state.
+    #[must_use]
+    pub fn probability(&self, state: usize) -> Option<f64> {
+        let followed = || self.frontier.place(state).map_or(0.0, |at| self.belief.estimate[at]);
+        (state < self.model.states()).then(followed)
+    }
+
+    /// Between which values ln p(y_1 … y_k) lies, but for rounding, over the
+    /// observations made.
+    #[must_use]
+    pub fn log_likelihood(&self) -> RangeInclusive<f64> {
+        if self.log_lost {
+            return f64::NEG_INFINITY..=f64::INFINITY;
+        }
+        let low = self.log.value();
+        low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
+    }
+
+    /// How many steps have been taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &Hmm<A, B> {
+        &self.model
+    }
+}

@@ -1,0 +1,104 @@
+//! A step of the pruned filter, and how much it drops.
+
+use std::mem;
+use std::ops::Deref;
+
+use super::super::step::is_one;
+use super::advance::Weights;
+use super::envelope::LEAST_KEPT;
+use super::{Certificate, PrunedFilter};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::likelihood::LocalLikelihood;
+use crate::transition::TransitionEntries;
+
+/// The part of the tolerance that a step may drop, at most and at first. It is so
+/// small because an observation that contradicts the belief multiplies what was
+/// dropped, and because ten times as small a part takes hardly more states.
+pub(super) const LARGEST_SHARE: f64 = 1e-8;
+/// The least part.
+const LEAST_SHARE: f64 = 1e-30;
+/// Where the bound is above this part of the tolerance, less is dropped…
+const NEAR: f64 = 1e-3;
+/// …by this factor from one step to the next, else a little more.
+const LESS: f64 = 0.1;
+const MORE: f64 = 1.01;
+
+impl<M, A, B> PrunedFilter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: LocalLikelihood,
+{
+    /// Only its last part changes the filter, so that it is as before after an
+    /// error.
+    pub(super) fn advance(
+        &mut self,
+        number: usize,
+        moves: bool,
+        observation: Option<&B::Observation>,
+    ) -> Result<Certificate, InferenceError> {
+        let Self { model, belief, next, frontier, wanted, values, scratch, .. } = self;
+        let transition = moves.then(|| (model.transition(), self.rows));
+        wanted.clear();
+        if let Some(observation) = observation.filter(|_| belief.is_open()) {
+            model.likelihood().standing_out(observation, wanted);
+        }
+        frontier.list(&belief.states, transition.map(|part| (part.0, &())), wanted);
+        let candidates = frontier.candidates();
+        values.clear();
+        values.resize(candidates.len(), 1.0);
+        let (mut others, mut log_factor) = (1.0, 0.0);
+        if let Some(observation) = observation {
+            let wrap = |source| InferenceError::Likelihood { step: number, source };
+            let local = model.likelihood().local(observation, candidates, values, scratch);
+            let unlisted = local.map_err(wrap)?;
+            let largest = unlisted.check(candidates, values).map_err(wrap)?;
+            others = unlisted.largest();
+            log_factor = unlisted.log_factor();
+            if largest > 0.0 && !(2f64.powi(-16)..=2f64.powi(16)).contains(&largest) {
+                values.iter_mut().for_each(|b| *b /= largest);
+                let least = if others > 0.0 { f64::MIN_POSITIVE } else { 0.0 };
+                others = f64::max(others / largest, least);
+                log_factor += largest.ln();
+            }
+        }
+        let weights = Weights { listed: values, others };
+        let raw = next.advance(belief, transition, frontier, &weights);
+        if !is_one(raw.predicted) {
+            return Err(InferenceError::PredictedSum { step: number, sum: raw.predicted });
+        }
+        if raw.estimate < f64::MIN_POSITIVE {
+            let proven = raw.excess == 0.0;
+            return Err(if proven {
+                InferenceError::Impossible { step: number }
+            } else {
+                InferenceError::Pruned { step: number }
+            });
+        }
+        // Below the mean of the candidates, so that the largest is kept.
+        let count = candidates.len() as f64;
+        let each = self.pruning.tolerance.max(0.0) * self.share / count;
+        let each = each.clamp(LEAST_KEPT, 0.5 / count);
+        let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
+        let (rescaled, unknown) = next.rebase();
+        frontier.follow(&belief.states, &next.states);
+        mem::swap(belief, next);
+        self.steps = number;
+        self.log.add(log + log_factor);
+        self.log.add(rescaled);
+        self.log_excess.add(unknown);
+        self.log_lost |= !self.belief.is_known();
+        self.bound = self.belief.bound();
+        self.adapt();
+        Ok(self.certificate())
+    }
+
+    /// Drops less where the bound nears the tolerance, and slowly more where it is
+    /// far from it.
+    fn adapt(&mut self) {
+        let used = self.bound / self.pruning.tolerance;
+        let factor = if used > NEAR { LESS } else { MORE };
+        self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
+    }
+}

@@ -1,0 +1,188 @@
+//! Likelihoods of a few states, and one value for all others.
+
+use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
+use crate::error::LikelihoodError;
+
+/// The observation lists the states for which it speaks, with their likelihoods;
+/// all others have one value. For maps of millions of places, with a sensor that
+/// names candidates: the best matches of an image retrieval, the roads near a
+/// position fix.
+///
+/// As a [`LocalLikelihood`] a step costs O(states asked + states listed).
+///
+/// ```
+/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
+///
+/// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+/// let prior = Prior::AtFirstObservation(Belief::uniform(3)?);
+/// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(3))?;
+/// let mut filter = hmm.filter();
+/// filter.step(&SparseObservation::new(vec![(1, 0.75)], 0.125)?)?;
+/// assert!((filter.belief().as_slice()[1] - 0.75).abs() < 1e-15);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SparseLikelihood {
+    states: usize,
+}
+
+/// Likelihoods of some states and one for all others, the observation of
+/// [`SparseLikelihood`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SparseObservation {
+    /// In ascending order of the states.
+    listed: Vec<(usize, f64)>,
+    elsewhere: f64,
+}
+
+impl SparseObservation {
+    /// Pairs (state, likelihood) in any order, and the likelihood of every state
+    /// that is not among them; each finite and at least 0, of any common scale.
+    /// O(pairs log pairs).
+    ///
+    /// # Errors
+    ///
+    /// [`LikelihoodError`] if a likelihood is NaN, negative or infinite, or a
+    /// state is listed twice.
+    pub fn new(mut listed: Vec<(usize, f64)>, elsewhere: f64) -> Result<Self, LikelihoodError> {
+        let valid = |b: f64| (0.0..=f64::MAX).contains(&b);
+        if let Some(&(state, value)) = listed.iter().find(|(_, b)| !valid(*b)) {
+            let (kind, expected) = ("likelihood", "a finite value of at least 0");
+            return Err(LikelihoodError::Value { state, kind, value, expected });
+        }
+        if !valid(elsewhere) {
+            return Err(LikelihoodError::Bound { value: elsewhere });
+        }
+        listed.sort_unstable_by_key(|entry| entry.0);
+        if let Some(twice) = listed.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            return Err(LikelihoodError::Twice { state: twice[0].0 });
+        }
+        Ok(Self { listed, elsewhere })
+    }
+
+    /// The states listed, in ascending order, with their likelihoods.
+    #[must_use]
+    pub fn listed(&self) -> &[(usize, f64)] {
+        &self.listed
+    }
+
+    /// The likelihood of every other state.
+    #[must_use]
+    pub fn elsewhere(&self) -> f64 {
+        self.elsewhere
+    }
+
+    fn check(&self, states: usize) -> Result<(), LikelihoodError> {
+        match self.listed.last() {
+            Some(&(state, _)) if state >= states => Err(LikelihoodError::Listed { state, states }),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl SparseLikelihood {
+    /// For a model of `states` states.
+    #[must_use]
+    pub fn new(states: usize) -> Self {
+        Self { states }
+    }
+}
+
+impl Likelihood for SparseLikelihood {
+    type Observation = SparseObservation;
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    /// # Errors
+    ///
+    /// [`LikelihoodError::Listed`] for a state that does not exist.
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a SparseObservation,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        observation.check(self.states)?;
+        let values = scratch.values(self.states);
+        values.fill(observation.elsewhere);
+        observation.listed.iter().for_each(|&(state, b)| values[state] = b);
+        Ok(Diagonal::linear(values))
+    }
+}
+
+impl LocalLikelihood for SparseLikelihood {
+    /// # Errors
+    ///
+    /// [`LikelihoodError::Listed`] for a state that does not exist.
+    fn local(
+        &self,
+        observation: &SparseObservation,
+        states: &[usize],
+        out: &mut [f64],
+        _: &mut Scratch,
+    ) -> Result<Unlisted, LikelihoodError> {
+        observation.check(self.states)?;
+        let SparseObservation { listed, elsewhere } = observation;
+        let mut next = listed.iter().peekable();
+        let mut others = if states.len() < self.states { *elsewhere } else { 0.0 };
+        for (&state, b) in states.iter().zip(out) {
+            // What stands before it in the observation was not asked for.
+            while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
+                others = others.max(passed);
+            }
+            *b = next.next_if(|entry| entry.0 == state).map_or(*elsewhere, |entry| entry.1);
+        }
+        Ok(Unlisted::at_most(next.fold(others, |others, entry| others.max(entry.1))))
+    }
+
+    fn standing_out(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
+        let above = observation.listed.iter().filter(|entry| entry.1 > observation.elsewhere);
+        states.extend(above.map(|entry| entry.0).filter(|&state| state < self.states));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn says_what_is_wrong_with_a_list() {
+        let text =
+            |listed, elsewhere| SparseObservation::new(listed, elsewhere).unwrap_err().to_string();
+        assert_eq!(
+            text(vec![(3, 0.5), (1, f64::NAN)], 0.0),
+            "state 1 has likelihood NaN, expected a finite value of at least 0"
+        );
+        assert_eq!(text(vec![(3, 0.5), (1, 1.0), (3, 0.5)], 0.0), "state 3 is listed twice");
+        assert_eq!(
+            text(vec![], -1.0),
+            "the likelihood of states not listed is bounded by -1, expected a finite value of at least 0"
+        );
+        let seen = SparseObservation::new(vec![(2, 0.5)], 0.0).unwrap();
+        let found = SparseLikelihood::new(2).local(&seen, &[], &mut [], &mut Scratch::default());
+        assert_eq!(
+            found.unwrap_err().to_string(),
+            "the observation lists state 2, but there are 2 states (0 to 1)"
+        );
+        assert!(SparseLikelihood::new(2).diagonal(&seen, &mut Scratch::default()).is_err());
+    }
+
+    #[test]
+    fn the_bound_is_the_largest_of_what_was_not_asked() {
+        let seen = SparseObservation::new(vec![(4, 0.5), (2, 0.25), (0, 0.0)], 0.125).unwrap();
+        let ask = |states: &[usize]| {
+            let mut out = vec![f64::NAN; states.len()];
+            let sensor = SparseLikelihood::new(5);
+            let others = sensor.local(&seen, states, &mut out, &mut Scratch::default()).unwrap();
+            (out, others.largest())
+        };
+        assert_eq!(ask(&[]), (vec![], 0.5));
+        assert_eq!(ask(&[1, 4]), (vec![0.125, 0.5], 0.25));
+        assert_eq!(ask(&[0, 2, 4]), (vec![0.0, 0.25, 0.5], 0.125));
+        assert_eq!(ask(&[0, 1, 2, 3, 4]), (vec![0.0, 0.125, 0.25, 0.125, 0.5], 0.0));
+        let mut states = Vec::new();
+        SparseLikelihood::new(5).standing_out(&seen, &mut states);
+        assert_eq!(states, [2, 4]);
+    }
+}
