@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::posteriors::Posteriors;
+use super::small;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -66,6 +67,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let steps = sequence.steps();
+        if let Some(result) = small::forward(self, sequence) {
+            let (posteriors, log_likelihoods, log_likelihood) = result?;
+            return Ok(Filtering { posteriors, log_likelihoods, log_likelihood });
+        }
         let mut filter = self.filter();
         let mut log_likelihoods = Vec::with_capacity(steps);
         let mut block = Block::new(self.states(), steps);
@@ -101,6 +106,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
+        if let Some(log_likelihood) = small::score(self, sequence) {
+            return Ok(log_likelihood);
+        }
         let mut filter = self.filter();
         for step in 1..=sequence.steps() {
             filter.step_with(sequence.control(step), sequence.observation(step))?;

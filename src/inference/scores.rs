@@ -20,8 +20,8 @@ const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
 #[derive(Debug, Clone, Default)]
 pub(super) struct TakenOut {
     /// An integer, exactly.
-    whole: f64,
-    factors: LogSum,
+    pub(super) whole: f64,
+    pub(super) factors: LogSum,
 }
 
 impl TakenOut {
@@ -130,7 +130,7 @@ pub(super) fn best(scores: &[f64]) -> usize {
 
 /// Adds log2 b to the scores, but for a common part that keeps them small;
 /// returns what was left out, as a natural logarithm.
-fn add_likelihoods(diagonal: Diagonal<'_>, largest: f64, score: &mut [f64]) -> f64 {
+pub(super) fn add_likelihoods(diagonal: Diagonal<'_>, largest: f64, score: &mut [f64]) -> f64 {
     fn add(score: &mut [f64], log2: impl Iterator<Item = f64>) {
         score.iter_mut().zip(log2).for_each(|(score, log2)| *score += log2);
     }

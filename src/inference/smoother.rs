@@ -3,6 +3,7 @@
 use super::backward::Backward;
 use super::block::Block;
 use super::posteriors::Posteriors;
+use super::small;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -65,6 +66,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
+        if let Some((posteriors, log_likelihood)) = small::smooth(self, sequence) {
+            return Ok(Smoothing { posteriors, log_likelihood });
+        }
         let mut filter = self.filter();
         let mut block = Block::new(n, steps);
         block.fill(&mut filter, sequence, steps, |_| ())?;

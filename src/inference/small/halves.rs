@@ -1,0 +1,92 @@
+//! A sequence from both ends at once: the forward recursion goes through one
+//! stretch while the backward one goes through another. They do not wait for
+//! each other, so that a processor works on one while the other waits for its
+//! own last result; or two processors share them. Nothing is computed twice,
+//! and results do not depend on who does what.
+
+use super::chain::{Chain, Matrix, UNLOOKED};
+
+/// A stretch of steps: their likelihoods, and a place for each.
+pub(super) struct Stretch<'a, const N: usize, P> {
+    pub(super) diagonals: &'a [[f64; N]],
+    pub(super) places: &'a mut [P],
+}
+
+impl<'a, const N: usize, P> Stretch<'a, N, P> {
+    /// The first so many steps, and the others.
+    fn split(self, at: usize) -> (Self, Self) {
+        let (diagonals, other_diagonals) = self.diagonals.split_at(at);
+        let (places, other_places) = self.places.split_at_mut(at);
+        let other = Self { diagonals: other_diagonals, places: other_places };
+        (Self { diagonals, places }, other)
+    }
+}
+
+/// Goes forward through a stretch: takes each step, then puts it.
+pub(super) fn ahead<const N: usize, P>(
+    matrix: &Matrix<N>,
+    chain: &mut Chain<N>,
+    stretch: Stretch<'_, N, P>,
+    put: impl Fn(&mut P, &[f64; N]),
+) -> Option<()> {
+    let Stretch { diagonals, places } = stretch;
+    for (diagonals, places) in diagonals.chunks(UNLOOKED).zip(places.chunks_mut(UNLOOKED)) {
+        for (b, place) in diagonals.iter().zip(places) {
+            chain.set(matrix.ahead(b, &chain.values));
+            put(place, &chain.values);
+        }
+        chain.look()?;
+    }
+    Some(())
+}
+
+/// Goes backward through a stretch, from its end: puts each step, then takes
+/// it.
+pub(super) fn back<const N: usize, P>(
+    matrix: &Matrix<N>,
+    chain: &mut Chain<N>,
+    stretch: Stretch<'_, N, P>,
+    put: impl Fn(&mut P, &[f64; N]),
+) -> Option<()> {
+    let Stretch { diagonals, places } = stretch;
+    for (diagonals, places) in diagonals.rchunks(UNLOOKED).zip(places.rchunks_mut(UNLOOKED)) {
+        for (b, place) in diagonals.iter().zip(places).rev() {
+            put(place, &chain.values);
+            chain.set(matrix.back(b, &chain.values));
+        }
+        chain.look()?;
+    }
+    Some(())
+}
+
+/// Both, step by step in turn.
+pub(super) fn both<const N: usize, P>(
+    matrix: &Matrix<N>,
+    chains: &mut [Chain<N>; 2],
+    first: Stretch<'_, N, P>,
+    second: Stretch<'_, N, P>,
+    put: impl Fn(&mut P, &[f64; N]) + Copy,
+) -> Option<()> {
+    let [forward, backward] = chains;
+    let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
+    let (first, first_rest) = first.split(shared);
+    let second_length = second.diagonals.len();
+    let (second_rest, second) = second.split(second_length - shared);
+    let firsts = first.diagonals.as_chunks::<UNLOOKED>().0.iter();
+    let firsts = firsts.zip(first.places.as_chunks_mut::<UNLOOKED>().0);
+    let seconds = second.diagonals.as_chunks::<UNLOOKED>().0.iter();
+    let seconds = seconds.zip(second.places.as_chunks_mut::<UNLOOKED>().0).rev();
+    for ((b, places), (c, other_places)) in firsts.zip(seconds) {
+        for k in 0..UNLOOKED {
+            let l = UNLOOKED - 1 - k;
+            put(&mut other_places[l], &backward.values);
+            forward.set(matrix.ahead(&b[k], &forward.values));
+            backward.set(matrix.back(&c[l], &backward.values));
+            put(&mut places[k], &forward.values);
+        }
+        forward.look()?;
+        backward.look()?;
+    }
+    ahead(matrix, forward, first_rest, put)?;
+    back(matrix, backward, second_rest, put)
+}
