@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::super::LogSum;
 use super::{LEAST_FACTOR, exponent, power};
 use crate::hmm::Hmm;
-use crate::likelihood::{Likelihood, Scratch, Values};
+use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
@@ -70,34 +70,23 @@ where
     ) -> Option<()> {
         let observation = self.sequence.observation(step);
         let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-        if diagonal.log_factor != 0.0 {
-            add_factor(factors, diagonal.log_factor)?;
-        }
         let (linear, largest): (&[f64; N], f64) = match diagonal.values {
             Values::Checked { linear, largest, .. } => (linear.try_into().ok()?, largest),
             Values::Linear(linear) => {
-                let linear: &[f64; N] = linear.try_into().ok()?;
                 let (mut largest, mut valid) = (0.0, true);
                 for &b in linear {
                     valid &= (0.0..=f64::MAX).contains(&b);
                     largest = if b > largest { b } else { largest };
                 }
-                (valid.then_some(linear)?, largest)
+                (valid.then_some(linear.try_into().ok()?)?, largest)
             }
-            Values::Log(logs) => return from_logs(logs.try_into().ok()?, out, factors),
+            Values::Log(_) => return put_unusual(&diagonal, 0.0, out, factors),
         };
-        *out = *linear;
-        if !UNSCALED.contains(&largest) {
-            let by = exponent(largest);
-            if !EXPONENTS.contains(&by) {
-                return None;
-            }
-            out.iter_mut().for_each(|b| *b *= power(-by));
-            factors.exponent += by;
+        if diagonal.log_factor != 0.0 || !UNSCALED.contains(&largest) {
+            return put_unusual(&diagonal, largest, out, factors);
         }
-        let mut small = false;
-        out.iter().for_each(|b| small |= *b < LEAST_FACTOR && *b > 0.0);
-        (!small).then_some(())
+        *out = *linear;
+        Some(())
     }
 
     fn put_ahead<const N: usize>(
@@ -107,7 +96,8 @@ where
         factors: &mut Factors,
     ) -> Option<()> {
         let rows = out.as_chunks_mut::<N>().0;
-        steps.zip(rows).try_for_each(|(step, row)| self.put(step, row, factors))
+        steps.zip(rows.iter_mut()).try_for_each(|(step, row)| self.put(step, row, factors))?;
+        none_small(rows)
     }
 
     fn put_back<const N: usize>(
@@ -117,7 +107,9 @@ where
         factors: &mut Factors,
     ) -> Option<()> {
         let rows = out.as_chunks_mut::<N>().0;
-        steps.zip(rows).rev().try_for_each(|(step, row)| self.put(step, row, factors))
+        let mut pairs = steps.zip(rows.iter_mut()).rev();
+        pairs.try_for_each(|(step, row)| self.put(step, row, factors))?;
+        none_small(rows)
     }
 }
 
@@ -161,13 +153,43 @@ where
     }
 }
 
-#[cold]
-fn add_factor(factors: &mut Factors, log: f64) -> Option<()> {
-    if log.is_nan() || log.abs() > LARGEST_LOG {
-        return None;
+/// Whether all values are 0 or far from the end of the range.
+fn none_small<const N: usize>(rows: &[[f64; N]]) -> Option<()> {
+    let mut small = false;
+    rows.as_flattened().iter().for_each(|b| small |= (*b < LEAST_FACTOR) & (*b > 0.0));
+    (!small).then_some(())
+}
+
+/// A diagonal in logarithms, with a factor, or of an unusual scale; `largest`
+/// is of those that are none.
+#[inline(never)]
+fn put_unusual<const N: usize>(
+    diagonal: &Diagonal<'_>,
+    largest: f64,
+    out: &mut [f64; N],
+    factors: &mut Factors,
+) -> Option<()> {
+    if diagonal.log_factor != 0.0 {
+        if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
+            return None;
+        }
+        factors.logs.add(diagonal.log_factor);
     }
-    factors.logs.add(log);
-    Some(())
+    match diagonal.values {
+        Values::Log(logs) => from_logs(logs.try_into().ok()?, out, factors),
+        Values::Linear(linear) | Values::Checked { linear, .. } => {
+            let by = exponent(largest);
+            if !EXPONENTS.contains(&by) {
+                return None;
+            }
+            factors.exponent += by;
+            let linear: &[f64; N] = linear.try_into().ok()?;
+            *out = linear.map(|b| b * power(-by));
+            // What this has lost digits of, or made 0, was small.
+            let lost = linear.iter().zip(&*out).any(|(b, out)| *b > 0.0 && *out < LEAST_FACTOR);
+            (!lost).then_some(())
+        }
+    }
 }
 
 /// Likelihoods from logarithms, the largest of them one.
