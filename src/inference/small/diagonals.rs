@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::super::LogSum;
-use super::{LEAST_FACTOR, exponent, power};
+use super::{LEAST_FACTOR, exponent, power, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
@@ -125,31 +125,11 @@ where
         out: &mut [f64],
         factors: &mut Factors,
     ) -> Option<()> {
-        match self.hmm.states() {
-            1 => self.put_ahead::<1>(steps, out, factors),
-            2 => self.put_ahead::<2>(steps, out, factors),
-            3 => self.put_ahead::<3>(steps, out, factors),
-            4 => self.put_ahead::<4>(steps, out, factors),
-            5 => self.put_ahead::<5>(steps, out, factors),
-            6 => self.put_ahead::<6>(steps, out, factors),
-            7 => self.put_ahead::<7>(steps, out, factors),
-            8 => self.put_ahead::<8>(steps, out, factors),
-            _ => None,
-        }
+        with_constant!(self.hmm.states(), N => self.put_ahead::<N>(steps, out, factors))
     }
 
     fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
-        match self.hmm.states() {
-            1 => self.put_back::<1>(steps, out, factors),
-            2 => self.put_back::<2>(steps, out, factors),
-            3 => self.put_back::<3>(steps, out, factors),
-            4 => self.put_back::<4>(steps, out, factors),
-            5 => self.put_back::<5>(steps, out, factors),
-            6 => self.put_back::<6>(steps, out, factors),
-            7 => self.put_back::<7>(steps, out, factors),
-            8 => self.put_back::<8>(steps, out, factors),
-            _ => None,
-        }
+        with_constant!(self.hmm.states(), N => self.put_back::<N>(steps, out, factors))
     }
 }
 

@@ -8,9 +8,11 @@
 //! and the general one starts over: it knows about logarithms and errors.
 
 mod chain;
+mod columns;
 mod diagonals;
 mod forward;
 mod halves;
+mod likelihoods;
 mod score;
 mod smooth;
 mod viterbi;
@@ -23,7 +25,6 @@ pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;
 
 use crate::hmm::Hmm;
-use crate::kernels::LIFT;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
@@ -44,18 +45,17 @@ fn exponent(x: f64) -> i64 {
     (x.to_bits() >> 52).cast_signed() - 1023
 }
 
-/// Calls a function with the number of states as a constant.
+/// An expression in which a name is the number of states, as a constant.
 macro_rules! with_constant {
-    ($n:expr, $function:ident($($argument:expr),*)) => {
+    ($n:expr, $name:ident => $body:expr) => {
+        with_constant!($n, $name => $body; 1 2 3 4 5 6 7 8)
+    };
+    ($n:expr, $name:ident => $body:expr; $($number:literal)*) => {
         match $n {
-            1 => $function::<1>($($argument),*),
-            2 => $function::<2>($($argument),*),
-            3 => $function::<3>($($argument),*),
-            4 => $function::<4>($($argument),*),
-            5 => $function::<5>($($argument),*),
-            6 => $function::<6>($($argument),*),
-            7 => $function::<7>($($argument),*),
-            8 => $function::<8>($($argument),*),
+            $($number => {
+                const $name: usize = $number;
+                $body
+            })*
             _ => None,
         }
     };
@@ -71,23 +71,4 @@ fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Op
     let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
     hmm.transition().check_control(control).ok()?;
     Some(control)
-}
-
-/// A, column after column, by a product for each state. `None` if an entry is
-/// too small, or the columns do not sum to one.
-fn columns<A: Transition>(transition: &A, control: &A::Control) -> Option<Vec<f64>> {
-    let n = transition.states();
-    let (mut unit, mut columns) = (vec![0.0; n], vec![0.0; n * n]);
-    for (from, column) in columns.chunks_exact_mut(n).enumerate() {
-        // Lifted, so that an entry that is a product of small ones is not lost.
-        unit[from] = LIFT;
-        transition.apply(control, &unit, column);
-        unit[from] = 0.0;
-        column.iter_mut().for_each(|entry| *entry /= LIFT);
-        let valid = |&entry: &f64| entry == 0.0 || entry >= LEAST_FACTOR;
-        if !(column.iter().all(valid) && super::step::is_one(column.iter().sum())) {
-            return None;
-        }
-    }
-    Some(columns)
 }

@@ -25,7 +25,7 @@ where
 {
     let steps = sequence.steps();
     let control = control_of(hmm, steps)?;
-    let matrix = columns(hmm.transition(), control)?;
+    let matrix = columns::of(hmm.transition(), control)?;
     let prior = hmm.prior().belief().as_slice();
     let moves = hmm.prior().moves_at(1);
     let (values, log_likelihood) =
@@ -40,7 +40,7 @@ fn dispatch(
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
-    with_constant!(prior.len(), run(matrix, prior, moves, steps, diagonals))
+    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
 }
 
 fn run<const N: usize>(

@@ -112,17 +112,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     fn gather(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
-        match self.hmm.states() {
-            1 => self.put::<1>(steps, out),
-            2 => self.put::<2>(steps, out),
-            3 => self.put::<3>(steps, out),
-            4 => self.put::<4>(steps, out),
-            5 => self.put::<5>(steps, out),
-            6 => self.put::<6>(steps, out),
-            7 => self.put::<7>(steps, out),
-            8 => self.put::<8>(steps, out),
-            _ => None,
-        }
+        with_constant!(self.hmm.states(), N => self.put::<N>(steps, out))
     }
 
     fn take_out(&mut self, whole: f64) {
@@ -136,7 +126,7 @@ fn dispatch(
     steps: usize,
     source: &mut dyn Scores,
 ) -> Option<Vec<usize>> {
-    with_constant!(scores.len(), run(columns, scores, steps, source))
+    with_constant!(scores.len(), N => run::<N>(columns, scores, steps, source))
 }
 
 fn run<const N: usize>(
