@@ -4,19 +4,25 @@
 
 use super::{exponent, power};
 
-/// After so many steps the scale is looked at.
-pub(super) const UNLOOKED: usize = 8;
-/// Scales are kept in this range. Within [`UNLOOKED`] steps of likelihoods up
-/// to 2^16 nothing comes near the end of the range of a double.
-const SCALES: std::ops::RangeInclusive<f64> = power(-100)..=power(100);
-/// Below this, products of two chains and of two factors might underflow.
-const LEAST: f64 = power(-400);
+/// After so many calm steps the scale is looked at.
+pub(super) const UNLOOKED: usize = 4;
+/// Steps are calm if the least likelihood times the least entry, of those above
+/// 0, is at least this. Others are looked at one by one.
+const CALM: f64 = power(-50);
+/// Scales are kept in this range. Within [`UNLOOKED`] steps, of likelihoods up
+/// to 2^16, they do not come near the end of that of a double.
+const SCALES: std::ops::RangeInclusive<f64> = power(-40)..=power(40);
+/// Where a value above 0 is below this, the chain ends. So between two looks
+/// all stay above 2^-500, and the products of two chains are normal doubles.
+const LEAST: f64 = power(-300);
 
 /// A in arrays.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Matrix<const N: usize> {
     columns: [[f64; N]; N],
     rows: [[f64; N]; N],
+    /// Steps with likelihoods of at least this, or 0, are calm.
+    calm: f64,
 }
 
 impl<const N: usize> Matrix<N> {
@@ -25,7 +31,13 @@ impl<const N: usize> Matrix<N> {
         let columns: [[f64; N]; N] = entries.as_chunks().0.try_into().ok()?;
         let mut rows = columns;
         (0..N).for_each(|i| (0..N).for_each(|j| rows[i][j] = columns[j][i]));
-        Some(Self { columns, rows })
+        let above_0 = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);
+        Some(Self { columns, rows, calm: CALM / above_0.fold(1.0, f64::min) })
+    }
+
+    /// Whether steps with these likelihoods are calm.
+    pub(super) fn is_calm(&self, diagonals: &[[f64; N]]) -> bool {
+        none_between_0_and(self.calm, diagonals.as_flattened())
     }
 
     /// B(y) A x.
@@ -46,40 +58,42 @@ impl<const N: usize> Matrix<N> {
 pub(super) struct Chain<const N: usize> {
     pub(super) values: [f64; N],
     pub(super) exponent: i64,
-    /// Whether values have come too near to the end of the range of a double.
-    wide: bool,
 }
 
 impl<const N: usize> Chain<N> {
-    pub(super) fn new(values: [f64; N]) -> Self {
-        let mut chain = Self { values, exponent: 0, wide: false };
-        chain.set(values);
-        chain
-    }
-
-    /// Takes the next value.
-    #[inline]
-    pub(super) fn set(&mut self, values: [f64; N]) {
-        let mut wide = false;
-        values.iter().for_each(|x| wide |= *x < LEAST && *x > 0.0);
-        (self.values, self.wide) = (values, self.wide | wide);
+    pub(super) fn new(values: [f64; N]) -> Option<Self> {
+        let mut chain = Self { values, exponent: 0 };
+        chain.look()?;
+        Some(chain)
     }
 
     /// Looks at the scale. `None` if the range has become too wide, or nothing
     /// is left.
     #[inline]
     pub(super) fn look(&mut self) -> Option<()> {
-        let largest = self.values.iter().fold(0.0, |a: f64, &b| if b > a { b } else { a });
-        if self.wide || largest == 0.0 {
+        let mut largest = 0.0;
+        self.values.iter().for_each(|&x| largest = if x > largest { x } else { largest });
+        if !none_between_0_and(LEAST, &self.values) {
             return None;
         }
         if !SCALES.contains(&largest) {
+            if largest == 0.0 {
+                return None;
+            }
             let by = exponent(largest);
             self.values.iter_mut().for_each(|x| *x *= power(-by));
             self.exponent += by;
         }
         Some(())
     }
+}
+
+/// Whether each value is 0, or at least so much.
+#[inline]
+pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
+    let mut found = false;
+    values.iter().for_each(|x| found |= (*x < least) & (*x > 0.0));
+    !found
 }
 
 /// Σ_j a_j x_j.

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::super::LogSum;
+use super::chain::none_between_0_and;
 use super::{LEAST_FACTOR, exponent, power, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
@@ -97,7 +98,7 @@ where
     ) -> Option<()> {
         let rows = out.as_chunks_mut::<N>().0;
         steps.zip(rows.iter_mut()).try_for_each(|(step, row)| self.put(step, row, factors))?;
-        none_small(rows)
+        none_between_0_and(LEAST_FACTOR, rows.as_flattened()).then_some(())
     }
 
     fn put_back<const N: usize>(
@@ -109,7 +110,7 @@ where
         let rows = out.as_chunks_mut::<N>().0;
         let mut pairs = steps.zip(rows.iter_mut()).rev();
         pairs.try_for_each(|(step, row)| self.put(step, row, factors))?;
-        none_small(rows)
+        none_between_0_and(LEAST_FACTOR, rows.as_flattened()).then_some(())
     }
 }
 
@@ -131,13 +132,6 @@ where
     fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
         with_constant!(self.hmm.states(), N => self.put_back::<N>(steps, out, factors))
     }
-}
-
-/// Whether all values are 0 or far from the end of the range.
-fn none_small<const N: usize>(rows: &[[f64; N]]) -> Option<()> {
-    let mut small = false;
-    rows.as_flattened().iter().for_each(|b| small |= (*b < LEAST_FACTOR) & (*b > 0.0));
-    (!small).then_some(())
 }
 
 /// A diagonal in logarithms, with a factor, or of an unusual scale; `largest`

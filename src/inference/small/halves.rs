@@ -6,6 +6,10 @@
 
 use super::chain::{Chain, Matrix, UNLOOKED};
 
+/// A second thread is called for so many steps.
+#[cfg(feature = "rayon")]
+const WORTH_A_THREAD: usize = 1 << 13;
+
 /// A stretch of steps: their likelihoods, and a place for each.
 pub(super) struct Stretch<'a, const N: usize, P> {
     pub(super) diagonals: &'a [[f64; N]],
@@ -23,16 +27,17 @@ impl<'a, const N: usize, P> Stretch<'a, N, P> {
 }
 
 /// Goes forward through a stretch: takes each step, then puts it.
-pub(super) fn ahead<const N: usize, P>(
+fn ahead<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,
+    unlooked: usize,
     put: impl Fn(&mut P, &[f64; N]),
 ) -> Option<()> {
     let Stretch { diagonals, places } = stretch;
-    for (diagonals, places) in diagonals.chunks(UNLOOKED).zip(places.chunks_mut(UNLOOKED)) {
+    for (diagonals, places) in diagonals.chunks(unlooked).zip(places.chunks_mut(unlooked)) {
         for (b, place) in diagonals.iter().zip(places) {
-            chain.set(matrix.ahead(b, &chain.values));
+            chain.values = matrix.ahead(b, &chain.values);
             put(place, &chain.values);
         }
         chain.look()?;
@@ -42,33 +47,45 @@ pub(super) fn ahead<const N: usize, P>(
 
 /// Goes backward through a stretch, from its end: puts each step, then takes
 /// it.
-pub(super) fn back<const N: usize, P>(
+fn back<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,
+    unlooked: usize,
     put: impl Fn(&mut P, &[f64; N]),
 ) -> Option<()> {
     let Stretch { diagonals, places } = stretch;
-    for (diagonals, places) in diagonals.rchunks(UNLOOKED).zip(places.rchunks_mut(UNLOOKED)) {
+    for (diagonals, places) in diagonals.rchunks(unlooked).zip(places.rchunks_mut(unlooked)) {
         for (b, place) in diagonals.iter().zip(places).rev() {
             put(place, &chain.values);
-            chain.set(matrix.back(b, &chain.values));
+            chain.values = matrix.back(b, &chain.values);
         }
         chain.look()?;
     }
     Some(())
 }
 
-/// Both, step by step in turn.
-pub(super) fn both<const N: usize, P>(
+/// Both: on two threads where that is worth while, else step by step in turn.
+pub(super) fn both<const N: usize, P: Send>(
     matrix: &Matrix<N>,
     chains: &mut [Chain<N>; 2],
     first: Stretch<'_, N, P>,
     second: Stretch<'_, N, P>,
-    put: impl Fn(&mut P, &[f64; N]) + Copy,
+    put: impl Fn(&mut P, &[f64; N]) + Copy + Sync,
 ) -> Option<()> {
     let [forward, backward] = chains;
+    let calm = matrix.is_calm(first.diagonals) && matrix.is_calm(second.diagonals);
+    let unlooked = if calm { UNLOOKED } else { 1 };
+    #[cfg(feature = "rayon")]
+    if in_parallel(first.diagonals.len() + second.diagonals.len()) {
+        let (first, second) = rayon::join(
+            || ahead(matrix, forward, first, unlooked, put),
+            || back(matrix, backward, second, unlooked, put),
+        );
+        return first.and(second);
+    }
     let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
+    let shared = if calm { shared } else { 0 };
     let (first, first_rest) = first.split(shared);
     let second_length = second.diagonals.len();
     let (second_rest, second) = second.split(second_length - shared);
@@ -80,13 +97,22 @@ pub(super) fn both<const N: usize, P>(
         for k in 0..UNLOOKED {
             let l = UNLOOKED - 1 - k;
             put(&mut other_places[l], &backward.values);
-            forward.set(matrix.ahead(&b[k], &forward.values));
-            backward.set(matrix.back(&c[l], &backward.values));
+            forward.values = matrix.ahead(&b[k], &forward.values);
+            backward.values = matrix.back(&c[l], &backward.values);
             put(&mut places[k], &forward.values);
         }
         forward.look()?;
         backward.look()?;
     }
-    ahead(matrix, forward, first_rest, put)?;
-    back(matrix, backward, second_rest, put)
+    ahead(matrix, forward, first_rest, unlooked, put)?;
+    back(matrix, backward, second_rest, unlooked, put)
+}
+
+/// Whether so many steps are worth a second thread. Not from within a pool:
+/// there other sequences are likely to keep its threads busy.
+#[cfg(feature = "rayon")]
+fn in_parallel(steps: usize) -> bool {
+    steps >= WORTH_A_THREAD
+        && rayon::current_thread_index().is_none()
+        && rayon::current_num_threads() > 1
 }

@@ -11,8 +11,9 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// How many steps of each half are gathered at a time.
-const GATHERED: usize = 16 * UNLOOKED;
+/// How many steps of each half are gathered at a time: so many that they stay
+/// in the fastest cache, or that a second thread is worth while.
+const GATHERED: usize = 32 * UNLOOKED;
 
 /// [`Hmm::score`], or `None` where it takes the general routine.
 pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
@@ -49,21 +50,22 @@ fn run<const N: usize>(
     let matrix = Matrix::<N>::new(matrix)?;
     let mut factors = [Factors::default(); 2];
     let (mut first, mut last) = (1, steps + 1); // the steps that are left
-    let mut chains = [Chain::new(prior.try_into().ok()?), Chain::new([1.0; N])];
+    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
     if !moves {
         chains[0] = start(chains[0], diagonals, &mut factors[0])?;
         first = 2;
     }
     let middle = middle(first, steps);
-    let mut gathered = [[[0.0; N]; GATHERED]; 2];
+    let length = GATHERED.min(last - middle);
+    let mut gathered = vec![[0.0; N]; 2 * length];
+    let (ahead, back) = gathered.split_at_mut(length);
+    let mut places = vec![(); 2 * length];
+    let (ahead_places, back_places) = places.split_at_mut(length);
     while first < middle || last > middle {
         let counts = [(middle - first).min(GATHERED), (last - middle).min(GATHERED)];
-        let [ahead, back] = &mut gathered;
         let (ahead, back) = (&mut ahead[..counts[0]], &mut back[..counts[1]]);
         diagonals.ahead(first..first + counts[0], ahead.as_flattened_mut(), &mut factors[0])?;
         diagonals.back(last - counts[1]..last, back.as_flattened_mut(), &mut factors[1])?;
-        let mut places = [[(); GATHERED]; 2];
-        let [ahead_places, back_places] = &mut places;
         let ahead = Stretch { diagonals: ahead, places: &mut ahead_places[..counts[0]] };
         let back = Stretch { diagonals: back, places: &mut back_places[..counts[1]] };
         both(&matrix, &mut chains, ahead, back, |(), _| ())?;
@@ -81,7 +83,7 @@ pub(super) fn start<const N: usize>(
     let mut chain = prior;
     let mut b = [0.0; N];
     diagonals.ahead(1..2, &mut b, factors)?;
-    chain.set(times(&b, &chain.values));
+    chain.values = times(&b, &chain.values);
     chain.look()?;
     Some(chain)
 }

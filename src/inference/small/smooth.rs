@@ -52,7 +52,7 @@ fn run<const N: usize>(
 ) -> Option<(Vec<f64>, f64)> {
     let matrix = Matrix::<N>::new(matrix)?;
     let mut factors = [Factors::default(); 2];
-    let mut chains = [Chain::new(prior.try_into().ok()?), Chain::new([1.0; N])];
+    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
     let mut values = vec![0.0; N * (steps + 1)];
     let rows = values.as_chunks_mut::<N>().0;
     rows[0] = chains[0].values;
