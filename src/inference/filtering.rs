@@ -81,7 +81,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 
     /// ln p(y_1 … y_T), without storing anything for each step.
     ///
-    /// One product with A and O(n) a step, O(n) memory.
+    /// One product with A and O(n) a step, O(n) memory. The sum of the
+    /// logarithms that a [filter](Self::filter) gives; with up to eight states and
+    /// no control to rounding, and several times as fast.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -19,7 +19,7 @@ use crate::transition::Transition;
 ///
 /// It goes back from the filtered belief through the window, as the batch
 /// smoother does, and gives to the bit what [`Hmm::smooth`] would of the
-/// observations so far. A step costs one product for the filter and two for
+/// observations so far (to rounding, with up to eight states and no control). A step costs one product for the filter and two for
 /// each step of the window, O(L) products in all; memory is 2 n (L + 1) numbers.
 /// After an error it is as it was before the call.
 ///

@@ -92,20 +92,27 @@ impl<const N: usize> Chain<N> {
 #[inline]
 pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
     let mut found = false;
-    values.iter().for_each(|x| found |= (*x < least) & (*x > 0.0));
+    values.iter().for_each(|x| found |= *x < least && *x > 0.0);
     !found
 }
 
-/// Σ_j a_j x_j.
-#[inline]
+/// Σ_j a_j x_j, those of even and of odd j apart, so that a sum does not wait
+/// for all others.
+#[expect(clippy::inline_always, reason = "results stay in registers")]
+#[inline(always)]
 fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
-    let mut out = lines[0].map(|a| a * x[0]);
-    for j in 1..N {
+    let mut even = lines[0].map(|a| a * x[0]);
+    let mut odd = lines[1 % N].map(|a| a * x[1 % N]);
+    for j in 2..N {
+        let sums = if j % 2 == 0 { &mut even } else { &mut odd };
         for i in 0..N {
-            out[i] += lines[j][i] * x[j];
+            sums[i] += lines[j][i] * x[j];
         }
     }
-    out
+    if N > 1 {
+        even.iter_mut().zip(&odd).for_each(|(even, odd)| *even += odd);
+    }
+    even
 }
 
 /// x ∘ y.

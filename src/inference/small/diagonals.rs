@@ -36,8 +36,7 @@ impl Factors {
 /// then compiled once.
 pub(super) trait Diagonals {
     /// Gathers the diagonals of some steps, in ascending order.
-    fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors)
-    -> Option<()>;
+    fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
 
     /// The same, but goes through them from the last to the first, so that
     /// sums of factors do not depend on where a stretch ends.
@@ -120,12 +119,7 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    fn ahead(
-        &mut self,
-        steps: Range<usize>,
-        out: &mut [f64],
-        factors: &mut Factors,
-    ) -> Option<()> {
+    fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
         with_constant!(self.hmm.states(), N => self.put_ahead::<N>(steps, out, factors))
     }
 

@@ -102,7 +102,11 @@ impl Pass {
         done.is_some_and(|done| done == gathered.wanted)
     }
 
-    fn dispatch<const FOURS: bool>(&mut self, matrix: &[f64], gathered: &Gathered) -> Option<usize> {
+    fn dispatch<const FOURS: bool>(
+        &mut self,
+        matrix: &[f64],
+        gathered: &Gathered,
+    ) -> Option<usize> {
         let n = gathered.states;
         with_constant!(n, N => self.run::<N, FOURS>(matrix, gathered))
     }
@@ -117,7 +121,9 @@ impl Pass {
         let mut belief = *self.values.last_chunk::<N>()?;
         let before = self.logs.len();
         for (b, factors) in gathered.values.as_chunks::<N>().0.iter().zip(&gathered.factors) {
-            let Some(normaliser) = step::<N, FOURS>(&matrix, b, factors, &mut belief) else { break };
+            let Some(normaliser) = step::<N, FOURS>(&matrix, b, factors, &mut belief) else {
+                break;
+            };
             self.values.extend_from_slice(&belief);
             self.logs.push(normaliser);
         }
@@ -148,8 +154,8 @@ fn step<const N: usize, const FOURS: bool>(
     valid &= normaliser >= LEAST_NORMALISER * factors.largest;
     for i in 0..N {
         // 0 only where it has to be.
-        let zero = (after[i] == 0.0) & ((predicted[i] == 0.0) | (b[i] == 0.0));
-        valid &= zero | (after[i] >= SMALL * products);
+        let zero = after[i] == 0.0 && (predicted[i] == 0.0 || b[i] == 0.0);
+        valid &= zero || after[i] >= SMALL * products;
     }
     if !valid {
         return None;

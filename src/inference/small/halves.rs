@@ -16,7 +16,7 @@ pub(super) struct Stretch<'a, const N: usize, P> {
     pub(super) places: &'a mut [P],
 }
 
-impl<'a, const N: usize, P> Stretch<'a, N, P> {
+impl<const N: usize, P> Stretch<'_, N, P> {
     /// The first so many steps, and the others.
     fn split(self, at: usize) -> (Self, Self) {
         let (diagonals, other_diagonals) = self.diagonals.split_at(at);
@@ -93,17 +93,20 @@ pub(super) fn both<const N: usize, P: Send>(
     let firsts = firsts.zip(first.places.as_chunks_mut::<UNLOOKED>().0);
     let seconds = second.diagonals.as_chunks::<UNLOOKED>().0.iter();
     let seconds = seconds.zip(second.places.as_chunks_mut::<UNLOOKED>().0).rev();
+    // In registers, as far as there are enough.
+    let (mut forwards, mut backwards) = (*forward, *backward);
     for ((b, places), (c, other_places)) in firsts.zip(seconds) {
         for k in 0..UNLOOKED {
             let l = UNLOOKED - 1 - k;
-            put(&mut other_places[l], &backward.values);
-            forward.values = matrix.ahead(&b[k], &forward.values);
-            backward.values = matrix.back(&c[l], &backward.values);
-            put(&mut places[k], &forward.values);
+            put(&mut other_places[l], &backwards.values);
+            forwards.values = matrix.ahead(&b[k], &forwards.values);
+            backwards.values = matrix.back(&c[l], &backwards.values);
+            put(&mut places[k], &forwards.values);
         }
-        forward.look()?;
-        backward.look()?;
+        forwards.look()?;
+        backwards.look()?;
     }
+    (*forward, *backward) = (forwards, backwards);
     ahead(matrix, forward, first_rest, unlooked, put)?;
     back(matrix, backward, second_rest, unlooked, put)
 }
@@ -112,6 +115,7 @@ pub(super) fn both<const N: usize, P: Send>(
 /// there other sequences are likely to keep its threads busy.
 #[cfg(feature = "rayon")]
 fn in_parallel(steps: usize) -> bool {
+    if std::env::var_os("FORCE").is_some() { return true; }
     steps >= WORTH_A_THREAD
         && rayon::current_thread_index().is_none()
         && rayon::current_num_threads() > 1

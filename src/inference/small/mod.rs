@@ -37,7 +37,7 @@ const LEAST_FACTOR: f64 = power(-200);
 
 /// 2^exponent, for exponents from -1022 to 1023.
 const fn power(exponent: i64) -> f64 {
-    f64::from_bits(((1023 + exponent) as u64) << 52)
+    f64::from_bits((1023 + exponent).cast_unsigned() << 52)
 }
 
 /// The exponent of the power of two below a normal number.

@@ -101,6 +101,9 @@ pub(super) fn log_likelihood<const N: usize>(
     let both: f64 = times(&chains[0].values, &chains[1].values).iter().sum();
     let mut sum = LogSum::default();
     sum.add(both.ln());
-    factors.iter().zip(chains).for_each(|(factors, chain)| factors.add_to(&mut sum, chain.exponent));
+    factors
+        .iter()
+        .zip(chains)
+        .for_each(|(factors, chain)| factors.add_to(&mut sum, chain.exponent));
     (both > 0.0).then(|| sum.value())
 }

@@ -14,10 +14,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// [`Hmm::smooth`], or `None` where it takes the general routine.
-pub(in super::super) fn smooth<A, B, S>(
-    hmm: &Hmm<A, B>,
-    sequence: &S,
-) -> Option<(Posteriors, f64)>
+pub(in super::super) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Posteriors, f64)>
 where
     A: Transition,
     B: Likelihood,

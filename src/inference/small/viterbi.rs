@@ -26,10 +26,7 @@ const EXACT: f64 = -100.0;
 
 /// [`Hmm::viterbi`], states and log-probability, or `None` where it takes the
 /// general routine.
-pub(in super::super) fn viterbi<A, B, S>(
-    hmm: &Hmm<A, B>,
-    sequence: &S,
-) -> Option<(Vec<usize>, f64)>
+pub(in super::super) fn viterbi<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<usize>, f64)>
 where
     A: TransitionEntries,
     B: Likelihood,
@@ -188,7 +185,7 @@ fn advance<const N: usize>(
 /// Finite, but below a limit.
 #[inline]
 fn below(score: f64, limit: f64) -> bool {
-    (score < limit) & (score > f64::NEG_INFINITY)
+    score < limit && score > f64::NEG_INFINITY
 }
 
 /// The best way into each state, of several from the lowest state; and the
