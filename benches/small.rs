@@ -1,8 +1,7 @@
 //! Models of a few states over a long sequence: what the general routines
 //! would cost there in overhead, fixed sizes spare.
 //!
-//! Times are per sequence of 100,000 steps; divide by the elements. With
-//! `--features rayon` the long routines use two threads.
+//! Times are per sequence of 100,000 steps; divide by the elements.
 
 use std::hint::black_box;
 use std::time::Duration;

@@ -150,8 +150,7 @@
 //! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
-//! - **`rayon`**: many sequences in parallel, and the two halves of a long one
-//!   that is smoothed with few states, with the same results.
+//! - **`rayon`**: many sequences in parallel, with the same results.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
 //!   [serde](https://serde.rs), to the bit; the module `persistence` says how.
 //!

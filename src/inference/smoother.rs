@@ -43,9 +43,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Three products with A or A' and O(n) a step; the result holds n (T + 1)
     /// numbers, and nothing else grows with T (but for steps that doubles do
     /// not hold, which keep n more). With up to eight states and no control it
-    /// works from both ends at once, in half the time or less, n T further numbers
-    /// of memory, and, in long sequences with the feature `rayon`, on two threads
-    /// with the same result to the bit. For long sequences there is
+    /// works from both ends at once, in half the time or less, with n T further
+    /// numbers of memory. For long sequences there is
     /// [`smooth_each`](Self::smooth_each), for live ones
     /// a fixed lag.
     ///

@@ -73,9 +73,6 @@ impl<const N: usize> Chain<N> {
     pub(super) fn look(&mut self) -> Option<()> {
         let mut largest = 0.0;
         self.values.iter().for_each(|&x| largest = if x > largest { x } else { largest });
-        if !none_between_0_and(LEAST, &self.values) {
-            return None;
-        }
         if !SCALES.contains(&largest) {
             if largest == 0.0 {
                 return None;
@@ -84,7 +81,7 @@ impl<const N: usize> Chain<N> {
             self.values.iter_mut().for_each(|x| *x *= power(-by));
             self.exponent += by;
         }
-        Some(())
+        none_between_0_and(LEAST, &self.values).then_some(())
     }
 }
 
@@ -96,23 +93,17 @@ pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
     !found
 }
 
-/// Σ_j a_j x_j, those of even and of odd j apart, so that a sum does not wait
-/// for all others.
+/// Σ_j a_j x_j.
 #[expect(clippy::inline_always, reason = "results stay in registers")]
 #[inline(always)]
 fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
-    let mut even = lines[0].map(|a| a * x[0]);
-    let mut odd = lines[1 % N].map(|a| a * x[1 % N]);
-    for j in 2..N {
-        let sums = if j % 2 == 0 { &mut even } else { &mut odd };
+    let mut out = lines[0].map(|a| a * x[0]);
+    for j in 1..N {
         for i in 0..N {
-            sums[i] += lines[j][i] * x[j];
+            out[i] += lines[j][i] * x[j];
         }
     }
-    if N > 1 {
-        even.iter_mut().zip(&odd).for_each(|(even, odd)| *even += odd);
-    }
-    even
+    out
 }
 
 /// x ∘ y.

@@ -1,12 +1,12 @@
 //! The matrix of any operator, and the order in which it adds.
 
-use super::LEAST_FACTOR;
+use super::{LEAST_FACTOR, MOST_STATES};
 use crate::inference::step::is_one;
 use crate::kernels::LIFT;
 use crate::transition::Transition;
 
 /// How often products are compared.
-const TRIALS: u64 = 64;
+const TRIALS: usize = 32;
 
 /// A, column after column, by a product for each state. `None` if an entry is
 /// too small, or the columns do not sum to one.
@@ -59,17 +59,20 @@ pub(super) fn order<A: Transition>(
         }
         transition.apply(control, &x, &mut out);
         for (same, fours) in same.iter_mut().zip([false, true]) {
-            let mut row = 0..n;
-            *same &= row.all(|i| {
-                let terms = columns[i..].iter().step_by(n).zip(&x).map(|(a, x)| a * x);
-                out[i].to_bits() == sum_of(&terms.collect::<Vec<_>>(), fours).to_bits()
+            *same &= out.iter().enumerate().all(|(i, out)| {
+                let mut terms = [0.0; MOST_STATES];
+                let row = columns[i..].iter().step_by(n).zip(&x).map(|(a, x)| a * x);
+                terms.iter_mut().zip(row).for_each(|(term, product)| *term = product);
+                out.to_bits() == sum_of(&terms[..n], fours).to_bits()
             });
+        }
+        if same == [false; 2] {
+            return None;
         }
     }
     match same {
         [true, _] => Some(Order::OneByOne),
-        [_, true] => Some(Order::ByFours),
-        _ => None,
+        _ => Some(Order::ByFours),
     }
 }
 

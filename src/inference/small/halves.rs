@@ -1,14 +1,11 @@
 //! A sequence from both ends at once: the forward recursion goes through one
-//! stretch while the backward one goes through another. They do not wait for
-//! each other, so that a processor works on one while the other waits for its
-//! own last result; or two processors share them. Nothing is computed twice,
-//! and results do not depend on who does what.
+//! stretch while the backward one goes through another. A step of either is
+//! mostly waiting for the last one; so a processor works on one while it waits
+//! for the other. Nothing is computed twice.
+//!
+//! Two threads, one for each, would wait as long, and were no faster.
 
 use super::chain::{Chain, Matrix, UNLOOKED};
-
-/// A second thread is called for so many steps.
-#[cfg(feature = "rayon")]
-const WORTH_A_THREAD: usize = 1 << 13;
 
 /// A stretch of steps: their likelihoods, and a place for each.
 pub(super) struct Stretch<'a, const N: usize, P> {
@@ -65,25 +62,17 @@ fn back<const N: usize, P>(
     Some(())
 }
 
-/// Both: on two threads where that is worth while, else step by step in turn.
-pub(super) fn both<const N: usize, P: Send>(
+/// Both, step by step in turn.
+pub(super) fn both<const N: usize, P>(
     matrix: &Matrix<N>,
     chains: &mut [Chain<N>; 2],
     first: Stretch<'_, N, P>,
     second: Stretch<'_, N, P>,
-    put: impl Fn(&mut P, &[f64; N]) + Copy + Sync,
+    put: impl Fn(&mut P, &[f64; N]) + Copy,
 ) -> Option<()> {
     let [forward, backward] = chains;
     let calm = matrix.is_calm(first.diagonals) && matrix.is_calm(second.diagonals);
     let unlooked = if calm { UNLOOKED } else { 1 };
-    #[cfg(feature = "rayon")]
-    if in_parallel(first.diagonals.len() + second.diagonals.len()) {
-        let (first, second) = rayon::join(
-            || ahead(matrix, forward, first, unlooked, put),
-            || back(matrix, backward, second, unlooked, put),
-        );
-        return first.and(second);
-    }
     let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
     let shared = if calm { shared } else { 0 };
     let (first, first_rest) = first.split(shared);
@@ -109,14 +98,4 @@ pub(super) fn both<const N: usize, P: Send>(
     (*forward, *backward) = (forwards, backwards);
     ahead(matrix, forward, first_rest, unlooked, put)?;
     back(matrix, backward, second_rest, unlooked, put)
-}
-
-/// Whether so many steps are worth a second thread. Not from within a pool:
-/// there other sequences are likely to keep its threads busy.
-#[cfg(feature = "rayon")]
-fn in_parallel(steps: usize) -> bool {
-    if std::env::var_os("FORCE").is_some() { return true; }
-    steps >= WORTH_A_THREAD
-        && rayon::current_thread_index().is_none()
-        && rayon::current_num_threads() > 1
 }

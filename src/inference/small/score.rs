@@ -11,8 +11,8 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// How many steps of each half are gathered at a time: so many that they stay
-/// in the fastest cache, or that a second thread is worth while.
+/// How many steps of each half are gathered at a time: they stay in the fastest
+/// cache.
 const GATHERED: usize = 32 * UNLOOKED;
 
 /// [`Hmm::score`], or `None` where it takes the general routine.
