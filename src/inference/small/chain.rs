@@ -2,7 +2,7 @@
 //! r_{k-1} = A' B(y_k) r_k, scaled by powers of two, which is exact, and only
 //! now and then.
 
-use super::{exponent, power};
+use super::{LEAST_FACTOR, exponent, power};
 
 /// After so many calm steps the scale is looked at.
 pub(super) const UNLOOKED: usize = 4;
@@ -35,9 +35,15 @@ impl<const N: usize> Matrix<N> {
         Some(Self { columns, rows, calm: CALM / above_0.fold(1.0, f64::min) })
     }
 
-    /// Whether steps with these likelihoods are calm.
-    pub(super) fn is_calm(&self, diagonals: &[[f64; N]]) -> bool {
-        none_between_0_and(self.calm, diagonals.as_flattened())
+    /// How many steps with these likelihoods may be taken without a look; `None`
+    /// if a likelihood is too small.
+    pub(super) fn unlooked(&self, diagonals: [&[[f64; N]]; 2]) -> Option<usize> {
+        let none_below =
+            |least| diagonals.iter().all(|rows| none_between_0_and(least, rows.as_flattened()));
+        if none_below(self.calm) {
+            return Some(UNLOOKED);
+        }
+        none_below(LEAST_FACTOR).then_some(1)
     }
 
     /// B(y) A x.

@@ -5,8 +5,8 @@ use crate::inference::step::is_one;
 use crate::kernels::LIFT;
 use crate::transition::Transition;
 
-/// How often products are compared.
-const TRIALS: usize = 32;
+/// How often products are compared for each row.
+const TRIALS: usize = 64;
 
 /// A, column after column, by a product for each state. `None` if an entry is
 /// too small, or the columns do not sum to one.
@@ -39,8 +39,9 @@ pub(super) enum Order {
 /// The order in which an operator adds, by comparing products of vectors
 /// without a pattern to the bit. `None` if it is neither.
 ///
-/// An operator that is no plain sum rounds otherwise about every other time,
-/// and does not get through.
+/// For each row of the matrix, the vectors make its terms of about one size:
+/// sums of them in another order, or of other terms, round otherwise about every
+/// third time, and do not get through.
 pub(super) fn order<A: Transition>(
     transition: &A,
     control: &A::Control,
@@ -49,13 +50,16 @@ pub(super) fn order<A: Transition>(
     let n = transition.states();
     let (mut x, mut out) = (vec![0.0; n], vec![0.0; n]);
     let mut same = [true; 2];
-    // Weyl's sequence: multiples of the golden ratio modulo one, as integers.
     let mut number = 0_u64;
-    for _ in 0..TRIALS {
-        for x in &mut x {
+    for trial in 0..TRIALS * n {
+        let row = || columns[trial % n..].iter().step_by(n).copied();
+        let least = row().filter(|a| *a > 0.0).fold(1.0, f64::min);
+        for (x, a) in x.iter_mut().zip(row()) {
+            // Multiples of the golden ratio modulo one, their bits mixed.
             number = number.wrapping_add(0x9e37_79b9_7f4a_7c15);
             let mixed = (number ^ number >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            *x = (mixed >> 11) as f64 / (1_u64 << 53) as f64 * LIFT;
+            let weight = 0.5 + (mixed >> 11) as f64 / (1_u64 << 54) as f64;
+            *x = weight * LIFT * if a > 0.0 { least / a } else { 1.0 };
         }
         transition.apply(control, &x, &mut out);
         for (same, fours) in same.iter_mut().zip([false, true]) {
@@ -70,10 +74,7 @@ pub(super) fn order<A: Transition>(
             return None;
         }
     }
-    match same {
-        [true, _] => Some(Order::OneByOne),
-        _ => Some(Order::ByFours),
-    }
+    Some(if same[0] { Order::OneByOne } else { Order::ByFours })
 }
 
 fn sum_of(terms: &[f64], fours: bool) -> f64 {

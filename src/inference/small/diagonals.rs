@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use super::super::LogSum;
-use super::chain::none_between_0_and;
 use super::{LEAST_FACTOR, exponent, power, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
@@ -35,7 +34,8 @@ impl Factors {
 /// Whatever gives likelihoods, without its type: what goes through them is
 /// then compiled once.
 pub(super) trait Diagonals {
-    /// Gathers the diagonals of some steps, in ascending order.
+    /// Gathers the diagonals of some steps, in ascending order, each with its
+    /// largest value near one.
     fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
 
     /// The same, but goes through them from the last to the first, so that
@@ -96,8 +96,7 @@ where
         factors: &mut Factors,
     ) -> Option<()> {
         let rows = out.as_chunks_mut::<N>().0;
-        steps.zip(rows.iter_mut()).try_for_each(|(step, row)| self.put(step, row, factors))?;
-        none_between_0_and(LEAST_FACTOR, rows.as_flattened()).then_some(())
+        steps.zip(rows).try_for_each(|(step, row)| self.put(step, row, factors))
     }
 
     fn put_back<const N: usize>(
@@ -107,9 +106,7 @@ where
         factors: &mut Factors,
     ) -> Option<()> {
         let rows = out.as_chunks_mut::<N>().0;
-        let mut pairs = steps.zip(rows.iter_mut()).rev();
-        pairs.try_for_each(|(step, row)| self.put(step, row, factors))?;
-        none_between_0_and(LEAST_FACTOR, rows.as_flattened()).then_some(())
+        steps.zip(rows).rev().try_for_each(|(step, row)| self.put(step, row, factors))
     }
 }
 

@@ -18,7 +18,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// For fewer steps it is not worth while to find out how the operator adds.
-const FEWEST_STEPS: usize = 500;
+const FEWEST_STEPS: usize = 800;
 /// As in a step of the filter.
 const LEAST_NORMALISER: f64 = power(-32);
 /// A product below this part of their sum is looked at again.

@@ -71,10 +71,9 @@ pub(super) fn both<const N: usize, P>(
     put: impl Fn(&mut P, &[f64; N]) + Copy,
 ) -> Option<()> {
     let [forward, backward] = chains;
-    let calm = matrix.is_calm(first.diagonals) && matrix.is_calm(second.diagonals);
-    let unlooked = if calm { UNLOOKED } else { 1 };
+    let unlooked = matrix.unlooked([first.diagonals, second.diagonals])?;
     let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
-    let shared = if calm { shared } else { 0 };
+    let shared = if unlooked == UNLOOKED { shared } else { 0 };
     let (first, first_rest) = first.split(shared);
     let second_length = second.diagonals.len();
     let (second_rest, second) = second.split(second_length - shared);

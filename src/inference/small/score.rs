@@ -2,10 +2,10 @@
 //! p(y_1 … y_T) = Σ_i x_m(i) r_m(i) for any m.
 
 use super::super::LogSum;
-use super::chain::{Chain, Matrix, UNLOOKED, times};
+use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
-use super::{columns, control_of, with_constant};
+use super::{LEAST_FACTOR, columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -83,6 +83,7 @@ pub(super) fn start<const N: usize>(
     let mut chain = prior;
     let mut b = [0.0; N];
     diagonals.ahead(1..2, &mut b, factors)?;
+    none_between_0_and(LEAST_FACTOR, &b).then_some(())?;
     chain.values = times(&b, &chain.values);
     chain.look()?;
     Some(chain)
