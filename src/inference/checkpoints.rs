@@ -76,8 +76,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// to a visitor, with the pairwise posterior of the move that leads to it.
     /// Returns ln p(y_1 … y_T).
     ///
-    /// Gives what [`smooth`](Self::smooth) gives, to the bit. Takes three
-    /// products with A or A' a step in backward order and five in forward
+    /// Gives what [`smooth`](Self::smooth) gives, to the bit (to rounding, with up
+    /// to eight states and no control). Takes three products with A or A' a step in backward order and five in forward
     /// order (two in either, if n T is below 65,536), and O(n); more where the sensor
     /// has to compute its likelihoods.
     ///

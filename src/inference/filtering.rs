@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::posteriors::Posteriors;
+use super::small;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -76,7 +77,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 
     /// ln p(y_1 … y_T), without storing anything for each step.
     ///
-    /// One product with A and O(n) a step, O(n) memory.
+    /// One product with A and O(n) a step, O(n) memory. The sum of the
+    /// logarithms that a [filter](Self::filter) gives; with up to eight states and
+    /// no control to rounding, and several times as fast.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -101,6 +104,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
+        if let Some(log_likelihood) = small::score(self, sequence) {
+            return Ok(log_likelihood);
+        }
         let mut filter = self.filter();
         for step in 1..=sequence.steps() {
             filter.step_with(sequence.control(step), sequence.observation(step))?;

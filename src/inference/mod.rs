@@ -40,6 +40,7 @@ mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;
+mod small;
 mod step;
 
 pub use baum_welch::{Learned, Learning, StopReason};
@@ -69,6 +70,7 @@ pub(crate) struct LogSum {
 }
 
 impl LogSum {
+    #[inline]
     fn add(&mut self, value: f64) {
         let sum = self.sum + value;
         self.lost += if self.sum.abs() >= value.abs() {

@@ -31,6 +31,11 @@ impl Posteriors {
         Self { states, values: vec![0.0; states * (steps + 1)] }
     }
 
+    /// From a row for each step from 0.
+    pub(super) fn from_values(states: usize, values: Vec<f64>) -> Self {
+        Self { states, values }
+    }
+
     /// The number of steps, T.
     #[must_use]
     pub fn steps(&self) -> usize {

@@ -20,8 +20,8 @@ const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
 #[derive(Debug, Clone, Default)]
 pub(super) struct TakenOut {
     /// An integer, exactly.
-    whole: f64,
-    factors: LogSum,
+    pub(super) whole: f64,
+    pub(super) factors: LogSum,
 }
 
 impl TakenOut {
@@ -114,8 +114,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// log2 b, and a common part that keeps them small; what is left out
-    /// goes to `taken_out`.
+    /// The scores of likelihoods; what they leave out goes to `taken_out`.
     fn likelihood_scores<'a>(
         &self,
         diagonal: &Diagonal<'a>,
@@ -123,29 +122,9 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         values: &'a mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<Shifted<'a>, InferenceError> {
-        let impossible = match diagonal.values {
-            Values::Log(_) => largest == f64::NEG_INFINITY,
-            _ => largest == 0.0,
-        };
-        if impossible {
-            return Err(InferenceError::Impossible { step: self.number });
-        }
-        // Whole powers of two can be taken out without rounding.
-        let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
-        let (shifted, left_out) = match diagonal.values {
-            Values::Log(logs) => {
-                kernels::log2_of_logs(logs, largest, values);
-                (Shifted { scores: values, shift: 0.0 }, largest)
-            }
-            Values::Checked { log2: Some(scores), .. } => {
-                (Shifted { scores, shift: whole }, whole * LN_2)
-            }
-            Values::Linear(linear) | Values::Checked { linear, .. } => {
-                values.iter_mut().zip(linear).for_each(|(out, b)| *out = kernels::log2(*b));
-                (Shifted { scores: values, shift: whole }, whole * LN_2)
-            }
-        };
-        taken_out.factors.add(left_out + diagonal.log_factor);
+        let (shifted, left_out) = likelihood_scores(diagonal, largest, values)
+            .ok_or(InferenceError::Impossible { step: self.number })?;
+        taken_out.factors.add(left_out);
         Ok(shifted)
     }
 
@@ -191,4 +170,36 @@ pub(super) fn best(scores: &[f64]) -> usize {
         }
     }
     state
+}
+
+/// log2 b, but for a common part that keeps them small, and that part as a
+/// natural logarithm; `None` if all are 0.
+pub(super) fn likelihood_scores<'a>(
+    diagonal: &Diagonal<'a>,
+    largest: f64,
+    values: &'a mut [f64],
+) -> Option<(Shifted<'a>, f64)> {
+    let impossible = match diagonal.values {
+        Values::Log(_) => largest == f64::NEG_INFINITY,
+        _ => largest == 0.0,
+    };
+    if impossible {
+        return None;
+    }
+    // Whole powers of two can be taken out without rounding.
+    let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
+    let (shifted, left_out) = match diagonal.values {
+        Values::Log(logs) => {
+            kernels::log2_of_logs(logs, largest, values);
+            (Shifted { scores: values, shift: 0.0 }, largest)
+        }
+        Values::Checked { log2: Some(scores), .. } => {
+            (Shifted { scores, shift: whole }, whole * LN_2)
+        }
+        Values::Linear(linear) | Values::Checked { linear, .. } => {
+            values.iter_mut().zip(linear).for_each(|(out, b)| *out = kernels::log2(*b));
+            (Shifted { scores: values, shift: whole }, whole * LN_2)
+        }
+    };
+    Some((shifted, left_out + diagonal.log_factor))
 }

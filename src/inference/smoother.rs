@@ -3,6 +3,7 @@
 use super::backward::Backward;
 use super::block::Block;
 use super::posteriors::Posteriors;
+use super::small;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -20,7 +21,7 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
-    /// p(X_k | y_1 … y_T) for k = 0 … T. At T it equals the filtered one.
+    /// p(X_k | y_1 … y_T) for k = 0 … T. At T it is the filtered one.
     #[must_use]
     pub fn posteriors(&self) -> &Posteriors {
         &self.posteriors
@@ -42,7 +43,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Two products with A or A' and O(n) a step (three where the sensor has to
     /// compute its likelihoods); the result holds n (T + 1) numbers, and of other
     /// memory one number a step grows with T (but for steps that doubles do not
-    /// hold, which keep n more). For long sequences there is
+    /// hold, which keep n more). With up to eight states and no control it works from
+    /// both ends at once, with n T further numbers of memory. For long sequences there is
     /// [`smooth_each`](Self::smooth_each), for live ones
     /// a fixed lag.
     ///
@@ -66,6 +68,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
+        if let Some((posteriors, log_likelihood)) = small::smooth(self, sequence) {
+            return Ok(Smoothing { posteriors, log_likelihood });
+        }
         let mut filter = self.filter();
         let mut block = Block::new(n, steps);
         block.fill(&mut filter, sequence, steps, |_| ())?;

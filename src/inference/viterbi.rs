@@ -1,6 +1,7 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 
 use super::scores::{TakenOut, best};
+use super::small;
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -66,6 +67,9 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let (n, steps) = (self.states(), sequence.steps());
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
+        }
+        if let Some((states, log_probability)) = small::viterbi(self, sequence) {
+            return Ok(ViterbiPath { states, log_probability });
         }
         let mut work = Workspace::new(n);
         let mut scores = vec![0.0; n];

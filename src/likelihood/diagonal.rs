@@ -33,6 +33,7 @@ pub(crate) enum Values<'a> {
 
 impl<'a> Diagonal<'a> {
     /// From likelihoods, each finite and at least 0.
+    #[inline]
     #[must_use]
     pub fn linear(values: &'a [f64]) -> Self {
         Self::of(Values::Linear(values))
@@ -43,6 +44,7 @@ impl<'a> Diagonal<'a> {
     ///
     /// They may lie anywhere there: differences beyond the range of a double's
     /// exponent are handled exactly.
+    #[inline]
     #[must_use]
     pub fn log(values: &'a [f64]) -> Self {
         Self::of(Values::Log(values))
@@ -55,15 +57,18 @@ impl<'a> Diagonal<'a> {
         Self { log_factor: self.log_factor + log_factor, ..self }
     }
 
+    #[inline]
     pub(crate) fn of(values: Values<'a>) -> Self {
         Self { values, log_factor: 0.0, tails_rounded: false }
     }
 
     /// For values that are known to be valid and have this maximum.
+    #[inline]
     pub(crate) fn checked(linear: &'a [f64], largest: f64, log2: Option<&'a [f64]>) -> Self {
         Self::of(Values::Checked { linear, largest, log2 })
     }
 
+    #[inline]
     pub(crate) fn len(&self) -> usize {
         match self.values {
             Values::Linear(values) | Values::Log(values) => values.len(),
@@ -149,6 +154,7 @@ pub struct Scratch {
 impl Scratch {
     /// A slice of `count` values to fill; what it holds before is left over
     /// from earlier steps. Allocates only when it grows.
+    #[inline]
     pub fn values(&mut self, count: usize) -> &mut [f64] {
         self.values.resize(count, 0.0);
         &mut self.values

@@ -139,6 +139,7 @@ impl Likelihood for TableLikelihood {
         self.states
     }
 
+    #[inline]
     fn diagonal<'a>(
         &'a self,
         &symbol: &'a usize,

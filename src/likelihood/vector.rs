@@ -62,6 +62,7 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
         self.states
     }
 
+    #[inline]
     fn diagonal<'a>(
         &'a self,
         observation: &'a Y,

@@ -1,0 +1,71 @@
+//! Whole sequences under models of up to eight states without a control: the
+//! same routines in arrays of a fixed size, which the compiler keeps in
+//! registers.
+//!
+//! All sums here are of products of numbers that are far from the ends of a
+//! double's range, or exactly 0. Where that can't be kept, or a sensor, an
+//! operator or an observation gives reason for an error, a routine gives up
+//! and the general one starts over: it knows about logarithms and errors.
+
+mod chain;
+mod columns;
+mod diagonals;
+mod halves;
+mod score;
+mod smooth;
+mod viterbi;
+
+use std::any::Any;
+
+pub(super) use score::score;
+pub(super) use smooth::smooth;
+pub(super) use viterbi::viterbi;
+
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::transition::Transition;
+
+/// Models of more states gain nothing.
+const MOST_STATES: usize = 8;
+/// For fewer steps it is not worth while to ask for the matrix.
+const FEWEST_STEPS: usize = 8;
+/// Entries and likelihoods below this are left to the general routines.
+const LEAST_FACTOR: f64 = power(-200);
+
+/// 2^exponent, for exponents from -1022 to 1023.
+const fn power(exponent: i64) -> f64 {
+    f64::from_bits((1023 + exponent).cast_unsigned() << 52)
+}
+
+/// The exponent of the power of two below a normal number.
+fn exponent(x: f64) -> i64 {
+    (x.to_bits() >> 52).cast_signed() - 1023
+}
+
+/// An expression in which a name is the number of states, as a constant.
+macro_rules! with_constant {
+    ($n:expr, $name:ident => $body:expr) => {
+        with_constant!($n, $name => $body; 1 2 3 4 5 6 7 8)
+    };
+    ($n:expr, $name:ident => $body:expr; $($number:literal)*) => {
+        match $n {
+            $($number => {
+                const $name: usize = $number;
+                $body
+            })*
+            _ => None,
+        }
+    };
+}
+use with_constant;
+
+/// The control of an operator without one, if the model is small and the
+/// sequence long enough.
+fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Option<&A::Control> {
+    if hmm.states() > MOST_STATES || steps < FEWEST_STEPS {
+        return None;
+    }
+    let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
+    hmm.transition().check_control(control).ok()?;
+    Some(control)
+}

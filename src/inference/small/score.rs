@@ -1,0 +1,110 @@
+//! The log-likelihood, from both ends of a sequence to its middle:
+//! p(y_1 … y_T) = Σ_i x_m(i) r_m(i) for any m.
+
+use super::super::LogSum;
+use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
+use super::diagonals::{Diagonals, Factors, Sensed};
+use super::halves::{Stretch, both};
+use super::{LEAST_FACTOR, columns, control_of, with_constant};
+use crate::hmm::Hmm;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// How many steps of each half are gathered at a time: they stay in the fastest
+/// cache.
+const GATHERED: usize = 32 * UNLOOKED;
+
+/// [`Hmm::score`], or `None` where it takes the general routine.
+pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    let steps = sequence.steps();
+    let control = control_of(hmm, steps)?;
+    let matrix = columns::of(hmm.transition(), control)?;
+    let prior = hmm.prior().belief().as_slice();
+    let moves = hmm.prior().moves_at(1);
+    dispatch(&matrix, prior, moves, steps, &mut Sensed::new(hmm, sequence))
+}
+
+fn dispatch(
+    matrix: &[f64],
+    prior: &[f64],
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<f64> {
+    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+}
+
+fn run<const N: usize>(
+    matrix: &[f64],
+    prior: &[f64],
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<f64> {
+    let matrix = Matrix::<N>::new(matrix)?;
+    let mut factors = [Factors::default(); 2];
+    let (mut first, mut last) = (1, steps + 1); // the steps that are left
+    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    if !moves {
+        chains[0] = start(chains[0], diagonals, &mut factors[0])?;
+        first = 2;
+    }
+    let middle = middle(first, steps);
+    let length = GATHERED.min(last - middle);
+    let mut gathered = vec![[0.0; N]; 2 * length];
+    let (ahead, back) = gathered.split_at_mut(length);
+    let mut places = vec![(); 2 * length];
+    let (ahead_places, back_places) = places.split_at_mut(length);
+    while first < middle || last > middle {
+        let counts = [(middle - first).min(GATHERED), (last - middle).min(GATHERED)];
+        let (ahead, back) = (&mut ahead[..counts[0]], &mut back[..counts[1]]);
+        diagonals.ahead(first..first + counts[0], ahead.as_flattened_mut(), &mut factors[0])?;
+        diagonals.back(last - counts[1]..last, back.as_flattened_mut(), &mut factors[1])?;
+        let ahead = Stretch { diagonals: ahead, places: &mut ahead_places[..counts[0]] };
+        let back = Stretch { diagonals: back, places: &mut back_places[..counts[1]] };
+        both(&matrix, &mut chains, ahead, back, |(), _| ())?;
+        (first, last) = (first + counts[0], last - counts[1]);
+    }
+    log_likelihood(&chains, &factors)
+}
+
+/// x_1 where nothing moves before the first observation.
+pub(super) fn start<const N: usize>(
+    prior: Chain<N>,
+    diagonals: &mut dyn Diagonals,
+    factors: &mut Factors,
+) -> Option<Chain<N>> {
+    let mut chain = prior;
+    let mut b = [0.0; N];
+    diagonals.ahead(1..2, &mut b, factors)?;
+    none_between_0_and(LEAST_FACTOR, &b).then_some(())?;
+    chain.values = times(&b, &chain.values);
+    chain.look()?;
+    Some(chain)
+}
+
+/// Where the forward half ends: it takes the steps before this one.
+pub(super) fn middle(first: usize, steps: usize) -> usize {
+    first.midpoint(steps + 1)
+}
+
+/// ln p(y_1 … y_T), where the halves meet.
+pub(super) fn log_likelihood<const N: usize>(
+    chains: &[Chain<N>; 2],
+    factors: &[Factors; 2],
+) -> Option<f64> {
+    let both: f64 = times(&chains[0].values, &chains[1].values).iter().sum();
+    let mut sum = LogSum::default();
+    sum.add(both.ln());
+    factors
+        .iter()
+        .zip(chains)
+        .for_each(|(factors, chain)| factors.add_to(&mut sum, chain.exponent));
+    (both > 0.0).then(|| sum.value())
+}

@@ -1,0 +1,92 @@
+//! The smoother from both ends of a sequence: p(X_k | y_1 … y_T) is in
+//! proportion to x_k ∘ r_k. Each recursion keeps its results in its own half;
+//! after the middle it meets those of the other.
+
+use super::chain::{Chain, Matrix, times};
+use super::diagonals::{Diagonals, Factors, Sensed};
+use super::halves::{Stretch, both};
+use super::score::{log_likelihood, middle, start};
+use super::{columns, control_of, with_constant};
+use crate::hmm::Hmm;
+use crate::inference::posteriors::Posteriors;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// [`Hmm::smooth`], or `None` where it takes the general routine.
+pub(in super::super) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Posteriors, f64)>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    let steps = sequence.steps();
+    let control = control_of(hmm, steps)?;
+    let matrix = columns::of(hmm.transition(), control)?;
+    let prior = hmm.prior().belief().as_slice();
+    let moves = hmm.prior().moves_at(1);
+    let (values, log_likelihood) =
+        dispatch(&matrix, prior, moves, steps, &mut Sensed::new(hmm, sequence))?;
+    Some((Posteriors::from_values(hmm.states(), values), log_likelihood))
+}
+
+fn dispatch(
+    matrix: &[f64],
+    prior: &[f64],
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<(Vec<f64>, f64)> {
+    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+}
+
+fn run<const N: usize>(
+    matrix: &[f64],
+    prior: &[f64],
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<(Vec<f64>, f64)> {
+    let matrix = Matrix::<N>::new(matrix)?;
+    let mut factors = [Factors::default(); 2];
+    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    let mut values = vec![0.0; N * (steps + 1)];
+    let rows = values.as_chunks_mut::<N>().0;
+    rows[0] = chains[0].values;
+    if !moves {
+        chains[0] = start(chains[0], diagonals, &mut factors[0])?;
+        rows[1] = chains[0].values;
+    }
+    let first = if moves { 1 } else { 2 };
+    let middle = middle(first, steps);
+
+    // Row k − 1 for step k.
+    let mut all = vec![0.0; N * steps];
+    let (ahead, back) = all.split_at_mut(N * (middle - 1));
+    let later = &mut ahead[N * (first - 1)..];
+    diagonals.ahead(first..middle, later, &mut factors[0])?;
+    diagonals.back(middle..steps + 1, back, &mut factors[1])?;
+    let all = all.as_chunks::<N>().0;
+
+    let (ahead, back) = rows.split_at_mut(middle);
+    let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
+    let late = Stretch { diagonals: &all[middle - 1..], places: back };
+    both(&matrix, &mut chains, early, late, |row, x| *row = *x)?;
+    let log_likelihood = log_likelihood(&chains, &factors)?;
+    let late = Stretch { diagonals: &all[middle - 1..], places: back };
+    let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
+    both(&matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
+    rows[first - 1] = posterior(&rows[first - 1], &chains[1].values);
+    if !moves {
+        rows[0] = rows[1]; // the same state
+    }
+    Some((values, log_likelihood))
+}
+
+/// x ∘ r, which sums to one.
+#[inline]
+fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
+    let product = times(x, r);
+    let factor = 1.0 / product.iter().sum::<f64>();
+    product.map(|p| p * factor)
+}
