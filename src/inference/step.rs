@@ -338,7 +338,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.hmm.transition().apply(control, lifted, results.predicted);
         let product = Made(results.predicted);
         let updated = kernels::update(likelihoods.update(product, LIFT, results.lifted));
-        if updated.least_predicted < 0.0 || !is_one(updated.predicted / LIFT) {
+        if updated.negative_predicted || !is_one(updated.predicted / LIFT) {
             self.check_prediction(results.predicted)?;
         }
         Ok(updated)
@@ -446,7 +446,7 @@ impl<'a> Likelihoods<'a> {
 #[inline]
 fn holds(updated: &Updated, lift: f64) -> bool {
     let normaliser = updated.products / lift;
-    updated.least_likelihood >= 0.0
+    !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)
         && is_one(updated.predicted / lift)
         // So that a NaN is not valid either.

@@ -179,8 +179,8 @@ pub(crate) trait Lanes: Copy {
 pub(crate) struct Plain;
 
 #[inline(always)]
-fn each<T, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(&T, &T) -> R) -> [R; LANES] {
-    std::array::from_fn(|l| f(&a[l], &b[l]))
+fn each<T: Copy, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(T, T) -> R) -> [R; LANES] {
+    std::array::from_fn(|l| f(a[l], b[l]))
 }
 
 impl Lanes for Plain {
@@ -214,11 +214,11 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn min(self, a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a < b { *a } else { *b })
+        each(a, b, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
     fn max(self, a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a > b { *a } else { *b })
+        each(a, b, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
     fn less(self, a: Eight, b: Eight) -> [bool; LANES] {
@@ -276,6 +276,7 @@ pub(crate) use x86::{Avx2, Avx512};
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{Eight, LANES, Lanes};
+    #[allow(clippy::wildcard_imports, reason = "instructions name themselves")]
     use std::arch::x86_64::*;
 
     /// There is AVX2. Two registers of four doubles.

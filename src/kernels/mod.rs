@@ -9,6 +9,9 @@ mod max;
 mod sliced;
 mod update;
 
+#[cfg(test)]
+mod every_instruction_set;
+
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{

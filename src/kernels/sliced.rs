@@ -11,8 +11,6 @@
 //! of than the rest of their slice is kept apart, line by line.
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-#[cfg(test)]
-use super::lanes::{Isa, run_on};
 use super::update::Each;
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
@@ -77,7 +75,7 @@ impl Sliced {
                 let (indices, values) = line(first + lane);
                 // The base is the index that lane 0 would have.
                 let of = |(&index, &value): (&u32, &f64)| Entry {
-                    base: i64::from(index) - lane as i64,
+                    base: (index as usize).checked_sub(lane),
                     lane,
                     index,
                     value,
@@ -96,7 +94,7 @@ impl Sliced {
     /// Adds a slice.
     fn push(&mut self, first: usize, entries: &mut [Entry]) {
         entries.sort_unstable_by_key(|entry| (entry.base, entry.lane));
-        let inside = |base: i64| base >= 0 && base as usize + LANES <= self.lines;
+        let inside = |base: Option<usize>| base.is_some_and(|base| base + LANES <= self.lines);
         let mut diagonals: Vec<&[Entry]> =
             entries.chunk_by(|a, b| a.base == b.base).filter(|d| inside(d[0].base)).collect();
         // The fullest first: as many as lower the cost.
@@ -115,10 +113,10 @@ impl Sliced {
                 (best, taken, left) = (cost(count + 1, &after), count + 1, after);
             }
         }
-        let mut bases: Vec<i64> = diagonals[..taken].iter().map(|d| d[0].base).collect();
+        let mut bases: Vec<Option<usize>> = diagonals[..taken].iter().map(|d| d[0].base).collect();
         bases.sort_unstable();
-        for &base in &bases {
-            self.bases.push(base as u32);
+        for base in bases.iter().flatten() {
+            self.bases.push(*base as u32);
             self.values.shifted.push([0.0; LANES]);
         }
         // How deep the gathered slots are: what is deeper is kept apart.
@@ -183,12 +181,6 @@ impl Sliced {
         run(Multiply { matrix: self, x, out });
     }
 
-    /// The same with given instructions.
-    #[cfg(test)]
-    pub(crate) fn multiply_on(&self, isa: Isa, x: &[f64], out: &mut [f64]) {
-        run_on(isa, Multiply { matrix: self, x, out });
-    }
-
     /// Goes through the slices, and hands over the product with each.
     #[inline(always)]
     pub(super) fn products<L: Lanes>(&self, lanes: L, x: &[f64], each: &mut impl Each<L>) {
@@ -234,16 +226,18 @@ impl Sliced {
 
 /// An entry of a slice.
 struct Entry {
-    base: i64,
+    /// The index that lane 0 has on its diagonal.
+    base: Option<usize>,
     lane: usize,
     index: u32,
     value: f64,
 }
 
-struct Multiply<'a> {
-    matrix: &'a Sliced,
-    x: &'a [f64],
-    out: &'a mut [f64],
+/// `out` = the product of a matrix with x.
+pub(super) struct Multiply<'a> {
+    pub(super) matrix: &'a Sliced,
+    pub(super) x: &'a [f64],
+    pub(super) out: &'a mut [f64],
 }
 
 impl Kernel for Multiply<'_> {
