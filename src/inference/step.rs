@@ -2,7 +2,7 @@
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated};
+use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::{self, SparseTransition, Transition};
@@ -416,7 +416,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Returns its sum.
     pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
         let step = self.number;
-        if let Err(state) = kernels::largest(predicted) {
+        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
             return Err(InferenceError::Predicted { step, state, value });
         }

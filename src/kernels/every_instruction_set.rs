@@ -5,6 +5,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 use super::lanes::{Isa, run_on};
+use super::largest::{Largest, Valid};
 use super::max::{Add, Log2OfLogs, Maximise, Shifted};
 use super::sliced::{Multiply, Sliced};
 use super::update::{
@@ -261,6 +262,31 @@ proptest! {
             prop_assert_eq!(*added, x[i] + if observed { b[i] - 1.0 } else { 0.0 });
         }
         prop_assert_eq!(most, added.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+    }
+
+    #[test]
+    fn the_largest(
+        mut x in vec(-3.0..3.0, 1..40_usize), at in any::<prop::sample::Index>(),
+        odd in prop::sample::select(vec![
+            0.0, -0.0, 1e300, -1e300, 1.1e300, -1.1e300, f64::MAX, f64::INFINITY,
+            f64::NEG_INFINITY, f64::NAN,
+        ]),
+    ) {
+        let at = at.index(x.len());
+        x[at] = odd;
+        let logs = odd.abs() <= 1e300 || odd == f64::NEG_INFINITY;
+        let found = everywhere(|isa| run_on(isa, Largest { x: &x, valid: Valid::Logs }));
+        prop_assert_eq!(found.1, logs);
+        if logs {
+            prop_assert_eq!(found.0, x.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+        }
+        x.iter_mut().enumerate().filter(|(i, _)| *i != at).for_each(|(_, x)| *x = x.abs());
+        let likelihoods = odd >= 0.0 && odd.is_finite();
+        let found = everywhere(|isa| run_on(isa, Largest { x: &x, valid: Valid::Likelihoods }));
+        prop_assert_eq!(found.1, likelihoods);
+        if likelihoods {
+            prop_assert_eq!(found.0, x.iter().copied().fold(0.0, f64::max));
+        }
     }
 
     #[test]

@@ -136,6 +136,7 @@ pub(crate) trait Lanes: Copy {
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
     fn or(self, a: Self::M, b: Self::M) -> Self::M;
     fn any(self, m: Self::M) -> bool;
+    fn all(self, m: Self::M) -> bool;
     /// `a` where the mask is set, else `b`.
     fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
 
@@ -239,6 +240,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn any(self, m: [bool; LANES]) -> bool {
         m.into_iter().fold(false, |any, m| any | m)
+    }
+    #[inline(always)]
+    fn all(self, m: [bool; LANES]) -> bool {
+        m.into_iter().fold(true, |all, m| all & m)
     }
     #[inline(always)]
     fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
@@ -360,6 +365,10 @@ mod x86 {
             unsafe { _mm256_movemask_pd(_mm256_or_pd(m.0, m.1)) != 0 }
         }
         #[inline(always)]
+        fn all(self, m: Two) -> bool {
+            unsafe { _mm256_movemask_pd(_mm256_and_pd(m.0, m.1)) == 0b1111 }
+        }
+        #[inline(always)]
         fn select(self, m: Two, a: Two, b: Two) -> Two {
             unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
         }
@@ -477,6 +486,10 @@ mod x86 {
         #[inline(always)]
         fn any(self, m: __mmask8) -> bool {
             m != 0
+        }
+        #[inline(always)]
+        fn all(self, m: __mmask8) -> bool {
+            m == __mmask8::MAX
         }
         #[inline(always)]
         fn select(self, m: __mmask8, a: __m512d, b: __m512d) -> __m512d {
