@@ -72,7 +72,7 @@ pub(crate) trait Kernel {
 }
 
 /// Runs a kernel with the instructions chosen.
-#[inline]
+#[inline(always)]
 pub(crate) fn run<K: Kernel>(kernel: K) -> K::Output {
     // SAFETY: what is chosen is here.
     unsafe { run_unchecked(Isa::chosen(), kernel) }
@@ -89,7 +89,7 @@ pub(crate) fn run_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
 /// # Safety
 ///
 /// The instructions must be there.
-#[inline]
+#[inline(always)]
 unsafe fn run_unchecked<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {

@@ -355,26 +355,31 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
 }
 
 /// [`Update`] with the instructions chosen.
+#[inline]
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
     run(update)
 }
 
 /// [`Settle`] with the instructions chosen.
+#[inline]
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
     run(Settle { x, sum })
 }
 
 /// [`SettleAndLift`] with the instructions chosen.
+#[inline]
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
     run(SettleAndLift { x, out, sum })
 }
 
 /// [`Weigh`] with the instructions chosen.
+#[inline]
 pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
     run(Weigh { q, likelihoods, factor, ratio });
 }
 
 /// [`Retreat`] with the instructions chosen.
+#[inline]
 pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
     run(Retreat { back, alpha, gamma, q })
 }
