@@ -14,7 +14,6 @@ use crate::transition::Transition;
 const UNSCALED: std::ops::RangeInclusive<f64> = power(-16)..=power(16);
 /// Beyond these exponents, scaling itself would need care.
 const EXPONENTS: std::ops::RangeInclusive<i64> = -1000..=1000;
-/// What a diagonal may hold as a logarithm.
 
 /// What was taken out of likelihoods. Ordinary ones leave it as it is.
 #[derive(Debug, Clone, Copy, Default)]
