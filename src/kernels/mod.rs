@@ -4,11 +4,14 @@
 //! the order of the additions, so the result to the bit, is the same on every
 //! machine.
 
+mod aligned;
+mod dense;
 mod lanes;
 mod max;
 mod sliced;
 mod update;
 
+pub(crate) use dense::{Dense, DenseLogs};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{
