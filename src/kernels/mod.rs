@@ -5,18 +5,20 @@
 //! machine.
 
 mod aligned;
+mod blocks;
 mod dense;
 mod lanes;
 mod max;
+mod product;
 mod sliced;
 mod update;
 
 pub(crate) use dense::{Dense, DenseLogs};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
+pub(crate) use product::{Made, Sparse};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{
-    BACK_LIFT, Made, Sparse, Update, Updated, any_tiny, retreat, settle, settle_and_lift, update,
-    weigh,
+    BACK_LIFT, Update, Updated, any_tiny, retreat, settle, settle_and_lift, update, weigh,
 };
 
 use lanes::LANES;

@@ -10,10 +10,11 @@
 //! lie on such diagonals, and a load costs a fifth of a gather. What few lines have more
 //! of than the rest of their slice is kept apart, line by line.
 
-use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-#[cfg(test)]
-use super::lanes::{Isa, run_on};
-use super::update::Each;
+use std::ops::Range;
+
+use super::blocks::{Blocks, run_in_blocks};
+use super::lanes::{Eight, Kernel, LANES, Lanes};
+use super::product::{Each, Part, Sparse};
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
 const SHIFTED_COST: usize = 2;
@@ -180,22 +181,27 @@ impl Sliced {
 
     /// `out` = the product with x.
     pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
-        run(Multiply { matrix: self, x, out });
+        assert_eq!(out.len(), self.lines, "out must have one value per state");
+        run_in_blocks(Multiply { product: Part::all(Sparse { matrix: self, x }), out });
     }
 
-    /// The same with given instructions.
-    #[cfg(test)]
-    pub(crate) fn multiply_on(&self, isa: Isa, x: &[f64], out: &mut [f64]) {
-        run_on(isa, Multiply { matrix: self, x, out });
-    }
-
-    /// Goes through the slices, and hands over the product with each.
+    /// Goes through some of the slices, and hands over the product with each,
+    /// numbered from the first of them.
     #[inline(always)]
-    pub(super) fn products<L: Lanes>(&self, lanes: L, x: &[f64], each: &mut impl Each<L>) {
+    pub(super) fn products<L: Lanes>(
+        &self,
+        lanes: L,
+        slices: Range<usize>,
+        x: &[f64],
+        each: &mut impl Each<L>,
+    ) {
         assert_eq!(x.len(), self.lines, "x must have one value per state");
-        let mut from = Slice::default();
-        let mut apart = 0;
-        for (number, to) in self.slices.iter().enumerate() {
+        // They begin where those before them end.
+        let before = slices.start.checked_sub(1);
+        let mut from = before.map_or(Slice::default(), |before| self.slices[before]);
+        let before = (from.apart as usize).checked_sub(1);
+        let mut apart = before.map_or(0, |before| self.apart[before].end as usize);
+        for (number, to) in self.slices[slices].iter().enumerate() {
             let mut sum = lanes.splat(0.0);
             let shifted = from.shifted as usize..to.shifted as usize;
             for (base, values) in
@@ -241,8 +247,7 @@ struct Entry {
 }
 
 struct Multiply<'a> {
-    matrix: &'a Sliced,
-    x: &'a [f64],
+    product: Part<Sparse<'a>>,
     out: &'a mut [f64],
 }
 
@@ -251,10 +256,21 @@ impl Kernel for Multiply<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self { matrix, x, out } = self;
-        assert_eq!(out.len(), matrix.lines, "out must have one value per state");
-        matrix.products(lanes, x, &mut Store(out.as_chunks_mut()));
+        self.product.each(lanes, &mut Store(self.out.as_chunks_mut()));
     }
+}
+
+impl Blocks for Multiply<'_> {
+    fn lines(&self) -> usize {
+        self.out.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (product, (out, out_rest)) = (self.product.split(at), self.out.split_at_mut(at));
+        (Self { product: product.0, out }, Self { product: product.1, out: out_rest })
+    }
+
+    fn join((): (), (): ()) {}
 }
 
 struct Store<'a>((&'a mut [Eight], &'a mut [f64]));
@@ -265,6 +281,39 @@ impl<L: Lanes> Each<L> for Store<'_> {
         match self.0.0.get_mut(number) {
             Some(chunk) => lanes.store(product, chunk),
             None => lanes.store_part(product, self.0.1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lanes::{Isa, run_on};
+    use super::*;
+
+    #[test]
+    fn products_are_the_same_on_every_instruction_set() {
+        for n in (1..=40).chain([63, 64, 65, 300, 1001]) {
+            // Neighbours, and now and then many others.
+            let entry = |i: usize, j: usize| match (i * 31 + j * 17) % 11 {
+                value if i.abs_diff(j) < 2 || (i % 29 == 3 && value > 3) => value as f64 + 0.1,
+                _ => 0.0,
+            };
+            let line =
+                |i: usize| (0..n).map(|j| (j as u32, entry(i, j))).filter(|e| e.1 > 0.0).unzip();
+            let lines: Vec<(Vec<u32>, Vec<f64>)> = (0..n).map(line).collect();
+            let sliced = Sliced::new(n, |i| (&lines[i].0, &lines[i].1));
+            let x: Vec<f64> = (1..=n).map(|i| (i as f64 * 0.618_033_988_7).fract()).collect();
+            let products = [Isa::Plain, Isa::Avx2, Isa::Avx512].map(|isa| {
+                let mut out = vec![f64::NAN; n];
+                let product = Part::all(Sparse { matrix: &sliced, x: &x });
+                run_on(isa, Multiply { product, out: &mut out });
+                out
+            });
+            assert!(products.iter().all(|product| *product == products[0]), "{n}");
+            for (i, product) in products[0].iter().enumerate() {
+                let sum: f64 = (0..n).map(|j| entry(i, j) * x[j]).sum();
+                assert!((product - sum).abs() <= 1e-13 * sum, "line {i} of {n}");
+            }
         }
     }
 }

@@ -1,66 +1,10 @@
 //! Element by element on the eight lines at hand, while their product is still in
 //! registers: the second half of a step of filter and smoother.
 
-use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-use super::sliced::Sliced;
+use super::blocks::{Blocks, run_in_blocks};
+use super::lanes::{Eight, Kernel, LANES, Lanes};
+use super::product::{Each, Part, Product};
 use super::{LIFT, total};
-
-/// A product with a vector, eight lines after eight.
-pub(crate) trait Product: Copy {
-    /// The number of lines.
-    fn lines(self) -> usize;
-
-    /// Hands each eight over; lines beyond the last have 0.
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>);
-}
-
-/// What is done with eight lines of a product. (A closure might not become part
-/// of the function that may use the instructions.)
-pub(crate) trait Each<L: Lanes> {
-    /// Takes those with this number. Implementations are `#[inline(always)]`.
-    fn eight(&mut self, lanes: L, number: usize, product: L::V);
-}
-
-/// One that has been made.
-#[derive(Clone, Copy)]
-pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
-
-impl Product for Made<'_> {
-    #[inline(always)]
-    fn lines(self) -> usize {
-        self.0.len()
-    }
-
-    #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
-        let (chunks, rest) = self.0.as_chunks::<LANES>();
-        for (number, chunk) in chunks.iter().enumerate() {
-            each.eight(lanes, number, lanes.load(chunk));
-        }
-        if !rest.is_empty() {
-            each.eight(lanes, chunks.len(), lanes.load_part(rest));
-        }
-    }
-}
-
-/// One with a sparse matrix.
-#[derive(Clone, Copy)]
-pub(crate) struct Sparse<'a> {
-    pub(crate) matrix: &'a Sliced,
-    pub(crate) x: &'a [f64],
-}
-
-impl Product for Sparse<'_> {
-    #[inline(always)]
-    fn lines(self) -> usize {
-        self.matrix.lines()
-    }
-
-    #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
-        self.matrix.products(lanes, self.x, each);
-    }
-}
 
 /// Eight values of a slice, or what is left of them.
 #[inline(always)]
@@ -108,7 +52,7 @@ pub(crate) struct Updated {
     pub(crate) small: bool,
 }
 
-impl<P: Product> Kernel for Update<'_, P> {
+impl<P: Product> Kernel for Update<'_, Part<P>> {
     type Output = Updated;
 
     #[inline(always)]
@@ -138,6 +82,31 @@ impl<P: Product> Kernel for Update<'_, P> {
             least_likelihood: fold(each.least_likelihood, f64::min),
             largest_likelihood: fold(each.largest_likelihood, f64::max),
             small: each.small,
+        }
+    }
+}
+
+impl<P: Product> Blocks for Update<'_, Part<P>> {
+    fn lines(&self) -> usize {
+        self.prediction.lines()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let prediction = self.prediction.split(at);
+        let (likelihoods, out) = (self.likelihoods.split_at(at), self.out.split_at_mut(at));
+        let first =
+            Self { prediction: prediction.0, likelihoods: likelihoods.0, out: out.0, ..self };
+        (first, Self { prediction: prediction.1, likelihoods: likelihoods.1, out: out.1, ..self })
+    }
+
+    fn join(a: Updated, b: Updated) -> Updated {
+        Updated {
+            products: a.products + b.products,
+            predicted: a.predicted + b.predicted,
+            least_predicted: a.least_predicted.min(b.least_predicted),
+            least_likelihood: a.least_likelihood.min(b.least_likelihood),
+            largest_likelihood: a.largest_likelihood.max(b.largest_likelihood),
+            small: a.small | b.small,
         }
     }
 }
@@ -206,6 +175,21 @@ impl Kernel for Settle<'_> {
     }
 }
 
+impl Blocks for Settle<'_> {
+    fn lines(&self) -> usize {
+        self.x.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (x, rest) = self.x.split_at_mut(at);
+        (Self { x, ..self }, Self { x: rest, ..self })
+    }
+
+    fn join(a: bool, b: bool) -> bool {
+        a | b
+    }
+}
+
 /// 2^-900: from here on the products of a probability with an entry of at least
 /// 2^-100 have all their digits without a lift.
 const TINY: f64 = f64::from_bits((1023 - 900) << 52);
@@ -259,6 +243,21 @@ impl Kernel for SettleAndLift<'_> {
     }
 }
 
+impl Blocks for SettleAndLift<'_> {
+    fn lines(&self) -> usize {
+        self.x.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (x, out) = (self.x.split_at_mut(at), self.out.split_at_mut(at));
+        (Self { x: x.0, out: out.0, ..self }, Self { x: x.1, out: out.1, ..self })
+    }
+
+    fn join(a: bool, b: bool) -> bool {
+        a | b
+    }
+}
+
 /// 2^700: lifts γ / p and γ / α, on the way back.
 pub(crate) const BACK_LIFT: f64 = f64::from_bits((1023 + 700) << 52);
 
@@ -291,6 +290,21 @@ impl Kernel for Weigh<'_> {
     }
 }
 
+impl Blocks for Weigh<'_> {
+    fn lines(&self) -> usize {
+        self.q.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (q, likelihoods) = (self.q.split_at(at), self.likelihoods.split_at(at));
+        let ratio = self.ratio.split_at_mut(at);
+        let first = Self { q: q.0, likelihoods: likelihoods.0, ratio: ratio.0, ..self };
+        (first, Self { q: q.1, likelihoods: likelihoods.1, ratio: ratio.1, ..self })
+    }
+
+    fn join((): (), (): ()) {}
+}
+
 /// The second half of a step back: `gamma = α ∘ q`, where q is the lifted
 /// product of A' with γ / p, and is kept. Gives Σ γᵢ.
 pub(crate) struct Retreat<'a, P> {
@@ -300,7 +314,7 @@ pub(crate) struct Retreat<'a, P> {
     pub(crate) q: &'a mut [f64],
 }
 
-impl<P: Product> Kernel for Retreat<'_, P> {
+impl<P: Product> Kernel for Retreat<'_, Part<P>> {
     type Output = f64;
 
     #[inline(always)]
@@ -317,6 +331,23 @@ impl<P: Product> Kernel for Retreat<'_, P> {
         };
         back.each(lanes, &mut each);
         total(lanes.to_array(each.sum))
+    }
+}
+
+impl<P: Product> Blocks for Retreat<'_, Part<P>> {
+    fn lines(&self) -> usize {
+        self.back.lines()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (back, alpha) = (self.back.split(at), self.alpha.split_at(at));
+        let (gamma, q) = (self.gamma.split_at_mut(at), self.q.split_at_mut(at));
+        let first = Self { back: back.0, alpha: alpha.0, gamma: gamma.0, q: q.0 };
+        (first, Self { back: back.1, alpha: alpha.1, gamma: gamma.1, q: q.1 })
+    }
+
+    fn join(a: f64, b: f64) -> f64 {
+        a + b
     }
 }
 
@@ -340,27 +371,29 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
     }
 }
 
-/// [`Update`] with the instructions chosen.
+/// Does an [`Update`].
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
-    run(update)
+    let Update { prediction, lift, likelihoods, scaled, out } = update;
+    let prediction = Part::all(prediction);
+    run_in_blocks(Update { prediction, lift, likelihoods, scaled, out })
 }
 
-/// [`Settle`] with the instructions chosen.
+/// Does a [`Settle`].
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
-    run(Settle { x, sum })
+    run_in_blocks(Settle { x, sum })
 }
 
-/// [`SettleAndLift`] with the instructions chosen.
+/// Does a [`SettleAndLift`].
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
-    run(SettleAndLift { x, out, sum })
+    run_in_blocks(SettleAndLift { x, out, sum })
 }
 
-/// [`Weigh`] with the instructions chosen.
+/// Does a [`Weigh`].
 pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
-    run(Weigh { q, likelihoods, factor, ratio });
+    run_in_blocks(Weigh { q, likelihoods, factor, ratio });
 }
 
-/// [`Retreat`] with the instructions chosen.
+/// Does a [`Retreat`].
 pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
-    run(Retreat { back, alpha, gamma, q })
+    run_in_blocks(Retreat { back: Part::all(back), alpha, gamma, q })
 }

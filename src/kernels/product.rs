@@ -1,0 +1,97 @@
+//! Products with a vector, which are handed over eight lines after eight.
+
+use std::ops::Range;
+
+use super::lanes::{LANES, Lanes};
+use super::sliced::Sliced;
+
+/// A product with a vector.
+pub(crate) trait Product: Copy + Send {
+    /// The number of lines.
+    fn lines(self) -> usize;
+
+    /// Hands over some of the eights, numbered from the first of them; lines
+    /// beyond the last have 0.
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>);
+}
+
+/// What is done with eight lines of a product. (A closure might not become part
+/// of the function that may use the instructions.)
+pub(crate) trait Each<L: Lanes> {
+    /// Takes those with this number. Implementations are `#[inline(always)]`.
+    fn eight(&mut self, lanes: L, number: usize, product: L::V);
+}
+
+/// One that has been made.
+#[derive(Clone, Copy)]
+pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
+
+impl Product for Made<'_> {
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.0.len()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
+        let end = self.0.len().min(eights.end * LANES);
+        let (chunks, rest) = self.0[eights.start * LANES..end].as_chunks::<LANES>();
+        for (number, chunk) in chunks.iter().enumerate() {
+            each.eight(lanes, number, lanes.load(chunk));
+        }
+        if !rest.is_empty() {
+            each.eight(lanes, chunks.len(), lanes.load_part(rest));
+        }
+    }
+}
+
+/// One with a sparse matrix.
+#[derive(Clone, Copy)]
+pub(crate) struct Sparse<'a> {
+    pub(crate) matrix: &'a Sliced,
+    pub(crate) x: &'a [f64],
+}
+
+impl Product for Sparse<'_> {
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.matrix.lines()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
+        self.matrix.products(lanes, eights, self.x, each);
+    }
+}
+
+/// Some of the lines of a product.
+#[derive(Clone, Copy)]
+pub(crate) struct Part<P> {
+    product: P,
+    /// The first line, a multiple of eight.
+    start: usize,
+    end: usize,
+}
+
+impl<P: Product> Part<P> {
+    pub(crate) fn all(product: P) -> Self {
+        Self { product, start: 0, end: product.lines() }
+    }
+
+    /// The lines before this one, a multiple of eight, and the others.
+    pub(super) fn split(self, at: usize) -> (Self, Self) {
+        let middle = self.start + at;
+        (Self { end: middle, ..self }, Self { start: middle, ..self })
+    }
+
+    #[inline(always)]
+    pub(super) fn lines(self) -> usize {
+        self.end - self.start
+    }
+
+    /// Hands over each eight, numbered from the first of the part.
+    #[inline(always)]
+    pub(super) fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
+        self.product.each(lanes, self.start / LANES..self.end.div_ceil(LANES), each);
+    }
+}
