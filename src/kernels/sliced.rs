@@ -71,7 +71,7 @@ impl Sliced {
             apart_indices: Vec::new(),
             values: Values::default(),
         };
-        let mut entries = Vec::new();
+        let (mut entries, mut places) = (Vec::new(), Vec::new());
         for first in (0..lines).step_by(LANES) {
             entries.clear();
             for lane in 0..LANES.min(lines - first) {
@@ -85,7 +85,7 @@ impl Sliced {
                 };
                 entries.extend(indices.iter().zip(values).map(of));
             }
-            sliced.push(first, &mut entries);
+            sliced.push(first, &entries, &mut places);
         }
         sliced.bases.shrink_to_fit();
         sliced.indices.shrink_to_fit();
@@ -94,12 +94,17 @@ impl Sliced {
         sliced
     }
 
-    /// Adds a slice.
-    fn push(&mut self, first: usize, entries: &mut [Entry]) {
-        entries.sort_unstable_by_key(|entry| (entry.base, entry.lane));
+    /// Adds a slice, whose entries come lane by lane.
+    fn push(&mut self, first: usize, entries: &[Entry], places: &mut Vec<i64>) {
+        // Base and lane in one number: to sort entries would take most of the time.
+        places.clear();
+        places.extend(entries.iter().map(|entry| entry.base * LANES as i64 + entry.lane as i64));
+        places.sort_unstable();
+        let base = |place: i64| place.div_euclid(LANES as i64);
+        let lane = |place: i64| place.rem_euclid(LANES as i64) as usize;
         let inside = |base: i64| base >= 0 && base as usize + LANES <= self.lines;
-        let mut diagonals: Vec<&[Entry]> =
-            entries.chunk_by(|a, b| a.base == b.base).filter(|d| inside(d[0].base)).collect();
+        let diagonals = places.chunk_by(|&a, &b| base(a) == base(b));
+        let mut diagonals: Vec<&[i64]> = diagonals.filter(|d| inside(base(d[0]))).collect();
         // The fullest first: as many as lower the cost.
         diagonals.sort_by_key(|diagonal| std::cmp::Reverse(diagonal.len()));
         let mut left = [0_usize; LANES];
@@ -111,12 +116,12 @@ impl Sliced {
         let (mut best, mut taken) = (cost(0, &left), 0);
         let mut after = left;
         for (count, diagonal) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
-            diagonal.iter().for_each(|entry| after[entry.lane] -= 1);
+            diagonal.iter().for_each(|&place| after[lane(place)] -= 1);
             if cost(count + 1, &after) < best {
                 (best, taken, left) = (cost(count + 1, &after), count + 1, after);
             }
         }
-        let mut bases: Vec<i64> = diagonals[..taken].iter().map(|d| d[0].base).collect();
+        let mut bases: Vec<i64> = diagonals[..taken].iter().map(|d| base(d[0])).collect();
         bases.sort_unstable();
         for &base in &bases {
             self.bases.push(base as u32);
@@ -134,7 +139,6 @@ impl Sliced {
         self.indices.resize(start + depth, [first as u32; LANES]);
         self.values.gathered.resize(start + depth, [0.0; LANES]);
         let shifted_start = self.bases.len() - bases.len();
-        entries.sort_unstable_by_key(|entry| (entry.lane, entry.index));
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, mut rank) = (of_lane[0].lane, 0);
             for entry in of_lane {

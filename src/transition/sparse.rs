@@ -89,8 +89,12 @@ impl SparseTransition {
         }
         check_columns(&sums)?;
         let columns = rows.transposed();
-        let sliced_rows = Sliced::new(states, |line| rows.slices(line));
-        let sliced_columns = Sliced::new(states, |line| columns.slices(line));
+        let sliced_rows = || Sliced::new(states, |line| rows.slices(line));
+        let sliced_columns = || Sliced::new(states, |line| columns.slices(line));
+        #[cfg(feature = "rayon")]
+        let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
+        #[cfg(not(feature = "rayon"))]
+        let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
         let plain = !rows.values().iter().any(|&p| p < LEAST_PLAIN);
         Ok(Self { rows, columns, sliced_rows, sliced_columns, plain, log2: OnceLock::new() })
     }
