@@ -19,6 +19,11 @@ const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 /// products go through them, eight lines at a time; the first Viterbi adds up to
 /// 20 bytes an entry. Entries of 0 are not stored.
 ///
+/// With the feature `rayon`, from some 100,000 states on the products, and what a
+/// filter or smoother does beside them, run on all threads of the pool that they are
+/// called in. The results are the same to the bit for any number of threads, and
+/// without the feature.
+///
 /// ```
 /// use wayfix::{SparseTransition, Transition};
 ///
