@@ -66,6 +66,7 @@ struct Rows<'a> {
 impl Rows<'_> {
     /// Takes G times eight side by side, as long as there are so many.
     #[inline(always)]
+    #[allow(clippy::cast_sign_loss, reason = "indices are not below 0")]
     fn best<L: Lanes, const G: usize>(&mut self, lanes: L) {
         let x = self.x;
         while self.out.len() > (G - 1) * LANES {

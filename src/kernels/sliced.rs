@@ -75,9 +75,9 @@ impl Sliced {
             entries.clear();
             for lane in 0..LANES.min(lines - first) {
                 let (indices, values) = line(first + lane);
-                // The base is the index that lane 0 would have.
+                // What lies on one diagonal has the same number.
                 let of = |(&index, &value): (&u32, &f64)| Entry {
-                    base: i64::from(index) - lane as i64,
+                    diagonal: index as usize + (LANES - 1) - lane,
                     lane,
                     index,
                     value,
@@ -94,18 +94,21 @@ impl Sliced {
     }
 
     /// Adds a slice, whose entries come lane by lane.
-    fn push(&mut self, first: usize, entries: &[Entry], places: &mut Vec<i64>) {
-        // Base and lane in one number: to sort entries would take most of the time.
+    fn push(&mut self, first: usize, entries: &[Entry], places: &mut Vec<usize>) {
+        // Diagonal and lane in one number: to sort entries would take most of the time.
         places.clear();
-        places.extend(entries.iter().map(|entry| entry.base * LANES as i64 + entry.lane as i64));
+        places.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
         places.sort_unstable();
-        let base = |place: i64| place.div_euclid(LANES as i64);
-        let lane = |place: i64| place.rem_euclid(LANES as i64) as usize;
-        let inside = |base: i64| base >= 0 && base as usize + LANES <= self.lines;
-        let diagonals = places.chunk_by(|&a, &b| base(a) == base(b));
-        let mut diagonals: Vec<&[i64]> = diagonals.filter(|d| inside(base(d[0]))).collect();
+        let (diagonal, lane) = (|place: usize| place / LANES, |place: usize| place % LANES);
+        // Its base is the index that lane 0 has, or would have.
+        let base = |diagonal: usize| diagonal.checked_sub(LANES - 1);
+        let inside = |diagonal| base(diagonal).is_some_and(|base| base + LANES <= self.lines);
+        let mut diagonals: Vec<&[usize]> = places
+            .chunk_by(|&a, &b| diagonal(a) == diagonal(b))
+            .filter(|places| inside(diagonal(places[0])))
+            .collect();
         // The fullest first: as many as lower the cost.
-        diagonals.sort_by_key(|diagonal| std::cmp::Reverse(diagonal.len()));
+        diagonals.sort_by_key(|places| std::cmp::Reverse(places.len()));
         let mut left = [0_usize; LANES];
         entries.iter().for_each(|entry| left[entry.lane] += 1);
         let cost = |shifted: usize, left: &[usize; LANES]| {
@@ -114,15 +117,15 @@ impl Sliced {
         };
         let (mut best, mut taken) = (cost(0, &left), 0);
         let mut after = left;
-        for (count, diagonal) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
-            diagonal.iter().for_each(|&place| after[lane(place)] -= 1);
+        for (count, places) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
+            places.iter().for_each(|&place| after[lane(place)] -= 1);
             if cost(count + 1, &after) < best {
                 (best, taken, left) = (cost(count + 1, &after), count + 1, after);
             }
         }
-        let mut bases: Vec<i64> = diagonals[..taken].iter().map(|d| base(d[0])).collect();
-        bases.sort_unstable();
-        for &base in &bases {
+        let mut shifted: Vec<usize> = diagonals[..taken].iter().map(|d| diagonal(d[0])).collect();
+        shifted.sort_unstable();
+        for base in shifted.iter().filter_map(|&diagonal| base(diagonal)) {
             self.bases.push(base as u32);
             self.values.shifted.push([0.0; LANES]);
         }
@@ -137,11 +140,11 @@ impl Sliced {
         // Lanes without an entry take some place of the slice, and 0 of it.
         self.indices.resize(start + depth, [first as u32; LANES]);
         self.values.gathered.resize(start + depth, [0.0; LANES]);
-        let shifted_start = self.bases.len() - bases.len();
+        let shifted_start = self.bases.len() - shifted.len();
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, mut rank) = (of_lane[0].lane, 0);
             for entry in of_lane {
-                if let Ok(at) = bases.binary_search(&entry.base) {
+                if let Ok(at) = shifted.binary_search(&entry.diagonal) {
                     self.values.shifted[shifted_start + at][lane] = entry.value;
                     continue;
                 }
@@ -237,7 +240,8 @@ impl Sliced {
 
 /// An entry of a slice.
 struct Entry {
-    base: i64,
+    /// The index that lane 7 would have on it.
+    diagonal: usize,
     lane: usize,
     index: u32,
     value: f64,
