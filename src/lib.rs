@@ -102,7 +102,7 @@
 //!
 //! [`from_descriptors`] goes from an N × d matrix of image descriptors to a live
 //! position. [`formulas`] derives what every routine computes, with its cost, its
-//! exactness and its sources.
+//! exactness and its sources. [`performance`] says what limits each, and what to use when.
 //!
 //! # Conventions
 //!
@@ -212,6 +212,9 @@ pub use transition::{
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
+
+#[doc = include_str!("performance.md")]
+pub mod performance {}
 
 #[doc = include_str!("from_descriptors.md")]
 pub mod from_descriptors {}

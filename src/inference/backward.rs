@@ -17,7 +17,8 @@
 //! the likelihoods are at hand without cost; elsewhere, and where doubles do not
 //! hold q, predictions are made again.
 
-use super::step::{Held, Step, is_one, normalise_logs};
+use super::held::Held;
+use super::step::{Step, is_one, normalise_logs};
 use crate::error::InferenceError;
 use crate::kernels::{self, BACK_LIFT, LIFT, Made, Sparse};
 use crate::likelihood::{Likelihood, Scratch};

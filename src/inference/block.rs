@@ -4,8 +4,8 @@ use std::collections::HashMap;
 
 use super::backward::Seen;
 use super::filter::Filter;
+use super::held::Held;
 use super::posteriors::Posteriors;
-use super::step::Held;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -19,7 +19,7 @@ pub(super) struct Block {
     /// The logarithms of the rows that have values beyond doubles.
     pub(super) logs: HashMap<usize, Vec<f64>>,
     /// The normaliser of the step to each row, as
-    /// [`Advanced`](super::step::Advanced) has it.
+    /// [`Advanced`](super::held::Advanced) has it.
     normalisers: Vec<f64>,
 }
 

@@ -2,7 +2,8 @@
 //! Cybenko 2005).
 
 use super::filter::Filter;
-use super::step::{Held, Step};
+use super::held::Held;
+use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;

@@ -5,7 +5,8 @@ use std::ops::Deref;
 
 use super::LogSum;
 use super::filter_state::FilterState;
-use super::step::{Advanced, Form, Held, Lifted, Results, Step, Workspace, loses, normalise_logs};
+use super::held::{Advanced, Form, Held, Lifted, Results};
+use super::step::{Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;

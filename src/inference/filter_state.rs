@@ -1,7 +1,7 @@
 //! What a filter knows, as plain data.
 
 use super::LogSum;
-use super::step::Held;
+use super::held::Held;
 use crate::belief::Belief;
 use crate::hmm::Prior;
 

@@ -37,6 +37,7 @@ mod many;
 mod backward;
 mod block;
 mod frontier;
+mod held;
 mod pairs;
 mod posteriors;
 mod scores;

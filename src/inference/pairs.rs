@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::step::{Held, is_one};
+use super::held::Held;
+use super::step::is_one;
 use crate::error::InferenceError;
 use crate::transition::{Transition, TransitionEntries};
 

@@ -1,8 +1,9 @@
 //! One step of the filter: prediction, update, normaliser (paper eq. 8).
 
+use super::held::{Advanced, Form, Held, Lifted, Results};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated};
+use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::{self, SparseTransition, Transition};
@@ -16,9 +17,6 @@ const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 const UNSCALED: std::ops::RangeInclusive<f64> =
     f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
 
-/// For how many steps to lift once a result was too small without.
-const LIFT_FOR: u32 = 64;
-
 /// Memory for steps; allocated once, when it is made.
 #[derive(Debug, Clone)]
 pub(super) struct Workspace {
@@ -30,135 +28,6 @@ impl Workspace {
     pub(super) fn new(states: usize) -> Self {
         Self { scratch: Scratch::default(), values: vec![0.0; states] }
     }
-}
-
-/// A distribution; as logarithms too, if it has values above 0 that doubles
-/// do not hold.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Held<'a> {
-    pub(super) linear: &'a [f64],
-    pub(super) logs: Option<&'a [f64]>,
-}
-
-impl Held<'_> {
-    /// The logarithm of one probability.
-    pub(super) fn log(&self, state: usize) -> f64 {
-        self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
-    }
-
-    /// The ways into a state i in proportion to α(j) A\[i, j\], with the states j
-    /// that they come from; NaN or all 0 if there are none.
-    pub(super) fn ways<I: Iterator<Item = (usize, f64)>>(
-        &self,
-        incoming: impl Fn() -> I,
-        ways: &mut Vec<(usize, f64)>,
-    ) {
-        ways.clear();
-        ways.extend(incoming().map(|(from, p)| (from, self.linear[from] * LIFT * p)));
-        let total: f64 = ways.iter().map(|way| way.1).sum();
-        let nothing = || ways.iter().all(|way| self.linear[way.0] == 0.0);
-        if self.logs.is_none() && (total >= 1.0 / LIFT || nothing()) {
-            return;
-        }
-        // Too small for doubles, or some of it is.
-        ways.clear();
-        ways.extend(incoming().map(|(from, p)| (from, self.log(from) + p.ln())));
-        let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
-        ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
-    }
-
-    /// The logarithms, from wherever they are.
-    pub(super) fn logs_to(&self, out: &mut [f64]) {
-        match self.logs {
-            Some(logs) => out.copy_from_slice(logs),
-            None => out.iter_mut().zip(self.linear).for_each(|(out, p)| *out = p.ln()),
-        }
-    }
-}
-
-/// The belief before a step in the form that products take: lifted by
-/// [`LIFT`], unless it and the matrix have nothing so small that it matters.
-#[derive(Debug, Clone)]
-pub(super) struct Lifted {
-    values: Vec<f64>,
-    /// Whether `values` are those of the present belief.
-    valid: bool,
-    /// Whether the belief has a value above 0 and below 2^-900.
-    tiny: bool,
-    /// For how many steps more to lift in any case: results have been small.
-    more: u32,
-}
-
-impl Lifted {
-    pub(super) fn new(belief: &[f64]) -> Self {
-        let mut new = Self { values: vec![0.0; belief.len()], valid: false, tiny: false, more: 0 };
-        new.follow(belief);
-        new
-    }
-
-    /// Takes another belief.
-    pub(super) fn follow(&mut self, belief: &[f64]) {
-        (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
-    }
-
-    /// The lifted belief.
-    pub(super) fn values(&mut self, belief: &[f64]) -> &[f64] {
-        if !self.valid {
-            kernels::lift(belief, &mut self.values);
-            self.valid = true;
-        }
-        &self.values
-    }
-
-    /// After a step that has put the belief into its results.
-    pub(super) fn commit(&mut self, form: Form, lifted: &mut Vec<f64>) {
-        self.more = self.more.saturating_sub(1);
-        match form {
-            Form::Plain { tiny } => (self.valid, self.tiny) = (false, tiny),
-            Form::Lifted { tiny } => {
-                std::mem::swap(&mut self.values, lifted);
-                (self.valid, self.tiny) = (true, tiny);
-            }
-            Form::Other => {}
-        }
-    }
-}
-
-/// In which form a step has left its result.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Form {
-    /// The belief is in [`Results::lifted`], not lifted.
-    Plain { tiny: bool },
-    /// It is in [`Results::after`], and lifted in `lifted`.
-    Lifted { tiny: bool },
-    /// It is in [`Results::after`] alone.
-    Other,
-}
-
-/// Where a step writes its results.
-pub(super) struct Results<'a> {
-    /// The prediction, lifted, which then sums to [`LIFT`] but for rounding;
-    /// not written where it need not be kept.
-    pub(super) predicted: &'a mut [f64],
-    /// The belief after the observation.
-    pub(super) after: &'a mut [f64],
-    /// The same lifted, as [`Form`] says.
-    pub(super) lifted: &'a mut [f64],
-    /// Its logarithms, if the step says so.
-    pub(super) logs: &'a mut [f64],
-}
-
-/// What else a step gives.
-pub(super) struct Advanced {
-    /// ln N, the log-likelihood of the observation.
-    pub(super) log: f64,
-    /// N itself, for the likelihoods as the sensor gave them, where the step was
-    /// taken with those; else 0.
-    pub(super) normaliser: f64,
-    /// Whether the belief has to be kept as logarithms too.
-    pub(super) in_logs: bool,
-    /// Where the belief is.
-    pub(super) form: Form,
 }
 
 /// The model at one step.
@@ -279,8 +148,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         lifted: &mut Lifted,
         results: &mut Results<'_>,
     ) -> Result<Option<(f64, Form)>, InferenceError> {
-        if !lifted.tiny
-            && lifted.more == 0
+        if !lifted.is_needed()
             && let Some(matrix) = self.matrix()?
             && matrix.plain
         {
@@ -293,7 +161,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 let tiny = kernels::settle(results.lifted, updated.products);
                 return Ok(Some((updated.products, Form::Plain { tiny })));
             }
-            lifted.more = LIFT_FOR;
+            lifted.lift_for_some_steps();
         }
         let lifted = lifted.values(belief);
         let updated = self.update(likelihoods, lifted, results)?;
@@ -338,7 +206,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.hmm.transition().apply(control, lifted, results.predicted);
         let product = Made(results.predicted);
         let updated = kernels::update(likelihoods.update(product, LIFT, results.lifted));
-        if updated.least_predicted < 0.0 || !is_one(updated.predicted / LIFT) {
+        if updated.negative_predicted || !is_one(updated.predicted / LIFT) {
             self.check_prediction(results.predicted)?;
         }
         Ok(updated)
@@ -416,7 +284,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Returns its sum.
     pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
         let step = self.number;
-        if let Err(state) = kernels::largest(predicted) {
+        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
             return Err(InferenceError::Predicted { step, state, value });
         }
@@ -446,7 +314,7 @@ impl<'a> Likelihoods<'a> {
 #[inline]
 fn holds(updated: &Updated, lift: f64) -> bool {
     let normaliser = updated.products / lift;
-    updated.least_likelihood >= 0.0
+    !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)
         && is_one(updated.predicted / lift)
         // So that a NaN is not valid either.

@@ -72,7 +72,7 @@ pub(crate) trait Kernel {
 }
 
 /// Runs a kernel with the instructions chosen.
-#[inline]
+#[inline(always)]
 pub(crate) fn run<K: Kernel>(kernel: K) -> K::Output {
     // SAFETY: what is chosen is here.
     unsafe { run_unchecked(Isa::chosen(), kernel) }
@@ -89,7 +89,7 @@ pub(crate) fn run_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
 /// # Safety
 ///
 /// The instructions must be there.
-#[inline]
+#[inline(always)]
 unsafe fn run_unchecked<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
     {
@@ -136,6 +136,7 @@ pub(crate) trait Lanes: Copy {
     fn and(self, a: Self::M, b: Self::M) -> Self::M;
     fn or(self, a: Self::M, b: Self::M) -> Self::M;
     fn any(self, m: Self::M) -> bool;
+    fn all(self, m: Self::M) -> bool;
     /// `a` where the mask is set, else `b`.
     fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
 
@@ -179,8 +180,8 @@ pub(crate) trait Lanes: Copy {
 pub(crate) struct Plain;
 
 #[inline(always)]
-fn each<T, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(&T, &T) -> R) -> [R; LANES] {
-    std::array::from_fn(|l| f(&a[l], &b[l]))
+fn each<T: Copy, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(T, T) -> R) -> [R; LANES] {
+    std::array::from_fn(|l| f(a[l], b[l]))
 }
 
 impl Lanes for Plain {
@@ -214,11 +215,11 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn min(self, a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a < b { *a } else { *b })
+        each(a, b, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
     fn max(self, a: Eight, b: Eight) -> Eight {
-        each(a, b, |a, b| if a > b { *a } else { *b })
+        each(a, b, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
     fn less(self, a: Eight, b: Eight) -> [bool; LANES] {
@@ -239,6 +240,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn any(self, m: [bool; LANES]) -> bool {
         m.into_iter().fold(false, |any, m| any | m)
+    }
+    #[inline(always)]
+    fn all(self, m: [bool; LANES]) -> bool {
+        m.into_iter().fold(true, |all, m| all & m)
     }
     #[inline(always)]
     fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
@@ -276,6 +281,7 @@ pub(crate) use x86::{Avx2, Avx512};
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use super::{Eight, LANES, Lanes};
+    #[allow(clippy::wildcard_imports, reason = "instructions name themselves")]
     use std::arch::x86_64::*;
 
     /// There is AVX2. Two registers of four doubles.
@@ -357,6 +363,10 @@ mod x86 {
         #[inline(always)]
         fn any(self, m: Two) -> bool {
             unsafe { _mm256_movemask_pd(_mm256_or_pd(m.0, m.1)) != 0 }
+        }
+        #[inline(always)]
+        fn all(self, m: Two) -> bool {
+            unsafe { _mm256_movemask_pd(_mm256_and_pd(m.0, m.1)) == 0b1111 }
         }
         #[inline(always)]
         fn select(self, m: Two, a: Two, b: Two) -> Two {
@@ -476,6 +486,10 @@ mod x86 {
         #[inline(always)]
         fn any(self, m: __mmask8) -> bool {
             m != 0
+        }
+        #[inline(always)]
+        fn all(self, m: __mmask8) -> bool {
+            m == __mmask8::MAX
         }
         #[inline(always)]
         fn select(self, m: __mmask8, a: __m512d, b: __m512d) -> __m512d {

@@ -127,9 +127,9 @@ pub(crate) fn maximise(work: Maximise<'_>) -> f64 {
 }
 
 /// Adds to scores, and gives the largest.
-struct Add<'a> {
-    scores: &'a mut [f64],
-    added: Option<Shifted<'a>>,
+pub(super) struct Add<'a> {
+    pub(super) scores: &'a mut [f64],
+    pub(super) added: Option<Shifted<'a>>,
 }
 
 impl Kernel for Add<'_> {
@@ -167,10 +167,10 @@ pub(crate) fn add_scores(scores: &mut [f64], added: Option<Shifted<'_>>) -> f64 
 }
 
 /// Logarithms to base 2, on the grid, of likelihoods over the largest.
-struct Log2OfLogs<'a> {
-    logs: &'a [f64],
-    largest: f64,
-    out: &'a mut [f64],
+pub(super) struct Log2OfLogs<'a> {
+    pub(super) logs: &'a [f64],
+    pub(super) largest: f64,
+    pub(super) out: &'a mut [f64],
 }
 
 impl Kernel for Log2OfLogs<'_> {

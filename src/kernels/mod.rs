@@ -9,14 +9,19 @@ mod blocks;
 mod dense;
 mod dense_max;
 mod lanes;
+mod largest;
 mod max;
 mod product;
 mod retreat;
 mod sliced;
 mod update;
 
+#[cfg(test)]
+mod every_instruction_set;
+
 pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
+pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
@@ -131,26 +136,6 @@ pub(crate) fn log2(x: f64) -> f64 {
     on_grid(mantissa.log2()) + exponent - lift
 }
 
-/// The largest of values that are all finite and at least 0, or the index of
-/// the first that is not.
-pub(crate) fn largest(x: &[f64]) -> Result<f64, usize> {
-    let valid = |x: f64| (0.0..=f64::MAX).contains(&x);
-    let (chunks, rest) = x.as_chunks::<LANES>();
-    let mut lanes = [0.0; LANES];
-    let mut all_valid = rest.iter().all(|&x| valid(x));
-    for chunk in chunks {
-        for l in 0..LANES {
-            all_valid &= valid(chunk[l]);
-            lanes[l] = if chunk[l] > lanes[l] { chunk[l] } else { lanes[l] };
-        }
-    }
-    if all_valid {
-        return Ok(lanes.iter().chain(rest).copied().fold(0.0, f64::max));
-    }
-    // Only now is it worth while to know which.
-    Err(x.iter().position(|&x| !valid(x)).unwrap_or(0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -181,12 +166,18 @@ mod tests {
             let expected = (n * (n + 1) / 2) as f64;
             assert_eq!(sum(&x), expected);
             assert_eq!(dot(&x, &y), 2.0 * expected);
-            assert_eq!(largest(&x), Ok(n as f64));
+            assert_eq!(largest(&x, Valid::Likelihoods), Ok(n as f64));
             for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e-300] {
                 for at in 0..n {
                     let mut x = x.clone();
                     x[at] = bad;
-                    assert_eq!(largest(&x), Err(at), "{bad} at {at} of {n}");
+                    assert_eq!(largest(&x, Valid::Likelihoods), Err(at), "{bad} at {at} of {n}");
+                    let logs = if bad == f64::NEG_INFINITY || bad == -1e-300 {
+                        Ok(x.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+                    } else {
+                        Err(at)
+                    };
+                    assert_eq!(largest(&x, Valid::Logs), logs, "{bad} at {at} of {n}");
                 }
             }
         }

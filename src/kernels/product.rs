@@ -8,6 +8,9 @@ use super::sliced::Sliced;
 
 /// A product with a vector.
 pub(crate) trait Product: Copy + Send {
+    /// Whether it is known to be one of a distribution, with a stochastic matrix.
+    const KNOWN: bool;
+
     /// The number of lines.
     fn lines(self) -> usize;
 
@@ -28,6 +31,8 @@ pub(crate) trait Each<L: Lanes> {
 pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
 
 impl Product for Made<'_> {
+    const KNOWN: bool = false;
+
     #[inline(always)]
     fn lines(self) -> usize {
         self.0.len()
@@ -54,6 +59,8 @@ pub(crate) struct Sparse<'a> {
 }
 
 impl Product for Sparse<'_> {
+    const KNOWN: bool = true;
+
     #[inline(always)]
     fn lines(self) -> usize {
         self.matrix.lines()
@@ -128,9 +135,10 @@ impl Sliced {
     }
 }
 
-struct Multiply<'a> {
-    product: Part<Sparse<'a>>,
-    out: &'a mut [f64],
+/// `out` = a product.
+pub(super) struct Multiply<'a> {
+    pub(super) product: Part<Sparse<'a>>,
+    pub(super) out: &'a mut [f64],
 }
 
 impl Kernel for Multiply<'_> {

@@ -1,6 +1,8 @@
 //! Element by element on the eight lines at hand, while their product is still in
 //! registers: the second half of a step of filter and smoother.
 
+use std::marker::PhantomData;
+
 use super::blocks::{Blocks, run_in_blocks};
 use super::lanes::{Eight, Kernel, LANES, Lanes};
 use super::product::{Each, Part, Product, eight, put};
@@ -24,9 +26,9 @@ pub(crate) struct Updated {
     pub(crate) products: f64,
     /// Σ pᵢ.
     pub(crate) predicted: f64,
-    /// The least pᵢ, or 0 if all are above; that of the likelihoods.
-    pub(crate) least_predicted: f64,
-    pub(crate) least_likelihood: f64,
+    /// Whether a value is below 0.
+    pub(crate) negative_predicted: bool,
+    pub(crate) negative_likelihood: bool,
     /// The largest bᵢ.
     pub(crate) largest_likelihood: f64,
     /// Whether a result is below 2^-1000 of the lift, though neither of its
@@ -43,26 +45,27 @@ impl<P: Product> Kernel for Update<'_, Part<P>> {
         let n = prediction.lines();
         let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
         let zero = lanes.splat(0.0);
-        let mut each = UpdateEach::<L> {
+        let mut each = UpdateEach::<L, P> {
             likelihoods: likelihoods.as_chunks(),
             out: out.as_chunks_mut(),
             least: lanes.splat(lift / LIFT),
             possible: lanes.splat(if scaled { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
-            least_predicted: zero,
-            least_likelihood: zero,
+            negative_predicted: lanes.less(zero, zero),
+            negative_likelihood: lanes.less(zero, zero),
             largest_likelihood: zero,
             small: false,
+            product: PhantomData,
         };
         prediction.each(lanes, &mut each);
-        let fold = |v, f: fn(f64, f64) -> f64| lanes.to_array(v).into_iter().fold(0.0, f);
+        let largest = lanes.to_array(each.largest_likelihood);
         Updated {
             products: total(lanes.to_array(each.products)),
-            predicted: total(lanes.to_array(each.predicted)),
-            least_predicted: fold(each.least_predicted, f64::min),
-            least_likelihood: fold(each.least_likelihood, f64::min),
-            largest_likelihood: fold(each.largest_likelihood, f64::max),
+            predicted: if P::KNOWN { lift } else { total(lanes.to_array(each.predicted)) },
+            negative_predicted: lanes.any(each.negative_predicted),
+            negative_likelihood: lanes.any(each.negative_likelihood),
+            largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
             small: each.small,
         }
     }
@@ -84,43 +87,47 @@ impl<P: Product> Blocks for Update<'_, Part<P>> {
     fn join(a: Updated, b: Updated) -> Updated {
         Updated {
             products: a.products + b.products,
-            predicted: a.predicted + b.predicted,
-            least_predicted: a.least_predicted.min(b.least_predicted),
-            least_likelihood: a.least_likelihood.min(b.least_likelihood),
+            predicted: if P::KNOWN { a.predicted } else { a.predicted + b.predicted },
+            negative_predicted: a.negative_predicted | b.negative_predicted,
+            negative_likelihood: a.negative_likelihood | b.negative_likelihood,
             largest_likelihood: a.largest_likelihood.max(b.largest_likelihood),
             small: a.small | b.small,
         }
     }
 }
 
-struct UpdateEach<'a, L: Lanes> {
+struct UpdateEach<'a, L: Lanes, P> {
     likelihoods: (&'a [Eight], &'a [f64]),
     out: (&'a mut [Eight], &'a mut [f64]),
     least: L::V,
     possible: L::V,
     products: L::V,
     predicted: L::V,
-    least_predicted: L::V,
-    least_likelihood: L::V,
+    negative_predicted: L::M,
+    negative_likelihood: L::M,
     largest_likelihood: L::V,
     small: bool,
+    product: PhantomData<P>,
 }
 
-impl<L: Lanes> Each<L> for UpdateEach<'_, L> {
+impl<L: Lanes, P: Product> Each<L> for UpdateEach<'_, L, P> {
     #[inline(always)]
     fn eight(&mut self, lanes: L, number: usize, p: L::V) {
         let b = eight(lanes, self.likelihoods, number);
         let after = lanes.mul(p, b);
         put(lanes, (&mut *self.out.0, &mut *self.out.1), number, after);
         self.products = lanes.add(self.products, after);
-        self.predicted = lanes.add(self.predicted, p);
-        self.least_predicted = lanes.min(p, self.least_predicted);
-        self.least_likelihood = lanes.min(b, self.least_likelihood);
+        let zero = lanes.splat(0.0);
+        if !P::KNOWN {
+            self.predicted = lanes.add(self.predicted, p);
+            self.negative_predicted = lanes.or(self.negative_predicted, lanes.less(p, zero));
+        }
+        self.negative_likelihood = lanes.or(self.negative_likelihood, lanes.less(b, zero));
         self.largest_likelihood = lanes.max(b, self.largest_likelihood);
         let below = lanes.less(after, self.least);
         if lanes.any(below) {
             let possible = lanes.min(p, lanes.max(b, self.possible));
-            let possible = lanes.less(lanes.splat(0.0), possible);
+            let possible = lanes.less(zero, possible);
             self.small |= lanes.any(lanes.and(below, possible));
         }
     }
@@ -241,6 +248,7 @@ impl Blocks for SettleAndLift<'_> {
 }
 
 /// Does an [`Update`].
+#[inline]
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
     let Update { prediction, lift, likelihoods, scaled, out } = update;
     let prediction = Part::all(prediction);
@@ -248,11 +256,13 @@ pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
 }
 
 /// Does a [`Settle`].
+#[inline]
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
     run_in_blocks(Settle { x, sum })
 }
 
 /// Does a [`SettleAndLift`].
+#[inline]
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
     run_in_blocks(SettleAndLift { x, out, sum })
 }

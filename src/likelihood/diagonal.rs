@@ -1,11 +1,7 @@
 //! What a likelihood hands to inference.
 
 use crate::error::LikelihoodError;
-use crate::kernels;
-
-/// Sums and differences of logarithms up to this stay finite over more steps than
-/// anyone takes.
-const LARGEST_LOG: f64 = 1e300;
+use crate::kernels::{self, LARGEST_LOG, Valid};
 
 /// The diagonal of B(y): one likelihood per state, as numbers or as
 /// logarithms, with a common factor taken out if wanted.
@@ -99,24 +95,22 @@ impl<'a> Diagonal<'a> {
         self.check_shape(states)?;
         match self.values {
             Values::Linear(values) => {
-                kernels::largest(values).map_err(|state| LikelihoodError::Value {
-                    state,
-                    kind: "likelihood",
-                    value: values[state],
-                    expected: "a finite value of at least 0",
+                kernels::largest(values, Valid::Likelihoods).map_err(|state| {
+                    LikelihoodError::Value {
+                        state,
+                        kind: "likelihood",
+                        value: values[state],
+                        expected: "a finite value of at least 0",
+                    }
                 })
             }
             Values::Log(values) => {
-                let valid = |l: f64| l.abs() <= LARGEST_LOG || l == f64::NEG_INFINITY;
-                match values.iter().position(|l| !valid(*l)) {
-                    Some(state) => Err(LikelihoodError::Value {
-                        state,
-                        kind: "log-likelihood",
-                        value: values[state],
-                        expected: "a value from -1e300 to 1e300, or negative infinity",
-                    }),
-                    None => Ok(values.iter().copied().fold(f64::NEG_INFINITY, f64::max)),
-                }
+                kernels::largest(values, Valid::Logs).map_err(|state| LikelihoodError::Value {
+                    state,
+                    kind: "log-likelihood",
+                    value: values[state],
+                    expected: "a value from -1e300 to 1e300, or negative infinity",
+                })
             }
             Values::Checked { largest, .. } => Ok(largest),
         }

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::super::LogSum;
 use super::{LEAST_FACTOR, exponent, power, with_constant};
 use crate::hmm::Hmm;
+use crate::kernels::LARGEST_LOG;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -14,7 +15,6 @@ const UNSCALED: std::ops::RangeInclusive<f64> = power(-16)..=power(16);
 /// Beyond these exponents, scaling itself would need care.
 const EXPONENTS: std::ops::RangeInclusive<i64> = -1000..=1000;
 /// What a diagonal may hold as a logarithm.
-const LARGEST_LOG: f64 = 1e300;
 
 /// What was taken out of likelihoods. Ordinary ones leave it as it is.
 #[derive(Debug, Clone, Copy, Default)]

@@ -53,5 +53,13 @@ fn whole<A: TransitionEntries<Control = ()>>(
     run("forward", Contender::wayfix(|| drop(black_box(hmm.forward(black_box(ys))))));
     run("score", Contender::wayfix(|| drop(black_box(hmm.score(black_box(ys))))));
     run("smooth", Contender::wayfix(|| drop(black_box(hmm.smooth(black_box(ys))))));
-    run("viterbi", Contender::wayfix(|| drop(black_box(hmm.viterbi(black_box(ys))))));
+    // As to the peers, logarithms are given to the decoder.
+    let n = hmm.states();
+    let logs: Vec<Vec<f64>> = ys.iter().map(|y| y.iter().map(|b| b.ln()).collect()).collect();
+    let logs: Vec<&[f64]> = logs.iter().map(Vec::as_slice).collect();
+    let decoder = Hmm::new(hmm.prior().clone(), hmm.transition(), LikelihoodVector::log(n));
+    let decoder = decoder.expect("it is that of the other");
+    let paths = [hmm.viterbi(ys), decoder.viterbi(&logs)].map(|path| path.expect(ANSWERED));
+    assert_eq!(paths[0].states(), paths[1].states(), "logarithms must not change the path");
+    run("viterbi", Contender::wayfix(|| drop(black_box(decoder.viterbi(black_box(&logs))))));
 }
