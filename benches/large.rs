@@ -51,7 +51,7 @@ fn triad() -> f64 {
 /// stays, or goes to one of four others. Of a hundred roads three lead elsewhere in the
 /// neighbourhood.
 fn roads(places: usize) -> impl Iterator<Item = (usize, usize, f64)> {
-    let width = (places as f64).sqrt() as usize;
+    let width = places.isqrt();
     let mut random = 1_u64;
     let mut draw = move |below: usize| {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695);

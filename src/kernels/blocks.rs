@@ -110,8 +110,9 @@ mod tests {
     fn a_product_goes_on_where_the_block_before_ends() {
         // Neighbours, some of them far, and a few lines of many entries.
         let line = |i: usize| {
-            let far = (i % 5 == 0).then_some((i * 7919) % LINES);
-            let many = (0..if i % 1009 == 0 { 40 } else { 0 }).map(|k| (i + 50 * k) % LINES);
+            let far = i.is_multiple_of(5).then_some((i * 7919) % LINES);
+            let many =
+                (0..if i.is_multiple_of(1009) { 40 } else { 0 }).map(|k| (i + 50 * k) % LINES);
             let mut indices: Vec<u32> =
                 [i, (i + 1) % LINES].into_iter().chain(far).chain(many).map(|j| j as u32).collect();
             indices.sort_unstable();
