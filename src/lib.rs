@@ -153,7 +153,8 @@
 //! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
-//! - **`rayon`**: many sequences in parallel, with the same results.
+//! - **`rayon`**: many sequences, and the lines of large sparse maps, in parallel, with
+//!   the same results.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
 //!   [serde](https://serde.rs), to the bit; the module `persistence` says how.
 //!

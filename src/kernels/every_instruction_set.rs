@@ -7,10 +7,10 @@ use proptest::prelude::*;
 use super::lanes::{Isa, run_on};
 use super::largest::{Largest, Valid};
 use super::max::{Add, Log2OfLogs, Maximise, Shifted};
-use super::sliced::{Multiply, Sliced};
-use super::update::{
-    BACK_LIFT, Made, Retreat, Settle, SettleAndLift, Sparse, Update, Updated, Weigh,
-};
+use super::product::{Made, Multiply, Part, Sparse};
+use super::retreat::{BACK_LIFT, Retreat, Weigh};
+use super::sliced::Sliced;
+use super::update::{Settle, SettleAndLift, Update, Updated};
 use super::{LIFT, log2, on_grid};
 
 type Rows = Vec<Vec<(u32, f64)>>;
@@ -95,7 +95,8 @@ proptest! {
         let p = product(&rows, &x);
         let found = everywhere(|isa| {
             let mut out = vec![f64::NAN; n];
-            run_on(isa, Multiply { matrix: &matrix, x: &x, out: &mut out });
+            let product = Part::all(Sparse { matrix: &matrix, x: &x });
+            run_on(isa, Multiply { product, out: &mut out });
             out
         });
         close(&found, &p)?;
@@ -103,7 +104,7 @@ proptest! {
         let expected: Vec<f64> = p.iter().zip(&b).map(|(p, b)| p * b).collect();
         let (out, updated) = everywhere(|isa| {
             let mut out = vec![f64::NAN; n];
-            let prediction = Sparse { matrix: &matrix, x: &x };
+            let prediction = Part::all(Sparse { matrix: &matrix, x: &x });
             let likelihoods = &b;
             let updated =
                 run_on(isa, Update { prediction, lift, likelihoods, scaled, out: &mut out });
@@ -124,7 +125,7 @@ proptest! {
         let (made, seen) = everywhere(|isa| {
             let mut out = vec![f64::NAN; n];
             let update = Update {
-                prediction: Made(&found), lift, likelihoods: &b, scaled, out: &mut out,
+                prediction: Part::all(Made(&found)), lift, likelihoods: &b, scaled, out: &mut out,
             };
             (run_on(isa, update), out)
         });
@@ -143,7 +144,7 @@ proptest! {
         let (p, b) = if which { (&other, &good) } else { (&good, &other) };
         let seen = everywhere(|isa| {
             let mut out = vec![0.0; good.len()];
-            let prediction = Made(p);
+            let prediction = Part::all(Made(p));
             let updated = run_on(
                 isa,
                 Update { prediction, lift: 1.0, likelihoods: b, scaled: false, out: &mut out },
@@ -204,7 +205,7 @@ proptest! {
         close(&ratio, &expected)?;
         let (gamma, back, sum) = everywhere(|isa| {
             let (mut gamma, mut back) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-            let product = Sparse { matrix: &matrix, x: &ratio };
+            let product = Part::all(Sparse { matrix: &matrix, x: &ratio });
             let retreat =
                 Retreat { back: product, alpha: &alpha, gamma: &mut gamma, q: &mut back };
             let sum = run_on(isa, retreat);

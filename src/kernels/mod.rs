@@ -4,22 +4,29 @@
 //! the order of the additions, so the result to the bit, is the same on every
 //! machine.
 
+mod aligned;
+mod blocks;
+mod dense;
+mod dense_max;
 mod lanes;
 mod largest;
 mod max;
+mod product;
+mod retreat;
 mod sliced;
 mod update;
 
 #[cfg(test)]
 mod every_instruction_set;
 
+pub(crate) use dense::Dense;
+pub(crate) use dense_max::DenseLogs;
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
+pub(crate) use product::{Made, Sparse};
+pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
-pub(crate) use update::{
-    BACK_LIFT, Made, Sparse, Update, Updated, any_tiny, retreat, settle, settle_and_lift, update,
-    weigh,
-};
+pub(crate) use update::{Update, Updated, any_tiny, settle, settle_and_lift, update};
 
 use lanes::LANES;
 

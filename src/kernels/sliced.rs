@@ -10,8 +10,10 @@
 //! lie on such diagonals, and a load costs a fifth of a gather. What few lines have more
 //! of than the rest of their slice is kept apart, line by line.
 
-use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-use super::update::Each;
+use std::ops::Range;
+
+use super::lanes::{Eight, LANES, Lanes};
+use super::product::Each;
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
 const SHIFTED_COST: usize = 2;
@@ -68,21 +70,21 @@ impl Sliced {
             apart_indices: Vec::new(),
             values: Values::default(),
         };
-        let mut entries = Vec::new();
+        let (mut entries, mut places) = (Vec::new(), Vec::new());
         for first in (0..lines).step_by(LANES) {
             entries.clear();
             for lane in 0..LANES.min(lines - first) {
                 let (indices, values) = line(first + lane);
-                // The base is the index that lane 0 would have.
+                // What lies on one diagonal has the same number.
                 let of = |(&index, &value): (&u32, &f64)| Entry {
-                    base: (index as usize).checked_sub(lane),
+                    diagonal: index as usize + (LANES - 1) - lane,
                     lane,
                     index,
                     value,
                 };
                 entries.extend(indices.iter().zip(values).map(of));
             }
-            sliced.push(first, &mut entries);
+            sliced.push(first, &entries, &mut places);
         }
         sliced.bases.shrink_to_fit();
         sliced.indices.shrink_to_fit();
@@ -91,14 +93,22 @@ impl Sliced {
         sliced
     }
 
-    /// Adds a slice.
-    fn push(&mut self, first: usize, entries: &mut [Entry]) {
-        entries.sort_unstable_by_key(|entry| (entry.base, entry.lane));
-        let inside = |base: Option<usize>| base.is_some_and(|base| base + LANES <= self.lines);
-        let mut diagonals: Vec<&[Entry]> =
-            entries.chunk_by(|a, b| a.base == b.base).filter(|d| inside(d[0].base)).collect();
+    /// Adds a slice, whose entries come lane by lane.
+    fn push(&mut self, first: usize, entries: &[Entry], places: &mut Vec<usize>) {
+        // Diagonal and lane in one number: to sort entries would take most of the time.
+        places.clear();
+        places.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
+        places.sort_unstable();
+        let (diagonal, lane) = (|place: usize| place / LANES, |place: usize| place % LANES);
+        // Its base is the index that lane 0 has, or would have.
+        let base = |diagonal: usize| diagonal.checked_sub(LANES - 1);
+        let inside = |diagonal| base(diagonal).is_some_and(|base| base + LANES <= self.lines);
+        let mut diagonals: Vec<&[usize]> = places
+            .chunk_by(|&a, &b| diagonal(a) == diagonal(b))
+            .filter(|places| inside(diagonal(places[0])))
+            .collect();
         // The fullest first: as many as lower the cost.
-        diagonals.sort_by_key(|diagonal| std::cmp::Reverse(diagonal.len()));
+        diagonals.sort_by_key(|places| std::cmp::Reverse(places.len()));
         let mut left = [0_usize; LANES];
         entries.iter().for_each(|entry| left[entry.lane] += 1);
         let cost = |shifted: usize, left: &[usize; LANES]| {
@@ -107,16 +117,16 @@ impl Sliced {
         };
         let (mut best, mut taken) = (cost(0, &left), 0);
         let mut after = left;
-        for (count, diagonal) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
-            diagonal.iter().for_each(|entry| after[entry.lane] -= 1);
+        for (count, places) in diagonals.iter().enumerate().take_while(|(_, d)| d.len() > 1) {
+            places.iter().for_each(|&place| after[lane(place)] -= 1);
             if cost(count + 1, &after) < best {
                 (best, taken, left) = (cost(count + 1, &after), count + 1, after);
             }
         }
-        let mut bases: Vec<Option<usize>> = diagonals[..taken].iter().map(|d| d[0].base).collect();
-        bases.sort_unstable();
-        for base in bases.iter().flatten() {
-            self.bases.push(*base as u32);
+        let mut shifted: Vec<usize> = diagonals[..taken].iter().map(|d| diagonal(d[0])).collect();
+        shifted.sort_unstable();
+        for base in shifted.iter().filter_map(|&diagonal| base(diagonal)) {
+            self.bases.push(base as u32);
             self.values.shifted.push([0.0; LANES]);
         }
         // How deep the gathered slots are: what is deeper is kept apart.
@@ -130,12 +140,11 @@ impl Sliced {
         // Lanes without an entry take some place of the slice, and 0 of it.
         self.indices.resize(start + depth, [first as u32; LANES]);
         self.values.gathered.resize(start + depth, [0.0; LANES]);
-        let shifted_start = self.bases.len() - bases.len();
-        entries.sort_unstable_by_key(|entry| (entry.lane, entry.index));
+        let shifted_start = self.bases.len() - shifted.len();
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, mut rank) = (of_lane[0].lane, 0);
             for entry in of_lane {
-                if let Ok(at) = bases.binary_search(&entry.base) {
+                if let Ok(at) = shifted.binary_search(&entry.diagonal) {
                     self.values.shifted[shifted_start + at][lane] = entry.value;
                     continue;
                 }
@@ -176,18 +185,23 @@ impl Sliced {
         self.lines
     }
 
-    /// `out` = the product with x.
-    pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
-        run(Multiply { matrix: self, x, out });
-    }
-
-    /// Goes through the slices, and hands over the product with each.
+    /// Goes through some of the slices, and hands over the product with each,
+    /// numbered from the first of them.
     #[inline(always)]
-    pub(super) fn products<L: Lanes>(&self, lanes: L, x: &[f64], each: &mut impl Each<L>) {
+    pub(super) fn products<L: Lanes>(
+        &self,
+        lanes: L,
+        slices: Range<usize>,
+        x: &[f64],
+        each: &mut impl Each<L>,
+    ) {
         assert_eq!(x.len(), self.lines, "x must have one value per state");
-        let mut from = Slice::default();
-        let mut apart = 0;
-        for (number, to) in self.slices.iter().enumerate() {
+        // They begin where those before them end.
+        let before = slices.start.checked_sub(1);
+        let mut from = before.map_or(Slice::default(), |before| self.slices[before]);
+        let before = (from.apart as usize).checked_sub(1);
+        let mut apart = before.map_or(0, |before| self.apart[before].end as usize);
+        for (number, to) in self.slices[slices].iter().enumerate() {
             let mut sum = lanes.splat(0.0);
             let shifted = from.shifted as usize..to.shifted as usize;
             for (base, values) in
@@ -226,39 +240,9 @@ impl Sliced {
 
 /// An entry of a slice.
 struct Entry {
-    /// The index that lane 0 has on its diagonal.
-    base: Option<usize>,
+    /// The index that lane 7 would have on it.
+    diagonal: usize,
     lane: usize,
     index: u32,
     value: f64,
-}
-
-/// `out` = the product of a matrix with x.
-pub(super) struct Multiply<'a> {
-    pub(super) matrix: &'a Sliced,
-    pub(super) x: &'a [f64],
-    pub(super) out: &'a mut [f64],
-}
-
-impl Kernel for Multiply<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self { matrix, x, out } = self;
-        assert_eq!(out.len(), matrix.lines, "out must have one value per state");
-        matrix.products(lanes, x, &mut Store(out.as_chunks_mut()));
-    }
-}
-
-struct Store<'a>((&'a mut [Eight], &'a mut [f64]));
-
-impl<L: Lanes> Each<L> for Store<'_> {
-    #[inline(always)]
-    fn eight(&mut self, lanes: L, number: usize, product: L::V) {
-        match self.0.0.get_mut(number) {
-            Some(chunk) => lanes.store(product, chunk),
-            None => lanes.store_part(product, self.0.1),
-        }
-    }
 }

@@ -3,91 +3,10 @@
 
 use std::marker::PhantomData;
 
-use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-use super::sliced::Sliced;
+use super::blocks::{Blocks, run_in_blocks};
+use super::lanes::{Eight, Kernel, LANES, Lanes};
+use super::product::{Each, Part, Product, eight, put};
 use super::{LIFT, total};
-
-/// A product with a vector, eight lines after eight.
-pub(crate) trait Product: Copy {
-    /// Whether it is known to be one of a distribution, with a stochastic matrix.
-    const KNOWN: bool;
-
-    /// The number of lines.
-    fn lines(self) -> usize;
-
-    /// Hands each eight over; lines beyond the last have 0.
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>);
-}
-
-/// What is done with eight lines of a product. (A closure might not become part
-/// of the function that may use the instructions.)
-pub(crate) trait Each<L: Lanes> {
-    /// Takes those with this number. Implementations are `#[inline(always)]`.
-    fn eight(&mut self, lanes: L, number: usize, product: L::V);
-}
-
-/// One that has been made.
-#[derive(Clone, Copy)]
-pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
-
-impl Product for Made<'_> {
-    const KNOWN: bool = false;
-
-    #[inline(always)]
-    fn lines(self) -> usize {
-        self.0.len()
-    }
-
-    #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
-        let (chunks, rest) = self.0.as_chunks::<LANES>();
-        for (number, chunk) in chunks.iter().enumerate() {
-            each.eight(lanes, number, lanes.load(chunk));
-        }
-        if !rest.is_empty() {
-            each.eight(lanes, chunks.len(), lanes.load_part(rest));
-        }
-    }
-}
-
-/// One with a sparse matrix.
-#[derive(Clone, Copy)]
-pub(crate) struct Sparse<'a> {
-    pub(crate) matrix: &'a Sliced,
-    pub(crate) x: &'a [f64],
-}
-
-impl Product for Sparse<'_> {
-    const KNOWN: bool = true;
-
-    #[inline(always)]
-    fn lines(self) -> usize {
-        self.matrix.lines()
-    }
-
-    #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
-        self.matrix.products(lanes, self.x, each);
-    }
-}
-
-/// Eight values of a slice, or what is left of them.
-#[inline(always)]
-fn eight<L: Lanes>(lanes: L, (chunks, rest): (&[Eight], &[f64]), number: usize) -> L::V {
-    match chunks.get(number) {
-        Some(chunk) => lanes.load(chunk),
-        None => lanes.load_part(rest),
-    }
-}
-
-/// Writes eight values to a slice, or what there is room for.
-#[inline(always)]
-fn put<L: Lanes>(lanes: L, (chunks, rest): (&mut [Eight], &mut [f64]), number: usize, v: L::V) {
-    match chunks.get_mut(number) {
-        Some(chunk) => lanes.store(v, chunk),
-        None => lanes.store_part(v, rest),
-    }
-}
 
 /// `out = p ∘ b` for a prediction p that sums to `lift`.
 pub(crate) struct Update<'a, P> {
@@ -117,7 +36,7 @@ pub(crate) struct Updated {
     pub(crate) small: bool,
 }
 
-impl<P: Product> Kernel for Update<'_, P> {
+impl<P: Product> Kernel for Update<'_, Part<P>> {
     type Output = Updated;
 
     #[inline(always)]
@@ -148,6 +67,31 @@ impl<P: Product> Kernel for Update<'_, P> {
             negative_likelihood: lanes.any(each.negative_likelihood),
             largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
             small: each.small,
+        }
+    }
+}
+
+impl<P: Product> Blocks for Update<'_, Part<P>> {
+    fn lines(&self) -> usize {
+        self.prediction.lines()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let prediction = self.prediction.split(at);
+        let (likelihoods, out) = (self.likelihoods.split_at(at), self.out.split_at_mut(at));
+        let first =
+            Self { prediction: prediction.0, likelihoods: likelihoods.0, out: out.0, ..self };
+        (first, Self { prediction: prediction.1, likelihoods: likelihoods.1, out: out.1, ..self })
+    }
+
+    fn join(a: Updated, b: Updated) -> Updated {
+        Updated {
+            products: a.products + b.products,
+            predicted: if P::KNOWN { a.predicted } else { a.predicted + b.predicted },
+            negative_predicted: a.negative_predicted | b.negative_predicted,
+            negative_likelihood: a.negative_likelihood | b.negative_likelihood,
+            largest_likelihood: a.largest_likelihood.max(b.largest_likelihood),
+            small: a.small | b.small,
         }
     }
 }
@@ -220,6 +164,21 @@ impl Kernel for Settle<'_> {
     }
 }
 
+impl Blocks for Settle<'_> {
+    fn lines(&self) -> usize {
+        self.x.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (x, rest) = self.x.split_at_mut(at);
+        (Self { x, ..self }, Self { x: rest, ..self })
+    }
+
+    fn join(a: bool, b: bool) -> bool {
+        a | b
+    }
+}
+
 /// 2^-900: from here on the products of a probability with an entry of at least
 /// 2^-100 have all their digits without a lift.
 const TINY: f64 = f64::from_bits((1023 - 900) << 52);
@@ -273,113 +232,37 @@ impl Kernel for SettleAndLift<'_> {
     }
 }
 
-/// 2^700: lifts γ / p and γ / α, on the way back.
-pub(crate) const BACK_LIFT: f64 = f64::from_bits((1023 + 700) << 52);
+impl Blocks for SettleAndLift<'_> {
+    fn lines(&self) -> usize {
+        self.x.len()
+    }
 
-/// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal
-/// double becomes 0.
-pub(crate) struct Weigh<'a> {
-    pub(crate) q: &'a [f64],
-    pub(crate) likelihoods: &'a [f64],
-    pub(crate) factor: f64,
-    pub(crate) ratio: &'a mut [f64],
-}
+    fn split(self, at: usize) -> (Self, Self) {
+        let (x, out) = (self.x.split_at_mut(at), self.out.split_at_mut(at));
+        (Self { x: x.0, out: out.0, ..self }, Self { x: x.1, out: out.1, ..self })
+    }
 
-impl Kernel for Weigh<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self { q, likelihoods, factor, ratio } = self;
-        let n = q.len();
-        let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
-        let (ratios, rest) = ratio[..n].as_chunks_mut::<LANES>();
-        let (factor, zero) = (lanes.splat(factor), lanes.splat(0.0));
-        let least = lanes.splat(f64::MIN_POSITIVE * BACK_LIFT);
-        for number in 0..n.div_ceil(LANES) {
-            let b = lanes.mul(eight(lanes, b, number), factor);
-            let v = lanes.mul(eight(lanes, q, number), b);
-            let kept = lanes.select(lanes.less(v, least), zero, v);
-            put(lanes, (&mut *ratios, &mut *rest), number, kept);
-        }
+    fn join(a: bool, b: bool) -> bool {
+        a | b
     }
 }
 
-/// The second half of a step back: `gamma = α ∘ q`, where q is the lifted
-/// product of A' with γ / p, and is kept. Gives Σ γᵢ.
-pub(crate) struct Retreat<'a, P> {
-    pub(crate) back: P,
-    pub(crate) alpha: &'a [f64],
-    pub(crate) gamma: &'a mut [f64],
-    pub(crate) q: &'a mut [f64],
-}
-
-impl<P: Product> Kernel for Retreat<'_, P> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> f64 {
-        let Self { back, alpha, gamma, q } = self;
-        let n = back.lines();
-        let mut each = RetreatEach::<L> {
-            alpha: alpha[..n].as_chunks(),
-            gamma: gamma[..n].as_chunks_mut(),
-            q: q[..n].as_chunks_mut(),
-            unlift: lanes.splat(1.0 / BACK_LIFT),
-            least: lanes.splat(f64::MIN_POSITIVE),
-            sum: lanes.splat(0.0),
-        };
-        back.each(lanes, &mut each);
-        total(lanes.to_array(each.sum))
-    }
-}
-
-struct RetreatEach<'a, L: Lanes> {
-    alpha: (&'a [Eight], &'a [f64]),
-    gamma: (&'a mut [Eight], &'a mut [f64]),
-    q: (&'a mut [Eight], &'a mut [f64]),
-    unlift: L::V,
-    least: L::V,
-    sum: L::V,
-}
-
-impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
-    #[inline(always)]
-    fn eight(&mut self, lanes: L, number: usize, q: L::V) {
-        let v = lanes.mul(lanes.mul(q, eight(lanes, self.alpha, number)), self.unlift);
-        let kept = lanes.select(lanes.less(v, self.least), lanes.splat(0.0), v);
-        put(lanes, (&mut *self.gamma.0, &mut *self.gamma.1), number, kept);
-        put(lanes, (&mut *self.q.0, &mut *self.q.1), number, q);
-        self.sum = lanes.add(self.sum, kept);
-    }
-}
-
-/// [`Update`] with the instructions chosen.
+/// Does an [`Update`].
 #[inline]
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
-    run(update)
+    let Update { prediction, lift, likelihoods, scaled, out } = update;
+    let prediction = Part::all(prediction);
+    run_in_blocks(Update { prediction, lift, likelihoods, scaled, out })
 }
 
-/// [`Settle`] with the instructions chosen.
+/// Does a [`Settle`].
 #[inline]
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
-    run(Settle { x, sum })
+    run_in_blocks(Settle { x, sum })
 }
 
-/// [`SettleAndLift`] with the instructions chosen.
+/// Does a [`SettleAndLift`].
 #[inline]
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
-    run(SettleAndLift { x, out, sum })
-}
-
-/// [`Weigh`] with the instructions chosen.
-#[inline]
-pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
-    run(Weigh { q, likelihoods, factor, ratio });
-}
-
-/// [`Retreat`] with the instructions chosen.
-#[inline]
-pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
-    run(Retreat { back, alpha, gamma, q })
+    run_in_blocks(SettleAndLift { x, out, sum })
 }

@@ -15,7 +15,7 @@ use crate::transition::{
 stored! {
     [] DenseTransition: [], |a| {
         states: usize = a.states(),
-        columns: Vec<f64> = a.columns,
+        columns: Vec<f64> = a.values(),
     } => if states.checked_mul(states) == Some(columns.len()) {
         Self::from_fn(states, |to, from| columns[from * states + to])
     } else {

@@ -2,17 +2,14 @@
 
 use std::sync::OnceLock;
 
-use super::{Transition, TransitionEntries, best_of, check_columns, check_count, log};
+use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
-use crate::kernels;
-
-/// How many columns are added in one pass over the result.
-const BLOCK: usize = 4;
+use crate::kernels::{self, Dense, DenseLogs};
 
 /// A dense transition matrix, stored by columns.
 ///
-/// Products cost O(n²), memory is 8 n² bytes, and as much again after the first
-/// Viterbi. For a map, where most entries are 0, take
+/// Products cost O(n²). Memory is 8 n² bytes, with n rounded up to a multiple of
+/// eight for one of the two, and as much again after the first Viterbi. For a map, where most entries are 0, take
 /// [`SparseTransition`](crate::SparseTransition).
 ///
 /// ```
@@ -27,11 +24,9 @@ const BLOCK: usize = 4;
 /// ```
 #[derive(Debug, Clone)]
 pub struct DenseTransition {
-    states: usize,
-    /// A\[i, j\] at j n + i.
-    pub(crate) columns: Vec<f64>,
-    /// log2 A\[i, j\] at i n + j, made when first decoded with.
-    log2_rows: OnceLock<Vec<f64>>,
+    matrix: Dense,
+    /// Made when first decoded with.
+    log2: OnceLock<DenseLogs>,
 }
 
 impl DenseTransition {
@@ -61,20 +56,20 @@ impl DenseTransition {
             return Err(TransitionError::Empty);
         }
         check_count("states", states)?;
-        let mut columns = Vec::with_capacity(states * states);
+        let mut matrix = Dense::new(states);
         let mut sums = vec![0.0; states];
         for (from, sum) in sums.iter_mut().enumerate() {
-            for to in 0..states {
+            for (to, stored) in matrix.column_mut(from).iter_mut().enumerate() {
                 let value = entry(to, from);
                 if !(value >= 0.0 && value.is_finite()) {
                     return Err(TransitionError::Entry { to, from, value });
                 }
-                columns.push(value);
+                *stored = value;
                 *sum += value;
             }
         }
         check_columns(&sums)?;
-        Ok(Self { states, columns, log2_rows: OnceLock::new() })
+        Ok(Self { matrix, log2: OnceLock::new() })
     }
 
     /// From a faer view of A (columns sum to one). O(n²).
@@ -96,31 +91,37 @@ impl DenseTransition {
     #[cfg(feature = "faer")]
     #[must_use]
     pub fn as_faer(&self) -> faer::MatRef<'_, f64> {
-        faer::MatRef::from_column_major_slice(&self.columns, self.states, self.states)
+        let (n, matrix) = (self.states(), &self.matrix);
+        faer::MatRef::from_column_major_slice_with_stride(matrix.values(), n, n, matrix.stride())
     }
 
     /// A\[to, from\], 0 where there is no such state.
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
-        let n = self.states;
-        if to < n && from < n { self.columns[from * n + to] } else { 0.0 }
+        let n = self.states();
+        if to < n && from < n { self.matrix.column(from)[to] } else { 0.0 }
     }
 
     /// The entries above 0 of a row.
     fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        assert!(to < self.states, "there is no state {to}");
-        let row = self.columns[to..].iter().step_by(self.states).copied();
+        assert!(to < self.states(), "there is no state {to}");
+        let row = self.matrix.values()[to..].iter().step_by(self.matrix.stride()).copied();
         row.enumerate().filter(|entry| entry.1 > 0.0)
     }
 
     /// The entries above 0 of a column.
     fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let column = &self.columns[from * self.states..(from + 1) * self.states];
-        column.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+        self.matrix.column(from).iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+    }
+
+    /// A\[i, j\], column after column.
+    #[cfg(feature = "serde")]
+    pub(crate) fn values(&self) -> Vec<f64> {
+        (0..self.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
     }
 
     fn check_slices(&self, x: &[f64], out: &[f64]) {
-        super::check_slices(self.states, x, out);
+        super::check_slices(self.states(), x, out);
     }
 }
 
@@ -128,32 +129,17 @@ impl Transition for DenseTransition {
     type Control = ();
 
     fn states(&self) -> usize {
-        self.states
+        self.matrix.states()
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.check_slices(x, out);
-        let n = self.states;
-        out.fill(0.0);
-        let (blocks, rest) = x.as_chunks::<BLOCK>();
-        for (x, a) in blocks.iter().zip(self.columns.chunks_exact(BLOCK * n)) {
-            let (a0, a) = a.split_at(n);
-            let (a1, a) = a.split_at(n);
-            let (a2, a3) = a.split_at(n);
-            for ((((out, a0), a1), a2), a3) in out.iter_mut().zip(a0).zip(a1).zip(a2).zip(a3) {
-                *out += (a0 * x[0] + a1 * x[1]) + (a2 * x[2] + a3 * x[3]);
-            }
-        }
-        for (x, a) in rest.iter().zip(self.columns[(n - rest.len()) * n..].chunks_exact(n)) {
-            out.iter_mut().zip(a).for_each(|(out, a)| *out += a * x);
-        }
+        self.matrix.multiply(x, out);
     }
 
     fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.check_slices(x, out);
-        for (out, a) in out.iter_mut().zip(self.columns.chunks_exact(self.states)) {
-            *out = kernels::dot(a, x);
-        }
+        self.matrix.multiply_transpose(x, out);
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
@@ -180,15 +166,9 @@ impl TransitionEntries for DenseTransition {
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
         self.check_slices(x, out);
-        let n = self.states;
-        let log2 = self.log2_rows.get_or_init(|| {
-            let entries = (0..n).flat_map(|i| (0..n).map(move |j| (i, j)));
-            entries.map(|(i, j)| kernels::log2(self.columns[j * n + i])).collect()
-        });
-        let best = log2.chunks_exact(n).map(|row| best_of((0..).zip(row.iter().copied()), x));
-        for ((out, from), best) in out.iter_mut().zip(from).zip(best) {
-            (*out, *from) = best;
-        }
+        let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
+        let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
+        log2.maximise(x, out, from);
     }
 }
 

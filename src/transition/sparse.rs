@@ -19,6 +19,11 @@ const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 /// products go through them, eight lines at a time; the first Viterbi adds up to
 /// 20 bytes an entry. Entries of 0 are not stored.
 ///
+/// With the feature `rayon`, from some 100,000 states on the products, and what a
+/// filter or smoother does beside them, run on all threads of the pool that they are
+/// called in. The results are the same to the bit for any number of threads, and
+/// without the feature.
+///
 /// ```
 /// use wayfix::{SparseTransition, Transition};
 ///
@@ -89,8 +94,12 @@ impl SparseTransition {
         }
         check_columns(&sums)?;
         let columns = rows.transposed();
-        let sliced_rows = Sliced::new(states, |line| rows.slices(line));
-        let sliced_columns = Sliced::new(states, |line| columns.slices(line));
+        let sliced_rows = || Sliced::new(states, |line| rows.slices(line));
+        let sliced_columns = || Sliced::new(states, |line| columns.slices(line));
+        #[cfg(feature = "rayon")]
+        let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
+        #[cfg(not(feature = "rayon"))]
+        let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
         let plain = !rows.values().iter().any(|&p| p < LEAST_PLAIN);
         Ok(Self { rows, columns, sliced_rows, sliced_columns, plain, log2: OnceLock::new() })
     }

@@ -1,0 +1,209 @@
+//! Products with a vector, which are handed over eight lines after eight.
+
+use std::ops::Range;
+
+use super::blocks::{Blocks, run_in_blocks};
+use super::lanes::{Eight, Kernel, LANES, Lanes};
+use super::sliced::Sliced;
+
+/// A product with a vector.
+pub(crate) trait Product: Copy + Send {
+    /// Whether it is known to be one of a distribution, with a stochastic matrix.
+    const KNOWN: bool;
+
+    /// The number of lines.
+    fn lines(self) -> usize;
+
+    /// Hands over some of the eights, numbered from the first of them; lines
+    /// beyond the last have 0.
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>);
+}
+
+/// What is done with eight lines of a product. (A closure might not become part
+/// of the function that may use the instructions.)
+pub(crate) trait Each<L: Lanes> {
+    /// Takes those with this number. Implementations are `#[inline(always)]`.
+    fn eight(&mut self, lanes: L, number: usize, product: L::V);
+}
+
+/// One that has been made.
+#[derive(Clone, Copy)]
+pub(crate) struct Made<'a>(pub(crate) &'a [f64]);
+
+impl Product for Made<'_> {
+    const KNOWN: bool = false;
+
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.0.len()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
+        let end = self.0.len().min(eights.end * LANES);
+        let (chunks, rest) = self.0[eights.start * LANES..end].as_chunks::<LANES>();
+        for (number, chunk) in chunks.iter().enumerate() {
+            each.eight(lanes, number, lanes.load(chunk));
+        }
+        if !rest.is_empty() {
+            each.eight(lanes, chunks.len(), lanes.load_part(rest));
+        }
+    }
+}
+
+/// One with a sparse matrix.
+#[derive(Clone, Copy)]
+pub(crate) struct Sparse<'a> {
+    pub(crate) matrix: &'a Sliced,
+    pub(crate) x: &'a [f64],
+}
+
+impl Product for Sparse<'_> {
+    const KNOWN: bool = true;
+
+    #[inline(always)]
+    fn lines(self) -> usize {
+        self.matrix.lines()
+    }
+
+    #[inline(always)]
+    fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
+        self.matrix.products(lanes, eights, self.x, each);
+    }
+}
+
+/// Eight values of a slice, or what is left of them.
+#[inline(always)]
+pub(super) fn eight<L: Lanes>(lanes: L, (chunks, rest): (&[Eight], &[f64]), number: usize) -> L::V {
+    match chunks.get(number) {
+        Some(chunk) => lanes.load(chunk),
+        None => lanes.load_part(rest),
+    }
+}
+
+/// Writes eight values to a slice, or what there is room for.
+#[inline(always)]
+pub(super) fn put<L: Lanes>(
+    lanes: L,
+    (chunks, rest): (&mut [Eight], &mut [f64]),
+    number: usize,
+    v: L::V,
+) {
+    match chunks.get_mut(number) {
+        Some(chunk) => lanes.store(v, chunk),
+        None => lanes.store_part(v, rest),
+    }
+}
+
+/// Some of the lines of a product.
+#[derive(Clone, Copy)]
+pub(crate) struct Part<P> {
+    product: P,
+    /// The first line, a multiple of eight.
+    start: usize,
+    end: usize,
+}
+
+impl<P: Product> Part<P> {
+    pub(crate) fn all(product: P) -> Self {
+        Self { product, start: 0, end: product.lines() }
+    }
+
+    /// The lines before this one, a multiple of eight, and the others.
+    pub(super) fn split(self, at: usize) -> (Self, Self) {
+        let middle = self.start + at;
+        (Self { end: middle, ..self }, Self { start: middle, ..self })
+    }
+
+    #[inline(always)]
+    pub(super) fn lines(self) -> usize {
+        self.end - self.start
+    }
+
+    /// Hands over each eight, numbered from the first of the part.
+    #[inline(always)]
+    pub(super) fn each<L: Lanes>(self, lanes: L, each: &mut impl Each<L>) {
+        self.product.each(lanes, self.start / LANES..self.end.div_ceil(LANES), each);
+    }
+}
+
+impl Sliced {
+    /// `out` = the product with x.
+    pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
+        assert_eq!(out.len(), self.lines(), "out must have one value per state");
+        run_in_blocks(Multiply { product: Part::all(Sparse { matrix: self, x }), out });
+    }
+}
+
+/// `out` = a product.
+pub(super) struct Multiply<'a> {
+    pub(super) product: Part<Sparse<'a>>,
+    pub(super) out: &'a mut [f64],
+}
+
+impl Kernel for Multiply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        self.product.each(lanes, &mut Store(self.out.as_chunks_mut()));
+    }
+}
+
+impl Blocks for Multiply<'_> {
+    fn lines(&self) -> usize {
+        self.out.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (product, (out, out_rest)) = (self.product.split(at), self.out.split_at_mut(at));
+        (Self { product: product.0, out }, Self { product: product.1, out: out_rest })
+    }
+
+    fn join((): (), (): ()) {}
+}
+
+struct Store<'a>((&'a mut [Eight], &'a mut [f64]));
+
+impl<L: Lanes> Each<L> for Store<'_> {
+    #[inline(always)]
+    fn eight(&mut self, lanes: L, number: usize, product: L::V) {
+        match self.0.0.get_mut(number) {
+            Some(chunk) => lanes.store(product, chunk),
+            None => lanes.store_part(product, self.0.1),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lanes::{Isa, run_on};
+    use super::*;
+
+    #[test]
+    fn products_are_the_same_on_every_instruction_set() {
+        for n in (1..=40).chain([63, 64, 65, 300, 1001]) {
+            // Neighbours, and now and then many others.
+            let entry = |i: usize, j: usize| match (i * 31 + j * 17) % 11 {
+                value if i.abs_diff(j) < 2 || (i % 29 == 3 && value > 3) => value as f64 + 0.1,
+                _ => 0.0,
+            };
+            let line =
+                |i: usize| (0..n).map(|j| (j as u32, entry(i, j))).filter(|e| e.1 > 0.0).unzip();
+            let lines: Vec<(Vec<u32>, Vec<f64>)> = (0..n).map(line).collect();
+            let sliced = Sliced::new(n, |i| (&lines[i].0, &lines[i].1));
+            let x: Vec<f64> = (1..=n).map(|i| (i as f64 * 0.618_033_988_7).fract()).collect();
+            let products = [Isa::Plain, Isa::Avx2, Isa::Avx512].map(|isa| {
+                let mut out = vec![f64::NAN; n];
+                let product = Part::all(Sparse { matrix: &sliced, x: &x });
+                run_on(isa, Multiply { product, out: &mut out });
+                out
+            });
+            assert!(products.iter().all(|product| *product == products[0]), "{n}");
+            for (i, product) in products[0].iter().enumerate() {
+                let sum: f64 = (0..n).map(|j| entry(i, j) * x[j]).sum();
+                assert!((product - sum).abs() <= 1e-13 * sum, "line {i} of {n}");
+            }
+        }
+    }
+}
