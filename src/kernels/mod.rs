@@ -5,18 +5,18 @@
 //! machine.
 
 mod lanes;
+pub(crate) mod lockstep;
 mod max;
 mod sliced;
 mod update;
 
+pub(crate) use lanes::{Eight, LANES};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{
     BACK_LIFT, Made, Sparse, Update, Updated, any_tiny, retreat, settle, settle_and_lift, update,
     weigh,
 };
-
-use lanes::LANES;
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a

@@ -2,9 +2,12 @@
 
 use std::sync::OnceLock;
 
+use super::sparse::LEAST_PLAIN;
+use super::stored::Stored;
 use super::{Transition, TransitionEntries, best_of, check_columns, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels;
+use crate::kernels::lockstep::Lines;
 
 /// How many columns are added in one pass over the result.
 const BLOCK: usize = 4;
@@ -30,6 +33,8 @@ pub struct DenseTransition {
     states: usize,
     /// A\[i, j\] at j n + i.
     pub(crate) columns: Vec<f64>,
+    /// Whether all entries above 0 are at least 2^-100.
+    pub(super) plain: bool,
     /// log2 A\[i, j\] at i n + j, made when first decoded with.
     log2_rows: OnceLock<Vec<f64>>,
 }
@@ -74,7 +79,8 @@ impl DenseTransition {
             }
         }
         check_columns(&sums)?;
-        Ok(Self { states, columns, log2_rows: OnceLock::new() })
+        let plain = !columns.iter().any(|&p| 0.0 < p && p < LEAST_PLAIN);
+        Ok(Self { states, columns, plain, log2_rows: OnceLock::new() })
     }
 
     /// From a faer view of A (columns sum to one). O(n²).
@@ -104,6 +110,12 @@ impl DenseTransition {
     pub fn get(&self, to: usize, from: usize) -> f64 {
         let n = self.states;
         if to < n && from < n { self.columns[from * n + to] } else { 0.0 }
+    }
+
+    /// Rows and columns.
+    pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
+        let values = &self.columns;
+        (Lines::DenseTransposed { values }, Lines::Dense { values })
     }
 
     /// The entries above 0 of a row.
@@ -154,6 +166,10 @@ impl Transition for DenseTransition {
         for (out, a) in out.iter_mut().zip(self.columns.chunks_exact(self.states)) {
             *out = kernels::dot(a, x);
         }
+    }
+
+    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+        Some(Stored::dense(self))
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
