@@ -3,8 +3,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, DenseTransition, Hmm, InferenceError, Likelihood, LikelihoodVector, OptionalLikelihood,
-    Posteriors, Prior, RoundedTails, SequenceError, SparseTransition, TransitionEntries,
+    Belief, DenseTransition, Hmm, InferenceError, LearnTransition, Learning, Likelihood,
+    LikelihoodVector, OptionalLikelihood, Posteriors, Prior, RoundedTails, SequenceError,
+    SparseTransition, TableLikelihood, TransitionEntries,
 };
 
 /// Likelihoods or their logarithms, or nothing.
@@ -178,8 +179,106 @@ where
     )
 }
 
+/// Drives of symbols, a table for them, and what else there is to a model.
+fn symbols() -> impl Strategy<Value = (Case, Vec<Vec<f64>>, Vec<Vec<usize>>)> {
+    (cases(false), 2..=4_usize).prop_flat_map(|(case, m)| {
+        let row = vec(prop_oneof![1 => Just(0.0), 4 => 0.01..1.0], m);
+        let row = (row, 0..m).prop_map(|(w, spare)| distribution(w, spare));
+        let drives = vec(vec(0..m, 0..30), 0..=20);
+        (Just(case.clone()), vec(row, case.states), drives)
+    })
+}
+
+/// The counts of all drives, each by itself: X_0, moves (from, to), symbols.
+#[derive(Debug)]
+struct Counts {
+    first: Vec<f64>,
+    moves: Vec<f64>,
+    symbols: Vec<f64>,
+    log_likelihood: f64,
+    left_out: Vec<usize>,
+}
+
+fn counts<A: LearnTransition<Control = ()>>(
+    hmm: &Hmm<A, TableLikelihood>,
+    drives: &[Vec<usize>],
+) -> Counts {
+    let (n, m) = (hmm.states(), hmm.likelihood().symbols());
+    let mut counts = Counts {
+        first: vec![0.0; n],
+        moves: vec![0.0; n * n],
+        symbols: vec![0.0; n * m],
+        log_likelihood: 0.0,
+        left_out: Vec::new(),
+    };
+    for (index, drive) in drives.iter().enumerate().filter(|drive| !drive.1.is_empty()) {
+        let Ok(smoothing) = hmm.smooth(drive) else {
+            counts.left_out.push(index);
+            continue;
+        };
+        counts.log_likelihood += smoothing.log_likelihood();
+        let rows = smoothing.posteriors().as_slice();
+        counts.first.iter_mut().zip(rows).for_each(|(sum, p)| *sum += p);
+        for (row, y) in rows.chunks(n).skip(1).zip(drive) {
+            row.iter().enumerate().for_each(|(i, p)| counts.symbols[i * m + y] += p);
+        }
+        for step in hmm.expected_moves(drive).unwrap().moves() {
+            counts.moves[step.from * n + step.to] += step.weight;
+        }
+    }
+    counts
+}
+
+/// Rows made distributions; those of nothing are as they were.
+fn normalised(counts: &[f64], width: usize, old: impl Fn(usize, usize) -> f64) -> Vec<f64> {
+    let rows = counts.chunks(width).enumerate();
+    rows.flat_map(|(row, counts)| {
+        let sum: f64 = counts.iter().sum();
+        let value = |(at, count): (usize, &f64)| if sum > 0.0 { count / sum } else { old(row, at) };
+        counts.iter().enumerate().map(value).collect::<Vec<f64>>()
+    })
+    .collect()
+}
+
+/// One re-estimation is that from the counts of each drive by itself.
+fn check_learning<A>(
+    hmm: &Hmm<A, TableLikelihood>,
+    drives: &[Vec<usize>],
+    entry: impl Fn(&A, usize, usize) -> f64,
+) -> Result<(), TestCaseError>
+where
+    A: LearnTransition<Control = ()> + Clone + Sync,
+{
+    let (n, m) = (hmm.states(), hmm.likelihood().symbols());
+    let counts = counts(hmm, drives);
+    prop_assume!(counts.first.iter().sum::<f64>() > 0.0);
+    let learning = Learning { iterations: 1, tolerance: 0.0, ..Learning::default() };
+    let learned = hmm.learn(drives, &learning).unwrap();
+    let left_out: Vec<usize> = learned.left_out().iter().map(|error| error.sequence).collect();
+    prop_assert_eq!(&left_out, &counts.left_out);
+    let found = learned.objectives()[0];
+    prop_assert!(near_log(found, counts.log_likelihood, 1.0), "{} {:?}", found, counts);
+    let (model, old) = (learned.model(), hmm.transition());
+    let near = |found: f64, expected: f64| (found - expected).abs() <= 1e-10;
+    let moves = normalised(&counts.moves, n, |from, to| entry(old, to, from));
+    for (at, expected) in moves.into_iter().enumerate() {
+        let found = entry(model.transition(), at % n, at / n);
+        prop_assert!(near(found, expected), "{} to {}: {found} {expected}", at / n, at % n);
+    }
+    let table = hmm.likelihood();
+    let symbols = normalised(&counts.symbols, m, |i, y| table.probability(i, y).unwrap());
+    for (at, expected) in symbols.into_iter().enumerate() {
+        let found = model.likelihood().probability(at / m, at % m).unwrap();
+        prop_assert!(near(found, expected), "{} in {}: {found} {expected}", at % m, at / m);
+    }
+    let first = normalised(&counts.first, n, |_, _| 0.0);
+    let found = model.prior().belief().as_slice();
+    prop_assert!(found.iter().zip(&first).all(|(f, e)| near(*f, *e)), "{found:?} {first:?}");
+    Ok(())
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(300) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(100) })]
 
     #[test]
     fn sequences_together_are_those_alone(case in cases(false)) {
@@ -194,4 +293,35 @@ proptest! {
         let rounded = RoundedTails(case.sensor());
         check(&Hmm::new(case.prior(), case.dense(), rounded).unwrap(), &case.drives)?;
     }
+
+    #[test]
+    fn learning_together_is_learning_from_each((case, table, drives) in symbols()) {
+        let table = TableLikelihood::from_rows(&table).unwrap();
+        let sparse = Hmm::new(case.prior(), case.sparse(), table.clone()).unwrap();
+        check_learning(&sparse, &drives, SparseTransition::get)?;
+        let dense = Hmm::new(case.prior(), case.dense(), table).unwrap();
+        check_learning(&dense, &drives, DenseTransition::get)?;
+    }
+
+    /// How many threads there are does not matter, to the bit.
+    #[test]
+    fn threads_do_not_change_a_bit(case in cases(true)) {
+        let hmm = Hmm::new(case.prior(), case.sparse(), case.sensor()).unwrap();
+        let drives = &case.drives[..];
+        let all = || format!(
+            "{:?} {:?} {:?} {:?}",
+            hmm.forward_all(drives), hmm.smooth_all(drives), hmm.score_all(drives), hmm.viterbi_all(drives)
+        );
+        prop_assert_eq!(with_threads(1, all), with_threads(4, all));
+    }
+}
+
+#[cfg(feature = "rayon")]
+fn with_threads<R: Send>(threads: usize, work: impl Fn() -> R + Send) -> R {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+#[cfg(not(feature = "rayon"))]
+fn with_threads<R>(_: usize, work: impl Fn() -> R) -> R {
+    work()
 }

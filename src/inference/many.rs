@@ -80,6 +80,6 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        each(sequences, |sequence| self.viterbi(sequence))
+        lockstep::each(self, sequences, lockstep::viterbi, |sequence| self.viterbi(sequence))
     }
 }

@@ -28,7 +28,25 @@ trait Each<L: Lanes> {
     fn line(&mut self, lanes: L, i: usize, product: L::V);
 }
 
-impl Lines<'_> {
+impl<'a> Lines<'a> {
+    /// Other values at the same places.
+    pub(crate) fn with_values(self, values: &'a [f64]) -> Self {
+        match self {
+            Self::Sparse { starts, indices, .. } => Self::Sparse { starts, indices, values },
+            Self::Dense { .. } => Self::Dense { values },
+            Self::DenseTransposed { .. } => Self::DenseTransposed { values },
+        }
+    }
+
+    /// How many entries are stored.
+    pub(crate) fn entries(self) -> usize {
+        match self {
+            Self::Sparse { values, .. }
+            | Self::Dense { values }
+            | Self::DenseTransposed { values } => values.len(),
+        }
+    }
+
     /// Hands over the product of each line with x, in order.
     #[inline(always)]
     fn each<L: Lanes>(self, lanes: L, x: &[Eight], each: &mut impl Each<L>) {
@@ -370,6 +388,49 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
         lanes.store(kept, &mut self.gamma[j]);
         self.sum = lanes.add(self.sum, kept);
     }
+}
+
+/// Adds α(j) times the ratio at i to the count of each entry i of each line j.
+struct Count<'a> {
+    /// The columns.
+    matrix: Lines<'a>,
+    alpha: &'a [Eight],
+    ratio: &'a [Eight],
+    counts: &'a mut [Eight],
+}
+
+impl Kernel for Count<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { matrix, alpha, ratio, counts } = self;
+        match matrix {
+            Lines::Sparse { starts, indices, .. } => {
+                for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
+                    let (alpha, line) = (lanes.load(alpha), line[0] as usize..line[1] as usize);
+                    for (i, count) in indices[line.clone()].iter().zip(&mut counts[line]) {
+                        let more = lanes.mul(alpha, lanes.load(&ratio[*i as usize]));
+                        lanes.store(lanes.add(lanes.load(count), more), count);
+                    }
+                }
+            }
+            Lines::Dense { .. } | Lines::DenseTransposed { .. } => {
+                for (alpha, line) in alpha.iter().zip(counts.chunks_exact_mut(ratio.len())) {
+                    let alpha = lanes.load(alpha);
+                    for (ratio, count) in ratio.iter().zip(line) {
+                        let more = lanes.mul(alpha, lanes.load(ratio));
+                        lanes.store(lanes.add(lanes.load(count), more), count);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// [`Count`] with the instructions chosen.
+pub(crate) fn count(matrix: Lines<'_>, alpha: &[Eight], ratio: &[Eight], counts: &mut [Eight]) {
+    run(Count { matrix, alpha, ratio, counts });
 }
 
 /// [`Gather`] with the instructions chosen.

@@ -6,6 +6,7 @@
 
 mod lanes;
 pub(crate) mod lockstep;
+pub(crate) mod lockstep_max;
 mod max;
 mod sliced;
 mod update;

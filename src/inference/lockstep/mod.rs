@@ -9,11 +9,14 @@
 mod backward;
 mod filter;
 mod forward;
+mod learn;
 mod score;
 mod sense;
 mod smooth;
+mod viterbi;
 
 use std::any::Any;
+use std::sync::OnceLock;
 
 use super::many::{self, Results};
 use crate::error::{InferenceError, SequenceError};
@@ -25,11 +28,15 @@ use crate::sequence::Sequence;
 use crate::transition::{Stored, Transition};
 
 pub(super) use filter::filter;
+pub(super) use learn::expect;
 pub(super) use score::score;
 pub(super) use smooth::smooth;
+pub(super) use viterbi::viterbi;
 
 /// Fewer sequences are faster one by one.
 const FEWEST: usize = 4;
+/// The same for learning, which gains more.
+pub(super) const FEWEST_TO_LEARN: usize = 2;
 /// Models of fewer states have routines of their own.
 const FEWEST_STATES: usize = 9;
 /// What a group may keep for its steps: 64 MB.
@@ -43,19 +50,31 @@ pub(super) struct Plan<'m, A, B> {
     columns: Lines<'m>,
     /// The likelihoods of a sequence that has ended.
     ones: Vec<f64>,
+    /// Their logarithms.
+    zeros: Vec<f64>,
+    /// Those of the rows, made when first decoded with.
+    log2: OnceLock<Vec<f64>>,
 }
 
 impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
     /// `None` if the model does not allow for it.
     pub(super) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
-        let control = (&() as &'static dyn Any).downcast_ref::<A::Control>()?;
+        let control = no_control::<A>()?;
         hmm.transition().check_control(control).ok()?;
         let (rows, columns) = hmm.transition().stored(control).map(Stored::form)?.plain_lines()?;
         let prior = hmm.prior().belief().as_slice();
         let tiny = |p: &f64| 0.0 < *p && *p < f64::MIN_POSITIVE;
-        let ones = vec![1.0; prior.len()];
-        (!prior.iter().any(tiny)).then_some(Self { hmm, rows, columns, ones })
+        if prior.iter().any(tiny) {
+            return None;
+        }
+        let (ones, zeros) = (vec![1.0; prior.len()], vec![0.0; prior.len()]);
+        Some(Self { hmm, rows, columns, ones, zeros, log2: OnceLock::new() })
     }
+}
+
+/// The control of an operator without one.
+fn no_control<A: Transition>() -> Option<&'static A::Control> {
+    (&() as &'static dyn Any).downcast_ref()
 }
 
 /// Up to eight sequences.
@@ -119,7 +138,7 @@ where
     order.sort_by_key(|(_, sequence)| sequence.steps());
     let done = in_groups(&order, |group, memory| {
         let group = Group::new(group);
-        let mut outcome = if group.pays(hmm.states()) {
+        let mut outcome = if group.pays(hmm.states(), FEWEST) {
             together(&plan, &group, memory)
         } else {
             [const { None }; LANES]
@@ -165,9 +184,9 @@ impl<'s, S> Group<'s, S> {
     }
 
     /// Whether to go through it in lock-step.
-    pub(super) fn pays(&self, states: usize) -> bool {
+    pub(super) fn pays(&self, states: usize, fewest: usize) -> bool {
         let kept = states.saturating_mul(2).saturating_mul(self.longest);
-        self.sequences.len() >= FEWEST && kept <= MOST_KEPT
+        self.sequences.len() >= fewest && kept <= MOST_KEPT
     }
 
     /// Which lanes have something to do.
