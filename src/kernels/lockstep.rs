@@ -149,7 +149,7 @@ struct Gather<'a> {
 
 /// What a [`Gather`] has seen in each lane.
 pub(crate) struct Gathered {
-    /// The least, or 0 if all are above.
+    /// NaN apart.
     pub(crate) least: Eight,
     pub(crate) largest: Eight,
     /// Whether one is above 0 and below 2^-900.
@@ -164,7 +164,7 @@ impl Kernel for Gather<'_> {
         let Self { rows, out } = self;
         let n = out.len();
         let zero = lanes.splat(0.0);
-        let mut seen = Seen { least: zero, largest: zero, tiny: lanes.less(zero, zero) };
+        let mut seen = Seen { least: lanes.splat(f64::INFINITY), largest: zero };
         let mut chunks = [&[][..]; LANES];
         let mut rests = [&[][..]; LANES];
         for l in 0..LANES {
@@ -193,19 +193,33 @@ impl Kernel for Gather<'_> {
                 lanes.store(columns[r], out);
             }
         }
-        let flags = lanes.to_array(lanes.select(seen.tiny, lanes.splat(1.0), zero));
+        let mut tiny = lanes.less(zero, zero);
+        // Zeros are below, too: only now is it worth while to tell them apart.
+        if lanes.any(lanes.less(seen.least, lanes.splat(TINY))) {
+            for out in &*out {
+                let b = lanes.load(out);
+                let some = lanes.and(lanes.less(b, lanes.splat(TINY)), lanes.less(zero, b));
+                tiny = lanes.or(tiny, some);
+            }
+        }
         Gathered {
             least: lanes.to_array(seen.least),
             largest: lanes.to_array(seen.largest),
-            tiny: flags.map(|flag| flag != 0.0),
+            tiny: flags(lanes, tiny),
         }
     }
+}
+
+/// In which lanes a mask is set.
+#[inline(always)]
+fn flags<L: Lanes>(lanes: L, mask: L::M) -> [bool; LANES] {
+    let zero = lanes.splat(0.0);
+    lanes.to_array(lanes.select(mask, lanes.splat(1.0), zero)).map(|flag| flag != 0.0)
 }
 
 struct Seen<L: Lanes> {
     least: L::V,
     largest: L::V,
-    tiny: L::M,
 }
 
 impl<L: Lanes> Seen<L> {
@@ -213,8 +227,6 @@ impl<L: Lanes> Seen<L> {
     fn look(&mut self, lanes: L, b: L::V) {
         self.least = lanes.min(b, self.least);
         self.largest = lanes.max(b, self.largest);
-        let tiny = lanes.and(lanes.less(b, lanes.splat(TINY)), lanes.less(lanes.splat(0.0), b));
-        self.tiny = lanes.or(self.tiny, tiny);
     }
 }
 
@@ -327,7 +339,7 @@ impl Kernel for Settle<'_> {
             lanes.store(v, out);
             lanes.store(lanes.mul(v, lift), x);
         }
-        lanes.to_array(lanes.select(lost, lanes.splat(1.0), zero)).map(|flag| flag != 0.0)
+        flags(lanes, lost)
     }
 }
 
