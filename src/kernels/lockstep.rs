@@ -1,6 +1,8 @@
 //! Eight sequences in lock-step, one a lane: a vector of states is a slice of
 //! eights, and a product with a matrix needs no gathers.
 
+use std::ops::{Deref, DerefMut};
+
 use super::LIFT;
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 use super::update::BACK_LIFT;
@@ -10,6 +12,28 @@ const BLOCK: usize = 4;
 /// 2^-900: from here on products of a likelihood with a lifted prediction keep all
 /// their digits.
 const TINY: f64 = f64::from_bits((1023 - 900) << 52);
+
+/// A number of each of eight sequences; in memory where no load of them takes two
+/// lines of a cache.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(align(64))]
+pub(crate) struct Abreast(pub(crate) Eight);
+
+impl Deref for Abreast {
+    type Target = Eight;
+
+    #[inline(always)]
+    fn deref(&self) -> &Eight {
+        &self.0
+    }
+}
+
+impl DerefMut for Abreast {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut Eight {
+        &mut self.0
+    }
+}
 
 /// Lines of a matrix: rows for A, columns for A'.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +73,7 @@ impl<'a> Lines<'a> {
 
     /// Hands over the product of each line with x, in order.
     #[inline(always)]
-    fn each<L: Lanes>(self, lanes: L, x: &[Eight], each: &mut impl Each<L>) {
+    fn each<L: Lanes>(self, lanes: L, x: &[Abreast], each: &mut impl Each<L>) {
         let n = x.len();
         match self {
             Self::Sparse { starts, indices, values } => {
@@ -96,7 +120,7 @@ impl<'a> Lines<'a> {
 fn dense<L: Lanes, const R: usize>(
     lanes: L,
     values: &[f64],
-    x: &[Eight],
+    x: &[Abreast],
     i: usize,
     each: &mut impl Each<L>,
 ) {
@@ -122,7 +146,7 @@ fn dense<L: Lanes, const R: usize>(
 fn transposed<L: Lanes, const R: usize>(
     lanes: L,
     values: &[f64],
-    x: &[Eight],
+    x: &[Abreast],
     i: usize,
     each: &mut impl Each<L>,
 ) {
@@ -144,7 +168,7 @@ fn transposed<L: Lanes, const R: usize>(
 struct Gather<'a> {
     /// Of the same length as `out`.
     pub(crate) rows: [&'a [f64]; LANES],
-    pub(crate) out: &'a mut [Eight],
+    pub(crate) out: &'a mut [Abreast],
 }
 
 /// What a [`Gather`] has seen in each lane.
@@ -232,7 +256,7 @@ impl<L: Lanes> Seen<L> {
 
 /// Eights back into a row for each lane.
 struct Scatter<'a> {
-    pub(crate) from: &'a [Eight],
+    pub(crate) from: &'a [Abreast],
     /// Of the same length as `from`.
     pub(crate) rows: [&'a mut [f64]; LANES],
 }
@@ -272,9 +296,9 @@ impl Kernel for Scatter<'_> {
 /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Gives its sums.
 pub(crate) struct Update<'a> {
     pub(crate) matrix: Option<Lines<'a>>,
-    pub(crate) x: &'a [Eight],
-    pub(crate) likelihoods: &'a [Eight],
-    pub(crate) out: &'a mut [Eight],
+    pub(crate) x: &'a [Abreast],
+    pub(crate) likelihoods: &'a [Abreast],
+    pub(crate) out: &'a mut [Abreast],
 }
 
 impl Kernel for Update<'_> {
@@ -298,8 +322,8 @@ impl Kernel for Update<'_> {
 }
 
 struct UpdateEach<'a, L: Lanes> {
-    likelihoods: &'a [Eight],
-    out: &'a mut [Eight],
+    likelihoods: &'a [Abreast],
+    out: &'a mut [Abreast],
     sum: L::V,
 }
 
@@ -316,8 +340,8 @@ impl<L: Lanes> Each<L> for UpdateEach<'_, L> {
 /// would be below the smallest normal double becomes 0. Gives in which lanes
 /// something did.
 struct Settle<'a> {
-    pub(crate) x: &'a mut [Eight],
-    pub(crate) out: &'a mut [Eight],
+    pub(crate) x: &'a mut [Abreast],
+    pub(crate) out: &'a mut [Abreast],
     pub(crate) sums: Eight,
 }
 
@@ -348,12 +372,12 @@ impl Kernel for Settle<'_> {
 pub(crate) struct Retreat<'a> {
     /// The columns.
     pub(crate) matrix: Lines<'a>,
-    pub(crate) likelihoods: &'a [Eight],
+    pub(crate) likelihoods: &'a [Abreast],
     pub(crate) factors: Eight,
-    pub(crate) alpha: &'a [Eight],
-    pub(crate) q: &'a mut [Eight],
-    pub(crate) ratio: &'a mut [Eight],
-    pub(crate) gamma: &'a mut [Eight],
+    pub(crate) alpha: &'a [Abreast],
+    pub(crate) q: &'a mut [Abreast],
+    pub(crate) ratio: &'a mut [Abreast],
+    pub(crate) gamma: &'a mut [Abreast],
 }
 
 impl Kernel for Retreat<'_> {
@@ -383,9 +407,9 @@ impl Kernel for Retreat<'_> {
 }
 
 struct RetreatEach<'a, L: Lanes> {
-    alpha: &'a [Eight],
-    q: &'a mut [Eight],
-    gamma: &'a mut [Eight],
+    alpha: &'a [Abreast],
+    q: &'a mut [Abreast],
+    gamma: &'a mut [Abreast],
     unlift: L::V,
     least: L::V,
     sum: L::V,
@@ -406,9 +430,9 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
 struct Count<'a> {
     /// The columns.
     matrix: Lines<'a>,
-    alpha: &'a [Eight],
-    ratio: &'a [Eight],
-    counts: &'a mut [Eight],
+    alpha: &'a [Abreast],
+    ratio: &'a [Abreast],
+    counts: &'a mut [Abreast],
 }
 
 impl Kernel for Count<'_> {
@@ -441,17 +465,22 @@ impl Kernel for Count<'_> {
 }
 
 /// [`Count`] with the instructions chosen.
-pub(crate) fn count(matrix: Lines<'_>, alpha: &[Eight], ratio: &[Eight], counts: &mut [Eight]) {
+pub(crate) fn count(
+    matrix: Lines<'_>,
+    alpha: &[Abreast],
+    ratio: &[Abreast],
+    counts: &mut [Abreast],
+) {
     run(Count { matrix, alpha, ratio, counts });
 }
 
 /// [`Gather`] with the instructions chosen.
-pub(crate) fn gather(rows: [&[f64]; LANES], out: &mut [Eight]) -> Gathered {
+pub(crate) fn gather(rows: [&[f64]; LANES], out: &mut [Abreast]) -> Gathered {
     run(Gather { rows, out })
 }
 
 /// [`Scatter`] with the instructions chosen.
-pub(crate) fn scatter(from: &[Eight], rows: [&mut [f64]; LANES]) {
+pub(crate) fn scatter(from: &[Abreast], rows: [&mut [f64]; LANES]) {
     run(Scatter { from, rows });
 }
 
@@ -461,7 +490,7 @@ pub(crate) fn update(work: Update<'_>) -> Eight {
 }
 
 /// [`Settle`] with the instructions chosen.
-pub(crate) fn settle(x: &mut [Eight], out: &mut [Eight], sums: Eight) -> [bool; LANES] {
+pub(crate) fn settle(x: &mut [Abreast], out: &mut [Abreast], sums: Eight) -> [bool; LANES] {
     run(Settle { x, out, sums })
 }
 

@@ -1,7 +1,7 @@
 //! The step of Viterbi for eight sequences in lock-step.
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-use super::lockstep::Lines;
+use super::lockstep::{Abreast, Lines};
 
 /// How many lines of a dense matrix share the loads of the scores.
 const BLOCK: usize = 4;
@@ -11,11 +11,11 @@ const BLOCK: usize = 4;
 pub(crate) struct Maximise<'a> {
     /// The logarithms of the rows.
     pub(crate) log2: Lines<'a>,
-    pub(crate) x: &'a [Eight],
-    pub(crate) likelihoods: &'a [Eight],
+    pub(crate) x: &'a [Abreast],
+    pub(crate) likelihoods: &'a [Abreast],
     /// By how much those of each lane are to be lowered.
     pub(crate) shifts: Eight,
-    pub(crate) next: &'a mut [Eight],
+    pub(crate) next: &'a mut [Abreast],
     pub(crate) from: &'a mut [[u32; LANES]],
 }
 
@@ -76,7 +76,7 @@ impl Kernel for Maximise<'_> {
 fn transposed<L: Lanes, const R: usize>(
     lanes: L,
     values: &[f64],
-    x: &[Eight],
+    x: &[Abreast],
     i: usize,
     out: &mut Out<'_, L>,
 ) {
@@ -118,9 +118,9 @@ impl<L: Lanes> Best<L> {
 
 /// Where results go.
 struct Out<'a, L: Lanes> {
-    likelihoods: &'a [Eight],
+    likelihoods: &'a [Abreast],
     shifts: L::V,
-    next: &'a mut [Eight],
+    next: &'a mut [Abreast],
     from: &'a mut [[u32; LANES]],
     largest: L::V,
 }

@@ -2,8 +2,8 @@
 
 use super::{Group, Memory, Plan};
 use crate::inference::LogSum;
-use crate::kernels::lockstep::{self, Update};
-use crate::kernels::{Eight, LANES, LIFT};
+use crate::kernels::lockstep::{self, Abreast, Update};
+use crate::kernels::{LANES, LIFT};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -38,7 +38,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         memory.fit(n, kept, group.longest);
         let Memory { alpha, likelihoods, inverse, x, next, lanes, .. } = memory;
         for ((x, alpha), p) in x.iter_mut().zip(&mut *alpha).zip(prior.belief().as_slice()) {
-            (*x, *alpha) = ([p * LIFT; LANES], [*p; LANES]);
+            (*x, *alpha) = (Abreast([p * LIFT; LANES]), Abreast([*p; LANES]));
         }
         let (mut held, mut log_likelihoods) = (group.lanes(), [LogSum::default(); LANES]);
         for step in 1..=group.longest {
@@ -76,16 +76,16 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
 impl Memory {
     /// Makes room for steps to keep and to go through.
     fn fit(&mut self, states: usize, kept: usize, steps: usize) {
-        let grow = |room: &mut Vec<Eight>, count: usize| {
+        let grow = |room: &mut Vec<Abreast>, count: usize| {
             if room.len() < count {
-                room.resize(count, [0.0; LANES]);
+                room.resize(count, Abreast::default());
             }
         };
         grow(&mut self.alpha, states * (kept + 1));
         grow(&mut self.likelihoods, states * kept.max(1));
         grow(&mut self.inverse, steps);
         for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio, &mut self.gamma] {
-            room.resize(states, [0.0; LANES]);
+            room.resize(states, Abreast::default());
         }
     }
 }

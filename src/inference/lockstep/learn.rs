@@ -4,8 +4,8 @@ use super::backward::Carried;
 use super::{Group, Memory, Plan, no_control};
 use crate::inference::baum_welch::Expected;
 use crate::inference::{LearnLikelihood, LearnTransition, Move, MoveCounts};
-use crate::kernels::lockstep::Lines;
-use crate::kernels::{BACK_LIFT, Eight, LANES, lockstep};
+use crate::kernels::lockstep::{self, Abreast, Lines};
+use crate::kernels::{BACK_LIFT, LANES};
 use crate::sequence::Sequence;
 
 /// The expectations of the sequences of a group, added up, and in which lanes it
@@ -26,7 +26,8 @@ where
     let transition = plan.hmm.transition();
     let counted =
         no_control::<A>().is_some_and(|control| transition.family(control) < transition.families());
-    let mut counts = if counted { vec![[0.0; LANES]; plan.columns.entries()] } else { Vec::new() };
+    let mut counts =
+        if counted { vec![Abreast::default(); plan.columns.entries()] } else { Vec::new() };
     for step in (1..=group.longest).rev() {
         if held == [false; LANES] {
             break;
@@ -74,8 +75,13 @@ where
 
 /// The moves of the lanes that have held: α(j) A\[i, j\] γ(i) / p(i), summed over
 /// the steps but for A.
-fn move_counts(columns: Lines<'_>, n: usize, counts: &[Eight], held: &[bool; LANES]) -> MoveCounts {
-    let weight = |p: f64, counts: &Eight| {
+fn move_counts(
+    columns: Lines<'_>,
+    n: usize,
+    counts: &[Abreast],
+    held: &[bool; LANES],
+) -> MoveCounts {
+    let weight = |p: f64, counts: &Abreast| {
         let sum: f64 = counts.iter().zip(held).filter(|c| *c.1).map(|c| c.0).sum();
         p * sum / BACK_LIFT
     };

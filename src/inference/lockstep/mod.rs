@@ -21,8 +21,8 @@ use std::sync::OnceLock;
 use super::many::{self, Results};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
-use crate::kernels::lockstep::Lines;
-use crate::kernels::{Eight, LANES};
+use crate::kernels::LANES;
+use crate::kernels::lockstep::{Abreast, Lines};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::{Stored, Transition};
@@ -40,7 +40,7 @@ pub(super) const FEWEST_TO_LEARN: usize = 2;
 /// Models of fewer states have routines of their own.
 const FEWEST_STATES: usize = 9;
 /// What a group may keep for its steps: 64 MB.
-const MOST_KEPT: usize = (64 << 20) / size_of::<Eight>();
+const MOST_KEPT: usize = (64 << 20) / size_of::<Abreast>();
 
 /// A model whose matrix is stored, and has nothing so small that doubles need
 /// more care.
@@ -89,18 +89,18 @@ pub(super) struct Group<'s, S> {
 #[derive(Default)]
 pub(super) struct Memory {
     /// Beliefs of steps 0 to T, or only the last one.
-    alpha: Vec<Eight>,
+    alpha: Vec<Abreast>,
     /// Likelihoods of steps 1 to T, likewise.
-    likelihoods: Vec<Eight>,
+    likelihoods: Vec<Abreast>,
     /// One over the normalisers of steps 1 to T.
-    inverse: Vec<Eight>,
+    inverse: Vec<Abreast>,
     /// The belief, lifted, and the next.
-    x: Vec<Eight>,
-    next: Vec<Eight>,
+    x: Vec<Abreast>,
+    next: Vec<Abreast>,
     /// γ / α and γ / p, lifted, and γ.
-    q: Vec<Eight>,
-    ratio: Vec<Eight>,
-    gamma: Vec<Eight>,
+    q: Vec<Abreast>,
+    ratio: Vec<Abreast>,
+    gamma: Vec<Abreast>,
     lanes: [Lane; LANES],
 }
 

@@ -1,7 +1,8 @@
 //! The likelihoods of a step of eight sequences, side by side.
 
 use super::{Group, Lane, Plan};
-use crate::kernels::{Eight, LANES, lockstep};
+use crate::kernels::lockstep::{self, Abreast};
+use crate::kernels::{Eight, LANES};
 use crate::likelihood::{Likelihood, Values};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -40,7 +41,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         step: usize,
         lanes: &mut [Lane; LANES],
         held: &mut [bool; LANES],
-        out: &mut [Eight],
+        out: &mut [Abreast],
     ) -> Sensed
     where
         S: Sequence<A::Control, B::Observation>,
@@ -120,7 +121,7 @@ struct Scale {
 
 /// Applies it; `None` if there is none.
 #[cold]
-fn rescale(out: &mut [Eight], lane: usize, largest: f64) -> Option<Scale> {
+fn rescale(out: &mut [Abreast], lane: usize, largest: f64) -> Option<Scale> {
     if !(largest > 0.0 && largest.is_finite()) {
         return None;
     }

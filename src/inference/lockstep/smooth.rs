@@ -4,7 +4,8 @@ use super::backward::Carried;
 use super::{Group, Memory, Outcome, Plan};
 use crate::inference::posteriors::Posteriors;
 use crate::inference::smoother::Smoothing;
-use crate::kernels::{Eight, LANES, lockstep};
+use crate::kernels::LANES;
+use crate::kernels::lockstep::{self, Abreast};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -65,7 +66,7 @@ impl Rows {
     }
 
     /// Writes the row of a step of each lane that has it.
-    pub(super) fn put<S>(&mut self, group: &Group<'_, S>, step: usize, from: &[Eight]) {
+    pub(super) fn put<S>(&mut self, group: &Group<'_, S>, step: usize, from: &[Abreast]) {
         let n = self.states;
         let mut spare = self.spare.chunks_exact_mut(n);
         let mut values = self.values.iter_mut();
@@ -78,7 +79,7 @@ impl Rows {
     }
 
     /// Writes the last row of each lane that ends with this step.
-    fn end<S>(&mut self, group: &Group<'_, S>, step: usize, from: &[Eight]) {
+    fn end<S>(&mut self, group: &Group<'_, S>, step: usize, from: &[Abreast]) {
         for (l, values) in self.values.iter_mut().enumerate() {
             if step == group.steps[l] && !values.is_empty() {
                 let row = &mut values[step * self.states..];

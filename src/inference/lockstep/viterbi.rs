@@ -5,9 +5,9 @@ use super::{Group, Lane, Memory, Outcome, Plan, no_control};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
-use crate::kernels::lockstep::{self, Lines};
+use crate::kernels::lockstep::{self, Abreast, Lines};
 use crate::kernels::lockstep_max::{self, Maximise};
-use crate::kernels::{self, Eight, LANES};
+use crate::kernels::{self, LANES};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -36,7 +36,7 @@ where
         | Lines::DenseTransposed { values }) = plan.rows;
         values.iter().map(|p| kernels::log2(*p)).collect()
     });
-    let mut x: Vec<Eight> = first.iter().map(|score| [*score; LANES]).collect();
+    let mut x: Vec<Abreast> = first.iter().map(|score| Abreast([*score; LANES])).collect();
     let (mut next, mut likelihoods) = (x.clone(), x.clone());
     let mut from = vec![[0; LANES]; n * group.longest.saturating_sub(1)];
     let mut held = group.lanes();
