@@ -3,11 +3,13 @@
 
 use super::checkpoints::Order;
 use super::learnable::{LearnLikelihood, LearnTransition};
+use super::lockstep::{self, Group, Memory, Plan};
 use super::pairs::MoveCounts;
 use super::{LogSum, many};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
+use crate::kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -246,10 +248,28 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.nothing_expected(), Vec::new());
-        for together in sequences.chunks(64) {
-            for (result, (index, _)) in
-                many::each(together, |s| self.expect_one(s.1)).into_iter().zip(together)
-            {
+        let mut order = sequences.to_vec();
+        let together =
+            sequences.len() >= lockstep::FEWEST_TO_LEARN && self.transition().families() <= 1;
+        let plan = if together { Plan::new(self) } else { None };
+        if plan.is_some() {
+            order.sort_by_key(|(_, sequence)| sequence.steps());
+        }
+        for some in order.chunks(64) {
+            let results = match &plan {
+                Some(plan) => lockstep::in_groups(some, |group, memory| {
+                    self.expect_together(plan, group, memory)
+                }),
+                None => many::each(some, |(_, sequence)| self.expect_one(*sequence))
+                    .into_iter()
+                    .zip(some)
+                    .map(|(result, (sequence, _))| {
+                        let sequence = *sequence;
+                        vec![result.map_err(|error| SequenceError { sequence, ..error })]
+                    })
+                    .collect(),
+            };
+            for result in results.into_iter().flatten() {
                 match result {
                     Ok(expected) => {
                         sum.first.iter_mut().zip(&expected.first).for_each(|(sum, p)| *sum += p);
@@ -257,11 +277,38 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                         self.likelihood().merge(&mut sum.sensor, &expected.sensor);
                         sum.log_likelihood.add(expected.log_likelihood.value());
                     }
-                    Err(error) => failed.push(SequenceError { sequence: *index, ..error }),
+                    Err(error) => failed.push(error),
                 }
             }
         }
+        failed.sort_unstable_by_key(|error: &SequenceError| error.sequence);
         (sum, failed)
+    }
+
+    /// The expectations of a group in lock-step, and those of each sequence that
+    /// has to be gone through by itself.
+    fn expect_together<S>(
+        &self,
+        plan: &Plan<'_, A, B>,
+        sequences: &[(usize, &S)],
+        memory: &mut Memory,
+    ) -> Vec<Result<Expected<B>, SequenceError>>
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let group = Group::new(sequences);
+        let mut results = Vec::new();
+        let mut held = [false; LANES];
+        if group.pays(self.states(), lockstep::FEWEST_TO_LEARN) {
+            let expected;
+            (expected, held) = lockstep::expect(plan, &group, memory);
+            results.push(Ok(expected));
+        }
+        let alone = sequences.iter().zip(held).filter(|(_, held)| !held);
+        results.extend(alone.map(|(&(sequence, s), _)| {
+            self.expect_one(s).map_err(|source| SequenceError { sequence, source })
+        }));
+        results
     }
 
     pub(super) fn nothing_expected(&self) -> Expected<B> {

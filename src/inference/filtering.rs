@@ -21,6 +21,14 @@ pub struct Filtering {
 }
 
 impl Filtering {
+    pub(super) fn new(
+        posteriors: Posteriors,
+        log_likelihoods: Vec<f64>,
+        log_likelihood: f64,
+    ) -> Self {
+        Self { posteriors, log_likelihoods, log_likelihood }
+    }
+
     /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
     #[must_use]
     pub fn posteriors(&self) -> &Posteriors {

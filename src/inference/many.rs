@@ -1,6 +1,7 @@
 //! The same routine for many sequences, in parallel with the feature `rayon`.
 
 use super::filtering::Filtering;
+use super::lockstep;
 use super::smoother::Smoothing;
 use super::viterbi::ViterbiPath;
 use crate::error::{InferenceError, SequenceError};
@@ -10,7 +11,7 @@ use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
 
 /// The result for each sequence, in order.
-type Results<R> = Vec<Result<R, SequenceError>>;
+pub(super) type Results<R> = Vec<Result<R, SequenceError>>;
 
 /// Applies a routine to each sequence. Each result is made by one thread, and
 /// does not depend on how many there are.
@@ -54,7 +55,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        each(sequences, |sequence| self.forward(sequence))
+        lockstep::each(self, sequences, lockstep::filter, |sequence| self.forward(sequence))
     }
 
     /// [`smooth`](Self::smooth) for each sequence.
@@ -62,7 +63,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        each(sequences, |sequence| self.smooth(sequence))
+        lockstep::each(self, sequences, lockstep::smooth, |sequence| self.smooth(sequence))
     }
 
     /// [`score`](Self::score) for each sequence.
@@ -70,7 +71,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        each(sequences, |sequence| self.score(sequence))
+        lockstep::each(self, sequences, lockstep::score, |sequence| self.score(sequence))
     }
 
     /// [`viterbi`](Self::viterbi) for each sequence.
@@ -79,6 +80,6 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        each(sequences, |sequence| self.viterbi(sequence))
+        lockstep::each(self, sequences, lockstep::viterbi, |sequence| self.viterbi(sequence))
     }
 }

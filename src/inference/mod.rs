@@ -32,6 +32,7 @@ mod simulate;
 mod baum_welch;
 mod labelled;
 mod learnable;
+mod lockstep;
 mod many;
 
 mod backward;

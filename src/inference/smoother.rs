@@ -21,6 +21,10 @@ pub struct Smoothing {
 }
 
 impl Smoothing {
+    pub(super) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
+        Self { posteriors, log_likelihood }
+    }
+
     /// p(X_k | y_1 … y_T) for k = 0 … T. At T it is the filtered one.
     #[must_use]
     pub fn posteriors(&self) -> &Posteriors {

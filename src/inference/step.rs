@@ -183,8 +183,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let Some(control) = self.control else { return Ok(None) };
         self.check_control(control)?;
         let stored = self.hmm.transition().stored(control);
-        Ok(stored.map(|stored| match stored.form() {
-            transition::Form::Sparse(matrix) => matrix,
+        Ok(stored.and_then(|stored| match stored.form() {
+            transition::Form::Sparse(matrix) => Some(matrix),
+            transition::Form::Dense(_) => None,
         }))
     }
 

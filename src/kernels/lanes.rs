@@ -152,6 +152,9 @@ pub(crate) trait Lanes: Copy {
     fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
     fn store_index(self, i: Self::I, out: &mut [u32; LANES]);
 
+    /// Rows become columns: lane l of result r is lane r of row l.
+    fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
+
     /// The lanes one after another.
     #[inline(always)]
     fn to_array(self, v: Self::V) -> Eight {
@@ -248,6 +251,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
         std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
+        std::array::from_fn(|r| std::array::from_fn(|l| rows[l][r]))
     }
     #[inline(always)]
     fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
@@ -373,6 +380,22 @@ mod x86 {
             unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
         }
         #[inline(always)]
+        fn transpose(self, rows: [Two; LANES]) -> [Two; LANES] {
+            let [a, b, c, d, e, f, g, h] = rows;
+            unsafe {
+                let (top, below) =
+                    (transpose_four(a.0, b.0, c.0, d.0), transpose_four(e.0, f.0, g.0, h.0));
+                let (top_right, below_right) =
+                    (transpose_four(a.1, b.1, c.1, d.1), transpose_four(e.1, f.1, g.1, h.1));
+                let mut columns = [a; LANES];
+                for r in 0..4 {
+                    columns[r] = (top[r], below[r]);
+                    columns[r + 4] = (top_right[r], below_right[r]);
+                }
+                columns
+            }
+        }
+        #[inline(always)]
         fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Two {
             let last = bound(x);
             unsafe {
@@ -496,6 +519,26 @@ mod x86 {
             unsafe { _mm512_mask_blend_pd(m, b, a) }
         }
         #[inline(always)]
+        fn transpose(self, rows: [__m512d; LANES]) -> [__m512d; LANES] {
+            let [a, b, c, d, e, f, g, h] = rows;
+            unsafe {
+                // Pairs of rows: their even elements, and their odd ones.
+                let even = transpose_quarters(
+                    _mm512_unpacklo_pd(a, b),
+                    _mm512_unpacklo_pd(c, d),
+                    _mm512_unpacklo_pd(e, f),
+                    _mm512_unpacklo_pd(g, h),
+                );
+                let odd = transpose_quarters(
+                    _mm512_unpackhi_pd(a, b),
+                    _mm512_unpackhi_pd(c, d),
+                    _mm512_unpackhi_pd(e, f),
+                    _mm512_unpackhi_pd(g, h),
+                );
+                [even[0], odd[0], even[1], odd[1], even[2], odd[2], even[3], odd[3]]
+            }
+        }
+        #[inline(always)]
         fn gather(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
             let last = bound(x);
             unsafe {
@@ -540,6 +583,34 @@ mod x86 {
             // SAFETY: lanes beyond the slice are not written.
             unsafe { _mm512_mask_storeu_pd(out.as_mut_ptr(), mask, v) }
         }
+    }
+
+    /// Four rows of four become columns.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn transpose_four(a: __m256d, b: __m256d, c: __m256d, d: __m256d) -> [__m256d; 4] {
+        let (even, odd) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+        let (even_after, odd_after) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+        [
+            _mm256_permute2f128_pd::<0x20>(even, even_after),
+            _mm256_permute2f128_pd::<0x20>(odd, odd_after),
+            _mm256_permute2f128_pd::<0x31>(even, even_after),
+            _mm256_permute2f128_pd::<0x31>(odd, odd_after),
+        ]
+    }
+
+    /// Four rows of four quarters become columns.
+    #[inline]
+    #[target_feature(enable = "avx512f")]
+    fn transpose_quarters(a: __m512d, b: __m512d, c: __m512d, d: __m512d) -> [__m512d; 4] {
+        let first = (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0x88>(c, d));
+        let second = (_mm512_shuffle_f64x2::<0xdd>(a, b), _mm512_shuffle_f64x2::<0xdd>(c, d));
+        [
+            _mm512_shuffle_f64x2::<0x88>(first.0, first.1),
+            _mm512_shuffle_f64x2::<0x88>(second.0, second.1),
+            _mm512_shuffle_f64x2::<0xdd>(first.0, first.1),
+            _mm512_shuffle_f64x2::<0xdd>(second.0, second.1),
+        ]
     }
 
     /// A mask of the first lanes.

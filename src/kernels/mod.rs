@@ -10,6 +10,8 @@ mod dense;
 mod dense_max;
 mod lanes;
 mod largest;
+pub(crate) mod lockstep;
+pub(crate) mod lockstep_max;
 mod max;
 mod product;
 mod retreat;
@@ -21,14 +23,13 @@ mod every_instruction_set;
 
 pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
+pub(crate) use lanes::{Eight, LANES};
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{Update, Updated, any_tiny, settle, settle_and_lift, update};
-
-use lanes::LANES;
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a

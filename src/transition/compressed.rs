@@ -1,5 +1,7 @@
 //! Rows (or columns) of a sparse matrix, one after another.
 
+use crate::kernels::lockstep::Lines;
+
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.
 #[derive(Debug, Clone)]
@@ -71,6 +73,11 @@ impl Compressed {
     pub(super) fn slices(&self, line: usize) -> (&[u32], &[f64]) {
         let range = self.starts[line] as usize..self.starts[line + 1] as usize;
         (&self.indices[range.clone()], &self.values[range])
+    }
+
+    /// All of them, for the kernels.
+    pub(super) fn as_lines(&self) -> Lines<'_> {
+        Lines::Sparse { starts: &self.starts, indices: &self.indices, values: &self.values }
     }
 
     /// The entries of a line, in ascending order of their index.

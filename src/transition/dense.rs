@@ -2,8 +2,11 @@
 
 use std::sync::OnceLock;
 
+use super::sparse::LEAST_PLAIN;
+use super::stored::Stored;
 use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
+use crate::kernels::lockstep::Lines;
 use crate::kernels::{self, Dense, DenseLogs};
 
 /// A dense transition matrix, stored by columns.
@@ -25,6 +28,8 @@ use crate::kernels::{self, Dense, DenseLogs};
 #[derive(Debug, Clone)]
 pub struct DenseTransition {
     matrix: Dense,
+    /// Whether all entries above 0 are at least 2^-100.
+    pub(super) plain: bool,
     /// Made when first decoded with.
     log2: OnceLock<DenseLogs>,
 }
@@ -69,7 +74,8 @@ impl DenseTransition {
             }
         }
         check_columns(&sums)?;
-        Ok(Self { matrix, log2: OnceLock::new() })
+        let plain = !matrix.values().iter().any(|&p| 0.0 < p && p < LEAST_PLAIN);
+        Ok(Self { matrix, plain, log2: OnceLock::new() })
     }
 
     /// From a faer view of A (columns sum to one). O(n²).
@@ -100,6 +106,12 @@ impl DenseTransition {
     pub fn get(&self, to: usize, from: usize) -> f64 {
         let n = self.states();
         if to < n && from < n { self.matrix.column(from)[to] } else { 0.0 }
+    }
+
+    /// Rows and columns.
+    pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
+        let values = self.matrix.values();
+        (Lines::DenseTransposed { values }, Lines::Dense { values })
     }
 
     /// The entries above 0 of a row.
@@ -140,6 +152,10 @@ impl Transition for DenseTransition {
     fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.check_slices(x, out);
         self.matrix.multiply_transpose(x, out);
+    }
+
+    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+        Some(Stored::dense(self))
     }
 
     fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -6,10 +6,11 @@ use super::compressed::Compressed;
 use super::stored::Stored;
 use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
+use crate::kernels::lockstep::Lines;
 use crate::kernels::{Maximise, Shifted, Sliced, Values, maximise};
 
 /// 2^-100.
-const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
+pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit
 /// indices.
@@ -194,6 +195,11 @@ impl SparseTransition {
 }
 
 impl SparseTransition {
+    /// Rows and columns.
+    pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
+        (self.rows.as_lines(), self.columns.as_lines())
+    }
+
     /// A step of Viterbi; see [`Maximise`].
     pub(crate) fn maximise(
         &self,

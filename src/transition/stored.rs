@@ -1,6 +1,7 @@
 //! Matrices that are stored, which inference goes through by itself.
 
-use super::SparseTransition;
+use super::{DenseTransition, SparseTransition};
+use crate::kernels::lockstep::Lines;
 
 /// A matrix that the loops of this crate know how to go through.
 ///
@@ -12,6 +13,7 @@ pub struct Stored<'a>(Form<'a>);
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Form<'a> {
     Sparse(&'a SparseTransition),
+    Dense(&'a DenseTransition),
 }
 
 impl<'a> Stored<'a> {
@@ -19,7 +21,21 @@ impl<'a> Stored<'a> {
         Self(Form::Sparse(matrix))
     }
 
+    pub(crate) fn dense(matrix: &'a DenseTransition) -> Self {
+        Self(Form::Dense(matrix))
+    }
+
     pub(crate) fn form(self) -> Form<'a> {
         self.0
+    }
+}
+
+impl<'a> Form<'a> {
+    /// Rows and columns, if all entries above 0 are at least 2^-100.
+    pub(crate) fn plain_lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
+        match self {
+            Self::Sparse(matrix) => matrix.plain.then(|| matrix.lines()),
+            Self::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
+        }
     }
 }

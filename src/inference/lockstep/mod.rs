@@ -1,0 +1,196 @@
+//! Many sequences through one model in lock-step: eight at a time, one in each
+//! lane of a vector, so that products with a stored matrix need no gathers and
+//! its entries are read once for all eight.
+//!
+//! Doubles suffice for nearly all sequences. A lane in which they might not, or that
+//! gives reason for an error, is marked, and its sequence is done by itself
+//! afterwards: the general routine knows about logarithms and errors.
+
+mod backward;
+mod filter;
+mod forward;
+mod learn;
+mod score;
+mod sense;
+mod smooth;
+mod viterbi;
+
+use std::any::Any;
+use std::sync::OnceLock;
+
+use super::many::{self, Results};
+use crate::error::{InferenceError, SequenceError};
+use crate::hmm::Hmm;
+use crate::kernels::LANES;
+use crate::kernels::lockstep::{Abreast, Lines};
+use crate::likelihood::{Likelihood, Scratch};
+use crate::sequence::Sequence;
+use crate::transition::{Stored, Transition};
+
+pub(super) use filter::filter;
+pub(super) use learn::expect;
+pub(super) use score::score;
+pub(super) use smooth::smooth;
+pub(super) use viterbi::viterbi;
+
+/// Fewer sequences are faster one by one.
+const FEWEST: usize = 4;
+/// The same for learning, which gains more.
+pub(super) const FEWEST_TO_LEARN: usize = 2;
+/// Models of fewer states have routines of their own.
+const FEWEST_STATES: usize = 9;
+/// What a group may keep for its steps: 64 MB.
+const MOST_KEPT: usize = (64 << 20) / size_of::<Abreast>();
+
+/// A model whose matrix is stored, and has nothing so small that doubles need
+/// more care.
+pub(super) struct Plan<'m, A, B> {
+    hmm: &'m Hmm<A, B>,
+    rows: Lines<'m>,
+    columns: Lines<'m>,
+    /// The likelihoods of a sequence that has ended.
+    ones: Vec<f64>,
+    /// Their logarithms.
+    zeros: Vec<f64>,
+    /// Those of the rows, made when first decoded with.
+    log2: OnceLock<Vec<f64>>,
+}
+
+impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
+    /// `None` if the model does not allow for it.
+    pub(super) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
+        let control = no_control::<A>()?;
+        hmm.transition().check_control(control).ok()?;
+        let (rows, columns) = hmm.transition().stored(control).map(Stored::form)?.plain_lines()?;
+        let prior = hmm.prior().belief().as_slice();
+        let tiny = |p: &f64| 0.0 < *p && *p < f64::MIN_POSITIVE;
+        if prior.iter().any(tiny) {
+            return None;
+        }
+        let (ones, zeros) = (vec![1.0; prior.len()], vec![0.0; prior.len()]);
+        Some(Self { hmm, rows, columns, ones, zeros, log2: OnceLock::new() })
+    }
+}
+
+/// The control of an operator without one.
+fn no_control<A: Transition>() -> Option<&'static A::Control> {
+    (&() as &'static dyn Any).downcast_ref()
+}
+
+/// Up to eight sequences.
+pub(super) struct Group<'s, S> {
+    sequences: &'s [(usize, &'s S)],
+    /// How many steps they have; 0 for lanes without one.
+    steps: [usize; LANES],
+    longest: usize,
+}
+
+/// Memory for groups, kept from one to the next.
+#[derive(Default)]
+pub(super) struct Memory {
+    /// Beliefs of steps 0 to T, or only the last one.
+    alpha: Vec<Abreast>,
+    /// Likelihoods of steps 1 to T, likewise.
+    likelihoods: Vec<Abreast>,
+    /// One over the normalisers of steps 1 to T.
+    inverse: Vec<Abreast>,
+    /// The belief, lifted, and the next.
+    x: Vec<Abreast>,
+    next: Vec<Abreast>,
+    /// γ / α and γ / p, lifted, and γ.
+    q: Vec<Abreast>,
+    ratio: Vec<Abreast>,
+    gamma: Vec<Abreast>,
+    lanes: [Lane; LANES],
+}
+
+/// What each lane has for itself.
+#[derive(Default)]
+struct Lane {
+    scratch: Scratch,
+    values: Vec<f64>,
+}
+
+/// What a routine gives for each lane; `None` where the sequence has to be done by
+/// itself.
+pub(super) type Outcome<R> = [Option<R>; LANES];
+
+/// Applies a routine to all sequences: in groups where the model allows it, else,
+/// and where a group fails, one by one. The groups do not depend on how many
+/// threads there are.
+pub(super) fn each<A, B, S, R>(
+    hmm: &Hmm<A, B>,
+    sequences: &[S],
+    together: impl Fn(&Plan<'_, A, B>, &Group<'_, S>, &mut Memory) -> Outcome<R> + Sync,
+    single: impl Fn(&S) -> Result<R, InferenceError> + Sync,
+) -> Results<R>
+where
+    A: Transition + Sync,
+    B: Likelihood + Sync,
+    S: Sequence<A::Control, B::Observation> + Sync,
+    R: Send,
+{
+    let few = sequences.len() < FEWEST || hmm.states() < FEWEST_STATES;
+    let Some(plan) = (if few { None } else { Plan::new(hmm) }) else {
+        return many::each(sequences, single);
+    };
+    let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
+    order.sort_by_key(|(_, sequence)| sequence.steps());
+    let done = in_groups(&order, |group, memory| {
+        let group = Group::new(group);
+        let mut outcome = if group.pays(hmm.states(), FEWEST) {
+            together(&plan, &group, memory)
+        } else {
+            [const { None }; LANES]
+        };
+        let one = |(&(sequence, s), outcome): (&(usize, &S), &mut Option<R>)| {
+            let result = outcome.take().map_or_else(|| single(s), Ok);
+            (sequence, result.map_err(|source| SequenceError { sequence, source }))
+        };
+        group.sequences.iter().zip(&mut outcome).map(one).collect::<Vec<_>>()
+    });
+    let mut done: Vec<_> = done.into_iter().flatten().collect();
+    done.sort_unstable_by_key(|(sequence, _)| *sequence);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+/// Does something with each eight, in parallel with the feature `rayon`.
+pub(super) fn in_groups<T: Sync, R: Send>(
+    items: &[T],
+    work: impl Fn(&[T], &mut Memory) -> R + Sync,
+) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        let groups = items.par_chunks(LANES);
+        groups.map_init(Memory::default, |memory, group| work(group, memory)).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        let mut memory = Memory::default();
+        items.chunks(LANES).map(|group| work(group, &mut memory)).collect()
+    }
+}
+
+impl<'s, S> Group<'s, S> {
+    pub(super) fn new<U, Y: ?Sized>(sequences: &'s [(usize, &'s S)]) -> Self
+    where
+        S: Sequence<U, Y>,
+    {
+        let mut steps = [0; LANES];
+        steps.iter_mut().zip(sequences).for_each(|(steps, (_, s))| *steps = s.steps());
+        let longest = steps.iter().copied().max().unwrap_or(0);
+        Self { sequences, steps, longest }
+    }
+
+    /// Whether to go through it in lock-step.
+    pub(super) fn pays(&self, states: usize, fewest: usize) -> bool {
+        let kept = states.saturating_mul(2).saturating_mul(self.longest);
+        self.sequences.len() >= fewest && kept <= MOST_KEPT
+    }
+
+    /// Which lanes have something to do.
+    fn lanes(&self) -> [bool; LANES] {
+        self.steps.map(|steps| steps > 0)
+    }
+}
