@@ -138,8 +138,8 @@ fn dense<L: Lanes, const R: usize>(
             sums[r] = lanes.add(sums[r], lanes.mul(lanes.splat(lines[r][j]), x));
         }
     }
-    for r in 0..R {
-        each.line(lanes, i + r, sums[r]);
+    for (r, sum) in sums.into_iter().enumerate() {
+        each.line(lanes, i + r, sum);
     }
 }
 
@@ -160,8 +160,8 @@ fn transposed<L: Lanes, const R: usize>(
             sums[r] = lanes.add(sums[r], lanes.mul(lanes.splat(values[r]), x));
         }
     }
-    for r in 0..R {
-        each.line(lanes, i + r, sums[r]);
+    for (r, sum) in sums.into_iter().enumerate() {
+        each.line(lanes, i + r, sum);
     }
 }
 

@@ -88,8 +88,8 @@ fn transposed<L: Lanes, const R: usize>(
             bests[r].take(lanes, values[r], x, j);
         }
     }
-    for r in 0..R {
-        out.put(lanes, i + r, &bests[r]);
+    for (r, best) in bests.iter().enumerate() {
+        out.put(lanes, i + r, best);
     }
 }
 

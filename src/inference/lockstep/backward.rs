@@ -52,8 +52,8 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
             ratio,
             gamma,
         });
-        for l in 0..LANES {
-            held[l] &= step > group.steps[l] || is_one(carried.sums[l]);
+        for (l, held) in held.iter_mut().enumerate() {
+            *held &= step > group.steps[l] || is_one(carried.sums[l]);
         }
     }
 }

@@ -24,7 +24,7 @@ where
     let n = plan.ones.len();
     let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
     let forward = plan.forward(group, memory, true, |lane, log| logs[lane].push(log));
-    let mut rows = Rows::new(n, group, &forward.held);
+    let mut rows = Rows::new(n, group, forward.held);
     for step in 0..=group.longest {
         rows.put(group, step, &memory.alpha[step * n..][..n]);
     }

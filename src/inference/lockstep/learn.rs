@@ -51,7 +51,7 @@ where
     }
     let mut expected = plan.hmm.nothing_expected();
     if let Some(moves) = expected.moves.first_mut().filter(|_| counted) {
-        *moves = move_counts(plan.columns, n, &counts, &held);
+        *moves = move_counts(plan.columns, n, &counts, held);
     }
     for l in (0..LANES).filter(|l| held[*l]) {
         expected.log_likelihood.add(forward.log_likelihoods[l].value());
@@ -79,10 +79,10 @@ fn move_counts(
     columns: Lines<'_>,
     n: usize,
     counts: &[Abreast],
-    held: &[bool; LANES],
+    held: [bool; LANES],
 ) -> MoveCounts {
     let weight = |p: f64, counts: &Abreast| {
-        let sum: f64 = counts.iter().zip(held).filter(|c| *c.1).map(|c| c.0).sum();
+        let sum: f64 = counts.iter().zip(held).filter(|c| c.1).map(|c| c.0).sum();
         p * sum / BACK_LIFT
     };
     let mut moves = MoveCounts::default();

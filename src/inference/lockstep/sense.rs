@@ -61,21 +61,21 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
             }
         }
         let gathered = lockstep::gather(rows, out);
-        for l in 0..LANES {
+        for (l, held) in held.iter_mut().enumerate() {
             let (largest, mut tiny) = (gathered.largest[l], gathered.tiny[l]);
             sensed.largest[l] = largest;
-            held[l] &= gathered.least[l] >= 0.0;
-            if held[l] && !UNSCALED.contains(&largest) {
+            *held &= gathered.least[l] >= 0.0;
+            if *held && !UNSCALED.contains(&largest) {
                 match rescale(out, l, largest) {
                     Some(scale) => {
                         sensed.largest[l] = largest * scale.factor;
                         sensed.logs[l] += scale.log;
                         tiny = scale.tiny;
                     }
-                    None => held[l] = false,
+                    None => *held = false,
                 }
             }
-            held[l] &= !tiny || sensed.rounded[l];
+            *held &= !tiny || sensed.rounded[l];
         }
         sensed
     }

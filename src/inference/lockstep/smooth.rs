@@ -24,7 +24,7 @@ where
     let n = plan.ones.len();
     let forward = plan.forward(group, memory, true, |_, _| ());
     let mut held = forward.held;
-    let (mut rows, mut carried) = (Rows::new(n, group, &held), Carried::new());
+    let (mut rows, mut carried) = (Rows::new(n, group, held), Carried::new());
     for step in (1..=group.longest).rev() {
         rows.end(group, step, &memory.alpha[step * n..][..n]);
         if plan.hmm.prior().moves_at(step) {
@@ -58,7 +58,7 @@ pub(super) struct Rows {
 
 impl Rows {
     /// Rows for the lanes that are held.
-    pub(super) fn new<S>(states: usize, group: &Group<'_, S>, held: &[bool; LANES]) -> Self {
+    pub(super) fn new<S>(states: usize, group: &Group<'_, S>, held: [bool; LANES]) -> Self {
         let values = std::array::from_fn(|l| {
             if held[l] { vec![0.0; states * (group.steps[l] + 1)] } else { Vec::new() }
         });
