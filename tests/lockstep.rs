@@ -304,6 +304,7 @@ proptest! {
     }
 
     /// How many threads there are does not matter, to the bit.
+    #[cfg(feature = "rayon")]
     #[test]
     fn threads_do_not_change_a_bit(case in cases(true)) {
         let hmm = Hmm::new(case.prior(), case.sparse(), case.sensor()).unwrap();
@@ -319,9 +320,4 @@ proptest! {
 #[cfg(feature = "rayon")]
 fn with_threads<R: Send>(threads: usize, work: impl Fn() -> R + Send) -> R {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}
-
-#[cfg(not(feature = "rayon"))]
-fn with_threads<R>(_: usize, work: impl Fn() -> R) -> R {
-    work()
 }

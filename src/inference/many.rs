@@ -40,8 +40,8 @@ pub(super) fn each<S: Sync, R: Send>(
 /// With a [`SparseTransition`](crate::SparseTransition) or a
 /// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of
 /// eight sequences of nearly the same length go in lock-step, one in each lane of a
-/// vector: a step then takes a fraction of the time, and a group 128 n T bytes beside
-/// its results.
+/// vector: a step then takes less time, most so with dense matrices, and a group
+/// 128 n T bytes beside its results.
 ///
 /// The result at index i is that of sequence i. One that fails does not hinder
 /// the others; its [`SequenceError`] names it, so that the results can also be
