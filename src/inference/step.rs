@@ -3,7 +3,7 @@
 use super::held::{Advanced, Form, Held, Lifted, Results};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid};
+use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::{self, SparseTransition, Transition};
@@ -169,10 +169,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Ok(None);
         }
         let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
-        if updated.small
-            && !likelihoods.diagonal.tails_rounded
-            && self.loses_states(likelihoods, lifted, results)?
-        {
+        if updated.small && self.loses_states(likelihoods, lifted, results)? {
             return Ok(None);
         }
         Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
@@ -306,7 +303,13 @@ struct Likelihoods<'a> {
 
 impl<'a> Likelihoods<'a> {
     fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
-        Update { prediction, lift, likelihoods: self.values, scaled: self.scaled, out }
+        // Without a lift, small results are not held, whatever becomes of them.
+        let watch = match self {
+            _ if lift == LIFT && self.diagonal.tails_rounded => Watch::Nothing,
+            Self { scaled: true, .. } => Watch::Predictions,
+            Self { scaled: false, .. } => Watch::Products,
+        };
+        Update { prediction, lift, likelihoods: self.values, watch, out }
     }
 }
 

@@ -69,7 +69,7 @@ mod tests {
     use super::super::LIFT;
     use super::super::product::{Made, Part};
     use super::super::sliced::Sliced;
-    use super::super::update::{Settle, Update, Updated};
+    use super::super::update::{Settle, Update, Updated, Watch};
     use super::*;
 
     /// Not a multiple of eight, nor of blocks.
@@ -80,7 +80,13 @@ mod tests {
     }
 
     fn work<'a>(p: &'a [f64], b: &'a [f64], out: &'a mut [f64]) -> Update<'a, Part<Made<'a>>> {
-        Update { prediction: Part::all(Made(p)), lift: LIFT, likelihoods: b, scaled: false, out }
+        Update {
+            prediction: Part::all(Made(p)),
+            lift: LIFT,
+            likelihoods: b,
+            watch: Watch::Products,
+            out,
+        }
     }
 
     #[test]

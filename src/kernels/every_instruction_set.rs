@@ -10,7 +10,7 @@ use super::max::{Add, Log2OfLogs, Maximise, Shifted};
 use super::product::{Made, Multiply, Part, Sparse};
 use super::retreat::{BACK_LIFT, Retreat, Weigh};
 use super::sliced::Sliced;
-use super::update::{Settle, SettleAndLift, Update, Updated};
+use super::update::{Settle, SettleAndLift, Update, Updated, Watch};
 use super::{LIFT, log2, on_grid};
 
 type Rows = Vec<Vec<(u32, f64)>>;
@@ -86,7 +86,8 @@ proptest! {
     #[test]
     fn products_and_updates(
         rows in rows(), x in some_zero(), b in some_zero(), lifted in any::<bool>(),
-        scaled in any::<bool>(), tiny in prop_oneof![4 => Just(1.0), 1 => Just(1e-305)],
+        watch in prop::sample::select(vec![Watch::Nothing, Watch::Products, Watch::Predictions]),
+        tiny in prop_oneof![4 => Just(1.0), 1 => Just(1e-305)],
     ) {
         let (n, matrix) = (rows.len(), sliced(&rows));
         let lift = if lifted { LIFT } else { 1.0 };
@@ -107,7 +108,7 @@ proptest! {
             let prediction = Part::all(Sparse { matrix: &matrix, x: &x });
             let likelihoods = &b;
             let updated =
-                run_on(isa, Update { prediction, lift, likelihoods, scaled, out: &mut out });
+                run_on(isa, Update { prediction, lift, likelihoods, watch, out: &mut out });
             (out, updated)
         });
         if tiny == 1.0 || lifted {
@@ -115,8 +116,9 @@ proptest! {
             sum_is(updated.products, &expected)?;
         }
         let small = p.iter().zip(&b).any(|(&p, &b)| {
-            p > 0.0 && (b > 0.0 || scaled) && p * b < lift / LIFT
+            p > 0.0 && (b > 0.0 || watch == Watch::Predictions) && p * b < lift / LIFT
         });
+        let small = small && watch != Watch::Nothing;
         prop_assert_eq!(updated.small, small);
         prop_assert_eq!(updated.largest_likelihood, b.iter().copied().fold(0.0, f64::max));
         prop_assert!(!updated.negative_likelihood);
@@ -125,7 +127,7 @@ proptest! {
         let (made, seen) = everywhere(|isa| {
             let mut out = vec![f64::NAN; n];
             let update = Update {
-                prediction: Part::all(Made(&found)), lift, likelihoods: &b, scaled, out: &mut out,
+                prediction: Part::all(Made(&found)), lift, likelihoods: &b, watch, out: &mut out,
             };
             (run_on(isa, update), out)
         });
@@ -147,7 +149,7 @@ proptest! {
             let prediction = Part::all(Made(p));
             let updated = run_on(
                 isa,
-                Update { prediction, lift: 1.0, likelihoods: b, scaled: false, out: &mut out },
+                Update { prediction, lift: 1.0, likelihoods: b, watch: Watch::Products, out: &mut out },
             );
             let Updated { products, negative_predicted, negative_likelihood, .. } = updated;
             (products.is_finite(), negative_predicted, negative_likelihood)

@@ -29,7 +29,7 @@ pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
-pub(crate) use update::{Update, Updated, any_tiny, settle, settle_and_lift, update};
+pub(crate) use update::{Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a

@@ -13,10 +13,20 @@ pub(crate) struct Update<'a, P> {
     pub(crate) prediction: P,
     pub(crate) lift: f64,
     pub(crate) likelihoods: &'a [f64],
-    /// Whether the likelihoods have been scaled, so that one of 0 may have been
-    /// above.
-    pub(crate) scaled: bool,
+    pub(crate) watch: Watch,
     pub(crate) out: &'a mut [f64],
+}
+
+/// Which small results are told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Watch {
+    /// None.
+    Nothing,
+    /// Those of which neither factor is 0.
+    Products,
+    /// Those of which the prediction is not 0: likelihoods have been scaled, so that
+    /// one of 0 may have been above.
+    Predictions,
 }
 
 /// What an [`Update`] has seen.
@@ -31,8 +41,7 @@ pub(crate) struct Updated {
     pub(crate) negative_likelihood: bool,
     /// The largest bᵢ.
     pub(crate) largest_likelihood: f64,
-    /// Whether a result is below 2^-1000 of the lift, though neither of its
-    /// factors is 0.
+    /// Whether a result that is [watched](Watch) is below 2^-1000 of the lift.
     pub(crate) small: bool,
 }
 
@@ -41,15 +50,15 @@ impl<P: Product> Kernel for Update<'_, Part<P>> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Updated {
-        let Self { prediction, lift, likelihoods, scaled, out } = self;
+        let Self { prediction, lift, likelihoods, watch, out } = self;
         let n = prediction.lines();
         let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
         let zero = lanes.splat(0.0);
         let mut each = UpdateEach::<L, P> {
             likelihoods: likelihoods.as_chunks(),
             out: out.as_chunks_mut(),
-            least: lanes.splat(lift / LIFT),
-            possible: lanes.splat(if scaled { 1.0 } else { 0.0 }),
+            least: lanes.splat(if watch == Watch::Nothing { 0.0 } else { lift / LIFT }),
+            possible: lanes.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
             negative_predicted: lanes.less(zero, zero),
@@ -250,9 +259,9 @@ impl Blocks for SettleAndLift<'_> {
 /// Does an [`Update`].
 #[inline]
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
-    let Update { prediction, lift, likelihoods, scaled, out } = update;
+    let Update { prediction, lift, likelihoods, watch, out } = update;
     let prediction = Part::all(prediction);
-    run_in_blocks(Update { prediction, lift, likelihoods, scaled, out })
+    run_in_blocks(Update { prediction, lift, likelihoods, watch, out })
 }
 
 /// Does a [`Settle`].
