@@ -161,11 +161,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// [`Learned::left_out`] names them.
     ///
     /// Structure is kept: what has probability 0 keeps it. What must not be
-    /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration takes one
-    /// [`smooth_each`](Self::smooth_each) for each sequence and O(E) a step;
-    /// O(n + E) memory and the sensor's statistics for each of the 64 sequences
-    /// that are gone through together. Empty ones say nothing. In parallel with
-    /// the feature `rayon`, with the same result to the bit.
+    /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration goes twice through
+    /// each sequence, O(E) a step. With a stored matrix eight go in lock-step, with
+    /// 128 n T bytes for such a group; others, and those that doubles do not hold,
+    /// one by one as by [`smooth_each`](Self::smooth_each), with O(n + E) memory and
+    /// the sensor's statistics for each of 64 that are gone through together. Empty
+    /// ones say nothing. In parallel with the feature `rayon`, with the same result to
+    /// the bit.
     ///
     /// ```
     /// use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior, TableLikelihood};
