@@ -22,7 +22,7 @@ use super::step::{Step, is_one, normalise_logs};
 use crate::error::InferenceError;
 use crate::kernels::{self, BACK_LIFT, LIFT, Made, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
-use crate::transition::{Form, Stored, Transition};
+use crate::transition::{Stored, Transition};
 
 /// A ratio γ / p above 2^64 is not taken in linear space if the lifted p is
 /// below 2^40: it might overflow.
@@ -103,7 +103,7 @@ impl Backward {
         }
         let Self { ratio, carried: Carried { q, .. }, gamma: result, values, .. } = self;
         let transition = step.hmm.transition();
-        let sum = if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
+        let sum = if let Some(matrix) = transition.stored(control).and_then(Stored::as_sparse) {
             let back = Sparse { matrix: &matrix.sliced_columns, x: ratio };
             kernels::retreat(back, alpha.linear, result, q)
         } else {

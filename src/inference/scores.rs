@@ -10,7 +10,7 @@ use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::kernels::{self, LIFT, Shifted};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use crate::transition::{Form, Stored, TransitionEntries};
+use crate::transition::{Stored, TransitionEntries};
 
 /// 2^-900. A prior of at least this, lifted, is above 2^99: its product with
 /// the least entry, 2^-1074, is a double with all its digits.
@@ -88,13 +88,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         self.check_control(control)?;
         let transition = self.hmm.transition();
-        let largest =
-            if let Some(Form::Sparse(matrix)) = transition.stored(control).map(Stored::form) {
-                matrix.maximise(scores, likelihoods, next, from)
-            } else {
-                transition.max_product(control, scores, next, from);
-                kernels::add_scores(next, likelihoods)
-            };
+        let largest = if let Some(matrix) = transition.stored(control).and_then(Stored::as_sparse) {
+            matrix.maximise(scores, likelihoods, next, from)
+        } else {
+            transition.max_product(control, scores, next, from);
+            kernels::add_scores(next, likelihoods)
+        };
         self.settle_at(next, largest, taken_out)?;
         Ok(())
     }

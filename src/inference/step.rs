@@ -6,7 +6,7 @@ use crate::hmm::Hmm;
 use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
-use crate::transition::{self, SparseTransition, Transition};
+use crate::transition::{SparseTransition, Stored, Transition};
 
 /// A step is taken in linear space if the normaliser is at least this part of
 /// the largest likelihood. A likelihood that has lost digits by scaling then
@@ -14,7 +14,7 @@ use crate::transition::{self, SparseTransition, Transition};
 const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 /// Likelihoods with their largest value in this range, 2^-300 to 2^16, are taken as
 /// they are: their products with lifted predictions are doubles, and the sum is.
-const UNSCALED: std::ops::RangeInclusive<f64> =
+pub(super) const UNSCALED: std::ops::RangeInclusive<f64> =
     f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
 
 /// Memory for steps; allocated once, when it is made.
@@ -148,8 +148,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         lifted: &mut Lifted,
         results: &mut Results<'_>,
     ) -> Result<Option<(f64, Form)>, InferenceError> {
+        let matrix = self.matrix()?;
         if !lifted.is_needed()
-            && let Some(matrix) = self.matrix()?
+            && let Some(matrix) = matrix
             && matrix.plain
         {
             let product = Sparse { matrix: &matrix.sliced_rows, x: belief };
@@ -164,7 +165,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             lifted.lift_for_some_steps();
         }
         let lifted = lifted.values(belief);
-        let updated = self.update(likelihoods, lifted, results)?;
+        let updated = self.update(matrix, likelihoods, lifted, results)?;
         if !holds(&updated, LIFT) {
             return Ok(None);
         }
@@ -175,26 +176,23 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
     }
 
-    /// The matrix of the step, if there is a sparse one.
+    /// The matrix of the step, if there is a sparse one; checks the control.
     fn matrix(&self) -> Result<Option<&'m SparseTransition>, InferenceError> {
         let Some(control) = self.control else { return Ok(None) };
         self.check_control(control)?;
-        let stored = self.hmm.transition().stored(control);
-        Ok(stored.and_then(|stored| match stored.form() {
-            transition::Form::Sparse(matrix) => Some(matrix),
-            transition::Form::Dense(_) => None,
-        }))
+        Ok(self.hmm.transition().stored(control).and_then(Stored::as_sparse))
     }
 
     /// Prediction and product with the likelihoods, into the lifted result.
     #[inline]
     fn update(
         &self,
+        matrix: Option<&SparseTransition>,
         likelihoods: Likelihoods<'_>,
         lifted: &[f64],
         results: &mut Results<'_>,
     ) -> Result<Updated, InferenceError> {
-        if let Some(matrix) = self.matrix()? {
+        if let Some(matrix) = matrix {
             let product = Sparse { matrix: &matrix.sliced_rows, x: lifted };
             return Ok(kernels::update(likelihoods.update(product, LIFT, results.lifted)));
         }

@@ -1,39 +1,14 @@
 //! Eight sequences in lock-step, one a lane: a vector of states is a slice of
 //! eights, and a product with a matrix needs no gathers.
 
-use std::ops::{Deref, DerefMut};
-
 use super::LIFT;
+use super::abreast::flags;
+pub(crate) use super::abreast::{Abreast, gather, scatter};
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 use super::retreat::BACK_LIFT;
 
 /// How many lines of a dense matrix share the loads of a vector.
 const BLOCK: usize = 4;
-/// 2^-900: from here on products of a likelihood with a lifted prediction keep all
-/// their digits.
-const TINY: f64 = f64::from_bits((1023 - 900) << 52);
-
-/// A number of each of eight sequences; in memory where no load of them takes two
-/// lines of a cache.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-#[repr(align(64))]
-pub(crate) struct Abreast(pub(crate) Eight);
-
-impl Deref for Abreast {
-    type Target = Eight;
-
-    #[inline(always)]
-    fn deref(&self) -> &Eight {
-        &self.0
-    }
-}
-
-impl DerefMut for Abreast {
-    #[inline(always)]
-    fn deref_mut(&mut self) -> &mut Eight {
-        &mut self.0
-    }
-}
 
 /// Lines of a matrix: rows for A, columns for A'.
 #[derive(Debug, Clone, Copy)]
@@ -62,12 +37,12 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// How many entries are stored.
-    pub(crate) fn entries(self) -> usize {
+    /// All values that are stored.
+    pub(crate) fn values(self) -> &'a [f64] {
         match self {
             Self::Sparse { values, .. }
             | Self::Dense { values }
-            | Self::DenseTransposed { values } => values.len(),
+            | Self::DenseTransposed { values } => values,
         }
     }
 
@@ -162,135 +137,6 @@ fn transposed<L: Lanes, const R: usize>(
     }
     for (r, sum) in sums.into_iter().enumerate() {
         each.line(lanes, i + r, sum);
-    }
-}
-
-/// Likelihoods of eight sequences side by side.
-struct Gather<'a> {
-    /// Of the same length as `out`.
-    pub(crate) rows: [&'a [f64]; LANES],
-    pub(crate) out: &'a mut [Abreast],
-}
-
-/// What a [`Gather`] has seen in each lane.
-pub(crate) struct Gathered {
-    /// NaN apart.
-    pub(crate) least: Eight,
-    pub(crate) largest: Eight,
-    /// Whether one is above 0 and below 2^-900.
-    pub(crate) tiny: [bool; LANES],
-}
-
-impl Kernel for Gather<'_> {
-    type Output = Gathered;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Gathered {
-        let Self { rows, out } = self;
-        let n = out.len();
-        let zero = lanes.splat(0.0);
-        let mut seen = Seen { least: lanes.splat(f64::INFINITY), largest: zero };
-        let mut chunks = [&[][..]; LANES];
-        let mut rests = [&[][..]; LANES];
-        for l in 0..LANES {
-            (chunks[l], rests[l]) = rows[l][..n].as_chunks::<LANES>();
-        }
-        let (outs, out_rest) = out.as_chunks_mut::<LANES>();
-        for (number, out) in outs.iter_mut().enumerate() {
-            let mut eight = [zero; LANES];
-            for l in 0..LANES {
-                eight[l] = lanes.load(&chunks[l][number]);
-            }
-            let columns = lanes.transpose(eight);
-            for r in 0..LANES {
-                seen.look(lanes, columns[r]);
-                lanes.store(columns[r], &mut out[r]);
-            }
-        }
-        if !out_rest.is_empty() {
-            let mut eight = [zero; LANES];
-            for l in 0..LANES {
-                eight[l] = lanes.load_part(rests[l]);
-            }
-            let columns = lanes.transpose(eight);
-            for (r, out) in out_rest.iter_mut().enumerate() {
-                seen.look(lanes, columns[r]);
-                lanes.store(columns[r], out);
-            }
-        }
-        let mut tiny = lanes.less(zero, zero);
-        // Zeros are below, too: only now is it worth while to tell them apart.
-        if lanes.any(lanes.less(seen.least, lanes.splat(TINY))) {
-            for out in &*out {
-                let b = lanes.load(out);
-                let some = lanes.and(lanes.less(b, lanes.splat(TINY)), lanes.less(zero, b));
-                tiny = lanes.or(tiny, some);
-            }
-        }
-        Gathered {
-            least: lanes.to_array(seen.least),
-            largest: lanes.to_array(seen.largest),
-            tiny: flags(lanes, tiny),
-        }
-    }
-}
-
-/// In which lanes a mask is set.
-#[inline(always)]
-fn flags<L: Lanes>(lanes: L, mask: L::M) -> [bool; LANES] {
-    let zero = lanes.splat(0.0);
-    lanes.to_array(lanes.select(mask, lanes.splat(1.0), zero)).map(|flag| flag != 0.0)
-}
-
-struct Seen<L: Lanes> {
-    least: L::V,
-    largest: L::V,
-}
-
-impl<L: Lanes> Seen<L> {
-    #[inline(always)]
-    fn look(&mut self, lanes: L, b: L::V) {
-        self.least = lanes.min(b, self.least);
-        self.largest = lanes.max(b, self.largest);
-    }
-}
-
-/// Eights back into a row for each lane.
-struct Scatter<'a> {
-    pub(crate) from: &'a [Abreast],
-    /// Of the same length as `from`.
-    pub(crate) rows: [&'a mut [f64]; LANES],
-}
-
-impl Kernel for Scatter<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self { from, rows } = self;
-        let zero = lanes.splat(0.0);
-        let (chunks, rest) = from.as_chunks::<LANES>();
-        let outs = rows.map(|row| row[..from.len()].as_chunks_mut::<LANES>());
-        for (number, chunk) in chunks.iter().enumerate() {
-            let mut eight = [zero; LANES];
-            for r in 0..LANES {
-                eight[r] = lanes.load(&chunk[r]);
-            }
-            let columns = lanes.transpose(eight);
-            for l in 0..LANES {
-                lanes.store(columns[l], &mut outs[l].0[number]);
-            }
-        }
-        if !rest.is_empty() {
-            let mut eight = [zero; LANES];
-            for (r, from) in rest.iter().enumerate() {
-                eight[r] = lanes.load(from);
-            }
-            let columns = lanes.transpose(eight);
-            for l in 0..LANES {
-                lanes.store_part(columns[l], &mut *outs[l].1);
-            }
-        }
     }
 }
 
@@ -399,7 +245,7 @@ impl Kernel for Retreat<'_> {
             q: &mut q[..n],
             gamma: &mut gamma[..n],
             unlift: lanes.splat(1.0 / BACK_LIFT),
-            least: lanes.splat(f64::MIN_POSITIVE),
+            least,
             sum: zero,
         };
         matrix.each(lanes, ratio, &mut each);
@@ -419,8 +265,10 @@ struct RetreatEach<'a, L: Lanes> {
 impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
     #[inline(always)]
     fn line(&mut self, lanes: L, j: usize, q: L::V) {
-        let v = lanes.mul(lanes.mul(q, lanes.load(&self.alpha[j])), self.unlift);
+        // Made 0 before it is too small, as for one sequence.
+        let v = lanes.mul(q, lanes.load(&self.alpha[j]));
         let kept = lanes.select(lanes.less(v, self.least), lanes.splat(0.0), v);
+        let kept = lanes.mul(kept, self.unlift);
         lanes.store(q, &mut self.q[j]);
         lanes.store(kept, &mut self.gamma[j]);
         self.sum = lanes.add(self.sum, kept);
@@ -474,16 +322,6 @@ pub(crate) fn count(
     counts: &mut [Abreast],
 ) {
     run(Count { matrix, alpha, ratio, counts });
-}
-
-/// [`Gather`] with the instructions chosen.
-pub(crate) fn gather(rows: [&[f64]; LANES], out: &mut [Abreast]) -> Gathered {
-    run(Gather { rows, out })
-}
-
-/// [`Scatter`] with the instructions chosen.
-pub(crate) fn scatter(from: &[Abreast], rows: [&mut [f64]; LANES]) {
-    run(Scatter { from, rows });
 }
 
 /// [`Update`] with the instructions chosen.

@@ -4,6 +4,7 @@
 use std::f64::consts::LOG2_E;
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
+use super::product::eight;
 use super::sliced::{Slice, Sliced, Values};
 use super::{GRID_RANGE, GRID_STEPS, INTEGERS};
 
@@ -18,11 +19,7 @@ impl Shifted<'_> {
     /// Those of the eight with this number.
     #[inline(always)]
     fn eight<L: Lanes>(self, lanes: L, number: usize) -> L::V {
-        let (chunks, rest) = self.scores.as_chunks::<LANES>();
-        let b = match chunks.get(number) {
-            Some(chunk) => lanes.load(chunk),
-            None => lanes.load_part(rest),
-        };
+        let b = eight(lanes, self.scores.as_chunks(), number);
         lanes.sub(b, lanes.splat(self.shift))
     }
 }
@@ -142,10 +139,7 @@ impl Kernel for Add<'_> {
         let (chunks, rest) = scores.as_chunks_mut::<LANES>();
         let mut largest = lanes.splat(f64::NEG_INFINITY);
         for number in 0..count {
-            let mut score = match chunks.get(number) {
-                Some(chunk) => lanes.load(chunk),
-                None => lanes.load_part(rest),
-            };
+            let mut score = eight(lanes, (chunks, rest), number);
             if let Some(added) = added {
                 score = lanes.add(score, added.eight(lanes, number));
             }

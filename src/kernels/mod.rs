@@ -4,6 +4,7 @@
 //! the order of the additions, so the result to the bit, is the same on every
 //! machine.
 
+mod abreast;
 mod aligned;
 mod blocks;
 mod dense;
@@ -29,7 +30,7 @@ pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
-pub(crate) use update::{Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
+pub(crate) use update::{TINY, Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a
@@ -75,26 +76,10 @@ pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
 /// `x /= sum`, where `sum` is that of x: makes it a distribution.
 ///
 /// What would be below the smallest normal double becomes 0: the far tails of
-/// a Gaussian sensor alone would double the time of a step. Returns whether
-/// a result is 0 or below 2^-980, where factors of it may have lost digits.
-pub(crate) fn normalise(x: &mut [f64], sum: f64) -> bool {
+/// a Gaussian sensor alone would double the time of a step.
+pub(crate) fn normalise(x: &mut [f64], sum: f64) {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
-    let small = least * (1_u64 << 42) as f64;
-    let keep = |x: f64| if x >= least { x } else { 0.0 } * factor;
-    let (chunks, rest) = x.as_chunks_mut::<LANES>();
-    let mut smallest = [f64::INFINITY; LANES];
-    for chunk in chunks {
-        for l in 0..LANES {
-            smallest[l] = if chunk[l] < smallest[l] { chunk[l] } else { smallest[l] };
-            chunk[l] = keep(chunk[l]);
-        }
-    }
-    let mut any_small = smallest.iter().any(|x| *x < small);
-    for x in rest {
-        any_small |= *x < small;
-        *x = keep(*x);
-    }
-    any_small
+    x.iter_mut().for_each(|x| *x = if *x >= least { *x } else { 0.0 } * factor);
 }
 
 /// Rounds to a multiple of 2^-45, which doubles of 128 and more are anyway.

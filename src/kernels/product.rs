@@ -168,42 +168,6 @@ struct Store<'a>((&'a mut [Eight], &'a mut [f64]));
 impl<L: Lanes> Each<L> for Store<'_> {
     #[inline(always)]
     fn eight(&mut self, lanes: L, number: usize, product: L::V) {
-        match self.0.0.get_mut(number) {
-            Some(chunk) => lanes.store(product, chunk),
-            None => lanes.store_part(product, self.0.1),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::lanes::{Isa, run_on};
-    use super::*;
-
-    #[test]
-    fn products_are_the_same_on_every_instruction_set() {
-        for n in (1..=40).chain([63, 64, 65, 300, 1001]) {
-            // Neighbours, and now and then many others.
-            let entry = |i: usize, j: usize| match (i * 31 + j * 17) % 11 {
-                value if i.abs_diff(j) < 2 || (i % 29 == 3 && value > 3) => value as f64 + 0.1,
-                _ => 0.0,
-            };
-            let line =
-                |i: usize| (0..n).map(|j| (j as u32, entry(i, j))).filter(|e| e.1 > 0.0).unzip();
-            let lines: Vec<(Vec<u32>, Vec<f64>)> = (0..n).map(line).collect();
-            let sliced = Sliced::new(n, |i| (&lines[i].0, &lines[i].1));
-            let x: Vec<f64> = (1..=n).map(|i| (i as f64 * 0.618_033_988_7).fract()).collect();
-            let products = [Isa::Plain, Isa::Avx2, Isa::Avx512].map(|isa| {
-                let mut out = vec![f64::NAN; n];
-                let product = Part::all(Sparse { matrix: &sliced, x: &x });
-                run_on(isa, Multiply { product, out: &mut out });
-                out
-            });
-            assert!(products.iter().all(|product| *product == products[0]), "{n}");
-            for (i, product) in products[0].iter().enumerate() {
-                let sum: f64 = (0..n).map(|j| entry(i, j) * x[j]).sum();
-                assert!((product - sum).abs() <= 1e-13 * sum, "line {i} of {n}");
-            }
-        }
+        put(lanes, (&mut *self.0.0, &mut *self.0.1), number, product);
     }
 }

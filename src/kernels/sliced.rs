@@ -59,7 +59,8 @@ pub(super) struct Apart {
 }
 
 impl Sliced {
-    /// From lines whose indices ascend and are below `lines`. O(entries log).
+    /// From lines whose indices ascend and are below `lines`. O(n + entries), and
+    /// the entries of each slice are sorted.
     pub(crate) fn new<'a>(lines: usize, line: impl Fn(usize) -> (&'a [u32], &'a [f64])) -> Self {
         let mut sliced = Self {
             lines,

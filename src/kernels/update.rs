@@ -190,10 +190,10 @@ impl Blocks for Settle<'_> {
 
 /// 2^-900: from here on the products of a probability with an entry of at least
 /// 2^-100 have all their digits without a lift.
-const TINY: f64 = f64::from_bits((1023 - 900) << 52);
+pub(crate) const TINY: f64 = f64::from_bits((1023 - 900) << 52);
 
 #[inline(always)]
-fn is_tiny<L: Lanes>(lanes: L, v: L::V) -> L::M {
+pub(super) fn is_tiny<L: Lanes>(lanes: L, v: L::V) -> L::M {
     lanes.and(lanes.less(v, lanes.splat(TINY)), lanes.less(lanes.splat(0.0), v))
 }
 

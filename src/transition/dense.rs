@@ -12,8 +12,8 @@ use crate::kernels::{self, Dense, DenseLogs};
 /// A dense transition matrix, stored by columns.
 ///
 /// Products cost O(n²). Memory is 8 n² bytes, with n rounded up to a multiple of
-/// eight for one of the two, and as much again after the first Viterbi. For a map, where most entries are 0, take
-/// [`SparseTransition`](crate::SparseTransition).
+/// eight for one of the two, and as much again after the first Viterbi. For a map,
+/// where most entries are 0, take [`SparseTransition`](crate::SparseTransition).
 ///
 /// ```
 /// use wayfix::{DenseTransition, Transition};

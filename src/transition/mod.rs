@@ -31,7 +31,6 @@ pub use power::PowerTransition;
 pub use restart::RestartTransition;
 pub use route::{Gear, RouteControl, RouteTransition, View, ViewRates};
 pub use sparse::SparseTransition;
-pub(crate) use stored::Form;
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;

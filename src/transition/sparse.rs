@@ -22,8 +22,8 @@ pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 ///
 /// With the feature `rayon`, from some 100,000 states on the products, and what a
 /// filter or smoother does beside them, run on all threads of the pool that they are
-/// called in. The results are the same to the bit for any number of threads, and
-/// without the feature.
+/// called in (which may allocate now and then). The results are the same to the bit for
+/// any number of threads, and without the feature.
 ///
 /// ```
 /// use wayfix::{SparseTransition, Transition};
@@ -48,7 +48,8 @@ pub struct SparseTransition {
 }
 
 impl SparseTransition {
-    /// From entries (to, from, probability) in any order. O(n + entries).
+    /// From entries (to, from, probability) in any order. O(n + entries), and the
+    /// entries of each eight rows and columns are sorted.
     ///
     /// # Errors
     ///
@@ -114,7 +115,8 @@ impl SparseTransition {
     /// [`TransitionError::WrongLength`] unless there are n × n values.
     pub fn from_rows(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
         super::dense::check_square(states, matrix.len())?;
-        let entries = matrix.iter().enumerate();
+        // Without zeros, so that there is no room made for them.
+        let entries = matrix.iter().enumerate().filter(|entry| *entry.1 != 0.0);
         Self::from_triplets(states, entries.map(|(at, &p)| (at / states, at % states, p)))
     }
 

@@ -11,7 +11,7 @@ pub struct Stored<'a>(Form<'a>);
 
 /// In which form it is stored.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Form<'a> {
+enum Form<'a> {
     Sparse(&'a SparseTransition),
     Dense(&'a DenseTransition),
 }
@@ -25,17 +25,19 @@ impl<'a> Stored<'a> {
         Self(Form::Dense(matrix))
     }
 
-    pub(crate) fn form(self) -> Form<'a> {
-        self.0
+    /// The matrix, if it is a sparse one.
+    pub(crate) fn as_sparse(self) -> Option<&'a SparseTransition> {
+        match self.0 {
+            Form::Sparse(matrix) => Some(matrix),
+            Form::Dense(_) => None,
+        }
     }
-}
 
-impl<'a> Form<'a> {
     /// Rows and columns, if all entries above 0 are at least 2^-100.
     pub(crate) fn plain_lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
-        match self {
-            Self::Sparse(matrix) => matrix.plain.then(|| matrix.lines()),
-            Self::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
+        match self.0 {
+            Form::Sparse(matrix) => matrix.plain.then(|| matrix.lines()),
+            Form::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
         }
     }
 }

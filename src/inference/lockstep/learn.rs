@@ -27,7 +27,7 @@ where
     let counted =
         no_control::<A>().is_some_and(|control| transition.family(control) < transition.families());
     let mut counts =
-        if counted { vec![Abreast::default(); plan.columns.entries()] } else { Vec::new() };
+        if counted { vec![Abreast::default(); plan.columns.values().len()] } else { Vec::new() };
     for step in (1..=group.longest).rev() {
         if held == [false; LANES] {
             break;

@@ -25,7 +25,7 @@ use crate::kernels::LANES;
 use crate::kernels::lockstep::{Abreast, Lines};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
-use crate::transition::{Stored, Transition};
+use crate::transition::Transition;
 
 pub(super) use filter::filter;
 pub(super) use learn::expect;
@@ -61,7 +61,7 @@ impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
     pub(super) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
         let control = no_control::<A>()?;
         hmm.transition().check_control(control).ok()?;
-        let (rows, columns) = hmm.transition().stored(control).map(Stored::form)?.plain_lines()?;
+        let (rows, columns) = hmm.transition().stored(control)?.plain_lines()?;
         let prior = hmm.prior().belief().as_slice();
         let tiny = |p: &f64| 0.0 < *p && *p < f64::MIN_POSITIVE;
         if prior.iter().any(tiny) {

@@ -1,18 +1,13 @@
 //! The likelihoods of a step of eight sequences, side by side.
 
 use super::{Group, Lane, Plan};
+use crate::inference::step::UNSCALED;
 use crate::kernels::lockstep::{self, Abreast};
-use crate::kernels::{Eight, LANES};
+use crate::kernels::{Eight, LANES, TINY};
 use crate::likelihood::{Likelihood, Values};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// As for a single step: likelihoods with their largest value in this range, 2^-300
-/// to 2^16, are taken as they are.
-const UNSCALED: std::ops::RangeInclusive<f64> =
-    f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
-/// 2^-900: products of smaller ones with a lifted prediction may lose digits.
-const TINY: f64 = f64::from_bits((1023 - 900) << 52);
 /// The least double above 0. In place of a likelihood that exp does not hold.
 const LOST: f64 = f64::from_bits(1);
 

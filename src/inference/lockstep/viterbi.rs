@@ -5,7 +5,7 @@ use super::{Group, Lane, Memory, Outcome, Plan, no_control};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
-use crate::kernels::lockstep::{self, Abreast, Lines};
+use crate::kernels::lockstep::{self, Abreast};
 use crate::kernels::lockstep_max::{self, Maximise};
 use crate::kernels::{self, LANES};
 use crate::likelihood::Likelihood;
@@ -30,12 +30,8 @@ where
     if (Step { hmm: plan.hmm, number: 1, control }).first_scores(&mut first).is_err() {
         return paths;
     }
-    let log2 = plan.log2.get_or_init(|| {
-        let (Lines::Sparse { values, .. }
-        | Lines::Dense { values }
-        | Lines::DenseTransposed { values }) = plan.rows;
-        values.iter().map(|p| kernels::log2(*p)).collect()
-    });
+    let log2 =
+        plan.log2.get_or_init(|| plan.rows.values().iter().map(|p| kernels::log2(*p)).collect());
     let mut x: Vec<Abreast> = first.iter().map(|score| Abreast([*score; LANES])).collect();
     let (mut next, mut likelihoods) = (x.clone(), x.clone());
     let mut from = vec![[0; LANES]; n * group.longest.saturating_sub(1)];

@@ -1,0 +1,289 @@
+//! Eight doubles at a time, with what the machine has: the only unsafe code.
+//!
+//! A kernel is written once, for any [`Lanes`], and run with the one that
+//! [`Isa::chosen`] names. All of them add in the same order and none
+//! fuses a product with a sum, so that results are the same to the bit on every
+//! machine.
+//!
+//! Why it is sound: [`Avx2`] and [`Avx512`] are proofs that the instructions are
+//! there. They have a private field, and only [`run`] makes them, after detection.
+//! Loads and stores take references to arrays; a gather bounds its indices.
+#![allow(unsafe_code, reason = "the module that holds all of it")]
+
+use std::sync::OnceLock;
+
+/// How many doubles there are.
+pub(crate) const LANES: usize = 8;
+
+/// Eight doubles.
+pub(crate) type Eight = [f64; LANES];
+
+/// Sets of instructions, from the plainest to the widest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Isa {
+    /// Whatever the compiler makes of arrays.
+    Plain,
+    /// x86-64 with AVX2.
+    Avx2,
+    /// x86-64 with AVX-512 F and VL.
+    Avx512,
+}
+
+impl Isa {
+    const NAMES: [(&'static str, Self); 3] =
+        [("plain", Self::Plain), ("avx2", Self::Avx2), ("avx512", Self::Avx512)];
+
+    /// Whether this machine has it.
+    pub(crate) fn is_here(self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        match self {
+            Self::Plain => true,
+            Self::Avx2 => is_x86_feature_detected!("avx2"),
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        matches!(self, Self::Plain)
+    }
+
+    /// The widest that this machine has, or a plainer one if the environment
+    /// variable `WAYFIX_INSTRUCTIONS` names it. Looked up once.
+    pub(crate) fn chosen() -> Self {
+        static CHOSEN: OnceLock<Isa> = OnceLock::new();
+        *CHOSEN.get_or_init(|| {
+            let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
+            let widest = Self::NAMES.iter().find(|(name, _)| *name == named);
+            let widest = widest.map_or(Self::Avx512, |found| found.1);
+            let here = Self::NAMES.iter().rev().map(|named| named.1);
+            here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Plain)
+        })
+    }
+}
+
+/// Work that is done with lanes.
+pub(crate) trait Kernel {
+    /// What it gives.
+    type Output;
+
+    /// Does it. Implementations are `#[inline(always)]`, so that they become
+    /// part of a function that may use the instructions.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+/// Runs a kernel with the instructions chosen.
+#[inline(always)]
+pub(crate) fn run<K: Kernel>(kernel: K) -> K::Output {
+    // SAFETY: what is chosen is here.
+    unsafe { run_unchecked(Isa::chosen(), kernel) }
+}
+
+/// Runs a kernel with these instructions, or plainly if they are not here.
+#[cfg(test)]
+pub(crate) fn run_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+    let isa = if isa.is_here() { isa } else { Isa::Plain };
+    // SAFETY: it is here.
+    unsafe { run_unchecked(isa, kernel) }
+}
+
+/// # Safety
+///
+/// The instructions must be there.
+#[inline(always)]
+unsafe fn run_unchecked<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn avx2<K: Kernel>(kernel: K) -> K::Output {
+            kernel.run(Avx2(()))
+        }
+        #[target_feature(enable = "avx512f,avx512vl,avx2")]
+        fn avx512<K: Kernel>(kernel: K) -> K::Output {
+            kernel.run(Avx512(()))
+        }
+        match isa {
+            // SAFETY: the caller has detected them.
+            Isa::Avx512 => return unsafe { avx512(kernel) },
+            Isa::Avx2 => return unsafe { avx2(kernel) },
+            Isa::Plain => {}
+        }
+    }
+    let _ = isa;
+    kernel.run(Plain)
+}
+
+/// Operations on eight doubles (`V`), on comparisons of them (`M`) and on eight
+/// indices (`I`).
+pub(crate) trait Lanes: Copy {
+    type V: Copy;
+    type M: Copy;
+    type I: Copy;
+
+    fn splat(self, x: f64) -> Self::V;
+    fn load(self, x: &Eight) -> Self::V;
+    fn store(self, v: Self::V, out: &mut Eight);
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The smaller of each two, `b` if one is NaN.
+    fn min(self, a: Self::V, b: Self::V) -> Self::V;
+    /// The larger of each two, `b` if one is NaN.
+    fn max(self, a: Self::V, b: Self::V) -> Self::V;
+    /// a < b, false if one is NaN.
+    fn less(self, a: Self::V, b: Self::V) -> Self::M;
+    /// a = b, false if one is NaN.
+    fn equal(self, a: Self::V, b: Self::V) -> Self::M;
+    fn and(self, a: Self::M, b: Self::M) -> Self::M;
+    fn or(self, a: Self::M, b: Self::M) -> Self::M;
+    fn any(self, m: Self::M) -> bool;
+    fn all(self, m: Self::M) -> bool;
+    /// `a` where the mask is set, else `b`.
+    fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
+
+    /// `x[index]` for each of eight; `x` has from 1 to 2^31 − 1 values.
+    /// An index beyond takes some value of `x`.
+    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+
+    fn indices(self, indices: &[u32; LANES]) -> Self::I;
+    /// base, base + 1, … base + 7.
+    fn ramp(self, base: u32) -> Self::I;
+    /// a < b, for indices below 2^31.
+    fn index_less(self, a: Self::I, b: Self::I) -> Self::M;
+    fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
+    fn store_index(self, i: Self::I, out: &mut [u32; LANES]);
+
+    /// Rows become columns: lane l of result r is lane r of row l.
+    fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
+
+    /// The lanes one after another.
+    #[inline(always)]
+    fn to_array(self, v: Self::V) -> Eight {
+        let mut out = [0.0; LANES];
+        self.store(v, &mut out);
+        out
+    }
+
+    /// Fewer than eight, with 0 for those that miss.
+    #[inline(always)]
+    fn load_part(self, x: &[f64]) -> Self::V {
+        let mut eight = [0.0; LANES];
+        eight[..x.len()].copy_from_slice(x);
+        self.load(&eight)
+    }
+
+    /// The first lanes, as many as there is room for.
+    #[inline(always)]
+    fn store_part(self, v: Self::V, out: &mut [f64]) {
+        out.copy_from_slice(&self.to_array(v)[..out.len()]);
+    }
+}
+
+/// Arrays.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Plain;
+
+#[inline(always)]
+fn each<T: Copy, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(T, T) -> R) -> [R; LANES] {
+    std::array::from_fn(|l| f(a[l], b[l]))
+}
+
+impl Lanes for Plain {
+    type V = Eight;
+    type M = [bool; LANES];
+    type I = [u32; LANES];
+
+    #[inline(always)]
+    fn splat(self, x: f64) -> Eight {
+        [x; LANES]
+    }
+    #[inline(always)]
+    fn load(self, x: &Eight) -> Eight {
+        *x
+    }
+    #[inline(always)]
+    fn store(self, v: Eight, out: &mut Eight) {
+        *out = v;
+    }
+    #[inline(always)]
+    fn add(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn sub(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn mul(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn min(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn max(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn less(self, a: Eight, b: Eight) -> [bool; LANES] {
+        each(a, b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn equal(self, a: Eight, b: Eight) -> [bool; LANES] {
+        each(a, b, |a, b| a == b)
+    }
+    #[inline(always)]
+    fn and(self, a: [bool; LANES], b: [bool; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a & b)
+    }
+    #[inline(always)]
+    fn or(self, a: [bool; LANES], b: [bool; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a | b)
+    }
+    #[inline(always)]
+    fn any(self, m: [bool; LANES]) -> bool {
+        m.into_iter().fold(false, |any, m| any | m)
+    }
+    #[inline(always)]
+    fn all(self, m: [bool; LANES]) -> bool {
+        m.into_iter().fold(true, |all, m| all & m)
+    }
+    #[inline(always)]
+    fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
+        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
+        std::array::from_fn(|r| std::array::from_fn(|l| rows[l][r]))
+    }
+    #[inline(always)]
+    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
+        std::array::from_fn(|l| x[indices[l] as usize])
+    }
+    #[inline(always)]
+    fn indices(self, indices: &[u32; LANES]) -> [u32; LANES] {
+        *indices
+    }
+    #[inline(always)]
+    fn ramp(self, base: u32) -> [u32; LANES] {
+        std::array::from_fn(|l| base + l as u32)
+    }
+    #[inline(always)]
+    fn index_less(self, a: [u32; LANES], b: [u32; LANES]) -> [bool; LANES] {
+        each(a, b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn select_index(self, m: [bool; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
+        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn store_index(self, i: [u32; LANES], out: &mut [u32; LANES]) {
+        *out = i;
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use x86::{Avx2, Avx512};
+
+#[cfg(target_arch = "x86_64")]
+mod x86;
