@@ -259,9 +259,12 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
         for some in order.chunks(64) {
             let results = match &plan {
-                Some(plan) => lockstep::in_groups(some, |group, memory| {
-                    self.expect_together(plan, group, memory)
-                }),
+                Some(plan) => {
+                    let groups = some.chunks(LANES).collect();
+                    lockstep::in_parallel(groups, |group, memory| {
+                        self.expect_together(plan, group, memory)
+                    })
+                }
                 None => many::each(some, |(_, sequence)| self.expect_one(*sequence))
                     .into_iter()
                     .zip(some)

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::backward::Seen;
 use super::filter::Filter;
 use super::held::Held;
-use super::posteriors::Posteriors;
+use super::posteriors::Rows;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -15,7 +15,7 @@ use crate::transition::Transition;
 /// Row r is the belief r steps after the first one.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
-    pub(super) posteriors: Posteriors,
+    pub(super) rows: Rows,
     /// The logarithms of the rows that have values beyond doubles.
     pub(super) logs: HashMap<usize, Vec<f64>>,
     /// The normaliser of the step to each row, as
@@ -25,8 +25,8 @@ pub(super) struct Block {
 
 impl Block {
     pub(super) fn new(states: usize, steps: usize) -> Self {
-        let posteriors = Posteriors::new(states, steps);
-        Self { posteriors, logs: HashMap::new(), normalisers: vec![0.0; steps + 1] }
+        let rows = Rows::with_capacity(states, steps + 1);
+        Self { rows, logs: HashMap::new(), normalisers: vec![0.0; steps + 1] }
     }
 
     /// Runs a filter `steps` further and keeps all beliefs, beginning with the
@@ -43,6 +43,7 @@ impl Block {
         B: Likelihood,
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
+        self.rows.clear();
         self.logs.clear();
         self.keep(0, filter);
         for row in 1..=steps {
@@ -58,7 +59,7 @@ impl Block {
 
     fn keep<A: Transition, B: Likelihood>(&mut self, row: usize, filter: &Filter<&Hmm<A, B>>) {
         let held = filter.held();
-        self.posteriors.row_mut(row).copy_from_slice(held.linear);
+        self.rows.push(held.linear);
         if let Some(logs) = held.logs {
             self.logs.insert(row, logs.to_vec());
         }
@@ -71,6 +72,6 @@ impl Block {
     }
 
     pub(super) fn held(&self, row: usize) -> Held<'_> {
-        Held { linear: self.posteriors.row(row), logs: self.logs.get(&row).map(Vec::as_slice) }
+        Held { linear: self.rows.row(row), logs: self.logs.get(&row).map(Vec::as_slice) }
     }
 }

@@ -10,7 +10,7 @@ use super::block::Block;
 use super::filter::Filter;
 use super::filter_state::FilterState;
 use super::pairs::{MoveCounts, Pairs};
-use super::posteriors::Posteriors;
+use super::posteriors::Rows;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
@@ -119,7 +119,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             hmm: self,
             sequence,
             block: Block::new(n, length.min(steps)),
-            smoothed: Posteriors::new(n, length.min(steps)),
+            smoothed: Rows::zeros(n, length.min(steps) + 1),
             ratios: vec![0.0; n * length.min(steps)],
             forms: vec![(false, 1.0); length.min(steps)],
             held: None,
@@ -196,7 +196,7 @@ struct Segments<'m, A: Transition, B, S: ?Sized> {
     /// The filtered beliefs of the segment that starts after `held` steps.
     block: Block,
     held: Option<usize>,
-    smoothed: Posteriors,
+    smoothed: Rows,
     /// γ / p of each step, or their logarithms.
     ratios: Vec<f64>,
     /// Which of the two, and the scale of the former.
@@ -269,7 +269,7 @@ where
             in_logs: self.forms[row - 1].0,
             scale: self.forms[row - 1].1,
         });
-        let (filtered, smoothed) = (self.block.posteriors.row(row), self.smoothed.row(row));
+        let (filtered, smoothed) = (self.block.rows.row(row), self.smoothed.row(row));
         SmoothedStep { step: number, filtered, smoothed, pairs }
     }
 }

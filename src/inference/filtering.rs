@@ -80,7 +80,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut block = Block::new(self.states(), steps);
         block.fill(&mut filter, sequence, steps, |log| log_likelihoods.push(log))?;
         let log_likelihood = filter.log_likelihood();
-        Ok(Filtering { posteriors: block.posteriors, log_likelihoods, log_likelihood })
+        let posteriors = block.rows.into_posteriors();
+        Ok(Filtering { posteriors, log_likelihoods, log_likelihood })
     }
 
     /// ln p(y_1 … y_T), without storing anything for each step.

@@ -1,7 +1,8 @@
 //! The same routine for many sequences, in parallel with the feature `rayon`.
 
 use super::filtering::Filtering;
-use super::lockstep;
+use super::lockstep::{self, Room};
+use super::posteriors::Posteriors;
 use super::smoother::Smoothing;
 use super::viterbi::ViterbiPath;
 use crate::error::{InferenceError, SequenceError};
@@ -62,7 +63,11 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        lockstep::each(self, sequences, lockstep::filter, |sequence| self.forward(sequence))
+        let finish = |(logs, log): (Vec<f64>, f64), rows| {
+            Filtering::new(Posteriors::from_part(self.states(), rows), logs, log)
+        };
+        let single = |sequence: &S| self.forward(sequence);
+        lockstep::each(self, sequences, Room::Rows, lockstep::filter, finish, single)
     }
 
     /// [`smooth`](Self::smooth) for each sequence.
@@ -70,7 +75,10 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        lockstep::each(self, sequences, lockstep::smooth, |sequence| self.smooth(sequence))
+        let finish =
+            |log: f64, rows| Smoothing::new(Posteriors::from_part(self.states(), rows), log);
+        let single = |sequence: &S| self.smooth(sequence);
+        lockstep::each(self, sequences, Room::Rows, lockstep::smooth, finish, single)
     }
 
     /// [`score`](Self::score) for each sequence.
@@ -78,7 +86,8 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        lockstep::each(self, sequences, lockstep::score, |sequence| self.score(sequence))
+        let single = |sequence: &S| self.score(sequence);
+        lockstep::each(self, sequences, Room::Nothing, lockstep::score, |log, _| log, single)
     }
 
     /// [`viterbi`](Self::viterbi) for each sequence.
@@ -87,6 +96,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        lockstep::each(self, sequences, lockstep::viterbi, |sequence| self.viterbi(sequence))
+        let single = |sequence: &S| self.viterbi(sequence);
+        lockstep::each(self, sequences, Room::Nothing, lockstep::viterbi, |path, _| path, single)
     }
 }

@@ -1,6 +1,11 @@
 //! A block of distributions, one for each step.
 
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
 use crate::belief::{Belief, BeliefView};
+use crate::kernels::{Aligned, in_large_pages};
 
 /// Distributions over n states for the steps k = 0 … T, in one block of
 /// n (T + 1) numbers.
@@ -20,26 +25,38 @@ use crate::belief::{Belief, BeliefView};
 /// assert_eq!(posteriors.modes(), [0, 0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
 pub struct Posteriors {
     states: usize,
-    values: Vec<f64>,
+    values: Values,
+}
+
+/// Where the numbers are.
+enum Values {
+    Own(Vec<f64>),
+    Part(Part),
+}
+
+/// A part of numbers that are kept together.
+pub(super) struct Part {
+    pub(super) all: Arc<Aligned>,
+    pub(super) range: Range<usize>,
 }
 
 impl Posteriors {
-    pub(super) fn new(states: usize, steps: usize) -> Self {
-        Self { states, values: vec![0.0; states * (steps + 1)] }
-    }
-
     /// From a row for each step from 0.
     pub(super) fn from_values(states: usize, values: Vec<f64>) -> Self {
-        Self { states, values }
+        Self { states, values: Values::Own(values) }
+    }
+
+    /// The same, from a part of what is kept together.
+    pub(super) fn from_part(states: usize, part: Part) -> Self {
+        Self { states, values: Values::Part(part) }
     }
 
     /// The number of steps, T.
     #[must_use]
     pub fn steps(&self) -> usize {
-        self.values.len() / self.states - 1
+        self.as_slice().len() / self.states - 1
     }
 
     /// The number of states, n.
@@ -52,14 +69,14 @@ impl Posteriors {
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
         let start = step.checked_mul(self.states)?;
-        let values = self.values.get(start..start.checked_add(self.states)?)?;
+        let values = self.as_slice().get(start..start.checked_add(self.states)?)?;
         Some(Belief::view(values))
     }
 
     /// The distributions of steps 0 to T, in order: T + 1 of them. Beside
     /// observations, skip the first.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
-        self.values.chunks_exact(self.states).map(Belief::view)
+        self.as_slice().chunks_exact(self.states).map(Belief::view)
     }
 
     /// The most probable state of each step with an observation, 1 to T, so
@@ -76,14 +93,69 @@ impl Posteriors {
     /// All numbers, step after step: state i of step k at k n + i.
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
-        &self.values
+        match &self.values {
+            Values::Own(values) => values,
+            Values::Part(part) => &part.all[part.range.clone()],
+        }
+    }
+}
+
+impl fmt::Debug for Posteriors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut all = f.debug_struct("Posteriors");
+        all.field("states", &self.states).field("values", &self.as_slice()).finish()
+    }
+}
+
+impl Clone for Posteriors {
+    /// A copy in memory of its own.
+    fn clone(&self) -> Self {
+        Self::from_values(self.states, self.as_slice().to_vec())
+    }
+}
+
+impl PartialEq for Posteriors {
+    fn eq(&self, other: &Self) -> bool {
+        self.states == other.states && self.as_slice() == other.as_slice()
+    }
+}
+
+/// Distributions that are being made: row r is that r steps after the first.
+#[derive(Debug, Clone)]
+pub(super) struct Rows {
+    states: usize,
+    values: Vec<f64>,
+}
+
+impl Rows {
+    /// No row yet, with room for some.
+    pub(super) fn with_capacity(states: usize, rows: usize) -> Self {
+        Self { states, values: in_large_pages(Vec::with_capacity(states * rows)) }
     }
 
-    pub(super) fn row(&self, step: usize) -> &[f64] {
-        &self.values[step * self.states..(step + 1) * self.states]
+    /// Rows of zeros.
+    pub(super) fn zeros(states: usize, rows: usize) -> Self {
+        Self { states, values: in_large_pages(vec![0.0; states * rows]) }
     }
 
-    pub(super) fn row_mut(&mut self, step: usize) -> &mut [f64] {
-        &mut self.values[step * self.states..(step + 1) * self.states]
+    pub(super) fn clear(&mut self) {
+        self.values.clear();
+    }
+
+    /// Adds a row.
+    pub(super) fn push(&mut self, row: &[f64]) {
+        self.values.extend_from_slice(row);
+    }
+
+    pub(super) fn row(&self, row: usize) -> &[f64] {
+        &self.values[row * self.states..(row + 1) * self.states]
+    }
+
+    pub(super) fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.values[row * self.states..(row + 1) * self.states]
+    }
+
+    pub(super) fn into_posteriors(self) -> Posteriors {
+        Posteriors::from_values(self.states, self.values)
     }
 }

@@ -82,10 +82,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         for number in (1..=steps).rev() {
             let step = Step::of(self, sequence, number);
             let seen = block.seen(number, sequence.observation(number));
-            let gamma = block.posteriors.row(number);
+            let gamma = block.rows.row(number);
             backward.retreat_from(&step, &seen, block.held(number - 1), gamma)?;
-            block.posteriors.row_mut(number - 1).copy_from_slice(&backward.gamma);
+            block.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
-        Ok(Smoothing { posteriors: block.posteriors, log_likelihood: filter.log_likelihood() })
+        let posteriors = block.rows.into_posteriors();
+        Ok(Smoothing { posteriors, log_likelihood: filter.log_likelihood() })
     }
 }

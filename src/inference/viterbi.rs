@@ -5,6 +5,7 @@ use super::small;
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::kernels::in_large_pages;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -74,7 +75,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut work = Workspace::new(n);
         let mut scores = vec![0.0; n];
         let mut next = vec![0.0; n];
-        let mut from = vec![0_u32; n * (steps - 1)];
+        let mut from = in_large_pages(vec![0_u32; n * (steps - 1)]);
         let mut taken_out = TakenOut::default();
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);

@@ -154,6 +154,47 @@ impl Kernel for Scatter<'_> {
     }
 }
 
+/// All eights of a sequence of vectors into a row of its own for each lane: of no more than
+/// `from` has, rounded up to eight.
+struct Unravel<'a> {
+    pub(crate) from: &'a [Abreast],
+    pub(crate) rows: [&'a mut [Eight]; LANES],
+    /// Whether past the caches.
+    pub(crate) stream: bool,
+}
+
+impl Kernel for Unravel<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self { from, rows, stream } = self;
+        for (number, chunk) in from.as_chunks::<LANES>().0.iter().enumerate() {
+            let mut eight = [lanes.splat(0.0); LANES];
+            for r in 0..LANES {
+                eight[r] = lanes.load(&chunk[r]);
+            }
+            let columns = lanes.transpose(eight);
+            for l in 0..LANES {
+                let Some(out) = rows[l].get_mut(number) else { continue };
+                if stream {
+                    lanes.stream(columns[l], out);
+                } else {
+                    lanes.store(columns[l], out);
+                }
+            }
+        }
+        if stream {
+            lanes.fence();
+        }
+    }
+}
+
+/// [`Unravel`] with the instructions chosen.
+pub(crate) fn unravel(from: &[Abreast], rows: [&mut [Eight]; LANES], stream: bool) {
+    run(Unravel { from, rows, stream });
+}
+
 /// [`Gather`] with the instructions chosen.
 pub(crate) fn gather(rows: [&[f64]; LANES], out: &mut [Abreast]) -> Gathered {
     run(Gather { rows, out })

@@ -2,6 +2,8 @@
 
 use std::ops::{Deref, DerefMut};
 
+use super::in_large_pages;
+
 /// Of a cache line, in bytes.
 const LINE: usize = 64;
 const PER_LINE: usize = LINE / size_of::<f64>();
@@ -17,7 +19,7 @@ pub(crate) struct Aligned {
 impl Aligned {
     /// So many, all of them `value`.
     pub(crate) fn new(len: usize, value: f64) -> Self {
-        let values = vec![value; len + PER_LINE - 1];
+        let values = in_large_pages(vec![value; len + PER_LINE - 1]);
         // Nothing depends on it but the time that loads take.
         let start = values.as_ptr().align_offset(LINE).min(PER_LINE - 1);
         Self { values, start, len }

@@ -3,7 +3,7 @@
 
 use super::LIFT;
 use super::abreast::flags;
-pub(crate) use super::abreast::{Abreast, gather, scatter};
+pub(crate) use super::abreast::{Abreast, gather, scatter, unravel};
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 use super::retreat::BACK_LIFT;
 
@@ -215,7 +215,7 @@ impl Kernel for Settle<'_> {
 }
 
 /// A step back: `ratio = q ∘ b` times a factor, then `q` = A' times that, and
-/// `gamma = α ∘ q`. Gives Σ γᵢ.
+/// `gamma = α ∘ q`, or α in lanes with the factor 0. Gives Σ γᵢ.
 pub(crate) struct Retreat<'a> {
     /// The columns.
     pub(crate) matrix: Lines<'a>,
@@ -244,6 +244,7 @@ impl Kernel for Retreat<'_> {
             alpha: &alpha[..n],
             q: &mut q[..n],
             gamma: &mut gamma[..n],
+            goes: lanes.less(zero, factors),
             unlift: lanes.splat(1.0 / BACK_LIFT),
             least,
             sum: zero,
@@ -257,6 +258,7 @@ struct RetreatEach<'a, L: Lanes> {
     alpha: &'a [Abreast],
     q: &'a mut [Abreast],
     gamma: &'a mut [Abreast],
+    goes: L::M,
     unlift: L::V,
     least: L::V,
     sum: L::V,
@@ -266,11 +268,12 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
     #[inline(always)]
     fn line(&mut self, lanes: L, j: usize, q: L::V) {
         // Made 0 before it is too small, as for one sequence.
-        let v = lanes.mul(q, lanes.load(&self.alpha[j]));
+        let alpha = lanes.load(&self.alpha[j]);
+        let v = lanes.mul(q, alpha);
         let kept = lanes.select(lanes.less(v, self.least), lanes.splat(0.0), v);
         let kept = lanes.mul(kept, self.unlift);
         lanes.store(q, &mut self.q[j]);
-        lanes.store(kept, &mut self.gamma[j]);
+        lanes.store(lanes.select(self.goes, kept, alpha), &mut self.gamma[j]);
         self.sum = lanes.add(self.sum, kept);
     }
 }

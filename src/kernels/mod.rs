@@ -14,6 +14,7 @@ mod largest;
 pub(crate) mod lockstep;
 pub(crate) mod lockstep_max;
 mod max;
+mod pages;
 mod product;
 mod retreat;
 mod sliced;
@@ -22,11 +23,13 @@ mod update;
 #[cfg(test)]
 mod every_instruction_set;
 
+pub(crate) use aligned::Aligned;
 pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
 pub(crate) use lanes::{Eight, LANES};
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
+pub(crate) use pages::in_large_pages;
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};

@@ -20,7 +20,7 @@ impl Carried {
 }
 
 impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
-    /// From γ_k to γ_{k-1} in all lanes that have a step k; 0 in the others. The
+    /// From γ_k to γ_{k-1} in all lanes that have a step k; α in the others. The
     /// lanes whose last step it is start here. Lanes that do not hold any more
     /// are marked.
     pub(super) fn retreat<S>(

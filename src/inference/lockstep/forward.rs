@@ -81,7 +81,7 @@ impl Memory {
                 room.resize(count, Abreast::default());
             }
         };
-        grow(&mut self.alpha, states * (kept + 1));
+        grow(&mut self.alpha, (states * (kept + 1)).next_multiple_of(LANES));
         grow(&mut self.likelihoods, states * kept.max(1));
         grow(&mut self.inverse, steps);
         for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio, &mut self.gamma] {

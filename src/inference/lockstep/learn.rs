@@ -40,11 +40,7 @@ where
             if counted {
                 lockstep::count(plan.columns, before, ratio, &mut counts);
             }
-            for (before, gamma) in before.iter_mut().zip(gamma) {
-                for l in 0..LANES {
-                    before[l] = if step <= group.steps[l] { gamma[l] } else { before[l] };
-                }
-            }
+            before.copy_from_slice(gamma);
         } else {
             memory.alpha.copy_within(n..2 * n, 0);
         }

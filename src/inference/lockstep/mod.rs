@@ -7,6 +7,7 @@
 //! afterwards: the general routine knows about logarithms and errors.
 
 mod backward;
+mod each;
 mod filter;
 mod forward;
 mod learn;
@@ -18,8 +19,6 @@ mod viterbi;
 use std::any::Any;
 use std::sync::OnceLock;
 
-use super::many::{self, Results};
-use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::kernels::LANES;
 use crate::kernels::lockstep::{Abreast, Lines};
@@ -27,6 +26,7 @@ use crate::likelihood::{Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
+pub(super) use each::{Room, Rows, each};
 pub(super) use filter::filter;
 pub(super) use learn::expect;
 pub(super) use score::score;
@@ -115,60 +115,20 @@ struct Lane {
 /// itself.
 pub(super) type Outcome<R> = [Option<R>; LANES];
 
-/// Applies a routine to all sequences: in groups where the model allows it, else,
-/// and where a group fails, one by one. The groups do not depend on how many
-/// threads there are.
-pub(super) fn each<A, B, S, R>(
-    hmm: &Hmm<A, B>,
-    sequences: &[S],
-    together: impl Fn(&Plan<'_, A, B>, &Group<'_, S>, &mut Memory) -> Outcome<R> + Sync,
-    single: impl Fn(&S) -> Result<R, InferenceError> + Sync,
-) -> Results<R>
-where
-    A: Transition + Sync,
-    B: Likelihood + Sync,
-    S: Sequence<A::Control, B::Observation> + Sync,
-    R: Send,
-{
-    let few = sequences.len() < FEWEST || hmm.states() < FEWEST_STATES;
-    let Some(plan) = (if few { None } else { Plan::new(hmm) }) else {
-        return many::each(sequences, single);
-    };
-    let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-    order.sort_by_key(|(_, sequence)| sequence.steps());
-    let done = in_groups(&order, |group, memory| {
-        let group = Group::new(group);
-        let mut outcome = if group.pays(hmm.states(), FEWEST) {
-            together(&plan, &group, memory)
-        } else {
-            [const { None }; LANES]
-        };
-        let one = |(&(sequence, s), outcome): (&(usize, &S), &mut Option<R>)| {
-            let result = outcome.take().map_or_else(|| single(s), Ok);
-            (sequence, result.map_err(|source| SequenceError { sequence, source }))
-        };
-        group.sequences.iter().zip(&mut outcome).map(one).collect::<Vec<_>>()
-    });
-    let mut done: Vec<_> = done.into_iter().flatten().collect();
-    done.sort_unstable_by_key(|(sequence, _)| *sequence);
-    done.into_iter().map(|(_, result)| result).collect()
-}
-
-/// Does something with each eight, in parallel with the feature `rayon`.
-pub(super) fn in_groups<T: Sync, R: Send>(
-    items: &[T],
-    work: impl Fn(&[T], &mut Memory) -> R + Sync,
+/// Does something with each item, in parallel with the feature `rayon`.
+pub(super) fn in_parallel<T: Send, R: Send>(
+    items: Vec<T>,
+    work: impl Fn(T, &mut Memory) -> R + Sync,
 ) -> Vec<R> {
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
-        let groups = items.par_chunks(LANES);
-        groups.map_init(Memory::default, |memory, group| work(group, memory)).collect()
+        items.into_par_iter().map_init(Memory::default, |memory, item| work(item, memory)).collect()
     }
     #[cfg(not(feature = "rayon"))]
     {
         let mut memory = Memory::default();
-        items.chunks(LANES).map(|group| work(group, &mut memory)).collect()
+        items.into_iter().map(|item| work(item, &mut memory)).collect()
     }
 }
 

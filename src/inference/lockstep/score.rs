@@ -1,6 +1,6 @@
 //! Log-likelihoods in lock-step.
 
-use super::{Group, Memory, Outcome, Plan};
+use super::{Group, Memory, Outcome, Plan, Rows};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -10,6 +10,7 @@ pub(in super::super) fn score<A, B, S>(
     plan: &Plan<'_, A, B>,
     group: &Group<'_, S>,
     memory: &mut Memory,
+    _: Rows<'_>,
 ) -> Outcome<f64>
 where
     A: Transition,

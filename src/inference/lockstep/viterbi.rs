@@ -1,7 +1,7 @@
 //! Viterbi in lock-step. Sums of scores are exact, so that paths and their
 //! probabilities are those of the general routine to the bit.
 
-use super::{Group, Lane, Memory, Outcome, Plan, no_control};
+use super::{Group, Lane, Memory, Outcome, Plan, Rows, no_control};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
@@ -17,6 +17,7 @@ pub(in super::super) fn viterbi<A, B, S>(
     plan: &Plan<'_, A, B>,
     group: &Group<'_, S>,
     memory: &mut Memory,
+    _: Rows<'_>,
 ) -> Outcome<ViterbiPath>
 where
     A: TransitionEntries,

@@ -122,6 +122,16 @@ pub(crate) trait Lanes: Copy {
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &Eight) -> Self::V;
     fn store(self, v: Self::V, out: &mut Eight);
+    /// Writes past the caches, if `out` is a line of them; else as [`store`](Self::store). For
+    /// what is not read soon: a line need not be fetched to be written. After the last one
+    /// comes [`fence`](Self::fence).
+    #[inline(always)]
+    fn stream(self, v: Self::V, out: &mut Eight) {
+        self.store(v, out);
+    }
+    /// After this, what was streamed is seen by all as anything else.
+    #[inline(always)]
+    fn fence(self) {}
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;

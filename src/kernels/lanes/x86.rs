@@ -14,6 +14,12 @@ pub(crate) struct Avx512(pub(super) ());
 
 type Two = (__m256d, __m256d);
 
+/// Whether eight doubles are a line of a cache.
+#[inline(always)]
+fn is_line(eight: &Eight) -> bool {
+    eight.as_ptr().addr().is_multiple_of(size_of::<Eight>())
+}
+
 // SAFETY, for all blocks below: `self` proves that the instructions are here;
 // pointers come from references to arrays of the size that is read or
 // written; gathers are bounded as said there.
@@ -39,6 +45,22 @@ impl Lanes for Avx2 {
             _mm256_storeu_pd(out.as_mut_ptr(), v.0);
             _mm256_storeu_pd(out[4..].as_mut_ptr(), v.1);
         }
+    }
+    #[inline(always)]
+    fn stream(self, v: Two, out: &mut Eight) {
+        if is_line(out) {
+            // SAFETY: the halves of a line are aligned as they must be.
+            unsafe {
+                _mm256_stream_pd(out.as_mut_ptr(), v.0);
+                _mm256_stream_pd(out[4..].as_mut_ptr(), v.1);
+            }
+        } else {
+            self.store(v, out);
+        }
+    }
+    #[inline(always)]
+    fn fence(self) {
+        unsafe { _mm_sfence() }
     }
     #[inline(always)]
     fn add(self, a: Two, b: Two) -> Two {
@@ -175,6 +197,19 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {
         unsafe { _mm512_storeu_pd(out.as_mut_ptr(), v) }
+    }
+    #[inline(always)]
+    fn stream(self, v: __m512d, out: &mut Eight) {
+        if is_line(out) {
+            // SAFETY: a line is aligned as it must be.
+            unsafe { _mm512_stream_pd(out.as_mut_ptr(), v) }
+        } else {
+            self.store(v, out);
+        }
+    }
+    #[inline(always)]
+    fn fence(self) {
+        unsafe { _mm_sfence() }
     }
     #[inline(always)]
     fn add(self, a: __m512d, b: __m512d) -> __m512d {
