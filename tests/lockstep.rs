@@ -2,6 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::{
     Belief, DenseTransition, Hmm, InferenceError, LearnTransition, Learning, Likelihood,
     LikelihoodVector, OptionalLikelihood, Posteriors, Prior, RoundedTails, SequenceError,
@@ -315,6 +316,33 @@ proptest! {
         );
         prop_assert_eq!(with_threads(1, all), with_threads(4, all));
     }
+}
+
+/// More than caches hold: results share pieces of memory, and are written past the
+/// caches.
+#[test]
+fn many_results_stay_apart() {
+    let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let drives: Vec<Vec<usize>> = (0..1500)
+        .map(|drive| hmm.simulate(20 + drive % 17, &mut rng).observations().to_vec())
+        .collect();
+    let mut smoothed = hmm.smooth_all(&drives);
+    let kept = smoothed[0].as_ref().unwrap().clone();
+    let own = hmm.smooth(&drives[7]).unwrap();
+    for (together, drive) in smoothed.iter().zip(&drives).step_by(10) {
+        let (together, alone) = (together.as_ref().unwrap(), hmm.smooth(drive).unwrap());
+        assert_eq!(together.posteriors().steps(), drive.len());
+        let pairs = together.posteriors().as_slice().iter().zip(alone.posteriors().as_slice());
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() <= 1e-12));
+    }
+    // A result outlives the others, and so does a copy.
+    let last = smoothed.swap_remove(7).unwrap();
+    drop(smoothed);
+    assert_eq!(last.posteriors().modes(), own.posteriors().modes());
+    assert_eq!(kept.posteriors().steps(), 20);
+    let shown = format!("{:?}", last.posteriors());
+    assert_eq!(shown.matches(',').count(), last.posteriors().as_slice().len());
 }
 
 #[cfg(feature = "rayon")]

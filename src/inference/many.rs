@@ -44,6 +44,9 @@ pub(super) fn each<S: Sync, R: Send>(
 /// vector: a step then takes less time, most so with dense matrices, and a group
 /// 128 n T bytes beside its results.
 ///
+/// Results of such sequences share pieces of memory of up to 32 MB, which live as long as
+/// one of the results in them; a clone has memory of its own.
+///
 /// The result at index i is that of sequence i. One that fails does not hinder
 /// the others; its [`SequenceError`] names it, so that the results can also be
 /// collected into one.

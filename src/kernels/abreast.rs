@@ -156,7 +156,7 @@ impl Kernel for Scatter<'_> {
 
 /// All eights of a sequence of vectors into a row of its own for each lane: of no more than
 /// `from` has, rounded up to eight.
-struct Unravel<'a> {
+pub(super) struct Unravel<'a> {
     pub(crate) from: &'a [Abreast],
     pub(crate) rows: [&'a mut [Eight]; LANES],
     /// Whether past the caches.

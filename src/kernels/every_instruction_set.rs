@@ -4,7 +4,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::lanes::{Isa, run_on};
+use super::abreast::{Abreast, Unravel};
+use super::aligned::Aligned;
+use super::lanes::{Eight, Isa, LANES, run_on};
 use super::largest::{Largest, Valid};
 use super::max::{Add, Log2OfLogs, Maximise, Shifted};
 use super::product::{Made, Multiply, Part, Sparse};
@@ -290,6 +292,36 @@ proptest! {
         if likelihoods {
             prop_assert_eq!(found.0, x.iter().copied().fold(0.0, f64::max));
         }
+    }
+
+    /// Rows of any lengths, some of which do not begin on a line of a cache.
+    #[test]
+    fn unravelled(
+        eights in vec(vec(0.0..1.0, LANES), 1..20), counts in vec(0..20_usize, LANES),
+        shift in 0..2_usize, stream in any::<bool>(),
+    ) {
+        let mut from: Vec<Abreast> =
+            eights.iter().map(|eight| Abreast(std::array::from_fn(|l| eight[l]))).collect();
+        from.resize(from.len().next_multiple_of(LANES), Abreast::default());
+        let counts: Vec<usize> = counts.iter().map(|c| (*c).min(from.len() / LANES)).collect();
+        let all = everywhere(|isa| {
+            let mut all = Aligned::new(counts.iter().sum::<usize>() * LANES + shift, -1.0);
+            let mut left = all[shift..].as_chunks_mut::<LANES>().0;
+            let mut rows: [&mut [Eight]; LANES] = std::array::from_fn(|_| &mut [][..]);
+            for (row, count) in rows.iter_mut().zip(&counts) {
+                let (own, others) = left.split_at_mut(*count);
+                (*row, left) = (own, others);
+            }
+            run_on(isa, Unravel { from: &from, rows, stream });
+            all[shift..].to_vec()
+        });
+        let mut all = all.iter();
+        for (l, count) in counts.iter().enumerate() {
+            for from in &from[..count * LANES] {
+                prop_assert_eq!(all.next(), Some(&from[l]));
+            }
+        }
+        prop_assert_eq!(all.next(), None);
     }
 
     #[test]
