@@ -19,6 +19,7 @@ mod product;
 mod retreat;
 mod sliced;
 mod update;
+mod value;
 
 #[cfg(test)]
 mod every_instruction_set;
@@ -34,6 +35,7 @@ pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{TINY, Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
+pub(crate) use value::Width;
 
 /// 2^1000: lifts probabilities to the top of a double's range, so that their
 /// products down to 1e-600 are normal doubles. Below the smallest normal one a

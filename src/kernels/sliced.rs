@@ -14,6 +14,7 @@ use std::ops::Range;
 
 use super::lanes::{Eight, LANES, Lanes};
 use super::product::Each;
+use super::value::{Value, Width};
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
 const SHIFTED_COST: usize = 2;
@@ -32,15 +33,15 @@ pub(crate) struct Sliced {
     pub(super) indices: Vec<[u32; LANES]>,
     pub(super) apart: Vec<Apart>,
     pub(super) apart_indices: Vec<u32>,
-    values: Values,
+    values: Width<Values<f64>, Values<f32>>,
 }
 
 /// Values of a matrix of this structure.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Values {
-    pub(super) shifted: Vec<Eight>,
-    pub(super) gathered: Vec<Eight>,
-    pub(super) apart: Vec<f64>,
+pub(crate) struct Values<V = f64> {
+    pub(super) shifted: Vec<[V; LANES]>,
+    pub(super) gathered: Vec<[V; LANES]>,
+    pub(super) apart: Vec<V>,
 }
 
 /// Where the slots of a slice end.
@@ -61,7 +62,10 @@ pub(super) struct Apart {
 impl Sliced {
     /// From lines whose indices ascend and are below `lines`. O(n + entries), and
     /// the entries of each slice are sorted.
-    pub(crate) fn new<'a>(lines: usize, line: impl Fn(usize) -> (&'a [u32], &'a [f64])) -> Self {
+    pub(crate) fn new<'a, V: Value + 'a>(
+        lines: usize,
+        line: impl Fn(usize) -> (&'a [u32], &'a [V]),
+    ) -> Self {
         let mut sliced = Self {
             lines,
             slices: Vec::with_capacity(lines.div_ceil(LANES)),
@@ -69,15 +73,16 @@ impl Sliced {
             indices: Vec::new(),
             apart: Vec::new(),
             apart_indices: Vec::new(),
-            values: Values::default(),
+            values: Width::Double(Values::default()),
         };
+        let mut stored = Values::default();
         let (mut entries, mut places) = (Vec::new(), Vec::new());
         for first in (0..lines).step_by(LANES) {
             entries.clear();
             for lane in 0..LANES.min(lines - first) {
                 let (indices, values) = line(first + lane);
                 // What lies on one diagonal has the same number.
-                let of = |(&index, &value): (&u32, &f64)| Entry {
+                let of = |(&index, &value): (&u32, &V)| Entry {
                     diagonal: index as usize + (LANES - 1) - lane,
                     lane,
                     index,
@@ -85,17 +90,24 @@ impl Sliced {
                 };
                 entries.extend(indices.iter().zip(values).map(of));
             }
-            sliced.push(first, &entries, &mut places);
+            sliced.push(first, &entries, &mut places, &mut stored);
         }
         sliced.bases.shrink_to_fit();
         sliced.indices.shrink_to_fit();
-        sliced.values.shifted.shrink_to_fit();
-        sliced.values.gathered.shrink_to_fit();
+        stored.shifted.shrink_to_fit();
+        stored.gathered.shrink_to_fit();
+        sliced.values = V::of_width(stored);
         sliced
     }
 
     /// Adds a slice, whose entries come lane by lane.
-    fn push(&mut self, first: usize, entries: &[Entry], places: &mut Vec<usize>) {
+    fn push<V: Value>(
+        &mut self,
+        first: usize,
+        entries: &[Entry<V>],
+        places: &mut Vec<usize>,
+        stored: &mut Values<V>,
+    ) {
         // Diagonal and lane in one number: to sort entries would take most of the time.
         places.clear();
         places.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
@@ -128,7 +140,7 @@ impl Sliced {
         shifted.sort_unstable();
         for base in shifted.iter().filter_map(|&diagonal| base(diagonal)) {
             self.bases.push(base as u32);
-            self.values.shifted.push([0.0; LANES]);
+            stored.shifted.push([V::default(); LANES]);
         }
         // How deep the gathered slots are: what is deeper is kept apart.
         let apart_cost = |depth: usize| {
@@ -140,21 +152,21 @@ impl Sliced {
         let start = self.indices.len();
         // Lanes without an entry take some place of the slice, and 0 of it.
         self.indices.resize(start + depth, [first as u32; LANES]);
-        self.values.gathered.resize(start + depth, [0.0; LANES]);
+        stored.gathered.resize(start + depth, [V::default(); LANES]);
         let shifted_start = self.bases.len() - shifted.len();
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, mut rank) = (of_lane[0].lane, 0);
             for entry in of_lane {
                 if let Ok(at) = shifted.binary_search(&entry.diagonal) {
-                    self.values.shifted[shifted_start + at][lane] = entry.value;
+                    stored.shifted[shifted_start + at][lane] = entry.value;
                     continue;
                 }
                 if rank < depth {
                     self.indices[start + rank][lane] = entry.index;
-                    self.values.gathered[start + rank][lane] = entry.value;
+                    stored.gathered[start + rank][lane] = entry.value;
                 } else {
                     self.apart_indices.push(entry.index);
-                    self.values.apart.push(entry.value);
+                    stored.apart.push(entry.value);
                 }
                 rank += 1;
             }
@@ -173,11 +185,9 @@ impl Sliced {
     /// The logarithms of all values, to base 2 as decoders add them; −∞ where
     /// there is no entry.
     pub(crate) fn log2(&self) -> Values {
-        let eight = |slot: &Eight| slot.map(super::log2);
-        Values {
-            shifted: self.values.shifted.iter().map(eight).collect(),
-            gathered: self.values.gathered.iter().map(eight).collect(),
-            apart: self.values.apart.iter().map(|p| super::log2(*p)).collect(),
+        match &self.values {
+            Width::Double(values) => values.log2(),
+            Width::Single(values) => values.log2(),
         }
     }
 
@@ -196,6 +206,21 @@ impl Sliced {
         x: &[f64],
         each: &mut impl Each<L>,
     ) {
+        match &self.values {
+            Width::Double(values) => self.products_of(lanes, slices, values, x, each),
+            Width::Single(values) => self.products_of(lanes, slices, values, x, each),
+        }
+    }
+
+    #[inline(always)]
+    fn products_of<L: Lanes, V: Value>(
+        &self,
+        lanes: L,
+        slices: Range<usize>,
+        stored: &Values<V>,
+        x: &[f64],
+        each: &mut impl Each<L>,
+    ) {
         assert_eq!(x.len(), self.lines, "x must have one value per state");
         // They begin where those before them end.
         let before = slices.start.checked_sub(1);
@@ -205,17 +230,15 @@ impl Sliced {
         for (number, to) in self.slices[slices].iter().enumerate() {
             let mut sum = lanes.splat(0.0);
             let shifted = from.shifted as usize..to.shifted as usize;
-            for (base, values) in
-                self.bases[shifted.clone()].iter().zip(&self.values.shifted[shifted])
-            {
+            for (base, values) in self.bases[shifted.clone()].iter().zip(&stored.shifted[shifted]) {
                 let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
-                sum = lanes.add(sum, lanes.mul(lanes.load(values), lanes.load(x)));
+                sum = lanes.add(sum, lanes.mul(V::load(lanes, values), lanes.load(x)));
             }
             let gathered = from.gathered as usize..to.gathered as usize;
             for (indices, values) in
-                self.indices[gathered.clone()].iter().zip(&self.values.gathered[gathered])
+                self.indices[gathered.clone()].iter().zip(&stored.gathered[gathered])
             {
-                sum = lanes.add(sum, lanes.mul(lanes.load(values), lanes.gather(x, indices)));
+                sum = lanes.add(sum, lanes.mul(V::load(lanes, values), lanes.gather(x, indices)));
             }
             if from.apart < to.apart {
                 let mut sums = lanes.to_array(sum);
@@ -225,9 +248,10 @@ impl Sliced {
                     let sum = &mut sums[line.lane as usize];
                     // One after another, as in a slot: lines of the same values
                     // must have the same sum.
-                    for (&i, value) in
-                        self.apart_indices[range.clone()].iter().zip(&self.values.apart[range])
+                    for (&i, &value) in
+                        self.apart_indices[range.clone()].iter().zip(&stored.apart[range])
                     {
+                        let value: f64 = value.into();
                         *sum += value * x[i as usize];
                     }
                 }
@@ -239,11 +263,22 @@ impl Sliced {
     }
 }
 
+impl<V: Value> Values<V> {
+    fn log2(&self) -> Values {
+        let eight = |slot: &[V; LANES]| slot.map(|p| super::log2(p.into()));
+        Values {
+            shifted: self.shifted.iter().map(eight).collect(),
+            gathered: self.gathered.iter().map(eight).collect(),
+            apart: self.apart.iter().map(|&p| super::log2(p.into())).collect(),
+        }
+    }
+}
+
 /// An entry of a slice.
-struct Entry {
+struct Entry<V> {
     /// The index that lane 7 would have on it.
     diagonal: usize,
     lane: usize,
     index: u32,
-    value: f64,
+    value: V,
 }

@@ -1,6 +1,9 @@
 //! Rows (or columns) of a sparse matrix, one after another.
 
+use std::ops::Range;
+
 use crate::kernels::lockstep::Lines;
+use crate::kernels::{Sliced, Width};
 
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.
@@ -8,7 +11,7 @@ use crate::kernels::lockstep::Lines;
 pub(super) struct Compressed {
     starts: Vec<u32>,
     indices: Vec<u32>,
-    values: Vec<f64>,
+    values: Width<Vec<f64>, Vec<f32>>,
 }
 
 impl Compressed {
@@ -40,15 +43,14 @@ impl Compressed {
         // Now it is where the line ends.
         starts.rotate_right(1);
         starts[0] = 0;
-        Self { starts, indices, values }
+        Self { starts, indices, values: Width::Double(values) }
     }
 
     /// The lines of the transpose, in which indices ascend. O(n + entries).
     pub(super) fn transposed(&self) -> Self {
         let lines = 0..self.lines() as u32;
         let entries = lines.flat_map(|line| {
-            let (indices, values) = self.slices(line as usize);
-            indices.iter().zip(values).map(move |(&index, &value)| (index, line, value))
+            self.line(line as usize).map(move |(index, value)| (index as u32, line, value))
         });
         Self::new(self.lines(), entries)
     }
@@ -63,26 +65,65 @@ impl Compressed {
         self.indices.len()
     }
 
-    /// The values of all lines.
-    pub(super) fn values(&self) -> &[f64] {
-        &self.values
+    /// Whether values have 32 bits.
+    pub(super) fn is_single(&self) -> bool {
+        matches!(self.values, Width::Single(_))
     }
 
-    /// Indices and values of a line.
+    /// Other values of the same entries, in 32 bits.
+    pub(super) fn with_single(self, values: Vec<f32>) -> Self {
+        Self { values: Width::Single(values), ..self }
+    }
+
+    /// Where each line begins, and the end.
+    pub(super) fn starts(&self) -> &[u32] {
+        &self.starts
+    }
+
     #[inline]
-    pub(super) fn slices(&self, line: usize) -> (&[u32], &[f64]) {
-        let range = self.starts[line] as usize..self.starts[line + 1] as usize;
-        (&self.indices[range.clone()], &self.values[range])
+    fn range(&self, line: usize) -> Range<usize> {
+        self.starts[line] as usize..self.starts[line + 1] as usize
     }
 
-    /// All of them, for the kernels.
-    pub(super) fn as_lines(&self) -> Lines<'_> {
-        Lines::Sparse { starts: &self.starts, indices: &self.indices, values: &self.values }
+    /// The indices of a line.
+    #[inline]
+    pub(super) fn indices(&self, line: usize) -> &[u32] {
+        &self.indices[self.range(line)]
+    }
+
+    /// All of them, for the kernels, if values have 64 bits.
+    pub(super) fn as_lines(&self) -> Option<Lines<'_>> {
+        match &self.values {
+            Width::Double(values) => {
+                Some(Lines::Sparse { starts: &self.starts, indices: &self.indices, values })
+            }
+            Width::Single(_) => None,
+        }
+    }
+
+    /// In slices of eight, for products.
+    pub(super) fn sliced(&self) -> Sliced {
+        let n = self.lines();
+        match &self.values {
+            Width::Double(values) => {
+                Sliced::new(n, |line| (self.indices(line), &values[self.range(line)]))
+            }
+            Width::Single(values) => {
+                Sliced::new(n, |line| (self.indices(line), &values[self.range(line)]))
+            }
+        }
     }
 
     /// The entries of a line, in ascending order of their index.
+    #[inline]
     pub(super) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let (indices, values) = self.slices(line);
-        indices.iter().map(|&index| index as usize).zip(values.iter().copied())
+        let range = self.range(line);
+        let indices = self.indices[range.clone()].iter().map(|&index| index as usize);
+        match &self.values {
+            Width::Double(values) => Width::Double(indices.zip(values[range].iter().copied())),
+            Width::Single(values) => {
+                Width::Single(indices.zip(values[range].iter().map(|&value| f64::from(value))))
+            }
+        }
     }
 }

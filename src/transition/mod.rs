@@ -15,6 +15,7 @@ mod reestimate;
 mod restart;
 mod route;
 mod shared;
+mod single;
 mod sparse;
 mod stored;
 mod switched;

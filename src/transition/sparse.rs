@@ -16,9 +16,11 @@ pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 /// indices.
 ///
 /// Products cost O(entries). Memory is 24 bytes an entry and 8 bytes a state for
-/// rows and columns, and from 24 to some 60 bytes an entry for the forms in which
+/// rows and columns, and from 17 to some 60 bytes an entry for the forms in which
 /// products go through them, eight lines at a time; the first Viterbi adds up to
 /// 20 bytes an entry. Entries of 0 are not stored.
+/// [With values of 32 bits](Self::with_single_values), 24 become 16, and 17 to 60 become 9
+/// to 40.
 ///
 /// With the feature `rayon`, from some 100,000 states on the products, and what a
 /// filter or smoother does beside them, run on all threads of the pool that they are
@@ -37,14 +39,16 @@ pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 /// ```
 #[derive(Debug, Clone)]
 pub struct SparseTransition {
-    rows: Compressed,
-    columns: Compressed,
+    pub(super) rows: Compressed,
+    pub(super) columns: Compressed,
     pub(crate) sliced_rows: Sliced,
     pub(crate) sliced_columns: Sliced,
     /// Whether all entries are at least 2^-100.
     pub(crate) plain: bool,
     /// log2 of the values of the rows, made when first decoded with.
     log2: OnceLock<Values>,
+    /// What values were changed by at most, for one, to have 32 bits.
+    pub(super) rounding: f64,
 }
 
 impl SparseTransition {
@@ -61,6 +65,15 @@ impl SparseTransition {
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<Self, TransitionError> {
+        let (rows, columns) = Self::compressed(states, triplets)?;
+        Ok(Self::from_compressed(rows, columns, 0.0))
+    }
+
+    /// Rows and columns.
+    pub(super) fn compressed(
+        states: usize,
+        triplets: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<(Compressed, Compressed), TransitionError> {
         if states == 0 {
             return Err(TransitionError::Empty);
         }
@@ -88,22 +101,25 @@ impl SparseTransition {
         drop(unsorted);
         let mut sums = vec![0.0; states];
         for to in 0..states {
-            let indices = rows.slices(to).0;
-            if let Some(twice) = indices.windows(2).find(|pair| pair[0] == pair[1]) {
+            if let Some(twice) = rows.indices(to).windows(2).find(|pair| pair[0] == pair[1]) {
                 return Err(TransitionError::Duplicate { to, from: twice[0] as usize });
             }
             rows.line(to).for_each(|(from, value)| sums[from] += value);
         }
         check_columns(&sums)?;
         let columns = rows.transposed();
-        let sliced_rows = || Sliced::new(states, |line| rows.slices(line));
-        let sliced_columns = || Sliced::new(states, |line| columns.slices(line));
+        Ok((rows, columns))
+    }
+
+    pub(super) fn from_compressed(rows: Compressed, columns: Compressed, rounding: f64) -> Self {
+        let (sliced_rows, sliced_columns) = (|| rows.sliced(), || columns.sliced());
         #[cfg(feature = "rayon")]
         let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
         #[cfg(not(feature = "rayon"))]
         let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
-        let plain = !rows.values().iter().any(|&p| p < LEAST_PLAIN);
-        Ok(Self { rows, columns, sliced_rows, sliced_columns, plain, log2: OnceLock::new() })
+        let plain = (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| p >= LEAST_PLAIN));
+        let log2 = OnceLock::new();
+        Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
     }
 
     /// From a dense matrix, row after row: `matrix[i * n + j]` = A\[i, j\] =
@@ -191,15 +207,15 @@ impl SparseTransition {
         if to >= states || from >= states {
             return 0.0;
         }
-        let (indices, values) = self.rows.slices(to);
-        indices.binary_search(&(from as u32)).map_or(0.0, |at| values[at])
+        let at = self.rows.indices(to).binary_search(&(from as u32)).ok();
+        at.and_then(|at| self.rows.line(to).nth(at)).map_or(0.0, |entry| entry.1)
     }
 }
 
 impl SparseTransition {
-    /// Rows and columns.
-    pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
-        (self.rows.as_lines(), self.columns.as_lines())
+    /// Rows and columns, if values have 64 bits.
+    pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
+        Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }
 
     /// A step of Viterbi; see [`Maximise`].

@@ -33,10 +33,10 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// Rows and columns, if all entries above 0 are at least 2^-100.
+    /// Rows and columns, if all entries above 0 are at least 2^-100, and of 64 bits.
     pub(crate) fn plain_lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
         match self.0 {
-            Form::Sparse(matrix) => matrix.plain.then(|| matrix.lines()),
+            Form::Sparse(matrix) => matrix.lines().filter(|_| matrix.plain),
             Form::Dense(matrix) => matrix.plain.then(|| matrix.lines()),
         }
     }

@@ -121,6 +121,8 @@ pub(crate) trait Lanes: Copy {
 
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &Eight) -> Self::V;
+    /// Eight of 32 bits, as doubles: exact.
+    fn load_single(self, x: &[f32; LANES]) -> Self::V;
     fn store(self, v: Self::V, out: &mut Eight);
     /// Writes past the caches, if `out` is a line of them; else as [`store`](Self::store). For
     /// what is not read soon: a line need not be fetched to be written. After the last one
@@ -209,6 +211,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn load(self, x: &Eight) -> Eight {
         *x
+    }
+    #[inline(always)]
+    fn load_single(self, x: &[f32; LANES]) -> Eight {
+        x.map(f64::from)
     }
     #[inline(always)]
     fn store(self, v: Eight, out: &mut Eight) {

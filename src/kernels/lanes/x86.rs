@@ -40,6 +40,13 @@ impl Lanes for Avx2 {
         unsafe { (_mm256_loadu_pd(x.as_ptr()), _mm256_loadu_pd(x[4..].as_ptr())) }
     }
     #[inline(always)]
+    fn load_single(self, x: &[f32; LANES]) -> Two {
+        unsafe {
+            let (low, high) = (_mm_loadu_ps(x.as_ptr()), _mm_loadu_ps(x[4..].as_ptr()));
+            (_mm256_cvtps_pd(low), _mm256_cvtps_pd(high))
+        }
+    }
+    #[inline(always)]
     fn store(self, v: Two, out: &mut Eight) {
         unsafe {
             _mm256_storeu_pd(out.as_mut_ptr(), v.0);
@@ -193,6 +200,10 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn load(self, x: &Eight) -> __m512d {
         unsafe { _mm512_loadu_pd(x.as_ptr()) }
+    }
+    #[inline(always)]
+    fn load_single(self, x: &[f32; LANES]) -> __m512d {
+        unsafe { _mm512_cvtps_pd(_mm256_loadu_ps(x.as_ptr())) }
     }
     #[inline(always)]
     fn store(self, v: __m512d, out: &mut Eight) {
