@@ -125,7 +125,8 @@ impl Backward {
             return false;
         }
         // That it is valid has been seen on the way there.
-        let Ok(diagonal) = likelihood.diagonal(seen.observation, scratch) else { return false };
+        let found = likelihood.diagonal(seen.observation, scratch);
+        let Ok(ref diagonal) = found else { return false };
         let Some(likelihoods) = diagonal.linear_values() else { return false };
         if likelihoods.len() != ratio.len() {
             return false;

@@ -311,6 +311,9 @@ where
 
     /// Takes over the logarithms in `after_logs`, or has none from now on.
     fn keep_logs(&mut self, keep: bool) {
+        if !keep && self.state.logs.is_none() {
+            return;
+        }
         let memory = self.state.logs.take();
         let mut memory = memory.unwrap_or_else(|| mem::take(&mut self.spare));
         if keep {

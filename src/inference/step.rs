@@ -97,11 +97,16 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Advanced, InferenceError> {
         let Workspace { scratch, values } = work;
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
-        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
+        // Not moved: to copy what has just been written takes as long as some rows.
+        let found = self.hmm.likelihood().diagonal(observation, scratch);
+        let diagonal = match found {
+            Ok(ref diagonal) => diagonal,
+            Err(source) => return Err(wrap(source)),
+        };
         diagonal.check_shape(self.hmm.states()).map_err(wrap)?;
         // As they are, if they can be; whether they are valid is seen on the way.
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
-            let as_they_are = Likelihoods { diagonal: &diagonal, values: linear, scaled: false };
+            let as_they_are = Likelihoods { diagonal, values: linear, scaled: false };
             let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
             if let Some((normaliser, form)) = advanced {
                 let log = normaliser.ln() + diagonal.log_factor;
@@ -127,14 +132,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
         };
         if before.logs.is_none() {
-            let scaled = Likelihoods { diagonal: &diagonal, values, scaled: true };
+            let scaled = Likelihoods { diagonal, values, scaled: true };
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
             if let Some((scaled, form)) = advanced {
                 let log = scaled.ln() + log_scale + diagonal.log_factor;
                 return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
             }
         }
-        self.advance_in_logs(diagonal, log_scale, before, results, values)
+        self.advance_in_logs(*diagonal, log_scale, before, results, values)
     }
 
     /// The step in linear space. Gives the normaliser of the likelihoods, or

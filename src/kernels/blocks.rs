@@ -27,7 +27,7 @@ pub(crate) trait Blocks: Kernel<Output: Send> + Sized + Send {
 }
 
 /// Does it with the instructions chosen, on several threads if there is much of it.
-#[inline]
+#[inline(always)]
 pub(crate) fn run_in_blocks<W: Blocks>(work: W) -> W::Output {
     let lines = work.lines();
     if lines <= BLOCK {

@@ -5,7 +5,7 @@ use std::f64::consts::LOG2_E;
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 use super::product::eight;
-use super::sliced::{Slice, Sliced, Values};
+use super::sliced::{Sliced, Values, Walk};
 use super::{GRID_RANGE, GRID_STEPS, INTEGERS};
 
 /// Scores of which each is to be lowered by `shift`.
@@ -46,57 +46,76 @@ impl Kernel for Maximise<'_> {
         let n = matrix.lines();
         assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
         assert!(likelihoods.is_none_or(|b| b.scores.len() == n), "one likelihood per state");
-        let (nexts, next_rest) = next.as_chunks_mut::<LANES>();
-        let (froms, from_rest) = from.as_chunks_mut::<LANES>();
-        let nothing = lanes.splat(f64::NEG_INFINITY);
-        let (mut start, mut apart, mut largest) = (Slice::default(), 0, nothing);
-        for (number, end) in matrix.slices.iter().enumerate() {
-            let mut best = Best { value: nothing, index: lanes.ramp(0) };
-            let shifted = start.shifted as usize..end.shifted as usize;
-            for (base, log2) in matrix.bases[shifted.clone()].iter().zip(&log2.shifted[shifted]) {
-                let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
-                best.take(lanes, lanes.add(lanes.load(log2), lanes.load(x)), lanes.ramp(*base));
-            }
-            let gathered = start.gathered as usize..end.gathered as usize;
-            for (j, log2) in matrix.indices[gathered.clone()].iter().zip(&log2.gathered[gathered]) {
-                best.take(lanes, lanes.add(lanes.load(log2), lanes.gather(x, j)), lanes.indices(j));
-            }
-            let Best { value: mut best, mut index } = best;
-            if start.apart < end.apart {
-                let mut bests = lanes.to_array(best);
-                let mut lowest = [0; LANES];
-                lanes.store_index(index, &mut lowest);
-                for line in &matrix.apart[start.apart as usize..end.apart as usize] {
-                    let (best, lowest) =
-                        (&mut bests[line.lane as usize], &mut lowest[line.lane as usize]);
-                    for at in apart..line.end as usize {
-                        let j = matrix.apart_indices[at];
-                        let value = log2.apart[at] + x[j as usize];
-                        if value > *best || (value == *best && j < *lowest) {
-                            (*best, *lowest) = (value, j);
-                        }
-                    }
-                    apart = line.end as usize;
-                }
-                (best, index) = (lanes.load(&bests), lanes.indices(&lowest));
-            }
-            start = *end;
-            if let Some(likelihoods) = likelihoods {
-                best = lanes.add(best, likelihoods.eight(lanes, number));
-            }
-            if let (Some(next), Some(from)) = (nexts.get_mut(number), froms.get_mut(number)) {
-                lanes.store(best, next);
-                lanes.store_index(index, from);
-                largest = lanes.max(best, largest);
-            } else {
-                let mut indices = [0; LANES];
-                lanes.store_index(index, &mut indices);
-                from_rest.copy_from_slice(&indices[..from_rest.len()]);
-                lanes.store_part(best, next_rest);
+        let mut each = MaximiseEach::<L> {
+            likelihoods,
+            next: next.as_chunks_mut(),
+            from: from.as_chunks_mut(),
+            largest: lanes.splat(f64::NEG_INFINITY),
+        };
+        matrix.walk_with(lanes, 0..n.div_ceil(LANES), log2, x, &mut each);
+        let largest = lanes.to_array(each.largest).into_iter().chain(each.next.1.iter().copied());
+        largest.fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+struct MaximiseEach<'a, L: Lanes> {
+    likelihoods: Option<Shifted<'a>>,
+    next: (&'a mut [Eight], &'a mut [f64]),
+    from: (&'a mut [[u32; LANES]], &'a mut [u32]),
+    /// Of whole eights.
+    largest: L::V,
+}
+
+impl<L: Lanes> Walk<L> for MaximiseEach<'_, L> {
+    type State = Best<L>;
+
+    #[inline(always)]
+    fn nothing(&self, lanes: L) -> Best<L> {
+        Best { value: lanes.splat(f64::NEG_INFINITY), index: lanes.ramp(0) }
+    }
+
+    #[inline(always)]
+    fn take(&self, lanes: L, best: &mut Best<L>, log2: L::V, x: L::V, j: L::I) {
+        best.take(lanes, lanes.add(log2, x), j);
+    }
+
+    #[inline(always)]
+    fn take_apart(
+        &self,
+        lanes: L,
+        best: &mut Best<L>,
+        lane: usize,
+        entries: impl Iterator<Item = (f64, f64, u32)>,
+    ) {
+        let (mut values, mut lowest) = (lanes.to_array(best.value), [0; LANES]);
+        lanes.store_index(best.index, &mut lowest);
+        let (best_value, lowest_index) = (&mut values[lane], &mut lowest[lane]);
+        for (log2, x, j) in entries {
+            let value = log2 + x;
+            if value > *best_value || (value == *best_value && j < *lowest_index) {
+                (*best_value, *lowest_index) = (value, j);
             }
         }
-        let largest = lanes.to_array(largest).into_iter().chain(next_rest.iter().copied());
-        largest.fold(f64::NEG_INFINITY, f64::max)
+        *best = Best { value: lanes.load(&values), index: lanes.indices(&lowest) };
+    }
+
+    #[inline(always)]
+    fn slice(&mut self, lanes: L, number: usize, best: Best<L>) {
+        let Best { mut value, index } = best;
+        if let Some(likelihoods) = self.likelihoods {
+            value = lanes.add(value, likelihoods.eight(lanes, number));
+        }
+        if let (Some(next), Some(from)) = (self.next.0.get_mut(number), self.from.0.get_mut(number))
+        {
+            lanes.store(value, next);
+            lanes.store_index(index, from);
+            self.largest = lanes.max(value, self.largest);
+        } else {
+            let mut indices = [0; LANES];
+            lanes.store_index(index, &mut indices);
+            self.from.1.copy_from_slice(&indices[..self.from.1.len()]);
+            lanes.store_part(value, self.next.1);
+        }
     }
 }
 

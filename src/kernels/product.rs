@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::blocks::{Blocks, run_in_blocks};
 use super::lanes::{Eight, Kernel, LANES, Lanes};
-use super::sliced::Sliced;
+use super::sliced::{Sliced, Walk};
 
 /// A product with a vector.
 pub(crate) trait Product: Copy + Send {
@@ -68,7 +68,44 @@ impl Product for Sparse<'_> {
 
     #[inline(always)]
     fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
-        self.matrix.products(lanes, eights, self.x, each);
+        self.matrix.walk(lanes, eights, self.x, &mut Sums(each));
+    }
+}
+
+/// Sums of products of values with those of x, of each line.
+struct Sums<'a, E>(&'a mut E);
+
+impl<L: Lanes, E: Each<L>> Walk<L> for Sums<'_, E> {
+    type State = L::V;
+
+    #[inline(always)]
+    fn nothing(&self, lanes: L) -> L::V {
+        lanes.splat(0.0)
+    }
+
+    #[inline(always)]
+    fn take(&self, lanes: L, sum: &mut L::V, value: L::V, x: L::V, _: L::I) {
+        *sum = lanes.add(*sum, lanes.mul(value, x));
+    }
+
+    #[inline(always)]
+    fn take_apart(
+        &self,
+        lanes: L,
+        sum: &mut L::V,
+        lane: usize,
+        entries: impl Iterator<Item = (f64, f64, u32)>,
+    ) {
+        // One after another, as in a slot: lines of the same values must have the
+        // same sum.
+        let mut sums = lanes.to_array(*sum);
+        entries.for_each(|(value, x, _)| sums[lane] += value * x);
+        *sum = lanes.load(&sums);
+    }
+
+    #[inline(always)]
+    fn slice(&mut self, lanes: L, number: usize, sum: L::V) {
+        self.0.eight(lanes, number, sum);
     }
 }
 

@@ -122,13 +122,13 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
 }
 
 /// Does a [`Weigh`].
-#[inline]
+#[inline(always)]
 pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
     run_in_blocks(Weigh { q, likelihoods, factor, ratio });
 }
 
 /// Does a [`Retreat`].
-#[inline]
+#[inline(always)]
 pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
     run_in_blocks(Retreat { back: Part::all(back), alpha, gamma, q })
 }

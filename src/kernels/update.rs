@@ -257,7 +257,7 @@ impl Blocks for SettleAndLift<'_> {
 }
 
 /// Does an [`Update`].
-#[inline]
+#[inline(always)]
 pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
     let Update { prediction, lift, likelihoods, watch, out } = update;
     let prediction = Part::all(prediction);
@@ -265,13 +265,13 @@ pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
 }
 
 /// Does a [`Settle`].
-#[inline]
+#[inline(always)]
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
     run_in_blocks(Settle { x, sum })
 }
 
 /// Does a [`SettleAndLift`].
-#[inline]
+#[inline(always)]
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
     run_in_blocks(SettleAndLift { x, out, sum })
 }

@@ -10,6 +10,7 @@
 //! Loads and stores take references to arrays; a gather bounds its indices.
 #![allow(unsafe_code, reason = "the module that holds all of it")]
 
+use std::mem::ManuallyDrop;
 use std::sync::OnceLock;
 
 /// How many doubles there are.
@@ -86,30 +87,44 @@ pub(crate) fn run_on<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     unsafe { run_unchecked(isa, kernel) }
 }
 
+/// Kernels are handed on by their address: a copy of one that has just been written would
+/// wait until it is in memory, as long as a product with a tiny matrix takes.
+///
 /// # Safety
 ///
 /// The instructions must be there.
 #[inline(always)]
 unsafe fn run_unchecked<K: Kernel>(isa: Isa, kernel: K) -> K::Output {
     #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx2")]
-        fn avx2<K: Kernel>(kernel: K) -> K::Output {
-            kernel.run(Avx2(()))
-        }
-        #[target_feature(enable = "avx512f,avx512vl,avx2")]
-        fn avx512<K: Kernel>(kernel: K) -> K::Output {
-            kernel.run(Avx512(()))
-        }
+    #[target_feature(enable = "avx2")]
+    unsafe fn avx2<K: Kernel>(kernel: *const K) -> K::Output {
+        // SAFETY: the caller's.
+        unsafe { kernel.read() }.run(Avx2(()))
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512vl,avx2")]
+    unsafe fn avx512<K: Kernel>(kernel: *const K) -> K::Output {
+        // SAFETY: the caller's.
+        unsafe { kernel.read() }.run(Avx512(()))
+    }
+    #[inline(never)]
+    unsafe fn plain<K: Kernel>(kernel: *const K) -> K::Output {
+        // SAFETY: the caller's.
+        unsafe { kernel.read() }.run(Plain)
+    }
+    let kernel = ManuallyDrop::new(kernel);
+    let kernel: *const K = &raw const *kernel;
+    // SAFETY: it is read once, and not dropped here; the caller has detected the
+    // instructions.
+    unsafe {
         match isa {
-            // SAFETY: the caller has detected them.
-            Isa::Avx512 => return unsafe { avx512(kernel) },
-            Isa::Avx2 => return unsafe { avx2(kernel) },
-            Isa::Plain => {}
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx512 => avx512(kernel),
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => avx2(kernel),
+            _ => plain(kernel),
         }
     }
-    let _ = isa;
-    kernel.run(Plain)
 }
 
 /// Operations on eight doubles (`V`), on comparisons of them (`M`) and on eight
@@ -152,9 +167,17 @@ pub(crate) trait Lanes: Copy {
     /// `a` where the mask is set, else `b`.
     fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
 
-    /// `x[index]` for each of eight; `x` has from 1 to 2^31 − 1 values.
-    /// An index beyond takes some value of `x`.
-    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+    /// `x[index]` for each of eight.
+    ///
+    /// # Safety
+    ///
+    /// `x` has more values than each index says, and at most 2^31 − 1.
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
+
+    /// In a loop of few turns: keeps the compiler from writing it out for two turns at a
+    /// time, with a branch for what is left.
+    #[inline(always)]
+    fn turn(self) {}
 
     fn indices(self, indices: &[u32; LANES]) -> Self::I;
     /// base, base + 1, … base + 7.
@@ -273,7 +296,7 @@ impl Lanes for Plain {
         std::array::from_fn(|r| std::array::from_fn(|l| rows[l][r]))
     }
     #[inline(always)]
-    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
         std::array::from_fn(|l| x[indices[l] as usize])
     }
     #[inline(always)]

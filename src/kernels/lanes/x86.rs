@@ -2,7 +2,7 @@
 
 use super::{Eight, LANES, Lanes};
 #[allow(clippy::wildcard_imports, reason = "instructions name themselves")]
-use std::arch::x86_64::*;
+use std::arch::{asm, x86_64::*};
 
 /// There is AVX2. Two registers of four doubles.
 #[derive(Debug, Clone, Copy)]
@@ -134,16 +134,18 @@ impl Lanes for Avx2 {
         }
     }
     #[inline(always)]
-    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Two {
-        let last = bound(x);
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Two {
+        // SAFETY: the caller's; indices are numbers with a sign.
         unsafe {
-            let last = _mm_set1_epi32(last);
             let low = _mm_loadu_si128(indices.as_ptr().cast());
             let high = _mm_loadu_si128(indices[4..].as_ptr().cast());
-            // As numbers without a sign, no index exceeds the last one.
-            let (low, high) = (_mm_min_epu32(low, last), _mm_min_epu32(high, last));
             (_mm256_i32gather_pd::<8>(x.as_ptr(), low), _mm256_i32gather_pd::<8>(x.as_ptr(), high))
         }
+    }
+    #[inline(always)]
+    fn turn(self) {
+        // SAFETY: nothing, which nobody can tell.
+        unsafe { asm!("", options(nomem, nostack, preserves_flags)) }
     }
     #[inline(always)]
     fn indices(self, indices: &[u32; LANES]) -> Self::I {
@@ -291,14 +293,17 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
-    fn gather(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
-        let last = bound(x);
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> __m512d {
+        // SAFETY: the caller's; indices are numbers with a sign.
         unsafe {
             let indices = _mm256_loadu_si256(indices.as_ptr().cast());
-            // As numbers without a sign, no index exceeds the last one.
-            let indices = _mm256_min_epu32(indices, _mm256_set1_epi32(last));
             _mm512_i32gather_pd::<8>(indices, x.as_ptr())
         }
+    }
+    #[inline(always)]
+    fn turn(self) {
+        // SAFETY: nothing, which nobody can tell.
+        unsafe { asm!("", options(nomem, nostack, preserves_flags)) }
     }
     #[inline(always)]
     fn indices(self, indices: &[u32; LANES]) -> __m256i {
@@ -369,18 +374,4 @@ fn transpose_quarters(a: __m512d, b: __m512d, c: __m512d, d: __m512d) -> [__m512
 #[inline(always)]
 fn part(count: usize) -> __mmask8 {
     if count < LANES { (1 << count) - 1 } else { __mmask8::MAX }
-}
-
-/// The last index of what is gathered from. Gathers take indices with a sign.
-#[inline(always)]
-fn bound(x: &[f64]) -> i32 {
-    match i32::try_from(x.len()) {
-        Ok(length) if length > 0 => length - 1,
-        _ => too_large(x.len()),
-    }
-}
-
-#[cold]
-fn too_large(length: usize) -> ! {
-    panic!("gathers from 1 to 2^31 - 1 values, not {length}")
 }

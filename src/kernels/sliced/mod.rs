@@ -10,11 +10,13 @@
 //! lie on such diagonals, and a load costs a fifth of a gather. What few lines have more
 //! of than the rest of their slice is kept apart, line by line.
 
-use std::ops::Range;
+mod walk;
 
-use super::lanes::{Eight, LANES, Lanes};
-use super::product::Each;
-use super::value::{Value, Width};
+use super::abreast::Abreast;
+use super::lanes::LANES;
+use super::value::{Half, Value, Width};
+
+pub(super) use walk::Walk;
 
 /// A shifted slot is worth while if it saves two fifths of a gathered one.
 const SHIFTED_COST: usize = 2;
@@ -27,36 +29,36 @@ const APART_COST: usize = 2;
 #[derive(Debug, Clone)]
 pub(crate) struct Sliced {
     lines: usize,
-    pub(super) slices: Vec<Slice>,
+    slices: Vec<Slice>,
     /// The index of the first line of each shifted slot.
-    pub(super) bases: Vec<u32>,
-    pub(super) indices: Vec<[u32; LANES]>,
-    pub(super) apart: Vec<Apart>,
-    pub(super) apart_indices: Vec<u32>,
+    bases: Vec<u32>,
+    indices: Vec<Half<u32>>,
+    apart: Vec<Apart>,
+    apart_indices: Vec<u32>,
     values: Width<Values<f64>, Values<f32>>,
 }
 
 /// Values of a matrix of this structure.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Values<V = f64> {
-    pub(super) shifted: Vec<[V; LANES]>,
-    pub(super) gathered: Vec<[V; LANES]>,
-    pub(super) apart: Vec<V>,
+#[derive(Debug, Clone)]
+pub(crate) struct Values<V: Value = f64> {
+    shifted: Vec<V::Slot>,
+    gathered: Vec<V::Slot>,
+    apart: Vec<V>,
 }
 
 /// Where the slots of a slice end.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Slice {
-    pub(super) shifted: u32,
-    pub(super) gathered: u32,
-    pub(super) apart: u32,
+struct Slice {
+    shifted: u32,
+    gathered: u32,
+    apart: u32,
 }
 
 /// What a lane has more of.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Apart {
-    pub(super) lane: u32,
-    pub(super) end: u32,
+struct Apart {
+    lane: u32,
+    end: u32,
 }
 
 impl Sliced {
@@ -66,6 +68,7 @@ impl Sliced {
         lines: usize,
         line: impl Fn(usize) -> (&'a [u32], &'a [V]),
     ) -> Self {
+        assert!(i32::try_from(lines).is_ok(), "gathers take indices with a sign");
         let mut sliced = Self {
             lines,
             slices: Vec::with_capacity(lines.div_ceil(LANES)),
@@ -73,14 +76,16 @@ impl Sliced {
             indices: Vec::new(),
             apart: Vec::new(),
             apart_indices: Vec::new(),
-            values: Width::Double(Values::default()),
+            values: Width::Double(Values::new()),
         };
-        let mut stored = Values::default();
+        let mut stored = Values::new();
         let (mut entries, mut places) = (Vec::new(), Vec::new());
         for first in (0..lines).step_by(LANES) {
             entries.clear();
             for lane in 0..LANES.min(lines - first) {
                 let (indices, values) = line(first + lane);
+                // What goes through them relies on it.
+                assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
                 // What lies on one diagonal has the same number.
                 let of = |(&index, &value): (&u32, &V)| Entry {
                     diagonal: index as usize + (LANES - 1) - lane,
@@ -140,7 +145,7 @@ impl Sliced {
         shifted.sort_unstable();
         for base in shifted.iter().filter_map(|&diagonal| base(diagonal)) {
             self.bases.push(base as u32);
-            stored.shifted.push([V::default(); LANES]);
+            stored.shifted.push(V::Slot::default());
         }
         // How deep the gathered slots are: what is deeper is kept apart.
         let apart_cost = |depth: usize| {
@@ -151,8 +156,8 @@ impl Sliced {
         let depth = left.iter().copied().min_by_key(|&depth| apart_cost(depth)).unwrap_or(0);
         let start = self.indices.len();
         // Lanes without an entry take some place of the slice, and 0 of it.
-        self.indices.resize(start + depth, [first as u32; LANES]);
-        stored.gathered.resize(start + depth, [V::default(); LANES]);
+        self.indices.resize(start + depth, Half([first as u32; LANES]));
+        stored.gathered.resize(start + depth, V::Slot::default());
         let shifted_start = self.bases.len() - shifted.len();
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, mut rank) = (of_lane[0].lane, 0);
@@ -195,77 +200,16 @@ impl Sliced {
     pub(crate) fn lines(&self) -> usize {
         self.lines
     }
-
-    /// Goes through some of the slices, and hands over the product with each,
-    /// numbered from the first of them.
-    #[inline(always)]
-    pub(super) fn products<L: Lanes>(
-        &self,
-        lanes: L,
-        slices: Range<usize>,
-        x: &[f64],
-        each: &mut impl Each<L>,
-    ) {
-        match &self.values {
-            Width::Double(values) => self.products_of(lanes, slices, values, x, each),
-            Width::Single(values) => self.products_of(lanes, slices, values, x, each),
-        }
-    }
-
-    #[inline(always)]
-    fn products_of<L: Lanes, V: Value>(
-        &self,
-        lanes: L,
-        slices: Range<usize>,
-        stored: &Values<V>,
-        x: &[f64],
-        each: &mut impl Each<L>,
-    ) {
-        assert_eq!(x.len(), self.lines, "x must have one value per state");
-        // They begin where those before them end.
-        let before = slices.start.checked_sub(1);
-        let mut from = before.map_or(Slice::default(), |before| self.slices[before]);
-        let before = (from.apart as usize).checked_sub(1);
-        let mut apart = before.map_or(0, |before| self.apart[before].end as usize);
-        for (number, to) in self.slices[slices].iter().enumerate() {
-            let mut sum = lanes.splat(0.0);
-            let shifted = from.shifted as usize..to.shifted as usize;
-            for (base, values) in self.bases[shifted.clone()].iter().zip(&stored.shifted[shifted]) {
-                let x: &Eight = x[*base as usize..].first_chunk().expect("eight values");
-                sum = lanes.add(sum, lanes.mul(V::load(lanes, values), lanes.load(x)));
-            }
-            let gathered = from.gathered as usize..to.gathered as usize;
-            for (indices, values) in
-                self.indices[gathered.clone()].iter().zip(&stored.gathered[gathered])
-            {
-                sum = lanes.add(sum, lanes.mul(V::load(lanes, values), lanes.gather(x, indices)));
-            }
-            if from.apart < to.apart {
-                let mut sums = lanes.to_array(sum);
-                for line in &self.apart[from.apart as usize..to.apart as usize] {
-                    let range = apart..line.end as usize;
-                    apart = range.end;
-                    let sum = &mut sums[line.lane as usize];
-                    // One after another, as in a slot: lines of the same values
-                    // must have the same sum.
-                    for (&i, &value) in
-                        self.apart_indices[range.clone()].iter().zip(&stored.apart[range])
-                    {
-                        let value: f64 = value.into();
-                        *sum += value * x[i as usize];
-                    }
-                }
-                sum = lanes.load(&sums);
-            }
-            from = *to;
-            each.eight(lanes, number, sum);
-        }
-    }
 }
 
 impl<V: Value> Values<V> {
+    /// None yet.
+    fn new() -> Self {
+        Self { shifted: Vec::new(), gathered: Vec::new(), apart: Vec::new() }
+    }
+
     fn log2(&self) -> Values {
-        let eight = |slot: &[V; LANES]| slot.map(|p| super::log2(p.into()));
+        let eight = |slot: &V::Slot| Abreast(slot.map(|p| super::log2(p.into())));
         Values {
             shifted: self.shifted.iter().map(eight).collect(),
             gathered: self.gathered.iter().map(eight).collect(),
