@@ -4,26 +4,33 @@
 //! ```text
 //! cargo bench --features rayon --bench large
 //! WAYFIX_PLACES=10000000 cargo bench --features rayon --bench large
+//! WAYFIX_PLACES=10000000 cargo bench --features rayon --bench large -- single
 //! ```
 //!
-//! Bytes are those that a step cannot do without: a value and an index of 32 bits for
+//! With the argument `single` or `double` only the matrix with values of 32 or of 64
+//! bits is made, else one after the other: the memory at its peak is then told for the
+//! first alone.
+//!
+//! Bytes are those that a step cannot do without: a value, and an index of 32 bits, for
 //! each road, and the vectors that it reads and writes. The memory is timed with
-//! the triad a = b + s c (McCalpin 1995), over the same number of threads. All times are
-//! the least of many.
+//! the triad a = b + s c (McCalpin 1995), over the same number of threads. Times are
+//! the least of many, beside the median.
 
 use std::hint::black_box;
 use std::time::Instant;
 
-use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition, TransitionError};
 
-/// The least time of so many runs, in seconds.
-fn least(runs: usize, mut work: impl FnMut()) -> f64 {
+/// The least time of so many runs, in seconds, and the median.
+fn time(runs: usize, mut work: impl FnMut()) -> [f64; 2] {
     let timed = (0..runs).map(|_| {
         let start = Instant::now();
         work();
         start.elapsed().as_secs_f64()
     });
-    timed.fold(f64::INFINITY, f64::min)
+    let mut timed: Vec<f64> = timed.collect();
+    timed.sort_unstable_by(f64::total_cmp);
+    [timed[0], timed[runs / 2]]
 }
 
 /// Bytes per second of the triad, on two threads.
@@ -31,7 +38,7 @@ fn triad() -> f64 {
     const LENGTH: usize = 24_000_000;
     let (b, c) = (vec![1.0; LENGTH], vec![2.0; LENGTH]);
     let mut a = vec![0.0; LENGTH];
-    let seconds = least(10, || {
+    let [seconds, _] = time(10, || {
         let (parts, b, c) = (a.chunks_mut(LENGTH / 2), b.chunks(LENGTH / 2), c.chunks(LENGTH / 2));
         std::thread::scope(|scope| {
             for ((a, b), c) in parts.zip(b).zip(c) {
@@ -80,28 +87,50 @@ fn memory() -> String {
 fn main() {
     let places: usize = std::env::var("WAYFIX_PLACES")
         .map_or(1_000_000, |places| places.parse().expect("WAYFIX_PLACES is a number"));
+    let asked = |bits: &str| std::env::args().any(|argument| argument == bits);
+    if !asked("double") {
+        println!("{places} places, values of 32 bits");
+        measure(places, 4, || SparseTransition::from_triplets_single(places, roads(places)));
+    }
+    if !asked("single") {
+        println!("{places} places, values of 64 bits");
+        measure(places, 8, || SparseTransition::from_triplets(places, roads(places)));
+    }
+}
+
+fn measure(
+    places: usize,
+    value: usize,
+    load: impl FnOnce() -> Result<SparseTransition, TransitionError>,
+) {
     let start = Instant::now();
-    let transition = SparseTransition::from_triplets(places, roads(places)).expect("a town");
-    println!("{places} places, {} roads", transition.entries());
+    let transition = load().expect("a town");
+    println!("{} roads, changed by at most {:.1e}", transition.entries(), transition.rounding());
     println!("loaded in {:.1} s; memory {}", start.elapsed().as_secs_f64(), memory());
     let (x, mut out) = (vec![1.0; places], vec![0.0; places]);
-    let product = least(30, || transition.apply(&(), black_box(&x), black_box(&mut out)));
+    let product = time(30, || transition.apply(&(), black_box(&x), black_box(&mut out)));
     let entries = transition.entries();
     let prior = Prior::BeforeFirstTransition(Belief::uniform(places).expect("places"));
     let hmm = Hmm::new(prior, transition, LikelihoodVector::linear(places)).expect("a model");
     let mut filter = hmm.filter();
     let seen: Vec<f64> = (0..places).map(|place| 0.5 + (place % 7) as f64 / 10.0).collect();
-    let step = least(30, || {
+    let step = time(30, || {
         filter.step(&seen).expect("likelihoods above 0");
     });
     println!("with a filter and likelihoods: {}", memory());
     let bandwidth = triad();
+    println!("triad: {:.1} GB/s", bandwidth / 1e9);
     // The belief and the likelihoods are read; the result is written, then read and
     // written for its sum to be one.
-    let bytes = 12 * entries + (1 + 1 + 1 + 2) * 8 * places;
+    let bytes = (value + 4) * entries + (1 + 1 + 1 + 2) * 8 * places;
     let moved = bytes as f64 / bandwidth;
-    println!("triad: {:.1} GB/s", bandwidth / 1e9);
-    println!("product: {:.3} ms", product * 1e3);
-    println!("step: {:.3} ms for {:.1} MB", step * 1e3, bytes as f64 / 1e6);
+    println!("product: {:.3} ms (median {:.3})", product[0] * 1e3, product[1] * 1e3);
+    let [step, median] = step;
+    println!(
+        "step: {:.3} ms (median {:.3}), {:.1} MB",
+        step * 1e3,
+        median * 1e3,
+        bytes as f64 / 1e6
+    );
     println!("time to move them: {:.3} ms; ratio {:.2}", moved * 1e3, step / moved);
 }

@@ -68,9 +68,9 @@ fn check_rounding(exact: &SparseTransition) -> Result<(), TestCaseError> {
     for column in after.chunk_by(|a, b| a.1 == b.1) {
         // In steps of 2^-110, all values are whole numbers.
         let step = 2_f64.powi(-110);
-        let whole = |v: f64| (v / step) as u128;
+        let whole = |v: f64| (v / step) as i128;
         prop_assert!(column.iter().all(|entry| whole(entry.2) as f64 * step == entry.2));
-        prop_assert_eq!(column.iter().map(|entry| whole(entry.2)).sum::<u128>(), 1 << 110);
+        prop_assert_eq!(column.iter().map(|entry| whole(entry.2)).sum::<i128>(), 1 << 110);
     }
     for to in 0..single.states() {
         for (from, v) in single.incoming(&(), to) {

@@ -223,6 +223,37 @@ proptest! {
         sum_is(sum, &gamma)?;
     }
 
+    /// They are doubles to the bit, in all that goes through a matrix.
+    #[test]
+    fn values_of_32_bits(rows in rows(), x in some_zero(), b in some_zero()) {
+        let n = rows.len();
+        let split: Vec<(Vec<u32>, Vec<f32>)> =
+            rows.iter().map(|row| row.iter().map(|&(j, p)| (j, p as f32)).unzip()).collect();
+        let single = Sliced::new(n, |line| (&split[line].0, &split[line].1));
+        let rounded = |row: &Vec<(u32, f64)>| {
+            row.iter().map(|&(j, p)| (j, f64::from(p as f32))).collect()
+        };
+        let double = sliced(&rows.iter().map(rounded).collect());
+        let (x, b) = (numbers(&x, n), numbers(&b, n));
+        let results = |matrix: &Sliced| everywhere(|isa| {
+            let mut out = vec![vec![f64::NAN; n]; 5];
+            let [product, updated, gamma, q, next] = &mut out[..] else { unreachable!() };
+            let part = Part::all(Sparse { matrix, x: &x });
+            run_on(isa, Multiply { product: part, out: product });
+            let seen = run_on(isa, Update {
+                prediction: part, lift: 1.0, likelihoods: &b, watch: Watch::Products, out: updated,
+            });
+            let sum = run_on(isa, Retreat { back: part, alpha: &b, gamma, q });
+            let mut from = vec![0; n];
+            let log2 = matrix.log2();
+            let largest = run_on(isa, Maximise {
+                matrix, log2: &log2, x: &x, likelihoods: None, next, from: &mut from,
+            });
+            (out, seen, sum, from, largest)
+        });
+        prop_assert_eq!(results(&single), results(&double));
+    }
+
     /// Scores are small whole numbers, so that ties abound.
     #[test]
     fn best_ways(rows in rows(), x in scores(), b in scores(), observed in any::<bool>()) {

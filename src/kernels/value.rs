@@ -70,33 +70,3 @@ pub(crate) enum Width<D, S> {
     Double(D),
     Single(S),
 }
-
-/// Goes through either.
-impl<T, D: Iterator<Item = T>, S: Iterator<Item = T>> Iterator for Width<D, S> {
-    type Item = T;
-
-    #[inline]
-    fn next(&mut self) -> Option<T> {
-        match self {
-            Self::Double(items) => items.next(),
-            Self::Single(items) => items.next(),
-        }
-    }
-
-    #[inline]
-    fn size_hint(&self) -> (usize, Option<usize>) {
-        match self {
-            Self::Double(items) => items.size_hint(),
-            Self::Single(items) => items.size_hint(),
-        }
-    }
-
-    /// Looks only once which it is.
-    #[inline]
-    fn fold<R, F: FnMut(R, T) -> R>(self, init: R, f: F) -> R {
-        match self {
-            Self::Double(items) => items.fold(init, f),
-            Self::Single(items) => items.fold(init, f),
-        }
-    }
-}

@@ -118,12 +118,17 @@ impl Compressed {
     #[inline]
     pub(super) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let range = self.range(line);
-        let indices = self.indices[range.clone()].iter().map(|&index| index as usize);
-        match &self.values {
-            Width::Double(values) => Width::Double(indices.zip(values[range].iter().copied())),
-            Width::Single(values) => {
-                Width::Single(indices.zip(values[range].iter().map(|&value| f64::from(value))))
-            }
-        }
+        let indices = &self.indices[range.clone()];
+        let values = match &self.values {
+            Width::Double(values) => Width::Double(&values[range]),
+            Width::Single(values) => Width::Single(&values[range]),
+        };
+        indices.iter().enumerate().map(move |(at, &index)| {
+            let value = match values {
+                Width::Double(values) => values[at],
+                Width::Single(values) => f64::from(values[at]),
+            };
+            (index as usize, value)
+        })
     }
 }

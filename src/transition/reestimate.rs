@@ -63,6 +63,7 @@ fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_cou
     pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }
 
+/// What is learned has 64 bits, also from values of 32.
 impl LearnTransition for SparseTransition {
     fn reestimate(
         &self,
