@@ -50,9 +50,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{
-    Hmm, LearnLikelihood, LearnTransition, Learning, Likelihood, TransitionEntries,
-};
+use wayfix::{Hmm, LearnLikelihood, LearnTransition, Learning, Likelihood, TransitionEntries};
 
 use models::Model;
 use timed::{Group, POSSIBLE};

@@ -80,7 +80,9 @@ fn operator_with<A: TransitionEntries>(
     if name != "power of 3" {
         group.single("max product", 1, || {
             let (scores, mut out, mut from) = (&scores, vec![0.0; n], vec![0; n]);
-            move || a.max_product(control, black_box(scores), black_box(&mut out), black_box(&mut from))
+            move || {
+                a.max_product(control, black_box(scores), black_box(&mut out), black_box(&mut from))
+            }
         });
     }
 }

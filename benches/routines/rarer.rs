@@ -4,7 +4,7 @@ use std::cell::LazyCell;
 use std::hint::black_box;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{Labelled, Learning, LearnLikelihood, LearnTransition, Order};
+use wayfix::{Labelled, LearnLikelihood, LearnTransition, Learning, Order};
 
 use crate::models::Model;
 use crate::timed::{Group, POSSIBLE};
