@@ -1,136 +1,34 @@
-//! The cases, each with what a step can't do without.
+//! The cases; models are called as in the bench `routines`.
 
-use std::collections::HashMap;
 use std::hint::black_box;
 
-use wayfix::{Hmm, Likelihood, LikelihoodVector, SparseTransition, Transition, TransitionEntries};
+use wayfix::{Hmm, Learning, Likelihood, LikelihoodVector, Transition, TransitionEntries};
 
-use crate::ceilings::{Bandwidth, fresh, gathers, seconds};
-use crate::models::{self, Model};
-
-/// What all cases take from the machine.
-pub(crate) struct Machine {
-    pub(crate) chain: f64,
-    pub(crate) peak: Option<f64>,
-    /// Part of the name of what is to be measured.
-    pub(crate) only: Option<String>,
-}
+use crate::ceilings::{Machine, seconds};
+use crate::models::{self, Given, Model};
+use crate::needs::{Bound, Matrix, Needs};
 
 /// Seconds of a step.
 pub(crate) struct Row {
     pub(crate) case: String,
     pub(crate) routine: &'static str,
     pub(crate) measured: f64,
-    /// What may overlap.
-    pub(crate) parts: [(&'static str, f64); 4],
-    pub(crate) fresh: f64,
+    pub(crate) bound: Bound,
 }
 
-/// What a step can't do without.
-#[derive(Default)]
-struct Needs {
-    /// Bytes, and the working set that they are of.
-    bytes: Vec<(usize, usize)>,
-    /// Seconds.
-    gathers: f64,
-    operations: usize,
-    chains: f64,
-    /// Results, and bytes of each, of all steps.
-    fresh: Option<(usize, usize)>,
-    threads: usize,
-}
-
-impl Needs {
-    fn row(self, machine: &Machine, case: &str, routine: &'static str, steps: usize) -> Row {
-        let threads = self.threads.max(1);
-        let moved = |(bytes, set)| bytes as f64 / Bandwidth::of(set, threads).best();
-        let bytes = self.bytes.into_iter().map(moved).fold(0.0, f64::max);
-        let operations = machine.peak.map_or(0.0, |peak| 2.0 * self.operations as f64 / peak);
-        let parts = [
-            ("bytes", bytes),
-            ("gathers", self.gathers / threads as f64),
-            ("operations", operations / threads as f64),
-            ("chain", self.chains * machine.chain),
-        ];
-        let fresh = self.fresh.map_or(0.0, |(count, bytes)| fresh(count, bytes) / steps as f64);
-        Row { case: case.into(), routine, measured: 0.0, parts, fresh }
-    }
-}
-
-/// A matrix, as a product has to read it.
-#[derive(Clone, Copy)]
-struct Matrix {
-    states: usize,
-    bytes: usize,
-    entries: usize,
-    gathers: f64,
-}
-
-impl Matrix {
-    fn dense(n: usize) -> Self {
-        Self { states: n, bytes: 8 * n * n, entries: n * n, gathers: 0.0 }
-    }
-
-    fn sparse(a: &SparseTransition) -> Self {
-        let (n, entries) = (a.states(), a.entries());
-        let gathered = gathered(a);
-        let bytes = 8 * entries + 4 * gathered.len();
-        Self { states: n, bytes, entries, gathers: gathers(n, &gathered) }
-    }
-
-    /// A step of the filter, where so many steps are seen.
-    fn filter(self, seen: usize) -> Needs {
-        let Self { states: n, bytes, entries, gathers } = self;
-        let bytes = vec![(bytes + 16 * n, bytes + 16 * n), (8 * n, 8 * n * seen)];
-        Needs { bytes, gathers, operations: 2 * entries, ..Needs::default() }
-    }
-
-    /// One of the smoother, there and back.
-    fn smooth(self, steps: usize) -> Needs {
-        let Self { states: n, bytes, entries, gathers } = self;
-        let (vectors, result) = (32 * n, 8 * n * (steps + 1));
-        let bytes =
-            vec![(2 * bytes + vectors, 2 * bytes + vectors), (16 * n, result), (16 * n, result)];
-        let (gathers, fresh) = (2.0 * gathers, Some((1, result)));
-        Needs { bytes, gathers, operations: 4 * entries, fresh, ..Needs::default() }
-    }
-
-    /// One of the decoder, whose likelihoods are of so many bytes in all.
-    fn viterbi(self, steps: usize, seen: usize) -> Needs {
-        let Self { states: n, bytes, entries, gathers } = self;
-        let bytes = vec![(bytes + 16 * n, bytes + 16 * n), (8 * n, seen)];
-        let fresh = Some((1, 4 * n * steps));
-        Needs { bytes, gathers, operations: 4 * entries, fresh, ..Needs::default() }
-    }
-}
-
-/// The indices, row after row, of entries that have their diagonal for themselves among
-/// eight rows.
-fn gathered(a: &SparseTransition) -> Vec<u32> {
-    let n = a.states();
-    let mut indices = Vec::new();
-    for first in (0..n).step_by(8) {
-        let rows = first..(first + 8).min(n);
-        let entries: Vec<(usize, usize)> =
-            rows.flat_map(|to| a.incoming(&(), to).map(move |(from, _)| (to, from))).collect();
-        let diagonal = |&(to, from): &(usize, usize)| n + from - to;
-        let mut shared: HashMap<usize, usize> = HashMap::new();
-        entries.iter().for_each(|entry| *shared.entry(diagonal(entry)).or_default() += 1);
-        let alone = entries.iter().filter(|entry| shared[&diagonal(entry)] == 1);
-        indices.extend(alone.map(|entry| entry.1 as u32));
-    }
-    indices
-}
-
-/// The rows, and which are wanted.
+/// The rows so far.
 struct Rows<'m> {
     machine: &'m Machine,
+    /// Part of the name of what is to be measured.
+    only: Option<&'m str>,
     rows: Vec<Row>,
 }
 
+const POSSIBLE: &str = "the observations are possible";
+
 impl Rows<'_> {
     fn wants(&self, case: &str) -> bool {
-        self.machine.only.as_ref().is_none_or(|only| case.contains(only.as_str()))
+        self.only.is_none_or(|only| case.contains(only))
     }
 
     fn add(
@@ -142,7 +40,8 @@ impl Rows<'_> {
     ) {
         eprintln!("{case}, {routine}");
         let measured = seconds(work) / steps as f64;
-        self.rows.push(Row { measured, ..needs.row(self.machine, case, routine, steps) });
+        let bound = needs.bound(self.machine, steps);
+        self.rows.push(Row { case: case.into(), routine, measured, bound });
     }
 
     fn filter<A, B>(&mut self, case: &str, model: &Model<A, B>, needs: Needs)
@@ -153,40 +52,58 @@ impl Rows<'_> {
         let mut filter = model.hmm.filter();
         let mut seen = model.seen.iter().cycle();
         self.add((case, "filter"), 1, needs, || {
-            black_box(seen.next().map(|y| filter.step(y))).expect("seen").expect("possible");
+            black_box(seen.next().map(|y| filter.step(y))).expect("seen").expect(POSSIBLE);
         });
     }
 
-    /// Filter and smoother with likelihoods given, and the decoder with their logarithms.
-    fn verbs<A>(&mut self, case: &str, matrix: Matrix, model: Model<A, models::Given>)
+    fn smooth<A, B>(&mut self, case: &str, model: &Model<A, B>, needs: Needs)
+    where
+        A: Transition<Control = ()>,
+        B: Likelihood<Observation: Sized>,
+    {
+        self.add((case, "smooth"), model.seen.len(), needs, || {
+            black_box(model.hmm.smooth(&model.seen)).expect(POSSIBLE);
+        });
+    }
+
+    fn viterbi<A, B>(&mut self, case: &str, model: &Model<A, B>, needs: Needs)
+    where
+        A: TransitionEntries<Control = ()>,
+        B: Likelihood<Observation: Sized>,
+    {
+        self.add((case, "viterbi"), model.seen.len(), needs, || {
+            black_box(model.hmm.viterbi(&model.seen)).expect(POSSIBLE);
+        });
+    }
+
+    /// With likelihoods given; the decoder with their logarithms.
+    fn verbs<A>(&mut self, case: &str, matrix: Matrix, model: Model<A, Given>)
     where
         A: TransitionEntries<Control = ()>,
     {
-        let steps = model.seen.len();
+        let (n, steps) = (matrix.states, model.seen.len());
         self.filter(case, &model, matrix.filter(steps));
+        self.smooth(case, &model, matrix.smooth(steps));
         let Model { hmm, mut seen } = model;
-        self.add((case, "smooth"), steps, matrix.smooth(steps), || {
-            black_box(hmm.smooth(&seen)).expect("possible");
-        });
         seen.iter_mut().flatten().for_each(|b| *b = b.ln());
         let (prior, transition, _) = hmm.into_parts();
-        let sensor = LikelihoodVector::log(matrix.states).owned();
-        let hmm = Hmm::new(prior, transition, sensor).expect("one size");
-        let needs = matrix.viterbi(steps, 8 * matrix.states * steps);
-        self.add((case, "viterbi"), steps, needs, || {
-            black_box(hmm.viterbi(&seen)).expect("possible");
-        });
+        let hmm = Hmm::new(prior, transition, LikelihoodVector::log(n).owned());
+        let model = Model { hmm: hmm.expect("one size"), seen };
+        self.viterbi(case, &model, matrix.viterbi(steps, 8 * n * steps));
     }
 
     fn canberra(&mut self) {
-        let case = "sparse 105";
+        let (case, steps) = ("sparse 105", 1000);
         if self.wants(case) {
             let a = models::canberra();
-            self.verbs(case, Matrix::sparse(&a), models::given(a, 1000));
+            let matrix = Matrix::sparse(&a);
+            self.verbs(case, matrix, models::given(a, steps));
+            let needs = matrix.viterbi(steps, 8 * matrix.states * matrix.states);
+            self.viterbi("sparse 105 table", &models::canberra_table(steps), needs);
         }
     }
 
-    fn graph(&mut self) {
+    fn metro(&mut self) {
         let Some(folder) = models::graph_folder() else { return };
         if self.wants("metro") {
             let a = models::graph(&folder);
@@ -204,42 +121,69 @@ impl Rows<'_> {
         }
     }
 
-    fn two(&mut self) {
-        let (case, steps) = ("dense 2", 100_000);
-        if self.wants(case) {
-            let Model { hmm, seen } = models::table(2, steps);
-            let bytes = vec![(size_of::<usize>(), size_of_val(&seen[..]))];
-            // Four multiplications with A, two additions, two with the likelihoods.
-            let needs = Needs { bytes, operations: 8, chains: 0.5, ..Needs::default() };
-            self.add((case, "score"), steps, needs, || {
-                black_box(hmm.score(&seen)).expect("possible");
+    fn few(&mut self) {
+        for n in [2, 8] {
+            let (case, steps) = (format!("dense {n}"), 100_000);
+            if !self.wants(&case) {
+                continue;
+            }
+            let model = models::table(n, steps);
+            let seen = (size_of::<usize>(), size_of_val(&model.seen[..]));
+            // A sum of n, or the largest, takes so many additions one after another.
+            let sum = f64::from(n.ilog2());
+            let needs = |operations, chain, fresh| {
+                let fresh = Some((1, fresh * steps));
+                Needs { bytes: vec![seen], operations, chain, fresh, ..Needs::default() }
+            };
+            let needed = Needs { fresh: None, ..needs(2 * n * n, (1.0, sum / 2.0), 0) };
+            self.add((&case, "score"), steps, needed, || {
+                black_box(model.hmm.score(&model.seen)).expect(POSSIBLE);
             });
+            self.smooth(&case, &model, needs(4 * n * n, (2.0, sum), 8 * n));
+            let states = size_of::<usize>();
+            self.viterbi(&case, &model, needs(4 * n * n, (0.0, 2.0 + sum), states));
         }
+    }
+
+    fn smooth_all<A>(&mut self, case: &str, model: &Model<A, Given>, steps: usize, needs: Needs)
+    where
+        A: Transition<Control = ()> + Sync,
+    {
+        let sequences = model.sequences(model.seen.len() / steps, steps);
+        let one = OneProcessor::new();
+        self.add((case, "smooth_all"), model.seen.len(), needs, || {
+            one.run(|| {
+                black_box(model.hmm.smooth_all(&sequences));
+            });
+        });
     }
 
     fn many(&mut self) {
         let (case, count, steps) = ("sparse 105 in 2000 × 50 steps", 2000, 50);
-        if !self.wants(case) {
-            return;
+        if self.wants(case) {
+            let model = models::given(models::canberra(), count * steps);
+            let matrix = Matrix::sparse(model.hmm.transition());
+            let mut needs = matrix.smooth_all(count, steps);
+            needs.bytes.push((16 * matrix.entries, 2 * 64 * matrix.states));
+            self.smooth_all(case, &model, steps, needs);
         }
-        let model = models::given(models::canberra(), count * steps);
-        let (n, entries) = (model.hmm.states(), model.hmm.transition().entries());
-        let vector = 64 * n;
-        let bytes = vec![
-            (16 * entries, 2 * vector),
-            (32 * n, 2 * vector * (steps + 1)),
-            (8 * n, 8 * n * count * steps),
-        ];
-        // Beside the products, for each state: times the likelihood, over the sum and lifted,
-        // then over the prediction, times the likelihood, and times the belief.
-        let (operations, fresh) = (4 * entries + 6 * n, Some((count, 8 * n * (steps + 1))));
-        let needs = Needs { bytes, operations, fresh, ..Needs::default() };
-        let sequences = model.sequences(count, steps);
-        self.add((case, "smooth_all"), count * steps, needs, || {
-            on_one_processor(|| {
-                black_box(model.hmm.smooth_all(&sequences));
+        let (case, count, steps, n) = ("dense 105 in 64 × 50 steps", 64, 50, 105);
+        if self.wants(case) {
+            let model = models::given(models::dense(n), count * steps);
+            self.smooth_all(case, &model, steps, Matrix::dense(n).smooth_all(count, steps));
+            let Model { hmm, seen } = &model;
+            let sequences = model.sequences(count, steps);
+            let once = Learning { iterations: 1, tolerance: 0.0, ..Learning::default() };
+            // Two E-steps, each with the two products and the outer one.
+            let mut needs = Matrix::dense(n).smooth_all(count, steps);
+            (needs.operations, needs.fresh) = (needs.operations + 2 * n * n, None);
+            let one = OneProcessor::new();
+            self.add((case, "learn"), 2 * seen.len(), needs, || {
+                one.run(|| {
+                    black_box(hmm.learn(&sequences, &once)).expect("it can be learned");
+                });
             });
-        });
+        }
     }
 
     fn town(&mut self) {
@@ -248,16 +192,16 @@ impl Rows<'_> {
             let a = models::town(1_000_000);
             let matrix = Matrix::sparse(&a);
             let model = models::given(a, 2);
-            let mut needs = matrix.filter(2);
-            // All of it beyond the caches.
+            // All of it is beyond the caches.
             let bytes = matrix.bytes + 24 * matrix.states;
+            let mut needs = matrix.filter(2);
             (needs.bytes, needs.threads) = (vec![(bytes, bytes)], processors());
             self.filter(&format!("{case} on {}", processors()), &model, needs);
         }
     }
 }
 
-/// How many a large map is gone through on.
+/// How many the largest map is gone through on.
 fn processors() -> usize {
     #[cfg(feature = "rayon")]
     return rayon::current_num_threads();
@@ -265,23 +209,38 @@ fn processors() -> usize {
     1
 }
 
-fn on_one_processor(work: impl FnOnce() + Send) {
+/// For what would take all that there are.
+struct OneProcessor {
     #[cfg(feature = "rayon")]
-    {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-        pool.expect("a thread").install(work);
+    pool: rayon::ThreadPool,
+}
+
+impl OneProcessor {
+    fn new() -> Self {
+        #[cfg(feature = "rayon")]
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+        Self {
+            #[cfg(feature = "rayon")]
+            pool,
+        }
     }
-    #[cfg(not(feature = "rayon"))]
-    work();
+
+    #[cfg_attr(not(feature = "rayon"), expect(clippy::unused_self, reason = "there is no pool"))]
+    fn run(&self, work: impl FnOnce() + Send) {
+        #[cfg(feature = "rayon")]
+        self.pool.install(work);
+        #[cfg(not(feature = "rayon"))]
+        work();
+    }
 }
 
 /// Measures them.
-pub(crate) fn all(machine: &Machine) -> Vec<Row> {
-    let mut rows = Rows { machine, rows: Vec::new() };
+pub(crate) fn all(machine: &Machine, only: Option<&str>) -> Vec<Row> {
+    let mut rows = Rows { machine, only, rows: Vec::new() };
+    rows.few();
     rows.canberra();
-    rows.graph();
     rows.dense();
-    rows.two();
+    rows.metro();
     rows.many();
     rows.town();
     rows.rows

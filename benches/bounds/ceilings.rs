@@ -10,6 +10,9 @@ use std::hint::black_box;
 use std::iter::zip;
 use std::time::Instant;
 
+/// So many that to begin and to end doesn't count.
+const MANY: usize = 10_000;
+
 /// Seconds that it takes: the median of nine, each of as many times as fill 10 ms.
 pub(crate) fn seconds(mut work: impl FnMut()) -> f64 {
     let mut times = |count: usize| {
@@ -92,21 +95,41 @@ pub(crate) fn gathers(n: usize, indices: &[u32]) -> f64 {
     })
 }
 
-/// Seconds of a multiplication, an addition and a multiplication that wait for each other.
-pub(crate) fn chain() -> f64 {
-    const LINKS: usize = 10_000;
-    let (a, b, c) = black_box((0.9, 1.1, 0.001));
+/// Seconds to load one of n numbers at random.
+pub(crate) fn random_gather(n: usize) -> f64 {
+    let next = |index: &u32| Some(index.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    let random = std::iter::successors(Some(1_u32), next);
+    let indices: Vec<u32> = random.map(|index| (index >> 4) % n as u32).take(n.max(MANY)).collect();
+    gathers(n, &indices) / indices.len() as f64
+}
+
+/// What does not depend on a case.
+pub(crate) struct Machine {
+    /// Seconds of one that waits for the last one.
+    pub(crate) multiplication: f64,
+    pub(crate) addition: f64,
+    /// Of both together, a second, as far as it is known.
+    pub(crate) peak: Option<f64>,
+}
+
+impl Machine {
+    pub(crate) fn measured() -> Self {
+        let a = black_box(0.999_999);
+        Self { multiplication: link(|x| x * a), addition: link(|x| x + a), peak: peak() }
+    }
+}
+
+/// Seconds of a link of a chain.
+fn link(next: impl Fn(f64) -> f64) -> f64 {
     let seconds = seconds(|| {
-        let mut x = black_box(1.0);
-        (0..LINKS).for_each(|_| x = (x * a + c) * b);
-        black_box(x);
+        black_box((0..MANY).fold(black_box(1.0), |x, _| next(x)));
     });
-    seconds / LINKS as f64
+    seconds / MANY as f64
 }
 
 /// Additions and multiplications a second, by a product of faer's that is large enough.
-/// It fuses them; without the feature, `None`.
-pub(crate) fn peak() -> Option<f64> {
+/// It fuses them.
+fn peak() -> Option<f64> {
     #[cfg(feature = "faer")]
     {
         use faer::linalg::matmul::matmul;
