@@ -17,7 +17,7 @@ pub(crate) struct Row {
 }
 
 /// The rows so far.
-struct Rows<'m> {
+struct Report<'m> {
     machine: &'m Machine,
     /// Part of the name of what is to be measured.
     only: Option<&'m str>,
@@ -26,7 +26,7 @@ struct Rows<'m> {
 
 const POSSIBLE: &str = "the observations are possible";
 
-impl Rows<'_> {
+impl Report<'_> {
     fn wants(&self, case: &str) -> bool {
         self.only.is_none_or(|only| case.contains(only))
     }
@@ -236,12 +236,12 @@ impl OneProcessor {
 
 /// Measures them.
 pub(crate) fn all(machine: &Machine, only: Option<&str>) -> Vec<Row> {
-    let mut rows = Rows { machine, only, rows: Vec::new() };
-    rows.few();
-    rows.canberra();
-    rows.dense();
-    rows.metro();
-    rows.many();
-    rows.town();
-    rows.rows
+    let mut report = Report { machine, only, rows: Vec::new() };
+    report.few();
+    report.canberra();
+    report.dense();
+    report.metro();
+    report.many();
+    report.town();
+    report.rows
 }

@@ -8,7 +8,7 @@
 
 use std::hint::black_box;
 use std::iter::zip;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// So many that to begin and to end doesn't count.
 const MANY: usize = 10_000;
@@ -18,13 +18,13 @@ pub(crate) fn seconds(mut work: impl FnMut()) -> f64 {
     let mut times = |count: usize| {
         let start = Instant::now();
         (0..count).for_each(|_| work());
-        start.elapsed().as_secs_f64() / count as f64
+        start.elapsed()
     };
     times(1); // warms up
-    let count = (0.01 / times(1)).clamp(1.0, 1e7) as usize;
-    let mut timed: [f64; 9] = std::array::from_fn(|_| times(count));
-    timed.sort_by(f64::total_cmp);
-    timed[4]
+    let count = 10_000_000 / (times(1).as_nanos() as usize).clamp(1, 10_000_000);
+    let mut timed: [Duration; 9] = std::array::from_fn(|_| times(count));
+    timed.sort();
+    timed[4].as_secs_f64() / count as f64
 }
 
 /// Bytes a second.
@@ -108,8 +108,8 @@ pub(crate) struct Machine {
     /// Seconds of one that waits for the last one.
     pub(crate) multiplication: f64,
     pub(crate) addition: f64,
-    /// Of both together, a second, as far as it is known.
-    pub(crate) peak: Option<f64>,
+    /// Of both together, a second; infinite if unknown.
+    pub(crate) peak: f64,
 }
 
 impl Machine {
@@ -129,7 +129,7 @@ fn link(next: impl Fn(f64) -> f64) -> f64 {
 
 /// Additions and multiplications a second, by a product of faer's that is large enough.
 /// It fuses them.
-fn peak() -> Option<f64> {
+fn peak() -> f64 {
     #[cfg(feature = "faer")]
     {
         use faer::linalg::matmul::matmul;
@@ -140,10 +140,10 @@ fn peak() -> Option<f64> {
         let seconds =
             seconds(|| matmul(&mut out, Accum::Replace, black_box(&a), &a, 1.0, Par::Seq));
         black_box(&out);
-        Some((2 * N * N * N) as f64 / seconds)
+        (2 * N * N * N) as f64 / seconds
     }
     #[cfg(not(feature = "faer"))]
-    None
+    f64::INFINITY
 }
 
 /// Seconds to allocate so many results of so many bytes each, to write and to free them.

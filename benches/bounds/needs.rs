@@ -34,7 +34,7 @@ impl Needs {
         let threads = self.threads.max(1);
         let moved = |(bytes, set)| bytes as f64 / Bandwidth::of(set, threads).best();
         let bytes = self.bytes.into_iter().map(moved).fold(0.0, f64::max);
-        let operations = machine.peak.map_or(0.0, |peak| 2.0 * self.operations as f64 / peak);
+        let operations = 2.0 * self.operations as f64 / machine.peak;
         let (multiplications, additions) = self.chain;
         let chain = multiplications * machine.multiplication + additions * machine.addition;
         let parts = [

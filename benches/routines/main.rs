@@ -14,7 +14,7 @@
 //!
 //! | model | states, entries | sensor | single | batch |
 //! |---|---|---|---|---|
-//! | `dense 2`, `3`, `4`, `8` | all moves possible | a table of 6 symbols | 100,000 steps | 64 × 1,000 |
+//! | `dense 2`, `3`, `4`, `8`, `10` | all moves possible | a table of 6 symbols | 100,000 steps | 64 × 1,000 |
 //! | `dense 2 given`, `8 given` | the same | likelihoods given | 100,000 | 64 × 1,000 |
 //! | `sparse 105` | Canberra, 420 | likelihoods given | 1,000 | 64 × 50 |
 //! | `sparse 105 table` | the same | the place that is seen | 1,000 | 64 × 50 |
@@ -157,7 +157,7 @@ where
 
 fn few(criterion: &mut Criterion) {
     let sizes = Sizes::new(100_000, (64, 1000));
-    for n in [2, 3, 4, 8] {
+    for n in [2, 3, 4, 8, 10] {
         let model = LazyCell::new(|| models::table(n, sizes.seen()));
         let mut group = Group::new(criterion, format!("dense {n}"));
         verbs(&mut group, sizes, &model);
