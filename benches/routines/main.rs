@@ -32,7 +32,7 @@
 //!
 //! Left out are a fixed lag and learning with 1,000,000 places, which take seconds. Then
 //! there are the rarer routines with `sparse 105` and `metro` (`rarer.rs`), and products with
-//! structured operators (`operators.rs`). With the feature `rayon` batches, and steps with
+//! structured operators, whose names begin with `operator` (`operators.rs`). With the feature `rayon` batches, and steps with
 //! 1,000,000 places, run on all processors.
 //!
 //! The graph's folder holds `nodes.csv` (node, longitude, latitude) and `edges.csv`

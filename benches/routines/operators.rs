@@ -72,7 +72,7 @@ fn operator_with<A: TransitionEntries>(
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let x: Vec<f64> = (0..n).map(|_| Exp1.sample(&mut rng)).collect();
     let scores: Vec<f64> = x.iter().map(|x| -10.0 * x).collect();
-    let mut group = Group::new(criterion, name);
+    let mut group = Group::new(criterion, format!("operator {name}"));
     group.single("product", 1, || {
         let (x, mut out) = (&x, vec![0.0; n]);
         move || a.apply(control, black_box(x), black_box(&mut out))
