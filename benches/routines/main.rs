@@ -30,10 +30,12 @@
 //! | `forward`, `score`, `smooth`, `viterbi` | one sequence; in a batch, the verb in `_all` |
 //! | `learn` | one iteration of Baum–Welch: two E-steps and an M-step, so that elements are twice the steps |
 //!
-//! Left out are a fixed lag and learning with 1,000,000 places, which take seconds. Then
+//! Left out are a fixed lag and learning with 1,000,000 places, which take seconds; and the
+//! batches there, and of few states, have nothing to do in lock-step: they go one by one. Then
 //! there are the rarer routines with `sparse 105` and `metro` (`rarer.rs`), and products with
-//! structured operators, whose names begin with `operator` (`operators.rs`). With the feature `rayon` batches, and steps with
-//! 1,000,000 places, run on all processors.
+//! structured operators, whose names begin with `operator` (`operators.rs`). With the feature
+//! `rayon` batches, and steps with 1,000,000 places, run on all processors. All of it takes
+//! some five minutes.
 //!
 //! The graph's folder holds `nodes.csv` (node, longitude, latitude) and `edges.csv`
 //! (from, to, class, metres), with nodes numbered from 0.
