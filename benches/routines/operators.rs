@@ -1,0 +1,89 @@
+//! A product and a max-product with each structured operator.
+
+use std::hint::black_box;
+
+use criterion::Criterion;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand_distr::{Distribution, Exp1};
+use wayfix::{
+    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, KroneckerTransition,
+    Odometry, OffMapTransition, PowerTransition, RestartTransition, RouteControl, RouteTransition,
+    SparseTransition, TransitionEntries, View, ViewRates, WindowTransition,
+};
+
+use crate::timed::Group;
+
+/// All of them, with 1,050 places.
+pub(crate) fn all(criterion: &mut Criterion) {
+    let n = 1050;
+    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], Ends::Loop).expect("a window");
+    let uniform = |n| Belief::uniform(n).expect("there are states");
+    let turns = DenseTransition::from_fn(4, |i, j| if i == j { 0.7 } else { 0.1 }).expect("turns");
+    let times = vec![[0.1, 0.4, 0.3, 0.2]; n];
+    operator(criterion, "window of 4", &window);
+    let sparse = SparseTransition::from_operator(&window).expect("a window");
+    operator(criterion, "the same window, sparse", &sparse);
+    let restart = RestartTransition::new(sparse.clone(), 0.01, uniform(n)).expect("one size");
+    operator(criterion, "restart", &restart);
+    let metres = |to: usize, from: usize| 100.0 * ((to + n - from) % n) as f64;
+    let distance = DistanceTransition::new(sparse.clone(), metres).expect("lengths");
+    let driven = Odometry { distance: 120.0, variance: 400.0 };
+    operator_with(criterion, "by distance", &distance, &Some(driven));
+    let off_map = OffMapTransition::new(sparse, 0.01, 0.1, uniform(n)).expect("one size");
+    operator(criterion, "off the map", &off_map);
+    operator(criterion, "power of 3", &PowerTransition::new(window.clone(), 3));
+    let kronecker = KroneckerTransition::new(window.clone(), turns).expect("few states");
+    operator(criterion, "kronecker with 4 headings", &kronecker);
+    let dwell = DwellTransition::new(window, &times).expect("distributions");
+    operator(criterion, "dwell of 4 steps", &dwell);
+    route(criterion, n);
+}
+
+/// Four gears with windows of 1 to 4 weights, and stretches of 1 to 4 places.
+fn route(criterion: &mut Criterion, n: usize) {
+    let gears = [(0.0, 0.0), (0.5, 0.05), (1.0, 0.05), (2.0, 0.05)];
+    let gears = gears.map(|(speed, slack)| Gear::speed(speed, slack).expect("a gear"));
+    let stretches: Vec<_> = (0..n).map(|place| place / (1 + place % 4)).collect();
+    let rates = ViewRates { standing: 0.95, alike: 0.4, moved: 0.02 };
+    let route = RouteTransition::new(n, false, gears.to_vec(), 0.9).expect("few states");
+    let route = route.with_views(&stretches, rates).expect("a stretch for each place");
+    let odometry = Some(Odometry { distance: 0.8, variance: 0.04 });
+    for (name, odometry, view) in [
+        ("route with 4 gears", None, None),
+        ("route, odometry", odometry, None),
+        ("route, views", None, Some(View::Changed)),
+        ("route, odometry and views", odometry, Some(View::Changed)),
+    ] {
+        operator_with(criterion, name, &route, &RouteControl { odometry, view });
+    }
+}
+
+fn operator<A: TransitionEntries<Control = ()>>(criterion: &mut Criterion, name: &str, a: &A) {
+    operator_with(criterion, name, a, &());
+}
+
+fn operator_with<A: TransitionEntries>(
+    criterion: &mut Criterion,
+    name: &str,
+    a: &A,
+    control: &A::Control,
+) {
+    let n = a.states();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let x: Vec<f64> = (0..n).map(|_| Exp1.sample(&mut rng)).collect();
+    let scores: Vec<f64> = x.iter().map(|x| -10.0 * x).collect();
+    let mut group = Group::new(criterion, format!("operator {name}"));
+    group.single("product", 1, || {
+        let (x, mut out) = (&x, vec![0.0; n]);
+        move || a.apply(control, black_box(x), black_box(&mut out))
+    });
+    if name != "power of 3" {
+        group.single("max product", 1, || {
+            let (scores, mut out, mut from) = (&scores, vec![0.0; n], vec![0; n]);
+            move || {
+                let (out, from) = (black_box(&mut out), black_box(&mut from));
+                a.max_product(control, black_box(scores), out, from);
+            }
+        });
+    }
+}
