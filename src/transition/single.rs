@@ -56,7 +56,7 @@ impl SparseTransition {
     /// let a = SparseTransition::from_triplets(3, ways)?.with_single_values();
     /// assert_eq!(a.get(0, 0), f64::from(0.7_f32));
     /// assert_eq!(a.get(0, 0) + a.get(1, 0) + a.get(2, 0), 1.0);
-    /// // After 1000 steps, probabilities are within a tenth of a thousandth.
+    /// // After 1000 steps, probabilities are within two ten-thousandths of themselves.
     /// let e = a.rounding();
     /// assert!(((1.0 + e) / (1.0 - e)).powi(1000) < 1.0002);
     /// # Ok::<(), wayfix::TransitionError>(())
