@@ -2,14 +2,14 @@
 
 use std::ops::{Deref, DerefMut};
 
-use super::in_large_pages;
+use super::pages::{LARGE, LARGE_PAGE, in_large_pages};
 
 /// Of a cache line, in bytes.
 const LINE: usize = 64;
-const PER_LINE: usize = LINE / size_of::<f64>();
 
 /// Doubles that begin on a cache line: loads of eight that straddle two of them
-/// take twice as long.
+/// take twice as long. Many begin on a large page, and there is room to the end of the
+/// last one, so that none has to come in small pages.
 pub(crate) struct Aligned {
     values: Vec<f64>,
     start: usize,
@@ -19,9 +19,12 @@ pub(crate) struct Aligned {
 impl Aligned {
     /// So many, all of them `value`.
     pub(crate) fn new(len: usize, value: f64) -> Self {
-        let values = in_large_pages(vec![value; len + PER_LINE - 1]);
+        let many = len >= LARGE / size_of::<f64>();
+        let (unit, room) = if many { (LARGE_PAGE, 2) } else { (LINE, 1) };
+        let spare = room * unit / size_of::<f64>() - 1;
+        let values = in_large_pages(vec![value; len + spare]);
         // Nothing depends on it but the time that loads take.
-        let start = values.as_ptr().align_offset(LINE).min(PER_LINE - 1);
+        let start = values.as_ptr().align_offset(unit).min(spare);
         Self { values, start, len }
     }
 }

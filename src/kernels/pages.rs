@@ -6,14 +6,16 @@
 
 #![allow(unsafe_code, reason = "a system call, which gets the address of a vector")]
 
-/// Smaller vectors are left alone.
-const LEAST_BYTES: usize = 4 << 20;
+/// The size of a large page, as a rule, in bytes.
+pub(super) const LARGE_PAGE: usize = 2 << 20;
+/// From so many bytes on, a vector is large; others are left alone.
+pub(super) const LARGE: usize = 2 * LARGE_PAGE;
 
 /// The same vector; if it is large, its memory comes in large pages from now on,
 /// where the system has them.
 pub(crate) fn in_large_pages<T>(vec: Vec<T>) -> Vec<T> {
     let bytes = vec.capacity() * size_of::<T>();
-    if bytes >= LEAST_BYTES {
+    if bytes >= LARGE {
         ask(vec.as_ptr().addr(), bytes);
     }
     vec
@@ -51,14 +53,14 @@ mod tests {
 
     #[test]
     fn vectors_of_any_size_stay_as_they_are() {
-        for count in [0, 1, 1000, LEAST_BYTES / 8, 3 * LEAST_BYTES / 8 + 5] {
+        for count in [0, 1, 1000, LARGE / 8, 3 * LARGE / 8 + 5] {
             let mut vec = in_large_pages(vec![1.5; count]);
             assert_eq!(vec, vec![1.5; count]);
             vec.push(2.5);
             assert_eq!(vec.iter().sum::<f64>(), 1.5 * count as f64 + 2.5);
         }
-        let mut empty = in_large_pages(Vec::with_capacity(LEAST_BYTES));
-        empty.resize(LEAST_BYTES, 7_u8);
+        let mut empty = in_large_pages(Vec::with_capacity(LARGE));
+        empty.resize(LARGE, 7_u8);
         assert!(empty.iter().all(|byte| *byte == 7));
         assert_eq!(in_large_pages(vec![(); 10]).len(), 10);
     }
