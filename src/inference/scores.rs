@@ -121,8 +121,15 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         values: &'a mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<Shifted<'a>, InferenceError> {
-        let (shifted, left_out) = likelihood_scores(diagonal, largest, values)
-            .ok_or(InferenceError::Impossible { step: self.number })?;
+        let scores = match diagonal.values {
+            // They become scores as they are added.
+            Values::Log(scores) if largest > f64::NEG_INFINITY => {
+                let shifted = Shifted { scores, shift: 0.0, natural: Some(largest) };
+                Some((shifted, largest + diagonal.log_factor))
+            }
+            _ => likelihood_scores(diagonal, largest, values),
+        };
+        let (shifted, left_out) = scores.ok_or(InferenceError::Impossible { step: self.number })?;
         taken_out.factors.add(left_out);
         Ok(shifted)
     }
@@ -190,14 +197,14 @@ pub(super) fn likelihood_scores<'a>(
     let (shifted, left_out) = match diagonal.values {
         Values::Log(logs) => {
             kernels::log2_of_logs(logs, largest, values);
-            (Shifted { scores: values, shift: 0.0 }, largest)
+            (Shifted { scores: values, shift: 0.0, natural: None }, largest)
         }
         Values::Checked { log2: Some(scores), .. } => {
-            (Shifted { scores, shift: whole }, whole * LN_2)
+            (Shifted { scores, shift: whole, natural: None }, whole * LN_2)
         }
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             values.iter_mut().zip(linear).for_each(|(out, b)| *out = kernels::log2(*b));
-            (Shifted { scores: values, shift: whole }, whole * LN_2)
+            (Shifted { scores: values, shift: whole, natural: None }, whole * LN_2)
         }
     };
     Some((shifted, left_out + diagonal.log_factor))

@@ -256,7 +256,10 @@ proptest! {
 
     /// Scores are small whole numbers, so that ties abound.
     #[test]
-    fn best_ways(rows in rows(), x in scores(), b in scores(), observed in any::<bool>()) {
+    fn best_ways(
+        rows in rows(), x in scores(), b in scores(), observed in any::<bool>(),
+        natural in any::<bool>(),
+    ) {
         let rows: Rows = rows
             .iter()
             .map(|row| row.iter().map(|&(j, p)| (j, if p < 0.5 { 0.25 } else { 0.5 })).collect())
@@ -264,7 +267,14 @@ proptest! {
         let (n, matrix) = (rows.len(), sliced(&rows));
         let (x, b) = (numbers(&x, n), numbers(&b, n));
         let values = matrix.log2();
-        let likelihoods = observed.then_some(Shifted { scores: &b, shift: 1.0 });
+        let most = b.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let natural = (natural && most.is_finite()).then_some(most);
+        let likelihoods = observed.then_some(Shifted { scores: &b, shift: 1.0, natural });
+        let added = |i: usize| match natural {
+            _ if !observed => 0.0,
+            Some(most) => on_grid((b[i] - most) * std::f64::consts::LOG2_E) - 1.0,
+            None => b[i] - 1.0,
+        };
         let (next, from, largest) = everywhere(|isa| {
             let (mut next, mut from) = (vec![f64::NAN; n], vec![0; n]);
             let largest = run_on(isa, Maximise {
@@ -284,20 +294,20 @@ proptest! {
                     best = (score, j);
                 }
             }
-            let score = best.0 + if observed { b[i] - 1.0 } else { 0.0 };
+            let score = best.0 + added(i);
             prop_assert_eq!(next[i], score);
             prop_assert!(!score.is_finite() || from[i] == best.1, "{} {:?}", from[i], best);
         }
         prop_assert_eq!(largest, next.iter().copied().fold(f64::NEG_INFINITY, f64::max));
-        let (added, most) = everywhere(|isa| {
+        let (sums, most) = everywhere(|isa| {
             let mut scores = x.clone();
             let most = run_on(isa, Add { scores: &mut scores, added: likelihoods });
             (scores, most)
         });
-        for (i, added) in added.iter().enumerate() {
-            prop_assert_eq!(*added, x[i] + if observed { b[i] - 1.0 } else { 0.0 });
+        for (i, sum) in sums.iter().enumerate() {
+            prop_assert_eq!(*sum, x[i] + added(i));
         }
-        prop_assert_eq!(most, added.iter().copied().fold(f64::NEG_INFINITY, f64::max));
+        prop_assert_eq!(most, sums.iter().copied().fold(f64::NEG_INFINITY, f64::max));
     }
 
     #[test]

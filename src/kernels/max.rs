@@ -13,13 +13,18 @@ use super::{GRID_RANGE, GRID_STEPS, INTEGERS};
 pub(crate) struct Shifted<'a> {
     pub(crate) scores: &'a [f64],
     pub(crate) shift: f64,
+    /// If they are natural logarithms yet: the largest, which then is 0.
+    pub(crate) natural: Option<f64>,
 }
 
 impl Shifted<'_> {
     /// Those of the eight with this number.
     #[inline(always)]
     fn eight<L: Lanes>(self, lanes: L, number: usize) -> L::V {
-        let b = eight(lanes, self.scores.as_chunks(), number);
+        let mut b = eight(lanes, self.scores.as_chunks(), number);
+        if let Some(largest) = self.natural {
+            b = log2_over(lanes, b, largest);
+        }
         lanes.sub(b, lanes.splat(self.shift))
     }
 }
@@ -67,41 +72,46 @@ struct MaximiseEach<'a, L: Lanes> {
 }
 
 impl<L: Lanes> Walk<L> for MaximiseEach<'_, L> {
-    type State = Best<L>;
+    type State = Ways<L>;
 
     #[inline(always)]
-    fn nothing(&self, lanes: L) -> Best<L> {
-        Best { value: lanes.splat(f64::NEG_INFINITY), index: lanes.ramp(0) }
+    fn nothing(&self, lanes: L) -> Ways<L> {
+        let nothing = Best { value: lanes.splat(f64::NEG_INFINITY), index: lanes.ramp(0) };
+        Ways { shifted: nothing, gathered: nothing }
     }
 
     #[inline(always)]
-    fn take(&self, lanes: L, best: &mut Best<L>, log2: L::V, x: L::V, j: L::I) {
-        best.take(lanes, lanes.add(log2, x), j);
+    fn take(&self, lanes: L, ways: &mut Ways<L>, log2: L::V, x: L::V, j: L::I) {
+        ways.shifted.take(lanes, lanes.add(log2, x), j);
+    }
+
+    #[inline(always)]
+    fn take_gathered(&self, lanes: L, ways: &mut Ways<L>, log2: L::V, x: L::V, j: L::I) {
+        ways.gathered.take(lanes, lanes.add(log2, x), j);
     }
 
     #[inline(always)]
     fn take_apart(
         &self,
         lanes: L,
-        best: &mut Best<L>,
+        Ways { gathered: best, .. }: &mut Ways<L>,
         lane: usize,
         entries: impl Iterator<Item = (f64, f64, u32)>,
     ) {
         let (mut values, mut lowest) = (lanes.to_array(best.value), [0; LANES]);
         lanes.store_index(best.index, &mut lowest);
-        let (best_value, lowest_index) = (&mut values[lane], &mut lowest[lane]);
         for (log2, x, j) in entries {
             let value = log2 + x;
-            if value > *best_value || (value == *best_value && j < *lowest_index) {
-                (*best_value, *lowest_index) = (value, j);
+            if value > values[lane] {
+                (values[lane], lowest[lane]) = (value, j);
             }
         }
         *best = Best { value: lanes.load(&values), index: lanes.indices(&lowest) };
     }
 
     #[inline(always)]
-    fn slice(&mut self, lanes: L, number: usize, best: Best<L>) {
-        let Best { mut value, index } = best;
+    fn slice(&mut self, lanes: L, number: usize, ways: Ways<L>) {
+        let Best { mut value, index } = ways.best(lanes);
         if let Some(likelihoods) = self.likelihoods {
             value = lanes.add(value, likelihoods.eight(lanes, number));
         }
@@ -119,19 +129,40 @@ impl<L: Lanes> Walk<L> for MaximiseEach<'_, L> {
     }
 }
 
+/// The best ways so far, each the lowest of those that attain it.
+struct Ways<L: Lanes> {
+    shifted: Best<L>,
+    gathered: Best<L>,
+}
+
+impl<L: Lanes> Ways<L> {
+    #[inline(always)]
+    fn best(self, lanes: L) -> Best<L> {
+        let Self { shifted, gathered } = self;
+        let tie = lanes.and(
+            lanes.equal(gathered.value, shifted.value),
+            lanes.index_less(gathered.index, shifted.index),
+        );
+        let better = lanes.or(lanes.less(shifted.value, gathered.value), tie);
+        Best {
+            value: lanes.max(gathered.value, shifted.value),
+            index: lanes.select_index(better, gathered.index, shifted.index),
+        }
+    }
+}
+
 /// The best so far, and where it comes from.
+#[derive(Clone, Copy)]
 struct Best<L: Lanes> {
     value: L::V,
     index: L::I,
 }
 
 impl<L: Lanes> Best<L> {
-    /// Slots do not come in the order of their indices: of several that attain
-    /// the maximum, the lowest has to be looked for.
+    /// Of several that attain the maximum the first stays: indices ascend.
     #[inline(always)]
     fn take(&mut self, lanes: L, value: L::V, j: L::I) {
-        let tie = lanes.and(lanes.equal(value, self.value), lanes.index_less(j, self.index));
-        let better = lanes.or(lanes.less(self.value, value), tie);
+        let better = lanes.less(self.value, value);
         self.value = lanes.max(value, self.value);
         self.index = lanes.select_index(better, j, self.index);
     }

@@ -22,7 +22,14 @@ pub(in crate::kernels) trait Walk<L: Lanes> {
     /// they are.
     fn take(&self, lanes: L, state: &mut Self::State, value: L::V, x: L::V, index: L::I);
 
-    /// Of more in one line, in order.
+    /// Of eight more from a gathered slot, which come after those of shifted ones: in
+    /// each line in the order of their indices, as those do.
+    #[inline(always)]
+    fn take_gathered(&self, lanes: L, state: &mut Self::State, value: L::V, x: L::V, index: L::I) {
+        self.take(lanes, state, value, x, index);
+    }
+
+    /// Of more in one line, in order, which come last.
     fn take_apart(
         &self,
         lanes: L,
@@ -93,7 +100,8 @@ impl Sliced {
                     let indices = self.indices.get_unchecked(gathered);
                     (indices, values.gathered.get_unchecked(gathered), lanes.gather(x, indices))
                 };
-                walk.take(lanes, &mut state, V::load(lanes, value), x, lanes.indices(indices));
+                let index = lanes.indices(indices);
+                walk.take_gathered(lanes, &mut state, V::load(lanes, value), x, index);
                 gathered += 1;
                 lanes.turn();
             }
