@@ -16,6 +16,8 @@ pub(crate) mod lockstep_max;
 mod max;
 mod product;
 mod retreat;
+pub(crate) mod segments;
+pub(crate) mod segments_smooth;
 mod sliced;
 mod update;
 

@@ -3,6 +3,7 @@
 //! now and then.
 
 use super::{LEAST_FACTOR, exponent, power};
+use crate::kernels::segments::Few;
 
 /// After so many calm steps the scale is looked at.
 pub(super) const UNLOOKED: usize = 4;
@@ -44,6 +45,19 @@ impl<const N: usize> Matrix<N> {
             return Some(UNLOOKED);
         }
         none_below(LEAST_FACTOR).then_some(1)
+    }
+
+    /// The same where the least likelihood above 0 is known.
+    pub(super) fn unlooked_from(&self, least: f64) -> Option<usize> {
+        if least >= self.calm {
+            return Some(UNLOOKED);
+        }
+        (least >= LEAST_FACTOR).then_some(1)
+    }
+
+    /// For eight segments at a time.
+    pub(super) fn few(&self, unlooked: usize) -> Few<'_, N> {
+        Few { columns: &self.columns, rows: &self.rows, unlooked }
     }
 
     /// B(y) A x.

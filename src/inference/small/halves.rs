@@ -24,7 +24,7 @@ impl<const N: usize, P> Stretch<'_, N, P> {
 }
 
 /// Goes forward through a stretch: takes each step, then puts it.
-fn ahead<const N: usize, P>(
+pub(super) fn ahead<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,
@@ -44,7 +44,7 @@ fn ahead<const N: usize, P>(
 
 /// Goes backward through a stretch, from its end: puts each step, then takes
 /// it.
-fn back<const N: usize, P>(
+pub(super) fn back<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,

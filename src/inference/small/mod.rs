@@ -12,6 +12,7 @@ mod columns;
 mod diagonals;
 mod halves;
 mod score;
+mod segments;
 mod smooth;
 mod viterbi;
 

@@ -5,8 +5,11 @@ use super::super::LogSum;
 use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
+use super::segments::{self, Segments, Source};
 use super::{LEAST_FACTOR, columns, control_of, with_constant};
 use crate::hmm::Hmm;
+use crate::kernels::LANES;
+use crate::kernels::lockstep::Abreast;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -37,20 +40,56 @@ fn dispatch(
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<f64> {
-    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+    with_constant!(prior.len(), N => {
+        let matrix = Matrix::<N>::new(matrix)?;
+        let prior = Chain::new(prior.try_into().ok()?)?;
+        let first = if segments::pay(N, steps) {
+            in_segments(&matrix, prior, moves, steps, diagonals)
+        } else {
+            None
+        };
+        first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
+    })
 }
 
-fn run<const N: usize>(
-    matrix: &[f64],
-    prior: &[f64],
+/// x through segment after segment.
+fn in_segments<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
     moves: bool,
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<f64> {
-    let matrix = Matrix::<N>::new(matrix)?;
+    let mut source = Source::new(diagonals);
+    let (mut chain, mut first) = (prior, 1);
+    if !moves {
+        chain = start(chain, source.diagonals, &mut source.factors)?;
+        first = 2;
+    }
+    let mut likelihoods = Vec::new();
+    while let Some(length) = segments::length(steps + 1 - first) {
+        likelihoods.resize(length, [Abreast::default(); N]);
+        let unlooked = source.gather(matrix, first, &mut likelihoods)?;
+        Segments::new(matrix, &likelihoods, unlooked)?.ahead(&mut chain)?;
+        first += LANES * length;
+    }
+    let rest = source.rest(matrix, first..steps + 1)?;
+    rest.ahead(matrix, &mut chain, &mut vec![(); steps + 1 - first], |(), _| ())?;
+    let ones = Chain::new([1.0; N])?;
+    log_likelihood(&[chain, ones], &[source.factors, Factors::default()])
+}
+
+/// x and r, until they meet.
+fn from_both_ends<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<f64> {
     let mut factors = [Factors::default(); 2];
     let (mut first, mut last) = (1, steps + 1); // the steps that are left
-    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    let mut chains = [prior, Chain::new([1.0; N])?];
     if !moves {
         chains[0] = start(chains[0], diagonals, &mut factors[0])?;
         first = 2;
@@ -68,7 +107,7 @@ fn run<const N: usize>(
         diagonals.back(last - counts[1]..last, back.as_flattened_mut(), &mut factors[1])?;
         let ahead = Stretch { diagonals: ahead, places: &mut ahead_places[..counts[0]] };
         let back = Stretch { diagonals: back, places: &mut back_places[..counts[1]] };
-        both(&matrix, &mut chains, ahead, back, |(), _| ())?;
+        both(matrix, &mut chains, ahead, back, |(), _| ())?;
         (first, last) = (first + counts[0], last - counts[1]);
     }
     log_likelihood(&chains, &factors)

@@ -6,8 +6,12 @@ use super::chain::{Chain, Matrix, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
 use super::score::{log_likelihood, middle, start};
+use super::segments::{self, Segments, Source};
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
+use crate::kernels::lockstep::{Abreast, scatter};
+use crate::kernels::segments_smooth::Smooth;
+use crate::kernels::{self, Eight, LANES};
 use crate::inference::posteriors::Posteriors;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -37,19 +41,97 @@ fn dispatch(
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
-    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+    with_constant!(prior.len(), N => {
+        let matrix = Matrix::<N>::new(matrix)?;
+        let prior = Chain::new(prior.try_into().ok()?)?;
+        let first = if segments::pay(N, steps) {
+            in_segments(&matrix, prior, moves, steps, diagonals)
+        } else {
+            None
+        };
+        first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
+    })
 }
 
-fn run<const N: usize>(
-    matrix: &[f64],
-    prior: &[f64],
+/// What is known of eight segments before the way back.
+struct Kept<const N: usize> {
+    first: usize,
+    length: usize,
+    unlooked: usize,
+    segments: Segments<N>,
+    /// x at their starts.
+    starts: [Eight; N],
+}
+
+/// x through segment after segment, r back, then both through the steps of each.
+fn in_segments<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
     moves: bool,
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
-    let matrix = Matrix::<N>::new(matrix)?;
+    let mut source = Source::new(diagonals);
+    let (mut chain, mut first) = (prior, 1);
+    let mut values = vec![0.0; N * (steps + 1)];
+    let rows = values.as_chunks_mut::<N>().0;
+    if !moves {
+        chain = start(chain, source.diagonals, &mut source.factors)?;
+        first = 2;
+    }
+    let before = chain;
+    let mut likelihoods = Vec::with_capacity(steps / LANES);
+    let mut kept = Vec::new();
+    while let Some(length) = segments::length(steps + 1 - first) {
+        let from = likelihoods.len();
+        likelihoods.resize(from + length, [Abreast::default(); N]);
+        let likelihoods = &mut likelihoods[from..];
+        let unlooked = source.gather(matrix, first, likelihoods)?;
+        let segments = Segments::new(matrix, likelihoods, unlooked)?;
+        let starts = segments.ahead(&mut chain)?;
+        kept.push(Kept { first, length, unlooked, segments, starts });
+        first += LANES * length;
+    }
+    let rest = source.rest(matrix, first..steps + 1)?;
+    rest.ahead(matrix, &mut chain, &mut rows[first..], |row, x| *row = *x)?;
+    let mut back = Chain::new([1.0; N])?;
+    let log_likelihood = log_likelihood(&[chain, back], &[source.factors, Factors::default()])?;
+
+    rest.back(matrix, &mut back, &mut rows[first..], |row, r| *row = posterior(row, r))?;
+    let mut abreast = Vec::new();
+    while let Some(Kept { first, length, unlooked, segments, starts }) = kept.pop() {
+        let ends = segments.back(&mut back)?;
+        abreast.resize(length, [Abreast::default(); N]);
+        let work = Smooth {
+            model: matrix.few(unlooked),
+            starts: &starts,
+            ends: &ends,
+            likelihoods: &likelihoods[likelihoods.len() - length..],
+            out: &mut abreast,
+        };
+        kernels::segments_smooth::smooth(work).then_some(())?;
+        likelihoods.truncate(likelihoods.len() - length);
+        let rows = rows[first..first + LANES * length].as_flattened_mut();
+        let mut rows = rows.chunks_exact_mut(N * length);
+        let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
+        scatter(abreast.as_flattened(), rows);
+    }
+    let first = if moves { 0 } else { 1 };
+    rows[first] = posterior(&before.values, &back.values);
+    rows[0] = rows[first]; // the same state, if nothing moves
+    Some((values, log_likelihood))
+}
+
+/// x and r at once, until they meet, and beyond.
+fn from_both_ends<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
+    moves: bool,
+    steps: usize,
+    diagonals: &mut dyn Diagonals,
+) -> Option<(Vec<f64>, f64)> {
     let mut factors = [Factors::default(); 2];
-    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    let mut chains = [prior, Chain::new([1.0; N])?];
     let mut values = vec![0.0; N * (steps + 1)];
     let rows = values.as_chunks_mut::<N>().0;
     rows[0] = chains[0].values;
@@ -71,11 +153,11 @@ fn run<const N: usize>(
     let (ahead, back) = rows.split_at_mut(middle);
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
-    both(&matrix, &mut chains, early, late, |row, x| *row = *x)?;
+    both(matrix, &mut chains, early, late, |row, x| *row = *x)?;
     let log_likelihood = log_likelihood(&chains, &factors)?;
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
-    both(&matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
+    both(matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
     rows[first - 1] = posterior(&rows[first - 1], &chains[1].values);
     if !moves {
         rows[0] = rows[1]; // the same state

@@ -1,0 +1,206 @@
+//! Segments of a sequence, eight at a time: their products of matrices, each
+//! column with a scale of its own, and what leads from one to the next.
+
+use std::ops::Range;
+
+use super::LEAST_FACTOR;
+use super::chain::{Chain, Matrix};
+use super::diagonals::{Diagonals, Factors, UNSCALED};
+use super::halves::{Stretch, ahead, back};
+use super::power;
+use crate::kernels::{Eight, LANES};
+use crate::kernels::lockstep::{Abreast, gather};
+use crate::kernels::segments::{Scaled, look, products};
+
+/// The steps of a segment, where there are enough: eight of them stay in the
+/// fastest cache, and products of a few matrices are nothing beside.
+const LENGTH: usize = 128;
+/// Fewer steps in each segment are not worth while.
+const SHORTEST: usize = 8;
+/// How far exponents of what is added may lie apart, so that no term is lost.
+const APART: i64 = 400;
+
+/// The length of the next eight segments, if as many steps are left.
+pub(super) fn length(left: usize) -> Option<usize> {
+    let length = (left / LANES).min(LENGTH);
+    (length >= SHORTEST).then_some(length)
+}
+
+/// Products of larger matrices take longer than the two recursions themselves.
+const MOST_STATES: usize = 4;
+
+/// Whether to cut a sequence into segments pays.
+pub(super) fn pay(states: usize, steps: usize) -> bool {
+    states <= MOST_STATES && steps > LANES * SHORTEST
+}
+
+/// Gathers likelihoods for eight segments.
+pub(super) struct Source<'d, const N: usize> {
+    pub(super) diagonals: &'d mut dyn Diagonals,
+    pub(super) factors: Factors,
+    rows: Vec<[f64; N]>,
+}
+
+impl<'d, const N: usize> Source<'d, N> {
+    pub(super) fn new(diagonals: &'d mut dyn Diagonals) -> Self {
+        Self { diagonals, factors: Factors::default(), rows: Vec::new() }
+    }
+
+    /// Those of the segments from a step on. Gives how many steps may be taken
+    /// without a look.
+    pub(super) fn gather(
+        &mut self,
+        matrix: &Matrix<N>,
+        first: usize,
+        out: &mut [[Abreast; N]],
+    ) -> Option<usize> {
+        let steps = first..first + LANES * out.len();
+        self.rows.resize(steps.len(), [0.0; N]);
+        let mut least = 0.0; // as they are
+        if self.diagonals.plain(steps.clone(), self.rows.as_flattened_mut()).is_some() {
+            least = self.interleave(out, *UNSCALED.start());
+        }
+        if least < LEAST_FACTOR {
+            self.diagonals.ahead(steps, self.rows.as_flattened_mut(), &mut self.factors)?;
+            least = self.interleave(out, 0.0);
+        }
+        matrix.unlooked_from(least)
+    }
+
+    /// Those of the steps after all segments.
+    pub(super) fn rest(&mut self, matrix: &Matrix<N>, steps: Range<usize>) -> Option<Rest<N>> {
+        let mut diagonals = vec![[0.0; N]; steps.len()];
+        self.diagonals.ahead(steps, diagonals.as_flattened_mut(), &mut self.factors)?;
+        let unlooked = matrix.unlooked([&diagonals, &[]])?;
+        Some(Rest { diagonals, unlooked })
+    }
+
+    /// The least likelihood above 0, or 0 if one can't be used as it is.
+    fn interleave(&self, out: &mut [[Abreast; N]], least_largest: f64) -> f64 {
+        let values = self.rows.as_flattened();
+        let each = values.len() / LANES;
+        gather(std::array::from_fn(|l| &values[l * each..][..each]), out.as_flattened_mut());
+        let seen = look(out);
+        let scaled = seen.largest <= *UNSCALED.end() && seen.least_largest >= least_largest;
+        if scaled && !seen.nan { seen.least } else { 0.0 }
+    }
+}
+
+/// The steps after all segments, one after another.
+pub(super) struct Rest<const N: usize> {
+    diagonals: Vec<[f64; N]>,
+    unlooked: usize,
+}
+
+impl<const N: usize> Rest<N> {
+    /// Takes each step, then puts it.
+    pub(super) fn ahead<P>(
+        &self,
+        matrix: &Matrix<N>,
+        chain: &mut Chain<N>,
+        places: &mut [P],
+        put: impl Fn(&mut P, &[f64; N]),
+    ) -> Option<()> {
+        ahead(matrix, chain, Stretch { diagonals: &self.diagonals, places }, self.unlooked, put)
+    }
+
+    /// Puts each step, then takes it, from the last.
+    pub(super) fn back<P>(
+        &self,
+        matrix: &Matrix<N>,
+        chain: &mut Chain<N>,
+        places: &mut [P],
+        put: impl Fn(&mut P, &[f64; N]),
+    ) -> Option<()> {
+        back(matrix, chain, Stretch { diagonals: &self.diagonals, places }, self.unlooked, put)
+    }
+}
+
+/// What eight segments do to a vector.
+pub(super) struct Segments<const N: usize>([Scaled<N>; N]);
+
+impl<const N: usize> Segments<N> {
+    /// `None` if the range of a column becomes too wide.
+    pub(super) fn new(
+        matrix: &Matrix<N>,
+        likelihoods: &[[Abreast; N]],
+        unlooked: usize,
+    ) -> Option<Self> {
+        products(matrix.few(unlooked), likelihoods).map(Self)
+    }
+
+    /// Takes x through all of them. Gives it as it is at the start of each.
+    pub(super) fn ahead(&self, chain: &mut Chain<N>) -> Option<[Eight; N]> {
+        let mut starts = [[0.0; LANES]; N];
+        for segment in 0..LANES {
+            put(&mut starts, segment, &chain.values);
+            self.one_ahead(segment, chain)?;
+        }
+        Some(starts)
+    }
+
+    /// Takes r through all of them, from the last. Gives it as it is at the end of
+    /// each.
+    pub(super) fn back(&self, chain: &mut Chain<N>) -> Option<[Eight; N]> {
+        let mut ends = [[0.0; LANES]; N];
+        for segment in (0..LANES).rev() {
+            put(&mut ends, segment, &chain.values);
+            self.one_back(segment, chain)?;
+        }
+        Some(ends)
+    }
+
+    #[inline]
+    fn one_ahead(&self, segment: usize, chain: &mut Chain<N>) -> Option<()> {
+        let column = |j: usize| self.0[j].values.map(|x| x[segment]);
+        let columns: [[f64; N]; N] = std::array::from_fn(column);
+        let used = std::array::from_fn(|j| {
+            chain.values[j] > 0.0 && columns[j].iter().any(|x| *x > 0.0)
+        });
+        let (by, powers) = self.powers(segment, &used)?;
+        let mut out = [0.0; N];
+        for j in 0..N {
+            let weight = chain.values[j] * powers[j];
+            (0..N).for_each(|i| out[i] += weight * columns[j][i]);
+        }
+        *chain = Chain { values: out, exponent: chain.exponent + by };
+        chain.look()
+    }
+
+    #[inline]
+    fn one_back(&self, segment: usize, chain: &mut Chain<N>) -> Option<()> {
+        let mut out = [0.0; N];
+        for j in 0..N {
+            (0..N).for_each(|i| out[j] += self.0[j].values[i][segment] * chain.values[i]);
+        }
+        let (by, powers) = self.powers(segment, &out.map(|r| r > 0.0))?;
+        (0..N).for_each(|j| out[j] *= powers[j]);
+        *chain = Chain { values: out, exponent: chain.exponent + by };
+        chain.look()
+    }
+
+    /// The largest exponent of the columns that are used, and what multiplies
+    /// each column to have it, 0 for others. `None` if none is used, or one would
+    /// be lost beside others.
+    #[inline]
+    fn powers(&self, segment: usize, used: &[bool; N]) -> Option<(i64, [f64; N])> {
+        let exponents: [i64; N] = std::array::from_fn(|j| self.0[j].exponents[segment] as i64);
+        let of_used = || exponents.iter().zip(used).filter(|(_, used)| **used).map(|(e, _)| *e);
+        let largest = of_used().max()?;
+        let mut powers = [0.0; N];
+        for j in 0..N {
+            if used[j] {
+                let below = largest - exponents[j];
+                if below > APART {
+                    return None;
+                }
+                powers[j] = power(-below);
+            }
+        }
+        Some((largest, powers))
+    }
+}
+
+fn put<const N: usize>(lanes: &mut [Eight; N], segment: usize, x: &[f64; N]) {
+    lanes.iter_mut().zip(x).for_each(|(lanes, x)| lanes[segment] = *x);
+}
