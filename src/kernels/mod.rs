@@ -17,6 +17,7 @@ mod max;
 mod product;
 mod retreat;
 pub(crate) mod segments;
+pub(crate) mod segments_filter;
 pub(crate) mod segments_smooth;
 mod sliced;
 mod update;

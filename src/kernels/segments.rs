@@ -90,9 +90,9 @@ pub(crate) struct Scaled<const N: usize> {
 
 /// The products B(y_k) A … B(y_1) A of each segment, column after column. `None` if
 /// the range of a column has become too wide.
-struct Products<'a, const N: usize> {
-    model: Few<'a, N>,
-    likelihoods: &'a [[Abreast; N]],
+pub(super) struct Products<'a, const N: usize> {
+    pub(super) model: Few<'a, N>,
+    pub(super) likelihoods: &'a [[Abreast; N]],
 }
 
 impl<const N: usize> Kernel for Products<'_, N> {
@@ -116,7 +116,8 @@ impl<const N: usize> Products<'_, N> {
     #[inline(always)]
     fn columns<L: Lanes, const C: usize>(&self, lanes: L, out: &mut [Scaled<N>; N]) -> bool {
         for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-            let mut running = [Running { x: [lanes.splat(0.0); N], exponents: lanes.splat(0.0) }; C];
+            let mut running =
+                [Running { x: [lanes.splat(0.0); N], exponents: lanes.splat(0.0) }; C];
             for c in 0..C {
                 running[c].x[number * C + c] = lanes.splat(1.0);
             }
@@ -176,7 +177,7 @@ impl<L: Lanes, const N: usize> Running<L, N> {
 
     /// Brings the scale back to its range. False if a value is too far below.
     #[inline(always)]
-    fn rescale(&mut self, lanes: L) -> bool {
+    pub(super) fn rescale(&mut self, lanes: L) -> bool {
         let (zero, one) = (lanes.splat(0.0), lanes.splat(1.0));
         let shift = f64::from(SHIFT);
         loop {
@@ -214,22 +215,30 @@ pub(super) fn look_at<L: Lanes, const N: usize, const C: usize>(
     lanes: L,
     running: &mut [Running<L, N>; C],
 ) -> bool {
+    let mut kept = true;
+    if !all_near(lanes, running) {
+        for running in running {
+            kept &= running.rescale(lanes);
+        }
+    }
+    kept
+}
+
+/// Whether all values are in the range of scales: most often they are.
+#[inline(always)]
+pub(super) fn all_near<L: Lanes, const N: usize, const C: usize>(
+    lanes: L,
+    running: &[Running<L, N>; C],
+) -> bool {
     let (mut least, mut largest) = (running[0].x[0], running[0].x[0]);
-    for running in &*running {
+    for running in running {
         for &x in &running.x {
             least = lanes.min(x, least);
             largest = lanes.max(x, largest);
         }
     }
     let low = lanes.less(least, lanes.splat(SCALES[0]));
-    if !lanes.any(lanes.or(low, lanes.less(lanes.splat(SCALES[1]), largest))) {
-        return true;
-    }
-    let mut kept = true;
-    for running in running {
-        kept &= running.rescale(lanes);
-    }
-    kept
+    !lanes.any(lanes.or(low, lanes.less(lanes.splat(SCALES[1]), largest)))
 }
 
 /// B(y) A, column after column.
@@ -283,6 +292,16 @@ fn common_product<L: Lanes, const N: usize>(
         out[i] = sum;
     }
     out
+}
+
+/// Σ_i x_i.
+#[inline(always)]
+pub(super) fn sum<L: Lanes, const N: usize>(lanes: L, x: &[L::V; N]) -> L::V {
+    let mut sum = x[0];
+    for x in &x[1..] {
+        sum = lanes.add(sum, *x);
+    }
+    sum
 }
 
 /// x ∘ y.

@@ -3,7 +3,7 @@
 
 use super::abreast::Abreast;
 use super::lanes::{Eight, Kernel, Lanes, run};
-use super::segments::{Few, Running, ahead, back, look_at};
+use super::segments::{Few, Running, ahead, back, look_at, sum};
 
 /// The smoothed distributions of all steps of each segment.
 pub(crate) struct Smooth<'a, const N: usize> {
@@ -90,11 +90,7 @@ fn meet<L: Lanes, const N: usize>(lanes: L, x: &[L::V; N], out: &mut [Abreast; N
     for i in 0..N {
         products[i] = lanes.mul(products[i], lanes.load(&out[i]));
     }
-    let mut sum = products[0];
-    for i in 1..N {
-        sum = lanes.add(sum, products[i]);
-    }
-    let factor = lanes.div(lanes.splat(1.0), sum);
+    let factor = lanes.div(lanes.splat(1.0), sum(lanes, &products));
     for i in 0..N {
         lanes.store(lanes.mul(products[i], factor), &mut out[i]);
     }

@@ -15,7 +15,7 @@ const CALM: f64 = power(-50);
 const SCALES: std::ops::RangeInclusive<f64> = power(-40)..=power(40);
 /// Where a value above 0 is below this, the chain ends. So between two looks
 /// all stay above 2^-500, and the products of two chains are normal doubles.
-const LEAST: f64 = power(-300);
+pub(super) const LEAST: f64 = power(-300);
 
 /// A in arrays.
 #[derive(Debug, Clone, Copy)]

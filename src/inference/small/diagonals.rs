@@ -28,6 +28,13 @@ impl Factors {
         sum.add((self.exponent + exponent) as f64 * std::f64::consts::LN_2);
         sum.add(self.logs.value());
     }
+
+    /// The logarithm of all of it.
+    pub(super) fn log(&self) -> f64 {
+        let mut sum = LogSum::default();
+        self.add_to(&mut sum, 0);
+        sum.value()
+    }
 }
 
 /// Whatever gives likelihoods, without its type: what goes through them is
@@ -44,6 +51,21 @@ pub(super) trait Diagonals {
     /// The same, but goes through them from the last to the first, so that
     /// sums of factors do not depend on where a stretch ends.
     fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
+}
+
+/// As [`Diagonals::ahead`], with the logarithm of what was taken out of each step.
+pub(super) fn one_by_one<const N: usize>(
+    diagonals: &mut dyn Diagonals,
+    first: usize,
+    out: &mut [[f64; N]],
+    logs: &mut [f64],
+) -> Option<()> {
+    for (step, (out, log)) in (first..).zip(out.iter_mut().zip(logs)) {
+        let mut factors = Factors::default();
+        diagonals.ahead(step..step + 1, out, &mut factors)?;
+        *log = factors.log();
+    }
+    Some(())
 }
 
 /// The diagonals of a sequence.

@@ -10,6 +10,7 @@
 mod chain;
 mod columns;
 mod diagonals;
+mod filter;
 mod halves;
 mod score;
 mod segments;
@@ -18,6 +19,7 @@ mod viterbi;
 
 use std::any::Any;
 
+pub(super) use filter::filter;
 pub(super) use score::score;
 pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;

@@ -18,6 +18,9 @@ use crate::transition::Transition;
 /// cache.
 const GATHERED: usize = 32 * UNLOOKED;
 
+/// Up to so many states to go through segments is faster, with AVX-512 and AVX2.
+const MOST_IN_SEGMENTS: usize = 4;
+
 /// [`Hmm::score`], or `None` where it takes the general routine.
 pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
 where
@@ -43,7 +46,7 @@ fn dispatch(
     with_constant!(prior.len(), N => {
         let matrix = Matrix::<N>::new(matrix)?;
         let prior = Chain::new(prior.try_into().ok()?)?;
-        let first = if segments::pay(N, steps) {
+        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
             in_segments(&matrix, prior, moves, steps, diagonals)
         } else {
             None

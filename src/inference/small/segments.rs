@@ -3,14 +3,13 @@
 
 use std::ops::Range;
 
-use super::LEAST_FACTOR;
 use super::chain::{Chain, Matrix};
-use super::diagonals::{Diagonals, Factors, UNSCALED};
+use super::diagonals::{Diagonals, Factors, UNSCALED, one_by_one};
 use super::halves::{Stretch, ahead, back};
 use super::power;
-use crate::kernels::{Eight, LANES};
 use crate::kernels::lockstep::{Abreast, gather};
 use crate::kernels::segments::{Scaled, look, products};
+use crate::kernels::{Eight, LANES};
 
 /// The steps of a segment, where there are enough: eight of them stay in the
 /// fastest cache, and products of a few matrices are nothing beside.
@@ -26,12 +25,15 @@ pub(super) fn length(left: usize) -> Option<usize> {
     (length >= SHORTEST).then_some(length)
 }
 
-/// Products of larger matrices take longer than the two recursions themselves.
-const MOST_STATES: usize = 4;
+/// Whether to cut a sequence into segments pays for a routine that pays up to so
+/// many states: products of larger matrices take longer than they save.
+pub(super) fn pay(states: usize, most: usize, steps: usize) -> bool {
+    states <= most && enough(steps)
+}
 
-/// Whether to cut a sequence into segments pays.
-pub(super) fn pay(states: usize, steps: usize) -> bool {
-    states <= MOST_STATES && steps > LANES * SHORTEST
+/// Whether there are enough steps for segments.
+pub(super) fn enough(steps: usize) -> bool {
+    steps > LANES * SHORTEST
 }
 
 /// Gathers likelihoods for eight segments.
@@ -54,17 +56,42 @@ impl<'d, const N: usize> Source<'d, N> {
         first: usize,
         out: &mut [[Abreast; N]],
     ) -> Option<usize> {
+        if let Some(unlooked) = self.plain(matrix, first, out) {
+            return Some(unlooked);
+        }
+        let steps = first..first + self.rows.len();
+        self.diagonals.ahead(steps, self.rows.as_flattened_mut(), &mut self.factors)?;
+        matrix.unlooked_from(self.interleave(out, 0.0))
+    }
+
+    /// The same, and the logarithm of what was taken out of the likelihoods of each
+    /// step; `factors` does not have it.
+    pub(super) fn gather_one_by_one(
+        &mut self,
+        matrix: &Matrix<N>,
+        first: usize,
+        out: &mut [[Abreast; N]],
+        logs: &mut [f64],
+    ) -> Option<usize> {
+        logs.fill(0.0);
+        if let Some(unlooked) = self.plain(matrix, first, out) {
+            return Some(unlooked);
+        }
+        one_by_one(self.diagonals, first, &mut self.rows, logs)?;
+        matrix.unlooked_from(self.interleave(out, 0.0))
+    }
+
+    /// If they can be used as they are.
+    fn plain(
+        &mut self,
+        matrix: &Matrix<N>,
+        first: usize,
+        out: &mut [[Abreast; N]],
+    ) -> Option<usize> {
         let steps = first..first + LANES * out.len();
         self.rows.resize(steps.len(), [0.0; N]);
-        let mut least = 0.0; // as they are
-        if self.diagonals.plain(steps.clone(), self.rows.as_flattened_mut()).is_some() {
-            least = self.interleave(out, *UNSCALED.start());
-        }
-        if least < LEAST_FACTOR {
-            self.diagonals.ahead(steps, self.rows.as_flattened_mut(), &mut self.factors)?;
-            least = self.interleave(out, 0.0);
-        }
-        matrix.unlooked_from(least)
+        self.diagonals.plain(steps, self.rows.as_flattened_mut())?;
+        matrix.unlooked_from(self.interleave(out, *UNSCALED.start()))
     }
 
     /// Those of the steps after all segments.
@@ -154,9 +181,8 @@ impl<const N: usize> Segments<N> {
     fn one_ahead(&self, segment: usize, chain: &mut Chain<N>) -> Option<()> {
         let column = |j: usize| self.0[j].values.map(|x| x[segment]);
         let columns: [[f64; N]; N] = std::array::from_fn(column);
-        let used = std::array::from_fn(|j| {
-            chain.values[j] > 0.0 && columns[j].iter().any(|x| *x > 0.0)
-        });
+        let used =
+            std::array::from_fn(|j| chain.values[j] > 0.0 && columns[j].iter().any(|x| *x > 0.0));
         let (by, powers) = self.powers(segment, &used)?;
         let mut out = [0.0; N];
         for j in 0..N {

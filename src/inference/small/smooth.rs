@@ -4,18 +4,22 @@
 
 use super::chain::{Chain, Matrix, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
+use super::filter::eight;
 use super::halves::{Stretch, both};
 use super::score::{log_likelihood, middle, start};
 use super::segments::{self, Segments, Source};
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
+use crate::inference::posteriors::Posteriors;
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_smooth::Smooth;
 use crate::kernels::{self, Eight, LANES};
-use crate::inference::posteriors::Posteriors;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+
+/// Up to so many states to go through segments is faster, with AVX-512 and AVX2.
+const MOST_IN_SEGMENTS: usize = 6;
 
 /// [`Hmm::smooth`], or `None` where it takes the general routine.
 pub(in super::super) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Posteriors, f64)>
@@ -44,7 +48,7 @@ fn dispatch(
     with_constant!(prior.len(), N => {
         let matrix = Matrix::<N>::new(matrix)?;
         let prior = Chain::new(prior.try_into().ok()?)?;
-        let first = if segments::pay(N, steps) {
+        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
             in_segments(&matrix, prior, moves, steps, diagonals)
         } else {
             None
@@ -112,9 +116,7 @@ fn in_segments<const N: usize>(
         kernels::segments_smooth::smooth(work).then_some(())?;
         likelihoods.truncate(likelihoods.len() - length);
         let rows = rows[first..first + LANES * length].as_flattened_mut();
-        let mut rows = rows.chunks_exact_mut(N * length);
-        let rows = std::array::from_fn(|_| rows.next().unwrap_or_default());
-        scatter(abreast.as_flattened(), rows);
+        scatter(abreast.as_flattened(), eight(rows));
     }
     let first = if moves { 0 } else { 1 };
     rows[first] = posterior(&before.values, &back.values);
