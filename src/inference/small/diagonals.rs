@@ -29,6 +29,10 @@ impl Factors {
         sum.add(self.logs.value());
     }
 
+    pub(super) fn add_log(&mut self, log: f64) {
+        self.logs.add(log);
+    }
+
     /// The logarithm of all of it.
     pub(super) fn log(&self) -> f64 {
         let mut sum = LogSum::default();

@@ -74,20 +74,18 @@ fn run<const N: usize>(
     let mut chain = Chain::new(prior)?;
     let (rows, logs) = (out.values.as_chunks_mut::<N>().0, &mut out.logs[..]);
     rows[0] = prior;
-    let mut done = 0; // steps
+    let (mut done, mut factors) = (0, Factors::default());
     if !moves {
-        let mut factors = Factors::default();
         chain = start(chain, diagonals, &mut factors)?;
-        let mut log = LogSum::default();
-        log.add(chain.values.iter().sum::<f64>().ln());
-        factors.add_to(&mut log, chain.exponent);
-        logs[0] = log.value();
+        logs[0] = log_of(&chain, &factors);
         rows[1] = normalised(&chain.values).1;
         done = 1;
     }
     if N <= MOST_IN_SEGMENTS {
-        done = in_segments(&matrix, &mut chain, done, diagonals, &mut rows[1..], logs)?;
+        let place = (&mut rows[1..], &mut *logs);
+        done = in_segments(&matrix, &mut chain, done, diagonals, &mut factors, place)?;
     }
+    sum.add(log_of(&chain, &factors));
     let mut x = normalised(&chain.values).1;
     let mut gathered = [[0.0; N]; GATHERED];
     while done < logs.len() {
@@ -102,11 +100,19 @@ fn run<const N: usize>(
                 return None;
             }
             *log += total.ln();
+            sum.add(*log);
         }
         done += count;
     }
-    logs.iter().for_each(|log| sum.add(*log));
     Some(())
+}
+
+/// ln Σ x_i, with what was taken out.
+fn log_of<const N: usize>(chain: &Chain<N>, factors: &Factors) -> f64 {
+    let mut log = LogSum::default();
+    log.add(chain.values.iter().sum::<f64>().ln());
+    factors.add_to(&mut log, chain.exponent);
+    log.value()
 }
 
 /// The sum, and what sums to one.
@@ -124,8 +130,8 @@ fn in_segments<const N: usize>(
     chain: &mut Chain<N>,
     mut done: usize,
     diagonals: &mut dyn Diagonals,
-    rows: &mut [[f64; N]],
-    logs: &mut [f64],
+    factors: &mut Factors,
+    (rows, logs): (&mut [[f64; N]], &mut [f64]),
 ) -> Option<usize> {
     let mut source = Source::new(diagonals);
     let (mut likelihoods, mut beliefs, mut normalisers) = (Vec::new(), Vec::new(), Vec::new());
@@ -148,6 +154,7 @@ fn in_segments<const N: usize>(
         };
         segments_filter::filter(work).then_some(())?;
         scatter(beliefs.as_flattened(), eight(rows.as_flattened_mut()));
+        logs.iter().filter(|log| **log != 0.0).for_each(|log| factors.add_log(*log));
         scatter(&normalisers, eight(&mut totals));
         logs.iter_mut().zip(&totals).for_each(|(log, total)| *log += total.ln());
         done += LANES * length;

@@ -17,7 +17,7 @@ const LENGTH: usize = 128;
 /// Fewer steps in each segment are not worth while.
 const SHORTEST: usize = 8;
 /// How far exponents of what is added may lie apart, so that no term is lost.
-const APART: i64 = 400;
+const APART: f64 = 400.0;
 
 /// The length of the next eight segments, if as many steps are left.
 pub(super) fn length(left: usize) -> Option<usize> {
@@ -210,20 +210,22 @@ impl<const N: usize> Segments<N> {
     /// be lost beside others.
     #[inline]
     fn powers(&self, segment: usize, used: &[bool; N]) -> Option<(i64, [f64; N])> {
-        let exponents: [i64; N] = std::array::from_fn(|j| self.0[j].exponents[segment] as i64);
-        let of_used = || exponents.iter().zip(used).filter(|(_, used)| **used).map(|(e, _)| *e);
-        let largest = of_used().max()?;
-        let mut powers = [0.0; N];
+        let exponents: [f64; N] = std::array::from_fn(|j| self.0[j].exponents[segment]);
+        let mut largest = f64::NEG_INFINITY;
         for j in 0..N {
-            if used[j] {
-                let below = largest - exponents[j];
+            largest = if used[j] && exponents[j] > largest { exponents[j] } else { largest };
+        }
+        let mut powers = used.map(f64::from);
+        for j in 0..N {
+            let below = largest - exponents[j];
+            if below != 0.0 && used[j] {
                 if below > APART {
                     return None;
                 }
-                powers[j] = power(-below);
+                powers[j] = power(-(below as i64));
             }
         }
-        Some((largest, powers))
+        (largest > f64::NEG_INFINITY).then_some((largest as i64, powers))
     }
 }
 

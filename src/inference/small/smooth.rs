@@ -2,6 +2,8 @@
 //! proportion to x_k ∘ r_k. Each recursion keeps its results in its own half;
 //! after the middle it meets those of the other.
 
+use std::ops::Range;
+
 use super::chain::{Chain, Matrix, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::filter::eight;
@@ -59,8 +61,7 @@ fn dispatch(
 
 /// What is known of eight segments before the way back.
 struct Kept<const N: usize> {
-    first: usize,
-    length: usize,
+    steps: Range<usize>,
     unlooked: usize,
     segments: Segments<N>,
     /// x at their starts.
@@ -84,17 +85,19 @@ fn in_segments<const N: usize>(
         first = 2;
     }
     let before = chain;
-    let mut likelihoods = Vec::with_capacity(steps / LANES);
+    let (mut likelihoods, mut smoothed) = (Vec::new(), Vec::new());
     let mut kept = Vec::new();
     while let Some(length) = segments::length(steps + 1 - first) {
-        let from = likelihoods.len();
-        likelihoods.resize(from + length, [Abreast::default(); N]);
-        let likelihoods = &mut likelihoods[from..];
-        let unlooked = source.gather(matrix, first, likelihoods)?;
-        let segments = Segments::new(matrix, likelihoods, unlooked)?;
+        likelihoods.resize(length, [Abreast::default(); N]);
+        let unlooked = source.gather(matrix, first, &mut likelihoods)?;
+        let segments = Segments::new(matrix, &likelihoods, unlooked)?;
         let starts = segments.ahead(&mut chain)?;
-        kept.push(Kept { first, length, unlooked, segments, starts });
-        first += LANES * length;
+        // Until the way back they wait where results will be.
+        let steps = first..first + LANES * length;
+        let place = rows[steps.clone()].as_flattened_mut().as_chunks_mut().0;
+        place.iter_mut().zip(likelihoods.as_flattened()).for_each(|(to, b)| *to = b.0);
+        first = steps.end;
+        kept.push(Kept { steps, unlooked, segments, starts });
     }
     let rest = source.rest(matrix, first..steps + 1)?;
     rest.ahead(matrix, &mut chain, &mut rows[first..], |row, x| *row = *x)?;
@@ -102,21 +105,23 @@ fn in_segments<const N: usize>(
     let log_likelihood = log_likelihood(&[chain, back], &[source.factors, Factors::default()])?;
 
     rest.back(matrix, &mut back, &mut rows[first..], |row, r| *row = posterior(row, r))?;
-    let mut abreast = Vec::new();
-    while let Some(Kept { first, length, unlooked, segments, starts }) = kept.pop() {
+    while let Some(Kept { steps, unlooked, segments, starts }) = kept.pop() {
         let ends = segments.back(&mut back)?;
-        abreast.resize(length, [Abreast::default(); N]);
+        let place = rows[steps].as_flattened_mut();
+        let length = place.len() / (LANES * N);
+        likelihoods.resize(length, [Abreast::default(); N]);
+        smoothed.resize(length, [Abreast::default(); N]);
+        let from = likelihoods.as_flattened_mut().iter_mut();
+        from.zip(place.as_chunks().0).for_each(|(b, from)| b.0 = *from);
         let work = Smooth {
             model: matrix.few(unlooked),
             starts: &starts,
             ends: &ends,
-            likelihoods: &likelihoods[likelihoods.len() - length..],
-            out: &mut abreast,
+            likelihoods: &likelihoods,
+            out: &mut smoothed,
         };
         kernels::segments_smooth::smooth(work).then_some(())?;
-        likelihoods.truncate(likelihoods.len() - length);
-        let rows = rows[first..first + LANES * length].as_flattened_mut();
-        scatter(abreast.as_flattened(), eight(rows));
+        scatter(smoothed.as_flattened(), eight(place));
     }
     let first = if moves { 0 } else { 1 };
     rows[first] = posterior(&before.values, &back.values);
