@@ -11,8 +11,10 @@ use super::max::{Add, Log2OfLogs, Maximise, Shifted};
 use super::product::{Made, Multiply, Part, Sparse};
 use super::retreat::{BACK_LIFT, Retreat, Weigh};
 use super::segments::{Few, Products};
+use super::segments_filter::Filter;
 use super::segments_smooth::Smooth;
 use super::sliced::Sliced;
+use super::survey::Look;
 use super::update::{Settle, SettleAndLift, Update, Updated, Watch};
 use super::{LIFT, log2, on_grid};
 
@@ -323,7 +325,7 @@ proptest! {
         let mut likelihoods = vec![[Abreast::default(); N]; steps];
         let values = likelihoods.as_flattened_mut().iter_mut().flat_map(|b| b.0.iter_mut());
         for (to, (number, b)) in values.zip(b.iter().cycle().enumerate()) {
-            *to = b * if sharp && number % 7 == 0 { 1e-40 } else { 1.0 };
+            *to = b * if sharp && number % 7 == 0 { 1e-10 } else { 1.0 };
         }
         likelihoods[zero.index(steps)][1].0[5] = 0.0;
         let model = Few { columns: &columns, rows: &rows, unlooked };
@@ -337,6 +339,28 @@ proptest! {
             (run_on(isa, work), out)
         });
         prop_assert!(smoothed.0);
+        let filtered = everywhere(|isa| {
+            let mut out = vec![[Abreast::default(); N]; steps];
+            let mut normalisers = vec![Abreast::default(); steps];
+            let work = Filter {
+                model, starts: &starts, likelihoods: &likelihoods,
+                out: &mut out, normalisers: &mut normalisers,
+            };
+            (run_on(isa, work), out, normalisers)
+        });
+        prop_assert!(filtered.0);
+        let survey = everywhere(|isa| run_on(isa, Look(&likelihoods)));
+        let all = || likelihoods.as_flattened().iter().flat_map(|b| b.0);
+        let most = |k: usize, l| likelihoods[k].iter().map(|b| b.0[l]).fold(0.0, f64::max);
+        let each = || (0..steps).flat_map(|k| (0..8).map(move |l| most(k, l)));
+        let lowest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min);
+        prop_assert_eq!(survey.largest, all().fold(0.0, f64::max));
+        prop_assert_eq!(survey.least, lowest(&mut all().filter(|b| *b > 0.0)));
+        prop_assert_eq!(survey.least_largest, lowest(&mut each()));
+        prop_assert!(!survey.nan);
+        let mut broken = likelihoods.clone();
+        broken[zero.index(steps)][2].0[zero.index(8)] = f64::NAN;
+        prop_assert!(everywhere(|isa| run_on(isa, Look(&broken)).nan));
 
         for l in 0..8 {
             let b = |k: usize| likelihoods[k].map(|b| b.0[l]);
@@ -371,6 +395,11 @@ proptest! {
                 let sum: f64 = (0..N).map(|i| x[i] * r[i]).sum();
                 let expected: [f64; N] = std::array::from_fn(|i| x[i] * r[i] / sum);
                 close(&smoothed.1[k].map(|x| x.0[l]), &expected)?;
+                close(&filtered.1[k].map(|x| x.0[l]), &x)?;
+                let log = forward([0.3; N], k + 1).1 - forward([0.3; N], k).1;
+                // The first vector does not sum to one.
+                let log = log - if k == 0 { 0.9_f64.log2() } else { 0.0 };
+                prop_assert!((filtered.2[k].0[l].log2() - log).abs() <= 1e-10);
             }
         }
     }

@@ -20,6 +20,7 @@ pub(crate) mod segments;
 pub(crate) mod segments_filter;
 pub(crate) mod segments_smooth;
 mod sliced;
+pub(crate) mod survey;
 mod update;
 
 #[cfg(test)]
@@ -27,7 +28,7 @@ mod every_instruction_set;
 
 pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
-pub(crate) use lanes::{Eight, LANES};
+pub(crate) use lanes::{Eight, Kernel, LANES, Lanes, run};
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use product::{Made, Sparse};

@@ -38,6 +38,7 @@ impl<const N: usize> Matrix<N> {
 
     /// How many steps with these likelihoods may be taken without a look; `None`
     /// if a likelihood is too small.
+    #[inline(always)]
     pub(super) fn unlooked(&self, diagonals: [&[[f64; N]]; 2]) -> Option<usize> {
         let none_below =
             |least| diagonals.iter().all(|rows| none_between_0_and(least, rows.as_flattened()));
@@ -61,13 +62,13 @@ impl<const N: usize> Matrix<N> {
     }
 
     /// B(y) A x.
-    #[inline]
+    #[inline(always)]
     pub(super) fn ahead(&self, b: &[f64; N], x: &[f64; N]) -> [f64; N] {
         times(b, &product(&self.columns, x))
     }
 
     /// A' B(y) x.
-    #[inline]
+    #[inline(always)]
     pub(super) fn back(&self, b: &[f64; N], x: &[f64; N]) -> [f64; N] {
         product(&self.rows, &times(b, x))
     }
@@ -89,7 +90,7 @@ impl<const N: usize> Chain<N> {
 
     /// Looks at the scale. `None` if the range has become too wide, or nothing
     /// is left.
-    #[inline]
+    #[inline(always)]
     pub(super) fn look(&mut self) -> Option<()> {
         let mut largest = 0.0;
         self.values.iter().for_each(|&x| largest = if x > largest { x } else { largest });
@@ -106,7 +107,7 @@ impl<const N: usize> Chain<N> {
 }
 
 /// Whether each value is 0, or at least so much.
-#[inline]
+#[inline(always)]
 pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
     let mut found = false;
     values.iter().for_each(|x| found |= *x < least && *x > 0.0);
@@ -114,7 +115,6 @@ pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
 }
 
 /// Σ_j a_j x_j.
-#[expect(clippy::inline_always, reason = "results stay in registers")]
 #[inline(always)]
 fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
     let mut out = lines[0].map(|a| a * x[0]);
@@ -127,7 +127,7 @@ fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
 }
 
 /// x ∘ y.
-#[inline]
+#[inline(always)]
 pub(super) fn times<const N: usize>(x: &[f64; N], y: &[f64; N]) -> [f64; N] {
     let mut out = *x;
     out.iter_mut().zip(y).for_each(|(out, y)| *out *= y);

@@ -4,7 +4,7 @@
 use super::chain::{Chain, LEAST, Matrix, none_between_0_and};
 use super::diagonals::{Diagonals, Factors, Sensed, one_by_one};
 use super::score::start;
-use super::segments::{self, Segments, Source};
+use super::segments::{self, Segments, Source, eight};
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
@@ -160,10 +160,4 @@ fn in_segments<const N: usize>(
         done += LANES * length;
     }
     Some(done)
-}
-
-/// One after another, of the same length.
-pub(super) fn eight(values: &mut [f64]) -> [&mut [f64]; LANES] {
-    let mut parts = values.chunks_exact_mut(values.len() / LANES);
-    std::array::from_fn(|_| parts.next().unwrap_or_default())
 }

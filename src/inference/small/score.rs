@@ -5,11 +5,10 @@ use super::super::LogSum;
 use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
-use super::segments::{self, Segments, Source};
+use super::score_in_segments::in_segments;
+use super::segments;
 use super::{LEAST_FACTOR, columns, control_of, with_constant};
 use crate::hmm::Hmm;
-use crate::kernels::LANES;
-use crate::kernels::lockstep::Abreast;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -53,33 +52,6 @@ fn dispatch(
         };
         first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
     })
-}
-
-/// x through segment after segment.
-fn in_segments<const N: usize>(
-    matrix: &Matrix<N>,
-    prior: Chain<N>,
-    moves: bool,
-    steps: usize,
-    diagonals: &mut dyn Diagonals,
-) -> Option<f64> {
-    let mut source = Source::new(diagonals);
-    let (mut chain, mut first) = (prior, 1);
-    if !moves {
-        chain = start(chain, source.diagonals, &mut source.factors)?;
-        first = 2;
-    }
-    let mut likelihoods = Vec::new();
-    while let Some(length) = segments::length(steps + 1 - first) {
-        likelihoods.resize(length, [Abreast::default(); N]);
-        let unlooked = source.gather(matrix, first, &mut likelihoods)?;
-        Segments::new(matrix, &likelihoods, unlooked)?.ahead(&mut chain)?;
-        first += LANES * length;
-    }
-    let rest = source.rest(matrix, first..steps + 1)?;
-    rest.ahead(matrix, &mut chain, &mut vec![(); steps + 1 - first], |(), _| ())?;
-    let ones = Chain::new([1.0; N])?;
-    log_likelihood(&[chain, ones], &[source.factors, Factors::default()])
 }
 
 /// x and r, until they meet.

@@ -8,7 +8,8 @@ use super::diagonals::{Diagonals, Factors, UNSCALED, one_by_one};
 use super::halves::{Stretch, ahead, back};
 use super::power;
 use crate::kernels::lockstep::{Abreast, gather};
-use crate::kernels::segments::{Scaled, look, products};
+use crate::kernels::segments::{Scaled, products};
+use crate::kernels::survey::look;
 use crate::kernels::{Eight, LANES};
 
 /// The steps of a segment, where there are enough: eight of them stay in the
@@ -231,4 +232,10 @@ impl<const N: usize> Segments<N> {
 
 fn put<const N: usize>(lanes: &mut [Eight; N], segment: usize, x: &[f64; N]) {
     lanes.iter_mut().zip(x).for_each(|(lanes, x)| lanes[segment] = *x);
+}
+
+/// One after another, of the same length.
+pub(super) fn eight(values: &mut [f64]) -> [&mut [f64]; LANES] {
+    let mut parts = values.chunks_exact_mut(values.len() / LANES);
+    std::array::from_fn(|_| parts.next().unwrap_or_default())
 }

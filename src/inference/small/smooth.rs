@@ -2,20 +2,15 @@
 //! proportion to x_k ∘ r_k. Each recursion keeps its results in its own half;
 //! after the middle it meets those of the other.
 
-use std::ops::Range;
-
 use super::chain::{Chain, Matrix, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
-use super::filter::eight;
 use super::halves::{Stretch, both};
 use super::score::{log_likelihood, middle, start};
-use super::segments::{self, Segments, Source};
+use super::segments;
+use super::smooth_in_segments::in_segments;
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::posteriors::Posteriors;
-use crate::kernels::lockstep::{Abreast, scatter};
-use crate::kernels::segments_smooth::Smooth;
-use crate::kernels::{self, Eight, LANES};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -57,76 +52,6 @@ fn dispatch(
         };
         first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
     })
-}
-
-/// What is known of eight segments before the way back.
-struct Kept<const N: usize> {
-    steps: Range<usize>,
-    unlooked: usize,
-    segments: Segments<N>,
-    /// x at their starts.
-    starts: [Eight; N],
-}
-
-/// x through segment after segment, r back, then both through the steps of each.
-fn in_segments<const N: usize>(
-    matrix: &Matrix<N>,
-    prior: Chain<N>,
-    moves: bool,
-    steps: usize,
-    diagonals: &mut dyn Diagonals,
-) -> Option<(Vec<f64>, f64)> {
-    let mut source = Source::new(diagonals);
-    let (mut chain, mut first) = (prior, 1);
-    let mut values = vec![0.0; N * (steps + 1)];
-    let rows = values.as_chunks_mut::<N>().0;
-    if !moves {
-        chain = start(chain, source.diagonals, &mut source.factors)?;
-        first = 2;
-    }
-    let before = chain;
-    let (mut likelihoods, mut smoothed) = (Vec::new(), Vec::new());
-    let mut kept = Vec::new();
-    while let Some(length) = segments::length(steps + 1 - first) {
-        likelihoods.resize(length, [Abreast::default(); N]);
-        let unlooked = source.gather(matrix, first, &mut likelihoods)?;
-        let segments = Segments::new(matrix, &likelihoods, unlooked)?;
-        let starts = segments.ahead(&mut chain)?;
-        // Until the way back they wait where results will be.
-        let steps = first..first + LANES * length;
-        let place = rows[steps.clone()].as_flattened_mut().as_chunks_mut().0;
-        place.iter_mut().zip(likelihoods.as_flattened()).for_each(|(to, b)| *to = b.0);
-        first = steps.end;
-        kept.push(Kept { steps, unlooked, segments, starts });
-    }
-    let rest = source.rest(matrix, first..steps + 1)?;
-    rest.ahead(matrix, &mut chain, &mut rows[first..], |row, x| *row = *x)?;
-    let mut back = Chain::new([1.0; N])?;
-    let log_likelihood = log_likelihood(&[chain, back], &[source.factors, Factors::default()])?;
-
-    rest.back(matrix, &mut back, &mut rows[first..], |row, r| *row = posterior(row, r))?;
-    while let Some(Kept { steps, unlooked, segments, starts }) = kept.pop() {
-        let ends = segments.back(&mut back)?;
-        let place = rows[steps].as_flattened_mut();
-        let length = place.len() / (LANES * N);
-        likelihoods.resize(length, [Abreast::default(); N]);
-        smoothed.resize(length, [Abreast::default(); N]);
-        let from = likelihoods.as_flattened_mut().iter_mut();
-        from.zip(place.as_chunks().0).for_each(|(b, from)| b.0 = *from);
-        let work = Smooth {
-            model: matrix.few(unlooked),
-            starts: &starts,
-            ends: &ends,
-            likelihoods: &likelihoods,
-            out: &mut smoothed,
-        };
-        kernels::segments_smooth::smooth(work).then_some(())?;
-        scatter(smoothed.as_flattened(), eight(place));
-    }
-    let first = if moves { 0 } else { 1 };
-    rows[first] = posterior(&before.values, &back.values);
-    rows[0] = rows[first]; // the same state, if nothing moves
-    Some((values, log_likelihood))
 }
 
 /// x and r at once, until they meet, and beyond.
@@ -173,8 +98,8 @@ fn from_both_ends<const N: usize>(
 }
 
 /// x ∘ r, which sums to one.
-#[inline]
-fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
+#[inline(always)]
+pub(super) fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
     let product = times(x, r);
     let factor = 1.0 / product.iter().sum::<f64>();
     product.map(|p| p * factor)
