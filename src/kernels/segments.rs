@@ -65,8 +65,8 @@ impl<const N: usize> Products<'_, N> {
         for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
             let mut running =
                 [Running { x: [lanes.splat(0.0); N], exponents: lanes.splat(0.0) }; C];
-            for c in 0..C {
-                running[c].x[number * C + c] = lanes.splat(1.0);
+            for (c, running) in running.iter_mut().enumerate() {
+                running.x[number * C + c] = lanes.splat(1.0);
             }
             for steps in self.likelihoods.chunks(self.model.unlooked) {
                 for b in steps {
@@ -116,8 +116,8 @@ impl<L: Lanes, const N: usize> Running<L, N> {
     #[inline(always)]
     pub(super) fn new(lanes: L, x: &[Eight; N]) -> Self {
         let mut running = Self { x: [lanes.splat(0.0); N], exponents: lanes.splat(0.0) };
-        for i in 0..N {
-            running.x[i] = lanes.load(&x[i]);
+        for (to, x) in running.x.iter_mut().zip(x) {
+            *to = lanes.load(x);
         }
         running
     }

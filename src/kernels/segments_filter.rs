@@ -38,8 +38,8 @@ impl<const N: usize> Kernel for Filter<'_, N> {
                 let total = sum(lanes, &running[0].x);
                 lanes.store(lanes.mul(total, factor), normaliser);
                 factor = lanes.div(one, total);
-                for i in 0..N {
-                    lanes.store(lanes.mul(running[0].x[i], factor), &mut out[i]);
+                for (x, out) in running[0].x.iter().zip(out) {
+                    lanes.store(lanes.mul(*x, factor), out);
                 }
             }
             if !all_near(lanes, &running) {

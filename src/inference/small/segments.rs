@@ -197,8 +197,8 @@ impl<const N: usize> Segments<N> {
     #[inline]
     fn one_back(&self, segment: usize, chain: &mut Chain<N>) -> Option<()> {
         let mut out = [0.0; N];
-        for j in 0..N {
-            (0..N).for_each(|i| out[j] += self.0[j].values[i][segment] * chain.values[i]);
+        for (out, column) in out.iter_mut().zip(&self.0) {
+            (0..N).for_each(|i| *out += column.values[i][segment] * chain.values[i]);
         }
         let (by, powers) = self.powers(segment, &out.map(|r| r > 0.0))?;
         (0..N).for_each(|j| out[j] *= powers[j]);

@@ -76,7 +76,7 @@ pub(super) fn in_segments<const N: usize>(
         kernels::segments_smooth::smooth(work).then_some(())?;
         scatter(smoothed.as_flattened(), eight(place));
     }
-    let first = if moves { 0 } else { 1 };
+    let first = usize::from(!moves);
     rows[first] = posterior(&before.values, &back.values);
     rows[0] = rows[first]; // the same state, if nothing moves
     Some((values, log_likelihood))
