@@ -17,7 +17,7 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Up to so many states to go through segments is faster, with AVX-512 and AVX2.
+/// Up to so many states to go through segments is faster.
 const MOST_IN_SEGMENTS: usize = 6;
 /// How many steps are gathered at a time where there are no segments.
 const GATHERED: usize = 128;

@@ -15,8 +15,9 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Up to so many states to go through segments is faster, with AVX-512 and AVX2.
-const MOST_IN_SEGMENTS: usize = 6;
+/// Up to so many states to go through segments is faster, or as fast with half the
+/// memory.
+const MOST_IN_SEGMENTS: usize = 4;
 
 /// [`Hmm::smooth`], or `None` where it takes the general routine.
 pub(in super::super) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Posteriors, f64)>
