@@ -47,10 +47,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Two products with A or A' and O(n) a step (three where the sensor has to
     /// compute its likelihoods); the result holds n (T + 1) numbers, and of other
     /// memory one number a step grows with T (but for steps that doubles do not
-    /// hold, which keep n more). With up to eight states and no control it works from
-    /// both ends at once, with n T further numbers of memory. For long sequences there is
-    /// [`smooth_each`](Self::smooth_each), for live ones
-    /// a fixed lag.
+    /// hold, which keep n more). With up to eight states and no control it goes other,
+    /// faster ways; from five states on with n T further numbers of memory. For long
+    /// sequences there is [`smooth_each`](Self::smooth_each), for live ones a fixed lag.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -11,7 +11,11 @@ use super::largest::{Largest, Valid};
 use super::max::{Add, Log2OfLogs, Maximise, Shifted};
 use super::product::{Made, Multiply, Part, Sparse};
 use super::retreat::{BACK_LIFT, Retreat, Weigh};
+use super::segments::{Few, Products};
+use super::segments_filter::Filter;
+use super::segments_smooth::Smooth;
 use super::sliced::Sliced;
+use super::survey::Look;
 use super::update::{Settle, SettleAndLift, Update, Updated, Watch};
 use super::{LIFT, log2, on_grid};
 
@@ -376,6 +380,99 @@ proptest! {
         });
         for (found, log) in found.iter().zip(&logs) {
             prop_assert_eq!(*found, on_grid((log - largest) * std::f64::consts::LOG2_E));
+        }
+    }
+
+    /// Products of matrices over eight segments, then both recursions in each.
+    #[test]
+    fn segments(
+        columns in vec(some_zero(), 3), steps in 1..40_usize, b in vec(0.001..2.0, 300),
+        sharp in any::<bool>(), zero in any::<prop::sample::Index>(),
+    ) {
+        const N: usize = 3;
+        let columns: [[f64; N]; N] =
+            std::array::from_fn(|j| std::array::from_fn(|i| columns[j][i] + f64::from(i == j)));
+        let rows = std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]));
+        let unlooked = if sharp { 1 } else { 4 };
+        let mut likelihoods = vec![[Abreast::default(); N]; steps];
+        let values = likelihoods.as_flattened_mut().iter_mut().flat_map(|b| b.0.iter_mut());
+        for (to, (number, b)) in values.zip(b.iter().cycle().enumerate()) {
+            *to = b * if sharp && number % 7 == 0 { 1e-10 } else { 1.0 };
+        }
+        likelihoods[zero.index(steps)][1].0[5] = 0.0;
+        let model = Few { columns: &columns, rows: &rows, unlooked };
+        let products = everywhere(|isa| run_on(isa, Products { model, likelihoods: &likelihoods }));
+        let products = products.expect("no range is too wide");
+        let (starts, ends) = ([[0.3; 8]; N], [[0.7; 8]; N]);
+        let smoothed = everywhere(|isa| {
+            let mut out = vec![[Abreast::default(); N]; steps];
+            let likelihoods = &likelihoods;
+            let work = Smooth { model, starts: &starts, ends: &ends, likelihoods, out: &mut out };
+            (run_on(isa, work), out)
+        });
+        prop_assert!(smoothed.0);
+        let filtered = everywhere(|isa| {
+            let mut out = vec![[Abreast::default(); N]; steps];
+            let mut normalisers = vec![Abreast::default(); steps];
+            let work = Filter {
+                model, starts: &starts, likelihoods: &likelihoods,
+                out: &mut out, normalisers: &mut normalisers,
+            };
+            (run_on(isa, work), out, normalisers)
+        });
+        prop_assert!(filtered.0);
+        let survey = everywhere(|isa| run_on(isa, Look(&likelihoods)));
+        let all = || likelihoods.as_flattened().iter().flat_map(|b| b.0);
+        let most = |k: usize, l| likelihoods[k].iter().map(|b| b.0[l]).fold(0.0, f64::max);
+        let each = || (0..steps).flat_map(|k| (0..8).map(move |l| most(k, l)));
+        let lowest = |values: &mut dyn Iterator<Item = f64>| values.fold(f64::INFINITY, f64::min);
+        prop_assert_eq!(survey.largest, all().fold(0.0, f64::max));
+        prop_assert_eq!(survey.least, lowest(&mut all().filter(|b| *b > 0.0)));
+        prop_assert_eq!(survey.least_largest, lowest(&mut each()));
+        prop_assert!(!survey.nan);
+        let mut broken = likelihoods.clone();
+        broken[zero.index(steps)][2].0[zero.index(8)] = f64::NAN;
+        prop_assert!(everywhere(|isa| run_on(isa, Look(&broken)).nan));
+
+        for l in 0..8 {
+            let b = |k: usize| likelihoods[k].map(|b| b.0[l]);
+            // In logarithms to base 2 of the scale, and a vector of any scale.
+            let forward = |x: [f64; N], until: usize| (0..until).fold((x, 0.0), |(x, log), k| {
+                let product: [f64; N] =
+                    std::array::from_fn(|i| b(k)[i] * (0..N).map(|j| rows[i][j] * x[j]).sum::<f64>());
+                let sum = product.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+                (product.map(|p| p / sum), log + sum.log2())
+            });
+            let backward = |after: usize| (after..steps).rev().fold([0.7; N], |r, k| {
+                let r: [f64; N] = std::array::from_fn(|i| b(k)[i] * r[i]);
+                let product: [f64; N] =
+                    std::array::from_fn(|j| (0..N).map(|i| columns[j][i] * r[i]).sum());
+                let sum: f64 = product.iter().sum();
+                product.map(|p| p / sum)
+            });
+            for (j, column) in products.iter().enumerate() {
+                let (x, log) = forward(std::array::from_fn(|i| f64::from(i == j)), steps);
+                let found = column.values.map(|x| x[l]);
+                let sum: f64 = found.iter().sum();
+                if sum == 0.0 {
+                    prop_assert_eq!(x, [0.0; N]);
+                    continue;
+                }
+                close(&found.map(|x| x / sum), &x)?;
+                let exponent = sum.log2() + column.exponents[l];
+                prop_assert!((exponent - log).abs() <= 1e-9, "{exponent}, expected {log}");
+            }
+            for k in 0..steps {
+                let (x, r) = (forward([0.3; N], k + 1).0, backward(k + 1));
+                let sum: f64 = (0..N).map(|i| x[i] * r[i]).sum();
+                let expected: [f64; N] = std::array::from_fn(|i| x[i] * r[i] / sum);
+                close(&smoothed.1[k].map(|x| x.0[l]), &expected)?;
+                close(&filtered.1[k].map(|x| x.0[l]), &x)?;
+                let log = forward([0.3; N], k + 1).1 - forward([0.3; N], k).1;
+                // The first vector does not sum to one.
+                let log = log - if k == 0 { 0.9_f64.log2() } else { 0.0 };
+                prop_assert!((filtered.2[k].0[l].log2() - log).abs() <= 1e-10);
+            }
         }
     }
 }

@@ -3,6 +3,7 @@
 //! now and then.
 
 use super::{LEAST_FACTOR, exponent, power};
+use crate::kernels::segments::Few;
 
 /// After so many calm steps the scale is looked at.
 pub(super) const UNLOOKED: usize = 4;
@@ -14,7 +15,7 @@ const CALM: f64 = power(-50);
 const SCALES: std::ops::RangeInclusive<f64> = power(-40)..=power(40);
 /// Where a value above 0 is below this, the chain ends. So between two looks
 /// all stay above 2^-500, and the products of two chains are normal doubles.
-const LEAST: f64 = power(-300);
+pub(super) const LEAST: f64 = power(-300);
 
 /// A in arrays.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +38,7 @@ impl<const N: usize> Matrix<N> {
 
     /// How many steps with these likelihoods may be taken without a look; `None`
     /// if a likelihood is too small.
+    #[inline(always)]
     pub(super) fn unlooked(&self, diagonals: [&[[f64; N]]; 2]) -> Option<usize> {
         let none_below =
             |least| diagonals.iter().all(|rows| none_between_0_and(least, rows.as_flattened()));
@@ -46,14 +48,27 @@ impl<const N: usize> Matrix<N> {
         none_below(LEAST_FACTOR).then_some(1)
     }
 
+    /// The same where the least likelihood above 0 is known.
+    pub(super) fn unlooked_from(&self, least: f64) -> Option<usize> {
+        if least >= self.calm {
+            return Some(UNLOOKED);
+        }
+        (least >= LEAST_FACTOR).then_some(1)
+    }
+
+    /// For eight segments at a time.
+    pub(super) fn few(&self, unlooked: usize) -> Few<'_, N> {
+        Few { columns: &self.columns, rows: &self.rows, unlooked }
+    }
+
     /// B(y) A x.
-    #[inline]
+    #[inline(always)]
     pub(super) fn ahead(&self, b: &[f64; N], x: &[f64; N]) -> [f64; N] {
         times(b, &product(&self.columns, x))
     }
 
     /// A' B(y) x.
-    #[inline]
+    #[inline(always)]
     pub(super) fn back(&self, b: &[f64; N], x: &[f64; N]) -> [f64; N] {
         product(&self.rows, &times(b, x))
     }
@@ -75,7 +90,7 @@ impl<const N: usize> Chain<N> {
 
     /// Looks at the scale. `None` if the range has become too wide, or nothing
     /// is left.
-    #[inline]
+    #[inline(always)]
     pub(super) fn look(&mut self) -> Option<()> {
         let mut largest = 0.0;
         self.values.iter().for_each(|&x| largest = if x > largest { x } else { largest });
@@ -92,7 +107,7 @@ impl<const N: usize> Chain<N> {
 }
 
 /// Whether each value is 0, or at least so much.
-#[inline]
+#[inline(always)]
 pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
     let mut found = false;
     values.iter().for_each(|x| found |= *x < least && *x > 0.0);
@@ -100,7 +115,6 @@ pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
 }
 
 /// Σ_j a_j x_j.
-#[expect(clippy::inline_always, reason = "results stay in registers")]
 #[inline(always)]
 fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
     let mut out = lines[0].map(|a| a * x[0]);
@@ -113,7 +127,7 @@ fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
 }
 
 /// x ∘ y.
-#[inline]
+#[inline(always)]
 pub(super) fn times<const N: usize>(x: &[f64; N], y: &[f64; N]) -> [f64; N] {
     let mut out = *x;
     out.iter_mut().zip(y).for_each(|(out, y)| *out *= y);

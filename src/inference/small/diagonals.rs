@@ -11,7 +11,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// Likelihoods with their largest value in this range are taken as they are.
-const UNSCALED: std::ops::RangeInclusive<f64> = power(-16)..=power(16);
+pub(super) const UNSCALED: std::ops::RangeInclusive<f64> = power(-16)..=power(16);
 /// Beyond these exponents, scaling itself would need care.
 const EXPONENTS: std::ops::RangeInclusive<i64> = -1000..=1000;
 
@@ -28,11 +28,26 @@ impl Factors {
         sum.add((self.exponent + exponent) as f64 * std::f64::consts::LN_2);
         sum.add(self.logs.value());
     }
+
+    pub(super) fn add_log(&mut self, log: f64) {
+        self.logs.add(log);
+    }
+
+    /// The logarithm of all of it.
+    pub(super) fn log(&self) -> f64 {
+        let mut sum = LogSum::default();
+        self.add_to(&mut sum, 0);
+        sum.value()
+    }
 }
 
 /// Whatever gives likelihoods, without its type: what goes through them is
 /// then compiled once.
 pub(super) trait Diagonals {
+    /// Copies the diagonals of some steps unseen. `None` if one is in logarithms,
+    /// has a factor, or the sensor fails.
+    fn plain(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()>;
+
     /// Gathers the diagonals of some steps, in ascending order, each with its
     /// largest value near one.
     fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
@@ -40,6 +55,21 @@ pub(super) trait Diagonals {
     /// The same, but goes through them from the last to the first, so that
     /// sums of factors do not depend on where a stretch ends.
     fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
+}
+
+/// As [`Diagonals::ahead`], with the logarithm of what was taken out of each step.
+pub(super) fn one_by_one<const N: usize>(
+    diagonals: &mut dyn Diagonals,
+    first: usize,
+    out: &mut [[f64; N]],
+    logs: &mut [f64],
+) -> Option<()> {
+    for (step, (out, log)) in (first..).zip(out.iter_mut().zip(logs)) {
+        let mut factors = Factors::default();
+        diagonals.ahead(step..step + 1, out, &mut factors)?;
+        *log = factors.log();
+    }
+    Some(())
 }
 
 /// The diagonals of a sequence.
@@ -57,6 +87,18 @@ where
 {
     pub(super) fn new(hmm: &'m Hmm<A, B>, sequence: &'m S) -> Self {
         Self { hmm, sequence, scratch: Scratch::default() }
+    }
+
+    fn put_plain<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
+        for (step, row) in steps.zip(out.as_chunks_mut::<N>().0) {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            if diagonal.log_factor != 0.0 {
+                return None;
+            }
+            *row = *<&[f64; N]>::try_from(diagonal.linear_values()?).ok()?;
+        }
+        Some(())
     }
 
     /// The diagonal of one step, its largest value near one.
@@ -115,6 +157,10 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
+    fn plain(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
+        with_constant!(self.hmm.states(), N => self.put_plain::<N>(steps, out))
+    }
+
     fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
         with_constant!(self.hmm.states(), N => self.put_ahead::<N>(steps, out, factors))
     }

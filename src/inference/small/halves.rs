@@ -6,6 +6,7 @@
 //! Two threads, one for each, would wait as long, and were no faster.
 
 use super::chain::{Chain, Matrix, UNLOOKED};
+use crate::kernels::{self, Kernel, Lanes};
 
 /// A stretch of steps: their likelihoods, and a place for each.
 pub(super) struct Stretch<'a, const N: usize, P> {
@@ -15,6 +16,7 @@ pub(super) struct Stretch<'a, const N: usize, P> {
 
 impl<const N: usize, P> Stretch<'_, N, P> {
     /// The first so many steps, and the others.
+    #[inline(always)]
     fn split(self, at: usize) -> (Self, Self) {
         let (diagonals, other_diagonals) = self.diagonals.split_at(at);
         let (places, other_places) = self.places.split_at_mut(at);
@@ -24,7 +26,8 @@ impl<const N: usize, P> Stretch<'_, N, P> {
 }
 
 /// Goes forward through a stretch: takes each step, then puts it.
-fn ahead<const N: usize, P>(
+#[inline(always)]
+pub(super) fn ahead<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,
@@ -44,7 +47,8 @@ fn ahead<const N: usize, P>(
 
 /// Goes backward through a stretch, from its end: puts each step, then takes
 /// it.
-fn back<const N: usize, P>(
+#[inline(always)]
+pub(super) fn back<const N: usize, P>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
     stretch: Stretch<'_, N, P>,
@@ -62,7 +66,7 @@ fn back<const N: usize, P>(
     Some(())
 }
 
-/// Both, step by step in turn.
+/// Both, step by step in turn, with the widest instructions there are.
 pub(super) fn both<const N: usize, P>(
     matrix: &Matrix<N>,
     chains: &mut [Chain<N>; 2],
@@ -70,31 +74,49 @@ pub(super) fn both<const N: usize, P>(
     second: Stretch<'_, N, P>,
     put: impl Fn(&mut P, &[f64; N]) + Copy,
 ) -> Option<()> {
-    let [forward, backward] = chains;
-    let unlooked = matrix.unlooked([first.diagonals, second.diagonals])?;
-    let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
-    let shared = if unlooked == UNLOOKED { shared } else { 0 };
-    let (first, first_rest) = first.split(shared);
-    let second_length = second.diagonals.len();
-    let (second_rest, second) = second.split(second_length - shared);
-    let firsts = first.diagonals.as_chunks::<UNLOOKED>().0.iter();
-    let firsts = firsts.zip(first.places.as_chunks_mut::<UNLOOKED>().0);
-    let seconds = second.diagonals.as_chunks::<UNLOOKED>().0.iter();
-    let seconds = seconds.zip(second.places.as_chunks_mut::<UNLOOKED>().0).rev();
-    // In registers, as far as there are enough.
-    let (mut forwards, mut backwards) = (*forward, *backward);
-    for ((b, places), (c, other_places)) in firsts.zip(seconds) {
-        for k in 0..UNLOOKED {
-            let l = UNLOOKED - 1 - k;
-            put(&mut other_places[l], &backwards.values);
-            forwards.values = matrix.ahead(&b[k], &forwards.values);
-            backwards.values = matrix.back(&c[l], &backwards.values);
-            put(&mut places[k], &forwards.values);
+    kernels::run(Both { matrix, chains, first, second, put })
+}
+
+struct Both<'a, const N: usize, P, F> {
+    matrix: &'a Matrix<N>,
+    chains: &'a mut [Chain<N>; 2],
+    first: Stretch<'a, N, P>,
+    second: Stretch<'a, N, P>,
+    put: F,
+}
+
+impl<const N: usize, P, F: Fn(&mut P, &[f64; N]) + Copy> Kernel for Both<'_, N, P, F> {
+    type Output = Option<()>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> Option<()> {
+        let Self { matrix, chains, first, second, put } = self;
+        let [forward, backward] = chains;
+        let unlooked = matrix.unlooked([first.diagonals, second.diagonals])?;
+        let shared = first.diagonals.len().min(second.diagonals.len()) / UNLOOKED * UNLOOKED;
+        let shared = if unlooked == UNLOOKED { shared } else { 0 };
+        let (first, first_rest) = first.split(shared);
+        let second_length = second.diagonals.len();
+        let (second_rest, second) = second.split(second_length - shared);
+        let firsts = first.diagonals.as_chunks::<UNLOOKED>().0.iter();
+        let firsts = firsts.zip(first.places.as_chunks_mut::<UNLOOKED>().0);
+        let seconds = second.diagonals.as_chunks::<UNLOOKED>().0.iter();
+        let seconds = seconds.zip(second.places.as_chunks_mut::<UNLOOKED>().0).rev();
+        // In registers, as far as there are enough.
+        let (mut forwards, mut backwards) = (*forward, *backward);
+        for ((b, places), (c, other_places)) in firsts.zip(seconds) {
+            for k in 0..UNLOOKED {
+                let l = UNLOOKED - 1 - k;
+                put(&mut other_places[l], &backwards.values);
+                forwards.values = matrix.ahead(&b[k], &forwards.values);
+                backwards.values = matrix.back(&c[l], &backwards.values);
+                put(&mut places[k], &forwards.values);
+            }
+            forwards.look()?;
+            backwards.look()?;
         }
-        forwards.look()?;
-        backwards.look()?;
+        (*forward, *backward) = (forwards, backwards);
+        ahead(matrix, forward, first_rest, unlooked, put)?;
+        back(matrix, backward, second_rest, unlooked, put)
     }
-    (*forward, *backward) = (forwards, backwards);
-    ahead(matrix, forward, first_rest, unlooked, put)?;
-    back(matrix, backward, second_rest, unlooked, put)
 }

@@ -10,13 +10,18 @@
 mod chain;
 mod columns;
 mod diagonals;
+mod filter;
 mod halves;
 mod score;
+mod score_in_segments;
+mod segments;
 mod smooth;
+mod smooth_in_segments;
 mod viterbi;
 
 use std::any::Any;
 
+pub(super) use filter::filter;
 pub(super) use score::score;
 pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;
@@ -33,11 +38,13 @@ const FEWEST_STEPS: usize = 8;
 const LEAST_FACTOR: f64 = power(-200);
 
 /// 2^exponent, for exponents from -1022 to 1023.
+#[inline(always)]
 const fn power(exponent: i64) -> f64 {
     f64::from_bits((1023 + exponent).cast_unsigned() << 52)
 }
 
 /// The exponent of the power of two below a normal number.
+#[inline(always)]
 fn exponent(x: f64) -> i64 {
     (x.to_bits() >> 52).cast_signed() - 1023
 }

@@ -5,6 +5,8 @@ use super::super::LogSum;
 use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
+use super::score_in_segments::in_segments;
+use super::segments;
 use super::{LEAST_FACTOR, columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -14,6 +16,9 @@ use crate::transition::Transition;
 /// How many steps of each half are gathered at a time: they stay in the fastest
 /// cache.
 const GATHERED: usize = 32 * UNLOOKED;
+
+/// Up to so many states to go through segments is faster, or as fast with AVX2.
+const MOST_IN_SEGMENTS: usize = 3;
 
 /// [`Hmm::score`], or `None` where it takes the general routine.
 pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
@@ -37,20 +42,29 @@ fn dispatch(
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<f64> {
-    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+    with_constant!(prior.len(), N => {
+        let matrix = Matrix::<N>::new(matrix)?;
+        let prior = Chain::new(prior.try_into().ok()?)?;
+        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
+            in_segments(&matrix, prior, moves, steps, diagonals)
+        } else {
+            None
+        };
+        first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
+    })
 }
 
-fn run<const N: usize>(
-    matrix: &[f64],
-    prior: &[f64],
+/// x and r, until they meet.
+fn from_both_ends<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
     moves: bool,
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<f64> {
-    let matrix = Matrix::<N>::new(matrix)?;
     let mut factors = [Factors::default(); 2];
     let (mut first, mut last) = (1, steps + 1); // the steps that are left
-    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    let mut chains = [prior, Chain::new([1.0; N])?];
     if !moves {
         chains[0] = start(chains[0], diagonals, &mut factors[0])?;
         first = 2;
@@ -68,7 +82,7 @@ fn run<const N: usize>(
         diagonals.back(last - counts[1]..last, back.as_flattened_mut(), &mut factors[1])?;
         let ahead = Stretch { diagonals: ahead, places: &mut ahead_places[..counts[0]] };
         let back = Stretch { diagonals: back, places: &mut back_places[..counts[1]] };
-        both(&matrix, &mut chains, ahead, back, |(), _| ())?;
+        both(matrix, &mut chains, ahead, back, |(), _| ())?;
         (first, last) = (first + counts[0], last - counts[1]);
     }
     log_likelihood(&chains, &factors)

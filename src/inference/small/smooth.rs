@@ -6,12 +6,18 @@ use super::chain::{Chain, Matrix, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
 use super::halves::{Stretch, both};
 use super::score::{log_likelihood, middle, start};
+use super::segments;
+use super::smooth_in_segments::in_segments;
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::posteriors::Posteriors;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+
+/// Up to so many states to go through segments is faster, or as fast with half the
+/// memory.
+const MOST_IN_SEGMENTS: usize = 4;
 
 /// [`Hmm::smooth`], or `None` where it takes the general routine.
 pub(in super::super) fn smooth<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Posteriors, f64)>
@@ -37,19 +43,28 @@ fn dispatch(
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
-    with_constant!(prior.len(), N => run::<N>(matrix, prior, moves, steps, diagonals))
+    with_constant!(prior.len(), N => {
+        let matrix = Matrix::<N>::new(matrix)?;
+        let prior = Chain::new(prior.try_into().ok()?)?;
+        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
+            in_segments(&matrix, prior, moves, steps, diagonals)
+        } else {
+            None
+        };
+        first.or_else(|| from_both_ends(&matrix, prior, moves, steps, diagonals))
+    })
 }
 
-fn run<const N: usize>(
-    matrix: &[f64],
-    prior: &[f64],
+/// x and r at once, until they meet, and beyond.
+fn from_both_ends<const N: usize>(
+    matrix: &Matrix<N>,
+    prior: Chain<N>,
     moves: bool,
     steps: usize,
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
-    let matrix = Matrix::<N>::new(matrix)?;
     let mut factors = [Factors::default(); 2];
-    let mut chains = [Chain::new(prior.try_into().ok()?)?, Chain::new([1.0; N])?];
+    let mut chains = [prior, Chain::new([1.0; N])?];
     let mut values = vec![0.0; N * (steps + 1)];
     let rows = values.as_chunks_mut::<N>().0;
     rows[0] = chains[0].values;
@@ -71,11 +86,11 @@ fn run<const N: usize>(
     let (ahead, back) = rows.split_at_mut(middle);
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
-    both(&matrix, &mut chains, early, late, |row, x| *row = *x)?;
+    both(matrix, &mut chains, early, late, |row, x| *row = *x)?;
     let log_likelihood = log_likelihood(&chains, &factors)?;
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
-    both(&matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
+    both(matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
     rows[first - 1] = posterior(&rows[first - 1], &chains[1].values);
     if !moves {
         rows[0] = rows[1]; // the same state
@@ -84,8 +99,8 @@ fn run<const N: usize>(
 }
 
 /// x ∘ r, which sums to one.
-#[inline]
-fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
+#[inline(always)]
+pub(super) fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
     let product = times(x, r);
     let factor = 1.0 / product.iter().sum::<f64>();
     product.map(|p| p * factor)

@@ -152,6 +152,7 @@ pub(crate) trait Lanes: Copy {
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    fn div(self, a: Self::V, b: Self::V) -> Self::V;
     /// The smaller of each two, `b` if one is NaN.
     fn min(self, a: Self::V, b: Self::V) -> Self::V;
     /// The larger of each two, `b` if one is NaN.
@@ -254,6 +255,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn mul(self, a: Eight, b: Eight) -> Eight {
         each(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, a: Eight, b: Eight) -> Eight {
+        each(a, b, |a, b| a / b)
     }
     #[inline(always)]
     fn min(self, a: Eight, b: Eight) -> Eight {

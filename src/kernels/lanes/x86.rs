@@ -82,6 +82,10 @@ impl Lanes for Avx2 {
         unsafe { (_mm256_mul_pd(a.0, b.0), _mm256_mul_pd(a.1, b.1)) }
     }
     #[inline(always)]
+    fn div(self, a: Two, b: Two) -> Two {
+        unsafe { (_mm256_div_pd(a.0, b.0), _mm256_div_pd(a.1, b.1)) }
+    }
+    #[inline(always)]
     fn min(self, a: Two, b: Two) -> Two {
         unsafe { (_mm256_min_pd(a.0, b.0), _mm256_min_pd(a.1, b.1)) }
     }
@@ -235,6 +239,10 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn mul(self, a: __m512d, b: __m512d) -> __m512d {
         unsafe { _mm512_mul_pd(a, b) }
+    }
+    #[inline(always)]
+    fn div(self, a: __m512d, b: __m512d) -> __m512d {
+        unsafe { _mm512_div_pd(a, b) }
     }
     #[inline(always)]
     fn min(self, a: __m512d, b: __m512d) -> __m512d {
