@@ -20,7 +20,7 @@
 use super::held::Held;
 use super::step::{Step, is_one, normalise_logs};
 use crate::error::InferenceError;
-use crate::kernels::{self, BACK_LIFT, LIFT, Made, Sparse};
+use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::transition::{Stored, Transition};
 
@@ -33,15 +33,15 @@ const LEAST_PREDICTED: f64 = f64::from_bits((1023 + 40) << 52);
 #[derive(Debug, Clone)]
 pub(super) struct Backward {
     /// γ_{k-1}.
-    pub(super) gamma: Vec<f64>,
+    pub(super) gamma: Aligned,
     /// γ_k / p_k times `ratio_scale`, or its logarithm.
-    pub(super) ratio: Vec<f64>,
+    pub(super) ratio: Aligned,
     pub(super) ratio_scale: f64,
     /// Whether `ratio` is in logarithms.
     pub(super) in_logs: bool,
     carried: Carried,
-    predicted: Vec<f64>,
-    values: Vec<f64>,
+    predicted: Aligned,
+    values: Aligned,
     scratch: Scratch,
 }
 
@@ -49,7 +49,7 @@ pub(super) struct Backward {
 #[derive(Debug, Clone)]
 pub(super) struct Carried {
     /// γ_k / α_k, lifted by [`BACK_LIFT`]; 1 at the last step.
-    q: Vec<f64>,
+    q: Aligned,
     /// Σ γ_k: one, but for rounding, which must not add up.
     sum: f64,
     /// Whether doubles hold it.
@@ -66,13 +66,13 @@ pub(super) struct Seen<'a, Y: ?Sized> {
 impl Backward {
     /// At the last step of a sequence.
     pub(super) fn new(states: usize) -> Self {
-        let zeros = vec![0.0; states];
+        let zeros = Aligned::new(states, 0.0);
         Self {
             gamma: zeros.clone(),
             ratio: zeros.clone(),
             ratio_scale: 1.0,
             in_logs: false,
-            carried: Carried { q: vec![BACK_LIFT; states], sum: 1.0, held: true },
+            carried: Carried { q: Aligned::new(states, BACK_LIFT), sum: 1.0, held: true },
             predicted: zeros.clone(),
             values: zeros,
             scratch: Scratch::default(),
@@ -169,13 +169,13 @@ impl Backward {
     ) -> bool {
         transition.apply_transpose(control, &self.ratio, &mut self.values);
         kernels::lift(alpha, &mut self.gamma);
-        self.gamma.iter_mut().zip(&self.values).for_each(|(gamma, back)| *gamma *= *back);
+        self.gamma.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
         let sum = kernels::sum(&self.gamma);
         kernels::normalise(&mut self.gamma, sum);
         // From here on it can go on by what was seen. (Should q overflow, the
         // next sum is not one.)
         let carried = &mut self.carried;
-        carried.q.iter_mut().zip(&self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
+        carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
         (carried.sum, carried.held) = (sum / LIFT, is_one(sum / LIFT));
         carried.held
     }
@@ -192,6 +192,7 @@ impl Backward {
         gamma_after: &[f64],
     ) -> Result<(), InferenceError> {
         let Self { gamma, ratio, predicted, values, .. } = self;
+        let (predicted, values) = (&mut **predicted, &mut **values);
         let transition = step.hmm.transition();
         alpha.logs_to(values);
         transition.apply_log(control, values, predicted);

@@ -10,7 +10,7 @@ use super::step::{Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
+use crate::kernels::{self, Aligned};
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
@@ -55,13 +55,17 @@ use crate::transition::Transition;
 #[derive(Debug, Clone)]
 pub struct Filter<M> {
     model: M,
-    state: FilterState,
+    steps: usize,
+    belief: Aligned,
+    /// The logarithms of the belief, if it has values that doubles do not hold.
+    logs: Option<Vec<f64>>,
+    log_likelihood: LogSum,
     lifted: Lifted,
     predicted: Vec<f64>,
-    after: Vec<f64>,
-    after_lifted: Vec<f64>,
+    after: Aligned,
+    after_lifted: Aligned,
     after_logs: Vec<f64>,
-    /// Memory for the logarithms of the state while it has none.
+    /// Memory for the logarithms while there are none.
     spare: Vec<f64>,
     work: Workspace,
 }
@@ -85,13 +89,17 @@ where
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
-        let state = FilterState::new(model.prior());
+        let mut belief = Aligned::new(n, 0.0);
+        belief.copy_from_slice(model.prior().belief().as_slice());
         Self {
-            lifted: Lifted::new(state.belief.as_slice()),
-            state,
+            lifted: Lifted::new(&belief),
+            steps: 0,
+            belief,
+            logs: None,
+            log_likelihood: LogSum::default(),
             predicted: vec![0.0; n],
-            after: vec![0.0; n],
-            after_lifted: vec![0.0; n],
+            after: Aligned::new(n, 0.0),
+            after_lifted: Aligned::new(n, 0.0),
             after_logs: vec![0.0; n],
             spare: vec![0.0; n],
             work: Workspace::new(n),
@@ -125,7 +133,7 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<Advanced, InferenceError> {
-        let number = self.state.steps + 1;
+        let number = self.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
         self.advance(number, control, observation)
     }
@@ -137,20 +145,24 @@ where
     ///
     /// [`InferenceError`] if the control is not valid.
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
-        let number = self.state.steps + 1;
+        let number = self.steps + 1;
         let control = self.model.prior().moves_at(number).then_some(control);
-        let Self { model, state, lifted, predicted, after, after_lifted, after_logs, work, .. } =
-            self;
+        let Self { model, belief, logs, lifted, predicted, .. } = self;
+        let Self { after, after_lifted, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
-        let mut in_logs = state.logs.is_some();
+        let mut in_logs = logs.is_some();
         if !in_logs {
-            step.predict(lifted.values(state.belief.as_slice()), after)?;
+            step.predict(lifted.values(belief), after)?;
             let sum = step.check_prediction(after)?;
             in_logs = normalise(after, sum);
         }
         if in_logs {
             let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
-            step.predict_in_logs(state.held(), &mut results, &mut work.values)?;
+            step.predict_in_logs(
+                Held { linear: belief, logs: logs.as_deref() },
+                &mut results,
+                &mut work.values,
+            )?;
             normalise_logs(after_logs, after);
             in_logs = loses(after_logs, after);
         }
@@ -171,7 +183,7 @@ where
     /// As [`step_with`](Self::step_with).
     pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
         let at_first = !self.model.prior().moves_at(1);
-        let number = self.state.steps.max(usize::from(at_first));
+        let number = self.steps.max(usize::from(at_first));
         Ok(self.advance(number, None, observation)?.log)
     }
 
@@ -185,28 +197,28 @@ where
     /// [`InferenceError`] if a control is not valid.
     pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
         let mut ahead = Filter::new(&*self.model);
-        ahead.restore(&self.state)?;
+        ahead.restore(&self.snapshot())?;
         controls.iter().try_for_each(|control| ahead.predict_with(control))?;
-        Ok(ahead.state.belief)
+        Ok(ahead.belief().to_owned())
     }
 
     /// The present belief: p(X_k | y_1 … y_k) after an update, the predicted
     /// one after a prediction, the prior before anything.
     #[must_use]
     pub fn belief(&self) -> BeliefView<'_> {
-        Belief::view(self.state.belief.as_slice())
+        Belief::view(&self.belief)
     }
 
     /// ln p(y_1 … y_k), over the observations made.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
-        self.state.log_likelihood()
+        self.log_likelihood.value()
     }
 
     /// How many steps have been taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
-        self.state.steps
+        self.steps
     }
 
     /// The model.
@@ -219,7 +231,22 @@ where
     /// [restored](Self::restore) from it goes on with identical bits.
     #[must_use]
     pub fn snapshot(&self) -> FilterState {
-        self.state.clone()
+        FilterState {
+            steps: self.steps,
+            belief: self.belief().to_owned(),
+            logs: self.logs.clone(),
+            log_likelihood: self.log_likelihood,
+        }
+    }
+
+    /// The same in place of another one of this model. Allocates nothing, unless there
+    /// are logarithms now.
+    pub(super) fn snapshot_to(&self, state: &mut FilterState) {
+        (state.steps, state.log_likelihood) = (self.steps, self.log_likelihood);
+        let belief = state.belief.as_mut_vec();
+        belief.clear();
+        belief.extend_from_slice(&self.belief);
+        state.logs.clone_from(&self.logs);
     }
 
     /// Goes back (or over) to a snapshot. Allocates nothing.
@@ -232,23 +259,23 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        self.state.steps = snapshot.steps;
-        self.state.log_likelihood = snapshot.log_likelihood;
-        self.state.belief.as_mut_vec().copy_from_slice(snapshot.belief.as_slice());
+        self.steps = snapshot.steps;
+        self.log_likelihood = snapshot.log_likelihood;
+        self.belief.copy_from_slice(snapshot.belief.as_slice());
         if let Some(logs) = &snapshot.logs {
             self.after_logs.copy_from_slice(logs);
         }
-        self.lifted.follow(self.state.belief.as_slice());
+        self.lifted.follow(&self.belief);
         self.keep_logs(snapshot.logs.is_some());
         Ok(())
     }
 
     /// Back to the prior, with no steps taken.
     pub fn restart(&mut self) {
-        let Self { model, state, .. } = self;
-        state.belief.as_mut_vec().copy_from_slice(model.prior().belief().as_slice());
-        (state.steps, state.log_likelihood) = (0, LogSum::default());
-        self.lifted.follow(self.state.belief.as_slice());
+        let Self { model, belief, .. } = self;
+        belief.copy_from_slice(model.prior().belief().as_slice());
+        (self.steps, self.log_likelihood) = (0, LogSum::default());
+        self.lifted.follow(&self.belief);
         self.keep_logs(false);
     }
 
@@ -263,8 +290,8 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
-        self.state.belief.as_mut_vec().copy_from_slice(belief.as_slice());
-        self.lifted.follow(self.state.belief.as_slice());
+        self.belief.copy_from_slice(belief.as_slice());
+        self.lifted.follow(&self.belief);
         self.keep_logs(false);
         Ok(())
     }
@@ -275,26 +302,23 @@ where
         control: Option<&A::Control>,
         observation: &B::Observation,
     ) -> Result<Advanced, InferenceError> {
-        let Self { model, state, lifted, predicted, after, after_lifted, after_logs, work, .. } =
-            self;
+        let Self { model, belief, logs, lifted, predicted, .. } = self;
+        let Self { after, after_lifted, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
+        let before = Held { linear: belief, logs: logs.as_deref() };
         let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
-        let advanced = step.advance(observation, state.held(), lifted, &mut results, work)?;
+        let advanced = step.advance(observation, before, lifted, &mut results, work)?;
         self.commit(number, &advanced);
         Ok(advanced)
     }
 
     pub(super) fn held(&self) -> Held<'_> {
-        self.state.held()
-    }
-
-    pub(super) fn state(&self) -> &FilterState {
-        &self.state
+        Held { linear: &self.belief, logs: self.logs.as_deref() }
     }
 
     /// Only here does a step change the filter.
     fn commit(&mut self, number: usize, advanced: &Advanced) {
-        let belief = self.state.belief.as_mut_vec();
+        let belief = &mut self.belief;
         match advanced.form {
             Form::Plain { .. } => mem::swap(belief, &mut self.after_lifted),
             Form::Lifted { .. } => mem::swap(belief, &mut self.after),
@@ -305,20 +329,20 @@ where
         }
         self.lifted.commit(advanced.form, &mut self.after_lifted);
         self.keep_logs(advanced.in_logs);
-        self.state.steps = number;
-        self.state.log_likelihood.add(advanced.log);
+        self.steps = number;
+        self.log_likelihood.add(advanced.log);
     }
 
     /// Takes over the logarithms in `after_logs`, or has none from now on.
     fn keep_logs(&mut self, keep: bool) {
-        if !keep && self.state.logs.is_none() {
+        if !keep && self.logs.is_none() {
             return;
         }
-        let memory = self.state.logs.take();
+        let memory = self.logs.take();
         let mut memory = memory.unwrap_or_else(|| mem::take(&mut self.spare));
         if keep {
             mem::swap(&mut memory, &mut self.after_logs);
-            self.state.logs = Some(memory);
+            self.logs = Some(memory);
         } else {
             self.spare = memory;
         }

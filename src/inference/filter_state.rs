@@ -3,7 +3,6 @@
 use super::LogSum;
 use super::held::Held;
 use crate::belief::Belief;
-use crate::hmm::Prior;
 
 /// All that a filter knows after k steps: plain data, to be kept, compared,
 /// sent elsewhere, and restored.
@@ -20,7 +19,7 @@ use crate::hmm::Prior;
 /// assert_eq!(filter.snapshot(), snapshot);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct FilterState {
     pub(crate) steps: usize,
     pub(crate) belief: Belief,
@@ -30,11 +29,6 @@ pub struct FilterState {
 }
 
 impl FilterState {
-    pub(super) fn new(prior: &Prior) -> Self {
-        let (belief, log_likelihood) = (prior.belief().clone(), LogSum::default());
-        Self { steps: 0, belief, logs: None, log_likelihood }
-    }
-
     pub(super) fn held(&self) -> Held<'_> {
         Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }
@@ -55,22 +49,5 @@ impl FilterState {
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()
-    }
-}
-
-impl Clone for FilterState {
-    fn clone(&self) -> Self {
-        let Self { steps, belief, logs, log_likelihood } = self;
-        let (belief, logs) = (belief.clone(), logs.clone());
-        Self { steps: *steps, belief, logs, log_likelihood: *log_likelihood }
-    }
-
-    /// Allocates nothing if the sizes are the same.
-    fn clone_from(&mut self, source: &Self) {
-        (self.steps, self.log_likelihood) = (source.steps, source.log_likelihood);
-        let belief = self.belief.as_mut_vec();
-        belief.clear();
-        belief.extend_from_slice(source.belief.as_slice());
-        self.logs.clone_from(&source.logs);
     }
 }

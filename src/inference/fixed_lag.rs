@@ -188,7 +188,7 @@ where
         step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
     ) -> Result<R, InferenceError> {
         let mut before = self.spare.take().unwrap_or_else(|| self.filter.snapshot());
-        before.clone_from(self.filter.state());
+        self.filter.snapshot_to(&mut before);
         match step(&mut self.filter) {
             Ok(result) => {
                 self.past.push_back((before, control.clone()));

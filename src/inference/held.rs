@@ -1,6 +1,6 @@
 //! The forms in which a step takes a belief and leaves one.
 
-use crate::kernels::{self, LIFT};
+use crate::kernels::{self, Aligned, LIFT};
 
 /// For how many steps to lift once a result was too small without.
 const LIFT_FOR: u32 = 64;
@@ -53,7 +53,7 @@ impl Held<'_> {
 /// [`LIFT`], unless it and the matrix have nothing so small that it matters.
 #[derive(Debug, Clone)]
 pub(super) struct Lifted {
-    values: Vec<f64>,
+    values: Aligned,
     /// Whether `values` are those of the present belief.
     valid: bool,
     /// Whether the belief has a value above 0 and below 2^-900.
@@ -64,7 +64,8 @@ pub(super) struct Lifted {
 
 impl Lifted {
     pub(super) fn new(belief: &[f64]) -> Self {
-        let mut new = Self { values: vec![0.0; belief.len()], valid: false, tiny: false, more: 0 };
+        let values = Aligned::new(belief.len(), 0.0);
+        let mut new = Self { values, valid: false, tiny: false, more: 0 };
         new.follow(belief);
         new
     }
@@ -94,7 +95,7 @@ impl Lifted {
     }
 
     /// After a step that has put the belief into its results.
-    pub(super) fn commit(&mut self, form: Form, lifted: &mut Vec<f64>) {
+    pub(super) fn commit(&mut self, form: Form, lifted: &mut Aligned) {
         self.more = self.more.saturating_sub(1);
         match form {
             Form::Plain { tiny } => (self.valid, self.tiny) = (false, tiny),

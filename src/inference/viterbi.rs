@@ -5,7 +5,7 @@ use super::small;
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::in_large_pages;
+use crate::kernels::{Aligned, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -73,8 +73,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             return Ok(ViterbiPath { states, log_probability });
         }
         let mut work = Workspace::new(n);
-        let mut scores = vec![0.0; n];
-        let mut next = vec![0.0; n];
+        let mut scores = Aligned::new(n, 0.0);
+        let mut next = Aligned::new(n, 0.0);
         let mut from = in_large_pages(vec![0_u32; n * (steps - 1)]);
         let mut taken_out = TakenOut::default();
         for number in 1..=steps {

@@ -2,52 +2,62 @@
 
 use std::ops::{Deref, DerefMut};
 
-use super::pages::{LARGE, LARGE_PAGE, in_large_pages};
+use super::pages::{LARGE, LARGE_PAGE, PAGE, in_large_pages};
 
 /// Of a cache line, in bytes.
 const LINE: usize = 64;
 
+/// Vectors of so many bytes begin on a page: a load waits for a store before it if
+/// their addresses differ by pages alone, as those of places beside each other in two
+/// vectors otherwise might.
+const SEVERAL_PAGES: usize = 16 * PAGE;
+
 /// Doubles that begin on a cache line: loads of eight that straddle two of them
-/// take twice as long. Many begin on a large page, and there is room to the end of the
+/// take twice as long. Many begin on a page, and very many on a large page, and there is room to the end of the
 /// last one, so that none has to come in small pages.
 pub(crate) struct Aligned {
+    /// They end with it.
     values: Vec<f64>,
     start: usize,
-    len: usize,
 }
 
 impl Aligned {
     /// So many, all of them `value`.
     pub(crate) fn new(len: usize, value: f64) -> Self {
-        let many = len >= LARGE / size_of::<f64>();
-        let (unit, room) = if many { (LARGE_PAGE, 2) } else { (LINE, 1) };
+        let (unit, room) = match len * size_of::<f64>() {
+            LARGE.. => (LARGE_PAGE, 2),
+            SEVERAL_PAGES.. => (PAGE, 1),
+            _ => (LINE, 1),
+        };
         let spare = room * unit / size_of::<f64>() - 1;
-        let values = in_large_pages(vec![value; len + spare]);
+        let mut values = in_large_pages(vec![value; len + spare]);
         // Nothing depends on it but the time that loads take.
         let start = values.as_ptr().align_offset(unit).min(spare);
-        Self { values, start, len }
+        values.truncate(start + len);
+        Self { values, start }
     }
 }
 
 impl Deref for Aligned {
     type Target = [f64];
 
-    #[inline]
+    #[inline(always)]
     fn deref(&self) -> &[f64] {
-        &self.values[self.start..self.start + self.len]
+        &self.values[self.start..]
     }
 }
 
 impl DerefMut for Aligned {
+    #[inline(always)]
     fn deref_mut(&mut self) -> &mut [f64] {
-        &mut self.values[self.start..self.start + self.len]
+        &mut self.values[self.start..]
     }
 }
 
 /// Begins on a cache line too.
 impl Clone for Aligned {
     fn clone(&self) -> Self {
-        let mut copy = Self::new(self.len, 0.0);
+        let mut copy = Self::new(self.len(), 0.0);
         copy.copy_from_slice(self);
         copy
     }

@@ -6,6 +6,8 @@
 
 #![allow(unsafe_code, reason = "a system call, which gets the address of a vector")]
 
+/// The size of a page, as a rule, in bytes.
+pub(super) const PAGE: usize = 4096;
 /// The size of a large page, as a rule, in bytes.
 pub(super) const LARGE_PAGE: usize = 2 << 20;
 /// From so many bytes on, a vector is large; others are left alone.
@@ -31,9 +33,7 @@ fn ask(start: usize, bytes: usize) {
     }
     /// `MADV_HUGEPAGE`, on these architectures.
     const HUGE_PAGE: c_int = 14;
-    /// Where a page begins. On machines with larger ones the call may fail.
-    const PAGE: usize = 4096;
-
+    // On machines with larger pages the call may fail.
     let first = start & !(PAGE - 1);
     let end = (start + bytes) & !(PAGE - 1);
     // SAFETY: this advice changes no memory, whosever it is, only how it is

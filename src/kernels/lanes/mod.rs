@@ -50,6 +50,7 @@ impl Isa {
 
     /// The widest that this machine has, or a plainer one if the environment
     /// variable `WAYFIX_INSTRUCTIONS` names it. Looked up once.
+    #[inline(always)]
     pub(crate) fn chosen() -> Self {
         static CHOSEN: OnceLock<Isa> = OnceLock::new();
         *CHOSEN.get_or_init(|| {
