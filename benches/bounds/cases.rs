@@ -131,15 +131,20 @@ impl Report<'_> {
             let seen = (size_of::<usize>(), size_of_val(&model.seen[..]));
             // A sum of n, or the largest, takes so many additions one after another.
             let sum = f64::from(n.ilog2());
+            // So many segments of the sequence go side by side.
+            let segments = if n == 2 { 8.0 } else { 1.0 };
             let needs = |operations, chain, fresh| {
                 let fresh = Some((1, fresh * steps));
                 Needs { bytes: vec![seen], operations, chain, fresh, ..Needs::default() }
             };
-            let needed = Needs { fresh: None, ..needs(2 * n * n, (1.0, sum / 2.0), 0) };
+            let needed = Needs {
+                fresh: None,
+                ..needs(2 * n * n, (1.0 / segments, sum / 2.0 / segments), 0)
+            };
             self.add((&case, "score"), steps, needed, || {
                 black_box(model.hmm.score(&model.seen)).expect(POSSIBLE);
             });
-            self.smooth(&case, &model, needs(4 * n * n, (2.0, sum), 8 * n));
+            self.smooth(&case, &model, needs(4 * n * n, (2.0 / segments, sum / segments), 8 * n));
             let states = size_of::<usize>();
             self.viterbi(&case, &model, needs(4 * n * n, (0.0, 2.0 + sum), states));
         }

@@ -32,7 +32,8 @@
 //! - **Chain**: x_k waits for x_{k-1}. Up to eight states are kept in registers, and then
 //!   nothing else is in the way of a step but a multiplication with A, log2 n additions and a
 //!   multiplication with the likelihood, or log2 n + 2 additions of a decoder. The
-//!   log-likelihood takes both ends at once: half a chain a step.
+//!   log-likelihood takes both ends at once: half a chain a step. With two states, eight
+//!   segments go side by side: an eighth of that, and of the smoother's.
 //! - **Fresh**: results are allocated, written and freed (8 n a step of the smoother, 4 n of
 //!   the decoder for the way back); pages that are new are cleared by the system.
 //!
@@ -40,9 +41,9 @@
 //! x: of a sparse one 8 E bytes a product, from the first cache. Beliefs and likelihoods of a
 //! group are written once and read once (32 n).
 //!
-//! The first cache gives more than the loops here take from it, which lowers what is said of
-//! small models; so do steps that wait for one another, beyond eight states, which no formula here
-//! counts.
+//! The first cache gives more than the loops here take from it, so that bounds of what fits
+//! it may be too high; they are too low for steps that wait for one another, beyond eight
+//! states, which no formula here counts.
 
 mod cases;
 mod ceilings;

@@ -3,6 +3,9 @@
 //! Sums run in eight lanes: the compiler can then use vector registers, and
 //! the order of the additions, so the result to the bit, is the same on every
 //! machine.
+//!
+//! All unsafe code is here: instructions in `lanes`, indices that have been checked
+//! before in `sliced::walk`, and a system call in `pages`.
 
 mod abreast;
 mod aligned;

@@ -95,7 +95,8 @@ impl SparseTransition {
     /// [there](Self::with_single_values); 0 for values of 64 bits.
     ///
     /// At most 1e-7 / p for the smallest entry p: 1e-5 if that is 0.01. (Beside an entry of
-    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59.)
+    /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. Below some
+    /// 1e-315 e is infinite.)
     ///
     /// # What becomes of beliefs
     ///

@@ -122,10 +122,10 @@ where
         let (all, mut next) = (Arc::new(numbers), 0);
         for group in groups {
             let states = if count(&group) > 0 { states } else { 0 };
-            for &(sequence, s) in group.sequences {
+            for (&(sequence, s), steps) in group.sequences.iter().zip(group.steps) {
                 let start = next;
-                next += eights(states, s.steps()) * LANES;
-                let range = start..start + states * (s.steps() + 1);
+                next += eights(states, steps) * LANES;
+                let range = start..start + states * (steps + 1);
                 let result = match done.next() {
                     Some(Done::Together(p)) => Ok(finish(p, Part { all: all.clone(), range })),
                     Some(Done::Alone(result)) => result,

@@ -12,7 +12,7 @@ use crate::inference::filtering::Filtering;
 use crate::inference::posteriors::Posteriors;
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_filter::{self, Filter};
-use crate::kernels::{Eight, LANES};
+use crate::kernels::{Eight, LANES, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -37,7 +37,10 @@ where
     let matrix = columns::of(hmm.transition(), control)?;
     let prior = hmm.prior().belief().as_slice();
     let moves = hmm.prior().moves_at(1);
-    let mut out = Out { values: vec![0.0; prior.len() * (steps + 1)], logs: vec![0.0; steps] };
+    let mut out = Out {
+        values: in_large_pages(vec![0.0; prior.len() * (steps + 1)]),
+        logs: vec![0.0; steps],
+    };
     let mut sum = LogSum::default();
     dispatch(&matrix, prior, moves, &mut Sensed::new(hmm, sequence), &mut out, &mut sum)?;
     let posteriors = Posteriors::from_values(hmm.states(), out.values);

@@ -11,6 +11,7 @@ use super::smooth_in_segments::in_segments;
 use super::{columns, control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::posteriors::Posteriors;
+use crate::kernels::in_large_pages;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -65,7 +66,7 @@ fn from_both_ends<const N: usize>(
 ) -> Option<(Vec<f64>, f64)> {
     let mut factors = [Factors::default(); 2];
     let mut chains = [prior, Chain::new([1.0; N])?];
-    let mut values = vec![0.0; N * (steps + 1)];
+    let mut values = in_large_pages(vec![0.0; N * (steps + 1)]);
     let rows = values.as_chunks_mut::<N>().0;
     rows[0] = chains[0].values;
     if !moves {

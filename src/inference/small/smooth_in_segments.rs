@@ -10,7 +10,7 @@ use super::segments::{self, Segments, Source, eight};
 use super::smooth::posterior;
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_smooth::Smooth;
-use crate::kernels::{self, Eight, LANES};
+use crate::kernels::{self, Eight, LANES, in_large_pages};
 
 /// What is known of eight segments before the way back.
 struct Kept<const N: usize> {
@@ -31,7 +31,7 @@ pub(super) fn in_segments<const N: usize>(
 ) -> Option<(Vec<f64>, f64)> {
     let mut source = Source::new(diagonals);
     let (mut chain, mut first) = (prior, 1);
-    let mut values = vec![0.0; N * (steps + 1)];
+    let mut values = in_large_pages(vec![0.0; N * (steps + 1)]);
     let rows = values.as_chunks_mut::<N>().0;
     if !moves {
         chain = start(chain, source.diagonals, &mut source.factors)?;

@@ -5,7 +5,7 @@
 //! numbers may as well be taken out every few steps, as long as no score falls
 //! far behind. Where one does, they are taken out at every step.
 
-use std::f64::consts::LN_2;
+use std::f64::consts::{LN_2, LOG2_E};
 use std::ops::Range;
 
 use super::chain::UNLOOKED;
@@ -13,6 +13,7 @@ use super::{control_of, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::{Step, Workspace};
+use crate::kernels::{LARGEST_LOG, log2, on_grid};
 use crate::likelihood::{Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -81,24 +82,27 @@ where
         for (step, out) in steps.zip(out.as_chunks_mut::<N>().0) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-            let left_out = match diagonal.values {
-                Values::Checked { log2: Some(log2), .. } if diagonal.log_factor == 0.0 => {
-                    let log2: &[f64; N] = log2.try_into().ok()?;
-                    // That of the largest, since rounding keeps order.
-                    let mut largest = f64::NEG_INFINITY;
-                    log2.iter().for_each(|&b| largest = if b > largest { b } else { largest });
-                    let whole = floor(largest);
-                    *out = log2.map(|b| b - whole);
-                    whole * LN_2
-                }
-                _ => {
-                    let largest = diagonal.check(N).ok()?;
-                    let (scores, left_out) = likelihood_scores(&diagonal, largest, &mut values)?;
-                    for (out, score) in out.iter_mut().zip(scores.scores) {
-                        *out = score - scores.shift;
+            let left_out = if diagonal.log_factor == 0.0 {
+                match diagonal.values {
+                    Values::Checked { log2: Some(log2), .. } => {
+                        put_log2(log2.try_into().ok()?, out)
                     }
-                    left_out
+                    Values::Linear(b) | Values::Checked { linear: b, .. } => {
+                        let b: &[f64; N] = b.try_into().ok()?;
+                        if !b.iter().all(|b| (0.0..=f64::MAX).contains(b)) {
+                            return None;
+                        }
+                        put_log2(&b.map(log2), out)
+                    }
+                    Values::Log(logs) => put_logs(logs.try_into().ok()?, out)?,
                 }
+            } else {
+                let largest = diagonal.check(N).ok()?;
+                let (scores, left_out) = likelihood_scores(&diagonal, largest, &mut values)?;
+                for (out, score) in out.iter_mut().zip(scores.scores) {
+                    *out = score - scores.shift;
+                }
+                left_out
             };
             self.taken_out.factors.add(left_out);
         }
@@ -119,6 +123,30 @@ where
     fn take_out(&mut self, whole: f64) {
         self.taken_out.whole += whole;
     }
+}
+
+/// Scores from logarithms to base 2. Gives the logarithm of what is taken out.
+#[inline]
+fn put_log2<const N: usize>(log2: &[f64; N], out: &mut [f64; N]) -> f64 {
+    // That of the largest, since rounding keeps order.
+    let mut largest = f64::NEG_INFINITY;
+    log2.iter().for_each(|&b| largest = if b > largest { b } else { largest });
+    let whole = floor(largest);
+    *out = log2.map(|b| b - whole);
+    whole * LN_2
+}
+
+/// Scores from logarithms. Gives the largest of these, which is taken out; `None` if they
+/// are not valid, or nothing is possible.
+#[inline]
+fn put_logs<const N: usize>(logs: &[f64; N], out: &mut [f64; N]) -> Option<f64> {
+    let (mut largest, mut valid) = (f64::NEG_INFINITY, true);
+    for &log in logs {
+        valid &= log.abs() <= LARGEST_LOG || log == f64::NEG_INFINITY;
+        largest = if log > largest { log } else { largest };
+    }
+    *out = logs.map(|log| on_grid((log - largest) * LOG2_E));
+    (valid && largest > f64::NEG_INFINITY).then_some(largest)
 }
 
 fn dispatch(

@@ -1,4 +1,4 @@
-//! Eight doubles at a time, with what the machine has: the only unsafe code.
+//! Eight doubles at a time, with what the machine has.
 //!
 //! A kernel is written once, for any [`Lanes`], and run with the one that
 //! [`Isa::chosen`] names. All of them add in the same order and none
@@ -7,8 +7,9 @@
 //!
 //! Why it is sound: [`Avx2`] and [`Avx512`] are proofs that the instructions are
 //! there. They have a private field, and only [`run`] makes them, after detection.
-//! Loads and stores take references to arrays; a gather bounds its indices.
-#![allow(unsafe_code, reason = "the module that holds all of it")]
+//! Loads and stores take references to arrays, or slices of which they touch no more than
+//! there is. A gather is unsafe: who calls it has checked the indices.
+#![allow(unsafe_code, reason = "instructions that not every machine has")]
 
 use std::mem::ManuallyDrop;
 use std::sync::OnceLock;

@@ -22,7 +22,7 @@ fn is_line(eight: &Eight) -> bool {
 
 // SAFETY, for all blocks below: `self` proves that the instructions are here;
 // pointers come from references to arrays of the size that is read or
-// written; gathers are bounded as said there.
+// written, or to slices, with masks of their length; indices of gathers are the caller's.
 
 impl Lanes for Avx2 {
     type V = Two;

@@ -1,5 +1,5 @@
 //! The way through the entries of slices. What it reads is not checked a second time:
-//! checks were two fifths of the time of a product with a small matrix.
+//! checks were a fifth of the time of a product with a small matrix.
 
 #![allow(unsafe_code, reason = "indices that have been checked when the slices were made")]
 
