@@ -39,7 +39,8 @@
 //!
 //! In lock-step eight sequences share the reads of the matrix, but each has its own loads of
 //! x: of a sparse one 8 E bytes a product, from the first cache. Beliefs and likelihoods of a
-//! group are written once and read once (32 n).
+//! group are written once and read once (32 n). Their results come in large pages, so that
+//! to clear them counts as bytes: likelihoods are read, results cleared and written (24 n).
 //!
 //! The first cache gives more than the loops here take from it, so that bounds of what fits
 //! it may be too high; they are too low for steps that wait for one another, beyond eight

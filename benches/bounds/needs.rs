@@ -97,12 +97,13 @@ impl Matrix {
     /// One of the smoother in lock-step, of so many sequences of so many steps.
     pub(crate) fn smooth_all(self, count: usize, steps: usize) -> Needs {
         let Self { states: n, entries, .. } = self;
-        let (kept, result) = (2 * 64 * n * (steps + 1), 8 * n * (steps + 1));
-        let bytes = vec![(32 * n, kept), (8 * n, 8 * n * count * steps)];
+        let kept = 2 * 64 * n * (steps + 1);
+        // Likelihoods are read, results cleared by the system and written.
+        let bytes = vec![(32 * n, kept), (24 * n, 16 * n * count * steps)];
         // Beside the products, for each state: times the likelihood, over the sum, over
         // the prediction, times the likelihood again, times the belief.
         let operations = 4 * entries + 5 * n;
-        Needs { bytes, operations, fresh: Some((count, result)), ..Needs::default() }
+        Needs { bytes, operations, ..Needs::default() }
     }
 }
 
