@@ -20,7 +20,7 @@
 use super::held::Held;
 use super::step::{Step, is_one, normalise_logs};
 use crate::error::InferenceError;
-use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Sparse};
+use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Retreat, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::transition::{Stored, Transition};
 
@@ -105,10 +105,11 @@ impl Backward {
         let transition = step.hmm.transition();
         let sum = if let Some(matrix) = transition.stored(control).and_then(Stored::as_sparse) {
             let back = Sparse { matrix: &matrix.sliced_columns, x: ratio };
-            kernels::retreat(back, alpha.linear, result, q)
+            kernels::retreat(Retreat { back, alpha: alpha.linear, gamma: result, q })
         } else {
             transition.apply_transpose(control, ratio, values);
-            kernels::retreat(Made(values), alpha.linear, result, q)
+            let back = Made(values);
+            kernels::retreat(Retreat { back, alpha: alpha.linear, gamma: result, q })
         };
         if !is_one(sum) {
             return self.retreat(step, alpha, gamma);

@@ -39,7 +39,7 @@ pub(crate) use largest::{LARGEST_LOG, Valid, largest};
 pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
 pub(crate) use pages::in_large_pages;
 pub(crate) use product::{Made, Sparse};
-pub(crate) use retreat::{BACK_LIFT, retreat, weigh};
+pub(crate) use retreat::{BACK_LIFT, Retreat, retreat, weigh};
 pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{TINY, Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
 pub(crate) use value::Width;

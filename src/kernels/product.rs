@@ -4,7 +4,9 @@ use std::ops::Range;
 
 use super::blocks::{Blocks, run_in_blocks};
 use super::lanes::{Eight, Kernel, LANES, Lanes};
+use super::retreat::{Retreat, retreat_with};
 use super::sliced::{Sliced, Walk};
+use super::update::{Update, Updated, update_with};
 
 /// A product with a vector.
 pub(crate) trait Product: Copy + Send {
@@ -17,6 +19,13 @@ pub(crate) trait Product: Copy + Send {
     /// Hands over some of the eights, numbered from the first of them; lines
     /// beyond the last have 0.
     fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>);
+
+    /// Does an [`Update`] with it. Here, so that loops are compiled with this crate, and
+    /// not again with each one that uses it.
+    fn update(update: Update<'_, Self>) -> Updated;
+
+    /// Does a [`Retreat`] with it.
+    fn retreat(retreat: Retreat<'_, Self>) -> f64;
 }
 
 /// What is done with eight lines of a product. (A closure might not become part
@@ -49,6 +58,16 @@ impl Product for Made<'_> {
             each.eight(lanes, chunks.len(), lanes.load_part(rest));
         }
     }
+
+    #[inline(never)]
+    fn update(update: Update<'_, Self>) -> Updated {
+        update_with(update)
+    }
+
+    #[inline(never)]
+    fn retreat(retreat: Retreat<'_, Self>) -> f64 {
+        retreat_with(retreat)
+    }
 }
 
 /// One with a sparse matrix.
@@ -69,6 +88,16 @@ impl Product for Sparse<'_> {
     #[inline(always)]
     fn each<L: Lanes>(self, lanes: L, eights: Range<usize>, each: &mut impl Each<L>) {
         self.matrix.walk(lanes, eights, self.x, &mut Sums(each));
+    }
+
+    #[inline(never)]
+    fn update(update: Update<'_, Self>) -> Updated {
+        update_with(update)
+    }
+
+    #[inline(never)]
+    fn retreat(retreat: Retreat<'_, Self>) -> f64 {
+        retreat_with(retreat)
     }
 }
 

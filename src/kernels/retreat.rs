@@ -122,13 +122,19 @@ impl<L: Lanes> Each<L> for RetreatEach<'_, L> {
 }
 
 /// Does a [`Weigh`].
-#[inline(always)]
 pub(crate) fn weigh(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
     run_in_blocks(Weigh { q, likelihoods, factor, ratio });
 }
 
 /// Does a [`Retreat`].
+#[inline]
+pub(crate) fn retreat<P: Product>(retreat: Retreat<'_, P>) -> f64 {
+    P::retreat(retreat)
+}
+
+/// The same, for [`Product::retreat`].
 #[inline(always)]
-pub(crate) fn retreat(back: impl Product, alpha: &[f64], gamma: &mut [f64], q: &mut [f64]) -> f64 {
+pub(super) fn retreat_with<P: Product>(retreat: Retreat<'_, P>) -> f64 {
+    let Retreat { back, alpha, gamma, q } = retreat;
     run_in_blocks(Retreat { back: Part::all(back), alpha, gamma, q })
 }

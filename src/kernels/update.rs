@@ -257,21 +257,25 @@ impl Blocks for SettleAndLift<'_> {
 }
 
 /// Does an [`Update`].
+#[inline]
+pub(crate) fn update<P: Product>(update: Update<'_, P>) -> Updated {
+    P::update(update)
+}
+
+/// The same, for [`Product::update`].
 #[inline(always)]
-pub(crate) fn update(update: Update<'_, impl Product>) -> Updated {
+pub(super) fn update_with<P: Product>(update: Update<'_, P>) -> Updated {
     let Update { prediction, lift, likelihoods, watch, out } = update;
     let prediction = Part::all(prediction);
     run_in_blocks(Update { prediction, lift, likelihoods, watch, out })
 }
 
 /// Does a [`Settle`].
-#[inline(always)]
 pub(crate) fn settle(x: &mut [f64], sum: f64) -> bool {
     run_in_blocks(Settle { x, sum })
 }
 
 /// Does a [`SettleAndLift`].
-#[inline(always)]
 pub(crate) fn settle_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
     run_in_blocks(SettleAndLift { x, out, sum })
 }
