@@ -194,7 +194,8 @@ proptest! {
             match exact.step(seen) {
                 Ok(_) => {
                     let bound = pruned.step(seen).unwrap().bound();
-                    prop_assert!(bound < 1e-12, "{bound:e}");
+                    // It counts roundings, which unlikely observations magnify.
+                    prop_assert!(bound < 1e-6, "{bound:e}");
                     for (i, p) in exact.belief().as_slice().iter().enumerate() {
                         let found = pruned.probability(i).unwrap();
                         prop_assert!((found - p).abs() <= 1e-12 * p, "{i}: {found:e}, {p:e}");
