@@ -361,8 +361,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         learning: &Learning,
     ) -> Result<Self, LearnError> {
         let belief = self.prior().belief();
-        let seen = learning.prior_pseudo_count > 0.0 || expected.first.iter().any(|p| *p > 0.0);
-        let prior = if learning.keep_prior || !seen {
+        let unseen =
+            learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
+        let prior = if learning.keep_prior || unseen {
             belief.clone()
         } else {
             let known = belief.as_slice().iter().zip(&expected.first);

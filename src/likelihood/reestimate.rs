@@ -37,7 +37,8 @@ impl LearnLikelihood for TableLikelihood {
                 .map(|(at, p)| if *p > 0.0 { statistics[at] + pseudo_count } else { 0.0 })
                 .collect();
             let sum: f64 = weights.iter().sum();
-            if sum >= f64::MIN_POSITIVE { weights.iter().map(|w| w / sum).collect() } else { old }
+            // A NaN makes a row that the table does not take.
+            if sum < f64::MIN_POSITIVE { old } else { weights.iter().map(|w| w / sum).collect() }
         };
         Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
     }

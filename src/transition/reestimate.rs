@@ -25,7 +25,8 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
 }
 
 /// Makes columns of weights distributions; a column of nothing but 0, or
-/// less than a normal double, keeps the entries that it has in the operator.
+/// less than a normal double, keeps the entries that it has in the operator. A weight
+/// that is NaN or infinite makes NaN of its column, which no operator takes.
 pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
@@ -33,11 +34,11 @@ pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
     for column in weights.chunk_by_mut(|a, b| a.1 == b.1) {
         let from = column[0].1;
         let sum: f64 = column.iter().map(|entry| entry.2).sum();
-        if sum >= f64::MIN_POSITIVE {
-            column.iter_mut().for_each(|entry| entry.2 /= sum);
-        } else {
+        if sum < f64::MIN_POSITIVE {
             let old = transition.outgoing(&(), from);
             column.iter_mut().zip(old).for_each(|(entry, old)| entry.2 = old.1);
+        } else {
+            column.iter_mut().for_each(|entry| entry.2 /= sum);
         }
     }
     weights

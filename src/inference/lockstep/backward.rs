@@ -2,7 +2,7 @@
 
 use super::{Group, Memory, Plan};
 use crate::inference::step::is_one;
-use crate::kernels::lockstep::{self, Retreat};
+use crate::kernels::lockstep::{self, Abreast, Retreat};
 use crate::kernels::{BACK_LIFT, Eight, LANES};
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
@@ -14,7 +14,10 @@ pub(super) struct Carried {
 }
 
 impl Carried {
-    pub(super) fn new() -> Self {
+    /// At the end of all sequences. Lanes that begin later must not find what other
+    /// sequences left in `memory`.
+    pub(super) fn new(memory: &mut Memory) -> Self {
+        memory.q.fill(Abreast::default());
         Self { sums: [1.0; LANES] }
     }
 }
@@ -39,7 +42,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
                 q.iter_mut().for_each(|q| q[l] = BACK_LIFT);
                 carried.sums[l] = 1.0;
             }
-            if step <= group.steps[l] {
+            if step <= group.steps[l] && held[l] {
                 factors[l] = inverse[step - 1][l] / carried.sums[l];
             }
         }
@@ -53,7 +56,10 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
             gamma,
         });
         for (l, held) in held.iter_mut().enumerate() {
-            *held &= step > group.steps[l] || is_one(carried.sums[l]);
+            if *held && step <= group.steps[l] && !is_one(carried.sums[l]) {
+                *held = false;
+                q.iter_mut().for_each(|q| q[l] = 0.0);
+            }
         }
     }
 }

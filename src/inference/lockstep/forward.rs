@@ -33,11 +33,12 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         S: Sequence<A::Control, B::Observation>,
     {
         let prior = self.hmm.prior();
+        let start = prior.belief().as_slice();
         let n = self.ones.len();
         let kept = if keep { group.longest } else { 0 };
         memory.fit(n, kept, group.longest);
         let Memory { alpha, likelihoods, inverse, x, next, lanes, .. } = memory;
-        for ((x, alpha), p) in x.iter_mut().zip(&mut *alpha).zip(prior.belief().as_slice()) {
+        for ((x, alpha), p) in x.iter_mut().zip(&mut *alpha).zip(start) {
             (*x, *alpha) = (Abreast([p * LIFT; LANES]), Abreast([*p; LANES]));
         }
         let (mut held, mut log_likelihoods) = (group.lanes(), [LogSum::default(); LANES]);
@@ -63,6 +64,14 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
                     let log = normaliser.ln() + sensed.logs[l];
                     log_likelihoods[l].add(log);
                     each(l, log);
+                }
+                if !inverse[l].is_normal() {
+                    // A lane that does not hold goes on from the prior: no infinity or
+                    // NaN stays in memory that other sequences use.
+                    inverse[l] = 1.0;
+                    for ((x, alpha), p) in x.iter_mut().zip(&mut *alpha).zip(start) {
+                        (x[l], alpha[l]) = (p * LIFT, *p);
+                    }
                 }
             }
             if held == [false; LANES] {

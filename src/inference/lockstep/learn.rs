@@ -22,7 +22,7 @@ where
 {
     let n = plan.ones.len();
     let forward = plan.forward(group, memory, true, |_, _| ());
-    let (mut held, mut carried) = (forward.held, Carried::new());
+    let (mut held, mut carried) = (forward.held, Carried::new(memory));
     let transition = plan.hmm.transition();
     let counted =
         no_control::<A>().is_some_and(|control| transition.family(control) < transition.families());

@@ -22,7 +22,7 @@ where
 {
     let n = plan.ones.len();
     let forward = plan.forward(group, memory, true, |_, _| ());
-    let (mut held, mut carried) = (forward.held, Carried::new());
+    let (mut held, mut carried) = (forward.held, Carried::new(memory));
     for step in (1..=group.longest).rev() {
         if held == [false; LANES] {
             break;
