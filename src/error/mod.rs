@@ -223,12 +223,14 @@ pub enum LikelihoodError {
     },
     /// The bound on the likelihoods of states that were not listed is not a
     /// valid one.
-    #[error(
-        "the likelihood of states not listed is bounded by {value}, expected a finite value of at least 0"
-    )]
+    #[error("the {kind} of states not listed is bounded by {value}, expected {expected}")]
     Bound {
+        /// Likelihood or log-likelihood.
+        kind: &'static str,
         /// What was found.
         value: f64,
+        /// What was expected.
+        expected: &'static str,
     },
     /// A state is listed twice in an observation.
     #[error("state {state} is listed twice")]

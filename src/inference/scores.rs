@@ -162,7 +162,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
 
 /// log2 of a lifted probability. Where it is a double with all its digits, of
 /// that itself: a prior then has the same logarithm as an entry of its size.
-fn unlifted_log2(lifted: f64) -> f64 {
+pub(super) fn unlifted_log2(lifted: f64) -> f64 {
     let p = lifted / LIFT;
     if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }
 }

@@ -16,10 +16,26 @@ pub(crate) enum Valid {
 }
 
 impl Valid {
-    fn is(self, x: f64) -> bool {
+    pub(crate) fn is(self, x: f64) -> bool {
         match self {
             Self::Likelihoods => (0.0..=f64::MAX).contains(&x),
             Self::Logs => x.abs() <= LARGEST_LOG || x == f64::NEG_INFINITY,
+        }
+    }
+
+    /// The word for one of them.
+    pub(crate) fn kind(self) -> &'static str {
+        match self {
+            Self::Likelihoods => "likelihood",
+            Self::Logs => "log-likelihood",
+        }
+    }
+
+    /// The same as [`is`](Self::is), for an error.
+    pub(crate) fn expected(self) -> &'static str {
+        match self {
+            Self::Likelihoods => "a finite value of at least 0",
+            Self::Logs => "a value from -1e300 to 1e300, or negative infinity",
         }
     }
 

@@ -93,27 +93,15 @@ impl<'a> Diagonal<'a> {
     /// form that the diagonal has (0 or −∞ if every state is ruled out).
     pub(crate) fn check(&self, states: usize) -> Result<f64, LikelihoodError> {
         self.check_shape(states)?;
-        match self.values {
-            Values::Linear(values) => {
-                kernels::largest(values, Valid::Likelihoods).map_err(|state| {
-                    LikelihoodError::Value {
-                        state,
-                        kind: "likelihood",
-                        value: values[state],
-                        expected: "a finite value of at least 0",
-                    }
-                })
-            }
-            Values::Log(values) => {
-                kernels::largest(values, Valid::Logs).map_err(|state| LikelihoodError::Value {
-                    state,
-                    kind: "log-likelihood",
-                    value: values[state],
-                    expected: "a value from -1e300 to 1e300, or negative infinity",
-                })
-            }
-            Values::Checked { largest, .. } => Ok(largest),
-        }
+        let (values, valid) = match self.values {
+            Values::Linear(values) => (values, Valid::Likelihoods),
+            Values::Log(values) => (values, Valid::Logs),
+            Values::Checked { largest, .. } => return Ok(largest),
+        };
+        kernels::largest(values, valid).map_err(|state| {
+            let (kind, expected) = (valid.kind(), valid.expected());
+            LikelihoodError::Value { state, kind, value: values[state], expected }
+        })
     }
 
     /// The natural logarithm of each value, without the log factor.

@@ -88,7 +88,8 @@ where
             return Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::linear(product) });
         }
         // Shifts of both are taken out first, so that the sums keep their digits.
-        let shift = (shift(first.values, largest.0), shift(second.values, largest.1));
+        let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
+        let shift = (shift(is_log(&first), largest.0), shift(is_log(&second), largest.1));
         let logs = first.logs().zip(second.logs());
         product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
         let log_factor = log_factor + (shift.0 + shift.1);
@@ -100,7 +101,6 @@ where
     }
 }
 
-/// A product below 2.2e-308 of that of the two largest likelihoods may count as 0.
 impl<B1, B2> LocalLikelihood for FusedLikelihood<B1, B2>
 where
     B1: LocalLikelihood<Observation: Sized>,
@@ -118,23 +118,29 @@ where
         let first = self.first.local(first, states, out, &mut left[0])?;
         let second = self.second.local(second, states, values, &mut right[0])?;
         let largest = (first.check(states, out)?, second.check(states, values)?);
-        let exact = |a: f64, b: f64| {
-            a == 0.0 || b == 0.0 || (f64::MIN_POSITIVE..=f64::MAX).contains(&(a * b))
-        };
-        let all_exact = out.iter().zip(&*values).all(|(a, b)| exact(*a, *b));
-        let unscaled = all_exact && exact(largest.0, largest.1);
-        let scale = |largest: f64| if largest == 0.0 || unscaled { 1.0 } else { largest };
-        let (a, b) = (scale(largest.0), scale(largest.1));
-        out.iter_mut().zip(values).for_each(|(out, value)| *out = (*out / a) * (*value / b));
-        // A bound is rounded up.
-        let (of_first, of_second) = (first.largest() / a, second.largest() / b);
-        let others = if first.largest() == 0.0 || second.largest() == 0.0 {
-            0.0
-        } else {
-            (of_first * of_second * (1.0 + 4.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)
-        };
-        let log_factor = first.log_factor() + second.log_factor() + (a.ln() + b.ln());
-        Ok(Unlisted::at_most(others).with_log_factor(log_factor))
+        let log_factor = first.log_factor() + second.log_factor();
+        let others = first.largest() * second.largest();
+        let exact = |a: f64, b: f64| is_exact(a, b, a * b);
+        if !first.is_log()
+            && !second.is_log()
+            && exact(first.largest(), second.largest())
+            && out.iter().zip(&*values).all(|(a, b)| exact(*a, *b))
+        {
+            out.iter_mut().zip(values).for_each(|(out, value)| *out *= *value);
+            let others = if others > 0.0 { others.next_up() } else { 0.0 };
+            return Ok(Unlisted::at_most(others.min(f64::MAX)).with_log_factor(log_factor));
+        }
+        let shift = (shift(first.is_log(), largest.0), shift(second.is_log(), largest.1));
+        let log = |unlisted: &Unlisted, b: f64| if unlisted.is_log() { b } else { b.ln() };
+        let sum = |a: f64, b: f64| (log(&first, a) - shift.0) + (log(&second, b) - shift.1);
+        out.iter_mut().zip(values).for_each(|(out, value)| *out = sum(*out, *value));
+        // Logarithms of the bounds and the three sums have roundings.
+        let others = sum(first.largest(), second.largest());
+        let size = log(&first, first.largest()).abs() + log(&second, second.largest()).abs();
+        let size = size + shift.0.abs() + shift.1.abs();
+        let others = if size.is_finite() { others + 4.0 * f64::EPSILON * size } else { others };
+        let log_factor = log_factor + (shift.0 + shift.1);
+        Ok(Unlisted::log_at_most(others).with_log_factor(log_factor))
     }
 
     fn standing_out(&self, (first, second): &Self::Observation, states: &mut Vec<usize>) {
@@ -143,9 +149,15 @@ where
     }
 }
 
-/// What can be taken out of logarithms, of which the largest is given.
-fn shift(values: Values<'_>, largest: f64) -> f64 {
-    if matches!(values, Values::Log(_)) && largest.is_finite() { largest } else { 0.0 }
+/// A factor to take out of logarithms, of which the largest is given.
+fn shift(is_log: bool, largest: f64) -> f64 {
+    if is_log && largest.is_finite() { largest } else { 0.0 }
+}
+
+/// True if a product is within the range in which a double is exact, or 0 because
+/// a factor is.
+fn is_exact(a: f64, b: f64, product: f64) -> bool {
+    (f64::MIN_POSITIVE..=f64::MAX).contains(&product) || a == 0.0 || b == 0.0
 }
 
 /// The product of two diagonals, unless one is in logarithms or a product
@@ -158,10 +170,9 @@ fn multiply(first: Values<'_>, second: Values<'_>, out: &mut [f64]) -> bool {
     else {
         return false;
     };
-    let exact = f64::MIN_POSITIVE..=f64::MAX;
     out.iter_mut().zip(first).zip(second).all(|((out, a), b)| {
         *out = a * b;
-        exact.contains(out) || *a == 0.0 || *b == 0.0
+        is_exact(*a, *b, *out)
     })
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Likelihood, Scratch};
 use crate::error::LikelihoodError;
+use crate::kernels::Valid;
 
 /// A sensor that gives the likelihoods of some states without looking at all of
 /// them, and a bound on those of all others: what pruned routines ask, such as
@@ -63,14 +64,15 @@ use crate::error::LikelihoodError;
 /// ```
 pub trait LocalLikelihood: Likelihood {
     /// Writes the likelihood of each of `states` to `out`, and returns a bound on
-    /// that of every state that is not listed.
+    /// that of every state that is not listed; or, with
+    /// [`Unlisted::log_at_most`], natural logarithms in both.
     ///
     /// `states` are below [`states`](Likelihood::states), distinct and in
     /// ascending order; `out` has as many values. Likelihoods may have any
     /// positive scale, as those of [`diagonal`](Likelihood::diagonal), but the
     /// same for `out` and the bound; [`Unlisted::with_log_factor`] says what was
-    /// taken out. A likelihood below 2.2e-308 of the largest may be given as 0.
-    /// Whoever calls this checks what comes back.
+    /// taken out. A likelihood of 0 rules a state out: where a double may not hold
+    /// all likelihoods, logarithms do. Whoever calls this checks what comes back.
     ///
     /// # Errors
     ///
@@ -99,6 +101,7 @@ pub trait LocalLikelihood: Likelihood {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unlisted {
     largest: f64,
+    is_log: bool,
     log_factor: f64,
 }
 
@@ -107,7 +110,15 @@ impl Unlisted {
     /// are listed.
     #[must_use]
     pub fn at_most(largest: f64) -> Self {
-        Self { largest, log_factor: 0.0 }
+        Self { largest, is_log: false, log_factor: 0.0 }
+    }
+
+    /// Their natural log-likelihoods are at most this, and `out` holds natural
+    /// logarithms, too: at most 1e300 in size, or −∞, which rules a state out, and
+    /// is the bound if all states are listed.
+    #[must_use]
+    pub fn log_at_most(largest: f64) -> Self {
+        Self { largest, is_log: true, log_factor: 0.0 }
     }
 
     /// The same with ln c added to every log-likelihood, listed or not: c is a
@@ -123,6 +134,13 @@ impl Unlisted {
         self.largest
     }
 
+    /// True if the bound and the likelihoods that came with it are natural
+    /// logarithms.
+    #[must_use]
+    pub fn is_log(&self) -> bool {
+        self.is_log
+    }
+
     /// The logarithm of what was taken out of all likelihoods.
     #[must_use]
     pub fn log_factor(&self) -> f64 {
@@ -130,17 +148,18 @@ impl Unlisted {
     }
 
     /// Checks the bound and the likelihoods that came with it, and returns the
-    /// largest of them all.
+    /// largest of them all, in the form that they have.
     pub(crate) fn check(&self, states: &[usize], listed: &[f64]) -> Result<f64, LikelihoodError> {
         super::diagonal::check_log_factor(self.log_factor)?;
-        let valid = |b: f64| (0.0..=f64::MAX).contains(&b);
-        if !valid(self.largest) {
-            return Err(LikelihoodError::Bound { value: self.largest });
+        let valid = if self.is_log { Valid::Logs } else { Valid::Likelihoods };
+        if !valid.is(self.largest) {
+            let (value, expected) = (self.largest, valid.expected());
+            return Err(LikelihoodError::Bound { kind: valid.kind(), value, expected });
         }
         let mut largest = self.largest;
         for (&state, &value) in states.iter().zip(listed) {
-            if !valid(value) {
-                let (kind, expected) = ("likelihood", "a finite value of at least 0");
+            if !valid.is(value) {
+                let (kind, expected) = (valid.kind(), valid.expected());
                 return Err(LikelihoodError::Value { state, kind, value, expected });
             }
             largest = largest.max(value);

@@ -2,6 +2,7 @@
 
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::error::LikelihoodError;
+use crate::kernels::Valid;
 
 /// The observation lists the states for which it speaks, with their likelihoods;
 /// all others have one value. For maps of millions of places, with a sensor that
@@ -45,13 +46,13 @@ impl SparseObservation {
     /// [`LikelihoodError`] if a likelihood is NaN, negative or infinite, or a
     /// state is listed twice.
     pub fn new(mut listed: Vec<(usize, f64)>, elsewhere: f64) -> Result<Self, LikelihoodError> {
-        let valid = |b: f64| (0.0..=f64::MAX).contains(&b);
-        if let Some(&(state, value)) = listed.iter().find(|(_, b)| !valid(*b)) {
-            let (kind, expected) = ("likelihood", "a finite value of at least 0");
+        let valid = Valid::Likelihoods;
+        let (kind, expected) = (valid.kind(), valid.expected());
+        if let Some(&(state, value)) = listed.iter().find(|(_, b)| !valid.is(*b)) {
             return Err(LikelihoodError::Value { state, kind, value, expected });
         }
-        if !valid(elsewhere) {
-            return Err(LikelihoodError::Bound { value: elsewhere });
+        if !valid.is(elsewhere) {
+            return Err(LikelihoodError::Bound { kind, value: elsewhere, expected });
         }
         listed.sort_unstable_by_key(|entry| entry.0);
         if let Some(twice) = listed.windows(2).find(|pair| pair[0].0 == pair[1].0) {

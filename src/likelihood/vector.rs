@@ -88,19 +88,16 @@ impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
     ) -> Result<Unlisted, LikelihoodError> {
         let values = observation.as_ref();
         let diagonal = if self.log { Diagonal::log(values) } else { Diagonal::linear(values) };
-        let largest = diagonal.check(self.states)?;
-        // Logarithms relative to the largest, so that the exponentials hold them.
-        let shift = if self.log && largest.is_finite() { largest } else { 0.0 };
-        let likelihood = |value: f64| if self.log { (value - shift).exp() } else { value };
+        diagonal.check(self.states)?;
         let mut asked = states.iter().zip(out).peekable();
         let mut others: f64 = if self.log { f64::NEG_INFINITY } else { 0.0 };
         for (i, &value) in values.iter().enumerate() {
             match asked.next_if(|(state, _)| **state == i) {
-                Some((_, out)) => *out = likelihood(value),
+                Some((_, out)) => *out = value,
                 None => others = others.max(value),
             }
         }
-        Ok(Unlisted::at_most(likelihood(others)).with_log_factor(shift))
+        Ok(if self.log { Unlisted::log_at_most(others) } else { Unlisted::at_most(others) })
     }
 }
 

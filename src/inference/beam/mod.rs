@@ -10,7 +10,6 @@ use super::frontier::Frontier;
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels;
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -156,7 +155,6 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             } else if let Some((transition, control)) = moves {
                 next.extend(&beam, &frontier, |i| transition.incoming_log2(control, i), &mut from);
             }
-            // Likelihoods, but for whole powers of two.
             values.clear();
             values.resize(next.states.len(), 0.0);
             let wrap = |source| InferenceError::Likelihood { step, source };
@@ -164,9 +162,12 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 self.likelihood().local(observation, &next.states, &mut values, &mut scratch);
             let others = local.map_err(wrap)?;
             let largest = others.check(&next.states, &values).map_err(wrap)?;
-            let scale = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
-            factors.add(scale * LN_2 + others.log_factor());
-            next.weigh(&values, others.largest(), scale);
+            let taken_out = if others.is_log() {
+                next.weigh_with_logs(&values, others.largest(), largest)
+            } else {
+                next.weigh(&values, others.largest(), largest)
+            };
+            factors.add(taken_out + others.log_factor());
             // A whole number is taken out, and then what is too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {

@@ -1,7 +1,10 @@
 //! The scores within a beam, ceilings on those of all other paths, and the way
 //! back.
 
+use std::f64::consts::{LN_2, LOG2_E};
+
 use super::super::frontier::Frontier;
+use super::super::scores::unlifted_log2;
 use crate::kernels::{self, LIFT};
 use crate::transition::TransitionEntries;
 
@@ -54,12 +57,13 @@ impl Beam {
                 }
                 None => prior[i] * LIFT,
             };
-            let p = lifted / LIFT;
-            let normal = p >= f64::MIN_POSITIVE;
-            self.scores.push(if normal {
-                kernels::log2(p)
-            } else {
-                kernels::log2(lifted) - LIFT.log2()
+            self.scores.push(match moves {
+                // A product of two such numbers may be beyond a double.
+                Some((transition, control)) if lifted < 1.0 => {
+                    let ways = || transition.incoming_log2(control, i);
+                    log2_sum(|| ways().map(|(j, log2)| log2 + kernels::log2(prior[j])))
+                }
+                _ => unlifted_log2(lifted),
             });
             self.ceilings.push(f64::NEG_INFINITY);
             from.push(0);
@@ -96,15 +100,30 @@ impl Beam {
         self.elsewhere = before.elsewhere + ENTRY;
     }
 
-    /// Adds the logarithms of likelihoods, less a whole number.
-    pub(super) fn weigh(&mut self, listed: &[f64], others: f64, scale: f64) {
-        let both = self.scores.iter_mut().zip(&mut self.ceilings);
-        for ((score, ceiling), &b) in both.zip(listed) {
-            let log2 = kernels::log2(b) - scale;
+    /// Adds the logarithms of likelihoods, none of which is above `largest`, but for a
+    /// whole power of two. Returns the natural logarithm of that.
+    pub(super) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
+        let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
+        self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
+        self.elsewhere += kernels::log2(others) - whole;
+        whole * LN_2
+    }
+
+    /// The same for natural logarithms, less the largest, which is returned.
+    pub(super) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
+        let largest = if largest.is_finite() { largest } else { 0.0 };
+        // As for the exact decoder, whose scores these must be.
+        let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
+        self.add(listed.iter().map(|log| log2(*log)));
+        self.elsewhere += log2(others);
+        largest
+    }
+
+    fn add(&mut self, log2: impl Iterator<Item = f64>) {
+        for ((score, ceiling), log2) in self.scores.iter_mut().zip(&mut self.ceilings).zip(log2) {
             *score += log2;
             *ceiling += log2;
         }
-        self.elsewhere += kernels::log2(others) - scale;
     }
 
     /// Drops the states of which all paths are further than `width` below the
@@ -142,4 +161,13 @@ impl Pointers {
         }
         states
     }
+}
+
+/// log2 of a sum of numbers, from their logarithms.
+fn log2_sum<I: Iterator<Item = f64>>(logs: impl Fn() -> I) -> f64 {
+    let largest = logs().fold(f64::NEG_INFINITY, f64::max);
+    if largest == f64::NEG_INFINITY {
+        return largest;
+    }
+    kernels::on_grid(largest + logs().map(|log| (log - largest).exp2()).sum::<f64>().log2())
 }

@@ -1,10 +1,11 @@
-//! One step of a pruned belief: prediction and update of all that is known of it.
+//! A step of a pruned belief: prediction and update of all that is known of it.
 
 use super::super::frontier::Frontier;
 use super::envelope::{Envelope, LIFT, LOST};
+use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
 
-/// Below this a lifted number may have lost digits, and gets [`LOST`] more.
+/// Below this a lifted number may have lost digits, and [`LOST`] is counted for it.
 const SMALL: f64 = 1e-270;
 /// For what a bound may lose by a dozen roundings.
 const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
@@ -35,15 +36,15 @@ impl Rows {
     }
 }
 
-/// The likelihoods of a step, none of them far above one.
-pub(super) struct Weights<'a> {
-    /// One for each candidate.
-    pub(super) listed: &'a [f64],
-    /// At least as large as any other.
-    pub(super) others: f64,
+/// The sums of a prediction.
+pub(super) struct Predicted {
+    /// Of the estimates.
+    pub(super) sum: f64,
+    /// The most terms of a sum.
+    terms: usize,
 }
 
-/// What came out of a step before it was scaled.
+/// The sums of a step before it is scaled.
 pub(super) struct Raw {
     /// Σ of the estimates, lifted.
     pub(super) estimate: f64,
@@ -51,23 +52,20 @@ pub(super) struct Raw {
     pub(super) lower: f64,
     /// Σ of all excess.
     pub(super) excess: f64,
-    /// Σ of the predicted estimates.
-    pub(super) predicted: f64,
     /// The most terms of a sum.
     pub(super) terms: usize,
 }
 
 impl Envelope {
-    /// Takes all candidates a step on from `before`; lifted, and not yet scaled.
-    pub(super) fn advance<A: TransitionEntries<Control = ()>>(
+    /// Predicts all candidates from `before`; lifted.
+    pub(super) fn predict<A: TransitionEntries<Control = ()>>(
         &mut self,
         before: &Self,
         transition: Option<(&A, Rows)>,
         frontier: &Frontier,
-        weights: &Weights<'_>,
-    ) -> Raw {
+    ) -> Predicted {
         self.clear();
-        let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, predicted: 0.0, terms: 1 };
+        let mut predicted = Predicted { sum: 0.0, terms: 1 };
         // What comes to a state from outside only.
         let (each, all) = match transition {
             Some((_, rows)) => {
@@ -76,15 +74,11 @@ impl Envelope {
             }
             None => (before.elsewhere, before.outside),
         };
-        let weigh = |b: f64, x: f64| {
-            let possible = b > 0.0 && before.is_open();
-            if possible { (b * (x * LIFT)) * ROUNDED_UP + LOST } else { 0.0 }
-        };
-        for (&i, &b) in frontier.candidates().iter().zip(weights.listed) {
+        let lift = |x: f64| if before.is_open() { x * LIFT * ROUNDED_UP + LOST } else { 0.0 };
+        (self.elsewhere, self.outside) = (lift(each), lift(all));
+        for &i in frontier.candidates() {
             if !frontier.is_reached(i) {
-                let excess = weigh(b, each);
-                raw.excess += excess;
-                self.push(i, 0.0, 0.0, excess);
+                self.push(i, 0.0, 0.0, self.elsewhere);
                 continue;
             }
             let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
@@ -94,7 +88,7 @@ impl Envelope {
                 if let Some(at) = frontier.place(j) {
                     estimate += a * (before.estimate[at] * LIFT);
                     lower += a * (before.lower[at] * LIFT);
-                    excess += a * (before.excess[at] * LIFT);
+                    excess += times(a, before.excess[at] * LIFT);
                 } else {
                     beyond += a;
                 }
@@ -103,23 +97,62 @@ impl Envelope {
                 Some((a, _)) => a.incoming(&(), i).for_each(|(j, a)| add(j, a)),
                 None => add(i, 1.0),
             }
-            raw.terms = raw.terms.max(terms);
-            raw.predicted += estimate / LIFT;
-            if b == 0.0 {
+            predicted.terms = predicted.terms.max(terms);
+            predicted.sum += estimate / LIFT;
+            excess += times(beyond, before.elsewhere * LIFT);
+            self.push(i, estimate, lower, excess);
+            self.count_lost(self.states.len() - 1);
+        }
+        predicted
+    }
+
+    /// Takes the likelihoods of the candidates, and drops what they rule out.
+    pub(super) fn weigh(
+        &mut self,
+        Predicted { terms, .. }: Predicted,
+        likelihoods: &[f64],
+        weights: &Weights,
+    ) -> Raw {
+        let mut raw = Raw { estimate: 0.0, lower: 0.0, excess: 0.0, terms };
+        let candidates = self.states.len();
+        let mut kept = 0;
+        for (at, &b) in (0..candidates).zip(likelihoods) {
+            let Weight { value, least, most } = weights.of(b);
+            if most == 0.0 {
                 continue;
             }
-            let inflow = if beyond > 0.0 { beyond * (before.elsewhere * LIFT) } else { 0.0 };
-            (estimate, lower, excess) = (b * estimate, b * lower, b * (excess + inflow));
-            if lower + excess < SMALL {
-                excess += LOST;
-            }
-            raw.estimate += estimate;
-            raw.lower += lower;
-            raw.excess += excess;
-            self.push(i, estimate, lower, excess);
+            let (estimate, lower) = (self.estimate[at], self.lower[at]);
+            self.states[kept] = self.states[at];
+            self.estimate[kept] = value * estimate;
+            self.lower[kept] = least * lower;
+            self.excess[kept] = times(most, self.excess[at]) + times(most - least, lower);
+            self.count_lost(kept);
+            raw.estimate += self.estimate[kept];
+            raw.lower += self.lower[kept];
+            raw.excess += self.excess[kept];
+            kept += 1;
         }
-        (self.elsewhere, self.outside) = (weigh(weights.others, each), weigh(weights.others, all));
+        self.truncate(kept);
+        let open = self.is_open() && weights.others > 0.0;
+        let weigh = |x| if open { times(weights.others, x) * ROUNDED_UP + LOST } else { 0.0 };
+        (self.elsewhere, self.outside) = (weigh(self.elsewhere), weigh(self.outside));
         raw.excess += self.outside;
         raw
     }
+
+    /// Counts what an entry may have lost below the smallest double. A lower bound
+    /// that may have lost digits is none.
+    #[inline]
+    fn count_lost(&mut self, at: usize) {
+        let (estimate, lower) = (self.estimate[at], self.lower[at]);
+        if estimate < SMALL || lower < SMALL {
+            self.excess[at] += lower + LOST;
+            self.lower[at] = 0.0;
+        }
+    }
+}
+
+/// The product of two numbers of which one may be infinite; 0 if one of them is.
+fn times(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }

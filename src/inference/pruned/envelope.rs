@@ -58,6 +58,13 @@ impl Envelope {
         self.excess.push(excess);
     }
 
+    pub(super) fn truncate(&mut self, kept: usize) {
+        self.states.truncate(kept);
+        self.estimate.truncate(kept);
+        self.lower.truncate(kept);
+        self.excess.truncate(kept);
+    }
+
     /// Whether states that are not followed may have some probability.
     pub(super) fn is_open(&self) -> bool {
         self.outside > 0.0
@@ -90,9 +97,12 @@ impl Envelope {
         for at in 0..self.states.len() {
             let lower = self.lower[at] / scale;
             let excess = self.excess[at] / scale;
-            self.estimate[at] /= raw.estimate;
-            self.lower[at] = lower;
-            self.excess[at] = (excess + rounding * lower) * (1.0 + rounding) + f64::MIN_POSITIVE;
+            let estimate = self.estimate[at] / raw.estimate;
+            let normal = estimate >= f64::MIN_POSITIVE && lower >= f64::MIN_POSITIVE;
+            let lost = f64::MIN_POSITIVE + if normal { 0.0 } else { lower };
+            self.estimate[at] = estimate;
+            self.lower[at] = if normal { lower } else { 0.0 };
+            self.excess[at] = (excess + rounding * lower + lost) * (1.0 + rounding);
         }
         // Of an excess that is large itself, the small parts are no loss.
         let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
@@ -111,7 +121,9 @@ impl Envelope {
         }
         let sum: f64 = self.estimate.iter().sum();
         self.estimate.iter_mut().for_each(|p| *p /= sum);
-        (scale / LIFT).ln() + self.normalise()
+        let unlifted = scale / LIFT;
+        let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - LIFT.ln() };
+        log + self.normalise()
     }
 
     /// Keeps the states for which that is said of the estimate and the excess.
@@ -130,10 +142,7 @@ impl Envelope {
                 self.outside += most;
             }
         }
-        self.states.truncate(kept);
-        self.estimate.truncate(kept);
-        self.lower.truncate(kept);
-        self.excess.truncate(kept);
+        self.truncate(kept);
     }
 
     /// Makes the lower bounds sum to one. Returns the logarithm of their sum.
@@ -175,6 +184,7 @@ impl Envelope {
         let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
         for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
             let reduced = *lower * factor;
+            let reduced = if reduced < f64::MIN_POSITIVE { 0.0 } else { reduced };
             *excess = (*excess + (*lower - reduced)) * (1.0 + 4.0 * f64::EPSILON);
             *lower = reduced;
         }

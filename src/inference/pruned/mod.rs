@@ -5,6 +5,7 @@ mod advance;
 mod certificate;
 mod envelope;
 mod step;
+mod weights;
 
 use std::mem;
 use std::ops::{Deref, RangeInclusive};

@@ -4,12 +4,12 @@ use std::mem;
 use std::ops::Deref;
 
 use super::super::step::is_one;
-use super::advance::Weights;
 use super::envelope::LEAST_KEPT;
+use super::weights::Weights;
 use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::LocalLikelihood;
+use crate::likelihood::{LocalLikelihood, Unlisted};
 use crate::transition::TransitionEntries;
 
 /// The part of the tolerance that a step may drop, at most and at first. It is so
@@ -48,26 +48,21 @@ where
         let candidates = frontier.candidates();
         values.clear();
         values.resize(candidates.len(), 1.0);
-        let (mut others, mut log_factor) = (1.0, 0.0);
+        let (mut unlisted, mut largest) = (Unlisted::at_most(1.0), 1.0);
         if let Some(observation) = observation {
             let wrap = |source| InferenceError::Likelihood { step: number, source };
             let local = model.likelihood().local(observation, candidates, values, scratch);
-            let unlisted = local.map_err(wrap)?;
-            let largest = unlisted.check(candidates, values).map_err(wrap)?;
-            others = unlisted.largest();
-            log_factor = unlisted.log_factor();
-            if largest > 0.0 && !(2f64.powi(-16)..=2f64.powi(16)).contains(&largest) {
-                values.iter_mut().for_each(|b| *b /= largest);
-                let least = if others > 0.0 { f64::MIN_POSITIVE } else { 0.0 };
-                others = f64::max(others / largest, least);
-                log_factor += largest.ln();
-            }
+            unlisted = local.map_err(wrap)?;
+            largest = unlisted.check(candidates, values).map_err(wrap)?;
         }
-        let weights = Weights { listed: values, others };
-        let raw = next.advance(belief, transition, frontier, &weights);
-        if !is_one(raw.predicted) {
-            return Err(InferenceError::PredictedSum { step: number, sum: raw.predicted });
+        let predicted = next.predict(belief, transition, frontier);
+        if !is_one(predicted.sum) {
+            return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
+        let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
+        let none = if unlisted.is_log() { f64::NEG_INFINITY } else { 0.0 };
+        let weights = Weights::new(&unlisted, largest, likely.map(|b| *b.0).fold(none, f64::max));
+        let raw = next.weigh(predicted, values, &weights);
         if raw.estimate < f64::MIN_POSITIVE {
             let proven = raw.excess == 0.0;
             return Err(if proven {
@@ -85,7 +80,7 @@ where
         frontier.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         self.steps = number;
-        self.log.add(log + log_factor);
+        self.log.add(log + weights.log_factor);
         self.log.add(rescaled);
         self.log_excess.add(unknown);
         self.log_lost |= !self.belief.is_known();

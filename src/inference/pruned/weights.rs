@@ -1,0 +1,98 @@
+//! What a sensor says of single states, with bounds on what a double does not hold.
+
+use crate::likelihood::Unlisted;
+
+/// By how much, as a power of two, the likelihood of a state to which the belief
+/// leads may be below the largest of all: what is left of a double's range then
+/// holds both.
+const SPREAD: f64 = 500.0;
+/// Likelihoods of this size are taken as they are.
+const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
+
+/// A likelihood over a factor that is the same for all states, and what it lies
+/// between.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Weight {
+    pub(super) value: f64,
+    pub(super) least: f64,
+    pub(super) most: f64,
+}
+
+/// The likelihoods of a step, over a factor near the largest of them, or of those
+/// of states to which the belief leads, if these are far below it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights {
+    is_log: bool,
+    /// The factor, or its logarithm.
+    factor: f64,
+    /// At least as large as that of any state that is not listed.
+    pub(super) others: f64,
+    pub(super) log_factor: f64,
+}
+
+impl Weights {
+    /// From the bound, the largest of all likelihoods, and the largest of those of
+    /// states to which the belief leads, all in the form of the bound.
+    pub(super) fn new(unlisted: &Unlisted, largest: f64, likely: f64) -> Self {
+        let is_log = unlisted.is_log();
+        let (factor, log) = if is_log {
+            let spread = SPREAD * std::f64::consts::LN_2;
+            let factor = if likely.is_finite() { largest.min(likely + spread) } else { largest };
+            let factor = if factor.is_finite() { factor } else { 0.0 };
+            (factor, factor)
+        } else {
+            let most = if likely > 0.0 { likely * SPREAD.exp2() } else { f64::INFINITY };
+            let factor = largest.min(most);
+            let unscaled = UNSCALED.contains(&factor) || factor == 0.0;
+            let factor = if unscaled { 1.0 } else { factor };
+            (factor, factor.ln())
+        };
+        let log_factor = unlisted.log_factor() + log;
+        let weights = Self { is_log, factor, others: 0.0, log_factor };
+        let others = weights.of(unlisted.largest()).most * (1.0 + 4.0 * f64::EPSILON);
+        Self { others, ..weights }
+    }
+
+    /// The weight of a state of which the sensor says `b`.
+    #[inline]
+    pub(super) fn of(&self, b: f64) -> Weight {
+        if b == if self.is_log { f64::NEG_INFINITY } else { 0.0 } {
+            return Weight { value: 0.0, least: 0.0, most: 0.0 };
+        }
+        let log = b - self.factor;
+        let value = if self.is_log { log.exp() } else { b / self.factor };
+        // The difference has a rounding, and the exponential another.
+        let off = if self.is_log { (log.abs() + 4.0) * f64::EPSILON } else { 0.0 };
+        if value < f64::MIN_POSITIVE {
+            Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE }
+        } else if value > f64::MAX {
+            Weight { value: 0.0, least: 0.0, most: f64::INFINITY }
+        } else {
+            Weight { value, least: value * (1.0 - off), most: value * (1.0 + off) }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_double_does_not_hold_lies_between_bounds() {
+        let tiny = Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE };
+        let nothing = Weight { value: 0.0, least: 0.0, most: 0.0 };
+        let logs = Weights::new(&Unlisted::log_at_most(-800.0), 0.0, 0.0);
+        assert_eq!((logs.of(-800.0), logs.of(f64::NEG_INFINITY)), (tiny, nothing));
+        assert!(logs.others >= f64::MIN_POSITIVE);
+        let one = logs.of(0.0);
+        assert!(one.value == 1.0 && one.least < 1.0 && one.most > 1.0 && one.most < 1.0 + 1e-15);
+        let linear = Weights::new(&Unlisted::at_most(1e-300), 1e300, 1e300);
+        assert_eq!((linear.of(1e-300), linear.of(0.0)), (tiny, nothing));
+        // The belief leads only to what is far below the largest.
+        let far = Weights::new(&Unlisted::log_at_most(-3.0), 0.0, -1000.0);
+        assert!(far.of(-1000.0).value > 1e-151 && far.others > 1e280);
+        assert_eq!(Weights::new(&Unlisted::log_at_most(0.0), 0.0, -1e5).others, f64::INFINITY);
+        let far = Weights::new(&Unlisted::at_most(1e-3), 1e-3, 1e-300);
+        assert!(far.of(1e-300).value > 1e-151);
+    }
+}
