@@ -68,6 +68,13 @@ pub enum InferenceError {
         /// What they sum to.
         sum: f64,
     },
+    /// The filter has taken as many steps as a snapshot can count: 2^53, or less
+    /// where a `usize` has 32 bits.
+    #[error("{steps} steps have been taken, the most that can be counted")]
+    TooMany {
+        /// Steps taken.
+        steps: usize,
+    },
     /// A batch has not as many controls as observations.
     #[error("{controls} controls for {observations} observations, expected one each")]
     ControlCount {

@@ -4,6 +4,10 @@ use super::LogSum;
 use super::held::Held;
 use crate::belief::Belief;
 
+/// The most steps that a filter takes and a snapshot holds: a double can count them.
+pub(crate) const MOST_STEPS: usize =
+    if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
+
 /// All that a filter knows after k steps: plain data, to be kept, compared,
 /// sent elsewhere, and restored.
 ///

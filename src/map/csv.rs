@@ -1,5 +1,6 @@
 //! Maps from CSV files.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -9,6 +10,9 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::MapError;
 use super::road_map::Builder;
 use super::{Place, Position, Road, RoadMap};
+
+/// Characters of a field in an error.
+const LONGEST: usize = 60;
 
 const PLACES: [&str; 4] = ["id", "latitude", "longitude", "name"];
 const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];
@@ -76,7 +80,7 @@ fn read(places: (&str, impl Read), roads: (&str, impl Read)) -> Result<RoadMap, 
     each_line(roads, ROADS, |line| {
         let (from, to, class, metres) = (line.id(0)?, line.id(1)?, line.text(2), line.number(3)?);
         builder
-            .road(Road { from, to, class: class.parse()?, metres })
+            .road(Road { from, to, class: excerpt(class).parse()?, metres })
             .map_err(|error| error.to_string())
     })?;
     builder.build()
@@ -104,7 +108,18 @@ impl Line<'_> {
     fn parse<T: std::str::FromStr>(&self, column: usize, expected: &str) -> Result<T, String> {
         let found = self.text(column);
         let name = self.columns[column];
-        found.parse().map_err(|_| format!("{name} is {found:?}, expected {expected}"))
+        found.parse().map_err(|_| {
+            let found = excerpt(found);
+            format!("{name} is {found:?}, expected {expected}")
+        })
+    }
+}
+
+/// A field as an error shows it, whatever its length.
+fn excerpt(field: &str) -> Cow<'_, str> {
+    match field.char_indices().nth(LONGEST) {
+        Some((end, _)) => Cow::Owned(format!("{}…", &field[..end])),
+        None => Cow::Borrowed(field),
     }
 }
 
@@ -131,9 +146,12 @@ fn each_line(
         let line = record.position().map_or(line, csv::Position::line);
         if !header_seen {
             if record != columns[..] {
-                let found = record.iter().collect::<Vec<_>>().join(",");
-                let expected = columns.join(",");
-                return Err(at(line, format!("header {found:?}, expected {expected:?}")));
+                // One more than expected are enough to see what is wrong.
+                let first: Vec<_> = record.iter().take(columns.len() + 1).map(excerpt).collect();
+                let more = record.len().saturating_sub(first.len());
+                let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+                let (found, expected) = (first.join(","), columns.join(","));
+                return Err(at(line, format!("header {found:?}{more}, expected {expected:?}")));
             }
             header_seen = true;
             continue;

@@ -2,10 +2,7 @@
 
 use super::stored;
 use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::inference::{FilterState, FixedLagState, LogSum};
-
-/// More steps than a vehicle takes; the next ones can still be counted.
-const MOST_STEPS: u64 = 1 << 53;
+use crate::inference::{FilterState, FixedLagState, LogSum, MOST_STEPS};
 
 stored! {
     [] FilterState: [], |state| {
@@ -37,7 +34,7 @@ fn filter_state(
     logs: Option<Vec<Option<f64>>>,
     log_likelihood: [f64; 2],
 ) -> Result<FilterState, String> {
-    if steps as u64 > MOST_STEPS {
+    if steps > MOST_STEPS {
         return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
     }
     let logs = logs.map(|logs| logs.into_iter().map(|log| log.unwrap_or(f64::NEG_INFINITY)));

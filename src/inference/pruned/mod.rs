@@ -75,8 +75,11 @@ use step::LARGEST_SHARE;
 /// All states that the prior allows are active at first. From a uniform one the
 /// first steps cost O(n), until the sensor has told some places from the others.
 ///
-/// Likelihoods are taken as the sensor gives them, and what falls below 1e-290 of
-/// the whole is dropped, and counted.
+/// Likelihoods are taken as the sensor gives them, over a factor near the largest of
+/// those to which the belief leads; of one that a double does not hold beside them,
+/// a bound is counted. What falls below 1e-290 of the whole is dropped, and counted
+/// too: a sensor that speaks against the belief by more than that leaves nothing
+/// proven, and the bound says so.
 #[derive(Debug, Clone)]
 pub struct PrunedFilter<M> {
     model: M,

@@ -33,12 +33,20 @@ impl Gear {
     /// # Errors
     ///
     /// [`TransitionError::Parameter`] for a weight that is NaN, negative or
-    /// infinite, for weights that do not sum to one within 1e-9, or for a move
-    /// of more than 2^30 places.
+    /// infinite, or above 0 and below 2.2e-308 (it may be the only one that odometry
+    /// leaves), for weights that do not sum to one within 1e-9, or for a move of more
+    /// than 2^30 places.
     pub fn new(first: isize, weights: &[f64]) -> Result<Self, TransitionError> {
         check_sum(weights, "the sum of the weights of a gear".into(), |d| {
             format!("the weight of move {}", first.saturating_add_unsigned(d))
         })?;
+        if let Some((d, value)) = weights.iter().enumerate().find(|entry| entry.1.is_subnormal()) {
+            return Err(TransitionError::Parameter {
+                what: format!("the weight of move {}", first.saturating_add_unsigned(d)),
+                value: *value,
+                expected: "0, or at least 2.2250738585072014e-308",
+            });
+        }
         let leading = weights.iter().take_while(|weight| **weight == 0.0).count();
         let trailing = weights.iter().rev().take_while(|weight| **weight == 0.0).count();
         let weights = weights[leading..weights.len() - trailing].to_vec();
