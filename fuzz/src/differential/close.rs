@@ -1,0 +1,32 @@
+//! What counts as equal.
+
+/// Of a probability, in parts of itself.
+const PROBABILITY: f64 = 1e-10;
+/// Below this a probability need not have digits.
+const LEAST: f64 = 1e-290;
+/// Of a logarithm, in parts of the numbers that it is a sum of.
+const LOGARITHM: f64 = 1e-12;
+
+/// A distribution against its logarithms.
+pub(crate) fn belief(what: &str, step: usize, found: &[f64], expected: &[f64]) {
+    assert_eq!(found.len(), expected.len(), "{what}, step {step}");
+    for (state, (&found, &log)) in found.iter().zip(expected).enumerate() {
+        let expected = log.exp();
+        assert!(
+            (found - expected).abs() <= PROBABILITY * expected + LEAST,
+            "{what}, step {step}, state {state}: {found:e}, expected {expected:e}"
+        );
+    }
+}
+
+/// A logarithm that is a sum of numbers of this size in all.
+pub(crate) fn log(what: &str, found: f64, expected: f64, size: f64) {
+    let equal = found == expected || (found - expected).abs() <= LOGARITHM * size;
+    assert!(equal, "{what}: {found}, expected {expected} (of numbers up to {size})");
+}
+
+/// A number of at least 0.
+pub(crate) fn number(what: &str, found: f64, expected: f64, tolerance: f64) {
+    let equal = (found - expected).abs() <= tolerance * expected.abs() + tolerance * 1e-6;
+    assert!(equal, "{what}: {found:e}, expected {expected:e}");
+}

@@ -1,0 +1,121 @@
+//! Every routine against the dense reference.
+
+mod batches;
+mod close;
+mod learning;
+mod paths;
+mod products;
+mod pruned;
+mod streams;
+mod whole;
+
+use wayfix::{Controlled, Hmm, InferenceError, Sequence, TransitionEntries};
+
+use crate::counts::Counts;
+use crate::draw::Draw;
+use crate::matrices;
+use crate::model::{Matrix, Observation, Scene, Sensor};
+use crate::reference::{Chain, Stop, logarithms};
+
+/// Everything about a random model of 2 to 12 states.
+pub fn differential(bytes: &[u8], counts: &mut Counts) {
+    let mut draw = Draw::new(bytes);
+    let states = 2 + draw.below(11);
+    let scene = Scene::draw(&mut draw, states);
+    if draw.one_in(3) {
+        with_controls(&mut draw, &scene, counts);
+    } else {
+        without_controls(&mut draw, &scene, counts);
+    }
+}
+
+fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
+    counts.add("models without controls");
+    let (operator, matrix) = matrices::plain(draw, scene.states, scene.range);
+    products::check(draw, &operator, &(), &matrix, counts);
+    let logs = logarithms(&matrix);
+    let hmm = scene.hmm(operator.clone());
+    let chains: Vec<Chain> =
+        scene.drives.iter().map(|drive| Chain::new(scene, |_| &logs, drive)).collect();
+    let controls = vec![(); scene.drives.iter().map(Vec::len).max().unwrap_or(0)];
+    for (drive, chain) in scene.drives.iter().zip(&chains).take(3) {
+        one(draw, &hmm, &controls[..drive.len()], drive, chain, counts);
+        pruned::check(draw, &hmm, scene, drive, chain, counts);
+    }
+    batches::check(&hmm, &scene.drives, &chains, counts);
+    learning::check(draw, scene, &operator, &matrix, &chains, counts);
+}
+
+fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
+    counts.add("models with controls");
+    let (operator, matrices) = matrices::driven(draw, scene.states, scene.range);
+    for (control, matrix) in matrices.iter().enumerate() {
+        products::check(draw, &operator, &control, matrix, counts);
+    }
+    let logs: Vec<Matrix> = matrices.iter().map(logarithms).collect();
+    let Some(hmm) = model(scene, operator) else { return counts.add("skipped") };
+    for drive in scene.drives.iter().take(4) {
+        let controls: Vec<usize> = drive.iter().map(|_| draw.below(logs.len())).collect();
+        let chain = Chain::new(scene, |step| &logs[controls[step - 1]], drive);
+        one(draw, &hmm, &controls, drive, &chain, counts);
+        beam(draw, &hmm, &controls, drive, &chain, counts);
+    }
+}
+
+/// A route of two gears over an odd number of places has a state less.
+fn model<A: TransitionEntries>(scene: &Scene, operator: A) -> Option<Hmm<A, Sensor>> {
+    (operator.states() == scene.states).then(|| scene.hmm(operator))
+}
+
+/// All routines for one sequence.
+fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<A, Sensor>,
+    controls: &[A::Control],
+    drive: &[Observation],
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let sequence = Controlled::new(controls, drive).expect("a control each");
+    streams::check(draw, hmm, controls, drive, chain, counts);
+    paths::online(hmm, controls, drive, chain, counts);
+    whole::check(hmm, &sequence, chain, counts);
+    paths::check(draw, hmm, &sequence, chain, counts);
+}
+
+fn beam<A: TransitionEntries>(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<A, Sensor>,
+    controls: &[A::Control],
+    drive: &[Observation],
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let sequence = Controlled::new(controls, drive).expect("a control each");
+    pruned::beam(draw, hmm, &sequence, chain, counts);
+}
+
+/// The result, if the reference has one; or else the same error at the same step.
+fn expect<R>(
+    what: &str,
+    result: Result<R, InferenceError>,
+    chain: &Chain,
+    counts: &mut Counts,
+) -> Option<R> {
+    match (result, chain.stop) {
+        (Ok(result), None) => Some(result),
+        (Err(InferenceError::Impossible { step }), Some(Stop::Impossible(expected)))
+        | (Err(InferenceError::Likelihood { step, .. }), Some(Stop::Invalid(expected)))
+            if step == expected =>
+        {
+            counts.add("errors");
+            None
+        }
+        (Ok(_), Some(stop)) => panic!("{what}: a result, expected {stop:?}"),
+        (Err(error), stop) => panic!("{what}: {error} ({error:?}), expected {stop:?}"),
+    }
+}
+
+/// A sequence of any kind.
+trait Drive<A: TransitionEntries>: Sequence<A::Control, Observation> {}
+impl<A: TransitionEntries, S: Sequence<A::Control, Observation>> Drive<A> for S {}

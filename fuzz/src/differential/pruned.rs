@@ -1,0 +1,162 @@
+//! What pruned routines say that they have proven.
+
+use wayfix::{
+    Hmm, InferenceError, LocalLikelihood, Pruning, SparseLikelihood, SparseObservation,
+    TransitionEntries,
+};
+
+use super::{Drive, close, paths};
+use crate::counts::Counts;
+use crate::draw::Draw;
+use crate::model::{Observation, Scene, Sensor};
+use crate::operators::Plain;
+use crate::reference::{Chain, Stop};
+
+/// What the reference itself may be wrong by.
+const ROUNDING: f64 = 1e-12;
+
+pub(super) fn check(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<Plain, Sensor>,
+    scene: &Scene,
+    drive: &[Observation],
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    filter(draw, hmm, drive, chain, counts);
+    beam(draw, hmm, &drive, chain, counts);
+    if scene.logs {
+        return;
+    }
+    let lists: Option<Vec<SparseObservation>> = drive.iter().map(|y| list(scene, y)).collect();
+    let Some(lists) = lists else { return };
+    let sensor = SparseLikelihood::new(scene.states);
+    let hmm = Hmm::new(scene.prior(), hmm.transition().clone(), sensor).expect("a model");
+    filter(draw, &hmm, &lists, chain, counts);
+    beam_of(draw, &hmm, &lists, chain, counts);
+}
+
+/// The same as a list of states that are more likely than the others.
+fn list(scene: &Scene, observation: &Observation) -> Option<SparseObservation> {
+    scene.logs(observation)?;
+    let ones = vec![1.0; scene.states];
+    let values = observation.as_ref().unwrap_or(&ones);
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let above = values.iter().copied().enumerate().filter(|entry| entry.1 > least);
+    Some(SparseObservation::new(above.collect(), least).expect("valid likelihoods"))
+}
+
+fn filter<B: LocalLikelihood<Observation: Sized>>(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<Plain, B>,
+    drive: &[B::Observation],
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let tolerance = draw.pick(&[0.0, 1e-12, 1e-6, 1e-3, 1.0]);
+    let most_active = draw.pick(&[usize::MAX, usize::MAX, 1, 2, 4]);
+    let mut filter = hmm.pruned_filter(Pruning { tolerance, most_active });
+    let mut log = 0.0;
+    for (step, observation) in (1..).zip(drive) {
+        let before = (filter.active().to_vec(), filter.probabilities().to_vec());
+        let bound = match filter.step(observation) {
+            Ok(certificate) => certificate.bound(),
+            Err(error) => {
+                let expected = match error {
+                    InferenceError::Impossible { .. } => Some(Stop::Impossible(step)),
+                    InferenceError::Likelihood { .. } => Some(Stop::Invalid(step)),
+                    InferenceError::Pruned { .. } => None,
+                    other => panic!("pruned_filter: {other}"),
+                };
+                let true_at_all = expected.is_none() || (chain.stop == expected);
+                assert!(true_at_all, "pruned_filter: {error}, expected {:?}", chain.stop);
+                let after = (filter.active().to_vec(), filter.probabilities().to_vec());
+                assert_eq!(after, before, "the pruned filter after an error");
+                counts.add("errors of the pruned filter");
+                return;
+            }
+        };
+        assert!(step <= chain.len(), "pruned_filter: a belief, expected {:?}", chain.stop);
+        log += chain.steps[step - 1];
+        let exact = chain.filtered[step].iter().map(|log| log.exp());
+        let difference =
+            |(state, p): (usize, f64)| (filter.probability(state).expect("a state") - p).abs();
+        let distance = 0.5 * exact.enumerate().map(difference).sum::<f64>();
+        assert!(
+            distance <= bound + ROUNDING && bound <= 1.0,
+            "pruned_filter, step {step}: {distance:e} off, said to be within {bound:e}"
+        );
+        let (range, slack) = (filter.log_likelihood(), 1e-12 * chain.size());
+        assert!(
+            range.start() - slack <= log && log <= range.end() + slack,
+            "pruned_filter, step {step}: log-likelihood {log}, said to be within {range:?}"
+        );
+        assert!(filter.active().len() <= most_active);
+        counts.add("steps of the pruned filter");
+        counts.add(if bound <= 1e-3 { "bounds up to 1e-3" } else { "bounds above 1e-3" });
+    }
+}
+
+fn beam_of<B: LocalLikelihood<Observation: Sized>>(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<Plain, B>,
+    drive: &[B::Observation],
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let width = draw.pick(&WIDTHS);
+    let exact = hmm.viterbi(drive).ok().map(wayfix::ViterbiPath::into_states);
+    say(hmm.beam_viterbi(drive, width), width, exact, chain, counts);
+}
+
+pub(super) fn beam<A: TransitionEntries, S: Drive<A>>(
+    draw: &mut Draw<'_>,
+    hmm: &Hmm<A, Sensor>,
+    sequence: &S,
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let width = draw.pick(&WIDTHS);
+    let exact = hmm.viterbi(sequence).ok().map(wayfix::ViterbiPath::into_states);
+    say(hmm.beam_viterbi(sequence, width), width, exact, chain, counts);
+}
+
+const WIDTHS: [f64; 6] = [0.0, 1.0, 5.0, 30.0, 1000.0, f64::INFINITY];
+
+fn say(
+    found: Result<wayfix::BeamPath, InferenceError>,
+    width: f64,
+    exact: Option<Vec<usize>>,
+    chain: &Chain,
+    counts: &mut Counts,
+) {
+    let found = match found {
+        Ok(found) => found,
+        Err(error) => {
+            let expected = match error {
+                InferenceError::Impossible { step } => Some(Stop::Impossible(step)),
+                InferenceError::Likelihood { step, .. } => Some(Stop::Invalid(step)),
+                InferenceError::Pruned { .. } if width < f64::INFINITY => None,
+                other => panic!("beam_viterbi, width {width}: {other}"),
+            };
+            let true_at_all = expected.is_none() || (chain.stop == expected);
+            assert!(true_at_all, "beam_viterbi: {error}, expected {:?}", chain.stop);
+            return counts.add("errors of the beam");
+        }
+    };
+    assert!(chain.stop.is_none(), "beam_viterbi: a path, expected {:?}", chain.stop);
+    paths::legal("beam_viterbi", found.path(), chain);
+    let best = chain.best(chain.len(), 1)[0];
+    let slack = 1e-12 * chain.size();
+    let bound = found.upper_bound();
+    assert!(bound >= best - slack, "beam_viterbi: a path of {best} above the bound of {bound}");
+    if found.is_optimal() {
+        let log = found.path().log_probability();
+        close::log("beam_viterbi, said to be optimal", log, best, chain.size());
+        counts.add("beams proven");
+    }
+    if found.is_unrivalled() {
+        assert_eq!(Some(found.path().states()), exact.as_deref(), "beam said to be unrivalled");
+    }
+    counts.add("beams");
+}

@@ -1,0 +1,27 @@
+//! Fuzz targets of wayfix: functions of any bytes, which panic if the library
+//! does what it must not.
+//!
+//! `cargo fuzz` calls them with bytes that it evolves, the binary `seeded` with
+//! pseudo-random ones; CONTRIBUTING.md says how to run both. Bytes are not read
+//! as a format: they are the choices from which a model or a document is made,
+//! and whatever they are, they make one.
+#![forbid(unsafe_code)]
+
+mod counts;
+mod differential;
+mod draw;
+mod matrices;
+mod model;
+mod operators;
+
+mod reference;
+
+pub use counts::Counts;
+pub use differential::differential;
+
+/// A target: makes an input of bytes, checks what the library does with it, and
+/// counts what was checked.
+pub type Target = fn(&[u8], &mut Counts);
+
+/// All targets with their names, and how many bytes at most they make use of.
+pub const TARGETS: [(&str, Target, usize); 1] = [("differential", differential, 6000)];

@@ -1,0 +1,184 @@
+//! Operators of several kinds as one type, so that inference is compiled once; each
+//! call goes to the operator itself.
+
+use wayfix::{
+    DenseTransition, DistanceTransition, LearnTransition, MoveCounts, Odometry, RestartTransition,
+    RouteControl, RouteTransition, SparseTransition, Stored, SwitchedTransition, Transition,
+    TransitionEntries, TransitionError, WindowTransition,
+};
+
+/// Operators without a control.
+#[derive(Debug, Clone)]
+pub(crate) enum Plain {
+    Sparse(SparseTransition),
+    Dense(DenseTransition),
+    Restart(RestartTransition<SparseTransition>),
+    Window(WindowTransition),
+}
+
+/// Operators with a control, which is the number of one from a list.
+#[derive(Debug, Clone)]
+pub(crate) enum Driven {
+    Switched(SwitchedTransition<SparseTransition>, Vec<usize>),
+    Route(RouteTransition, Vec<RouteControl>),
+    Distance(DistanceTransition, Vec<Option<Odometry>>),
+}
+
+/// Evaluates the same expression for each operator `a` under its control `u`.
+macro_rules! plain {
+    ($self:ident, $a:ident, $u:ident => $value:expr) => {{
+        let $u = &();
+        match $self {
+            Plain::Sparse($a) => $value,
+            Plain::Dense($a) => $value,
+            Plain::Restart($a) => $value,
+            Plain::Window($a) => $value,
+        }
+    }};
+}
+
+macro_rules! driven {
+    ($self:ident, $control:expr, $a:ident, $u:ident => $value:expr) => {
+        match $self {
+            Driven::Switched($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Route($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Distance($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+        }
+    };
+}
+
+impl Transition for Plain {
+    type Control = ();
+
+    fn states(&self) -> usize {
+        plain!(self, a, _u => a.states())
+    }
+
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        plain!(self, a, u => a.apply(u, x, out));
+    }
+
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        plain!(self, a, u => a.apply_transpose(u, x, out));
+    }
+
+    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        plain!(self, a, u => a.apply_log(u, x, out));
+    }
+
+    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        plain!(self, a, u => a.apply_transpose_log(u, x, out));
+    }
+
+    fn stored(&self, (): &()) -> Option<Stored<'_>> {
+        plain!(self, a, u => a.stored(u))
+    }
+}
+
+impl TransitionEntries for Plain {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        plain!(self, a, u => a.incoming(u, to).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        plain!(self, a, u => a.outgoing(u, from).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn incoming_log2(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        plain!(self, a, u => a.incoming_log2(u, to).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        plain!(self, a, u => a.max_product(u, x, out, from));
+    }
+}
+
+/// Matrices are learned, others stay as they are.
+impl LearnTransition for Plain {
+    fn families(&self) -> usize {
+        usize::from(matches!(self, Self::Sparse(_) | Self::Dense(_)))
+    }
+
+    fn reestimate(
+        &self,
+        counts: &[MoveCounts],
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        Ok(match self {
+            Self::Sparse(a) => Self::Sparse(a.reestimate(counts, pseudo_count)?),
+            Self::Dense(a) => Self::Dense(a.reestimate(counts, pseudo_count)?),
+            other => other.clone(),
+        })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        match self {
+            Self::Sparse(a) => a.log_prior(pseudo_count),
+            Self::Dense(a) => a.log_prior(pseudo_count),
+            _ => 0.0,
+        }
+    }
+}
+
+impl Transition for Driven {
+    type Control = usize;
+
+    fn states(&self) -> usize {
+        match self {
+            Self::Switched(a, _) => a.states(),
+            Self::Route(a, _) => a.states(),
+            Self::Distance(a, _) => a.states(),
+        }
+    }
+
+    fn apply(&self, control: &usize, x: &[f64], out: &mut [f64]) {
+        driven!(self, control, a, u => a.apply(u, x, out));
+    }
+
+    fn apply_transpose(&self, control: &usize, x: &[f64], out: &mut [f64]) {
+        driven!(self, control, a, u => a.apply_transpose(u, x, out));
+    }
+
+    fn apply_log(&self, control: &usize, x: &[f64], out: &mut [f64]) {
+        driven!(self, control, a, u => a.apply_log(u, x, out));
+    }
+
+    fn apply_transpose_log(&self, control: &usize, x: &[f64], out: &mut [f64]) {
+        driven!(self, control, a, u => a.apply_transpose_log(u, x, out));
+    }
+
+    fn stored(&self, control: &usize) -> Option<Stored<'_>> {
+        driven!(self, control, a, u => a.stored(u))
+    }
+
+    fn check_control(&self, control: &usize) -> Result<(), TransitionError> {
+        driven!(self, control, a, u => a.check_control(u))
+    }
+}
+
+impl TransitionEntries for Driven {
+    fn incoming(&self, control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        driven!(self, control, a, u => a.incoming(u, to).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn outgoing(&self, control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        driven!(self, control, a, u => a.outgoing(u, from).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn incoming_log2(&self, control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        driven!(self, control, a, u => a.incoming_log2(u, to).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn max_product(&self, control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        driven!(self, control, a, u => a.max_product(u, x, out, from));
+    }
+}
