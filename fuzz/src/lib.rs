@@ -13,15 +13,22 @@ mod draw;
 mod matrices;
 mod model;
 mod operators;
+mod readers;
 
 mod reference;
 
 pub use counts::Counts;
 pub use differential::differential;
+pub use readers::{csv, json_models, json_snapshots};
 
 /// A target: makes an input of bytes, checks what the library does with it, and
 /// counts what was checked.
 pub type Target = fn(&[u8], &mut Counts);
 
 /// All targets with their names, and how many bytes at most they make use of.
-pub const TARGETS: [(&str, Target, usize); 1] = [("differential", differential, 6000)];
+pub const TARGETS: [(&str, Target, usize); 4] = [
+    ("differential", differential, 6000),
+    ("csv", csv, 800),
+    ("json_models", json_models, 1500),
+    ("json_snapshots", json_snapshots, 4000),
+];

@@ -10,7 +10,7 @@ use crate::draw::Draw;
 use crate::model::{Matrix, Range, weight};
 use crate::operators::{Driven, Plain};
 
-fn matrix(draw: &mut Draw<'_>, n: usize, range: Range) -> Matrix {
+pub(crate) fn matrix(draw: &mut Draw<'_>, n: usize, range: Range) -> Matrix {
     let columns: Vec<Vec<f64>> =
         (0..n).map(|_| draw.distribution(n, |draw| weight(draw, range))).collect();
     (0..n).map(|to| (0..n).map(|from| columns[from][to]).collect()).collect()
@@ -131,18 +131,23 @@ fn odometry(draw: &mut Draw<'_>) -> Option<Odometry> {
 fn route(draw: &mut Draw<'_>, n: usize, range: Range) -> RouteTransition {
     let gears = if n.is_multiple_of(2) && draw.one_in(2) { 2 } else { 1 };
     let places = n / gears;
+    // With views, products may be too small to be listed, and are said to be lost.
+    let views = draw.one_in(2);
+    let range = if views { Range::Plain } else { range };
     let gear = |draw: &mut Draw<'_>| {
         let count = 1 + draw.below(places.min(4));
+        let first = draw.below(5).cast_signed() - 2;
         let weights = draw.distribution(count, |draw| match draw.below(12) {
-            11 if range == Range::Wide => draw.pick(&[1e-310, 5e-324, 1e-260, 1e-290]),
-            _ => weight(draw, range),
+            11 if range == Range::Wide => draw.pick(&[1e-310, 5e-324, 1e-200, 1e-240]),
+            _ => weight(draw, Range::Plain),
         });
-        Gear::new(draw.below(5).cast_signed() - 2, &weights).expect("a distribution")
+        // What is too small may be refused.
+        Gear::new(first, &weights).or_else(|_| Gear::new(first, &[1.0])).expect("a gear")
     };
     let list = (0..gears).map(|_| gear(draw)).collect();
     let keep = draw.pick(&[0.9, 1.0, 0.0, 0.5]);
     let route = RouteTransition::new(places, draw.one_in(2), list, keep).expect("a valid route");
-    if draw.one_in(2) {
+    if views {
         let stretches: Vec<usize> = (0..places).map(|_| draw.below(3)).collect();
         let rates = [0.5, 1e-30, 0.999, 0.1];
         let (standing, alike, moved) = (draw.pick(&rates), draw.pick(&rates), draw.pick(&rates));

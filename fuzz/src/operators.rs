@@ -161,6 +161,14 @@ impl Transition for Driven {
     }
 
     fn check_control(&self, control: &usize) -> Result<(), TransitionError> {
+        let count = match self {
+            Self::Switched(_, controls) => controls.len(),
+            Self::Route(_, controls) => controls.len(),
+            Self::Distance(_, controls) => controls.len(),
+        };
+        if *control >= count {
+            return Err(TransitionError::Control(format!("{control} of {count}")));
+        }
         driven!(self, control, a, u => a.check_control(u))
     }
 }

@@ -78,9 +78,11 @@ fn options(mut arguments: impl Iterator<Item = String>) -> Result<Options, Strin
 fn run(arguments: impl Iterator<Item = String>) -> Result<u64, String> {
     let options = options(arguments)?;
     let Options { target, name, most, seed, .. } = options;
+    let mut verbose = Counts::default();
+    verbose.verbose = true;
     if let Some(file) = &options.replay {
         let bytes = std::fs::read(file).map_err(|error| format!("{file}: {error}"))?;
-        target(&bytes, &mut Counts::default());
+        target(&bytes, &mut verbose);
         println!("{name}: {file} finds nothing");
         return Ok(0);
     }
@@ -89,7 +91,7 @@ fn run(arguments: impl Iterator<Item = String>) -> Result<u64, String> {
         if let Some(file) = &options.write {
             std::fs::write(file, &bytes).map_err(|error| format!("{file}: {error}"))?;
         }
-        target(&bytes, &mut Counts::default());
+        target(&bytes, &mut verbose);
         println!("{name}: input {number} of seed {seed} finds nothing");
         return Ok(0);
     }

@@ -21,7 +21,8 @@ pub(crate) fn belief(what: &str, step: usize, found: &[f64], expected: &[f64]) {
 
 /// A logarithm that is a sum of numbers of this size in all.
 pub(crate) fn log(what: &str, found: f64, expected: f64, size: f64) {
-    let equal = found == expected || (found - expected).abs() <= LOGARITHM * size;
+    let equal =
+        found == expected || (found - expected).abs() <= LOGARITHM * size.max(expected.abs());
     assert!(equal, "{what}: {found}, expected {expected} (of numbers up to {size})");
 }
 

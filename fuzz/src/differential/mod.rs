@@ -32,6 +32,7 @@ pub fn differential(bytes: &[u8], counts: &mut Counts) {
 fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     counts.add("models without controls");
     let (operator, matrix) = matrices::plain(draw, scene.states, scene.range);
+    counts.note(|| format!("{scene:?}\n{operator:?}\n{matrix:?}"));
     products::check(draw, &operator, &(), &matrix, counts);
     let logs = logarithms(&matrix);
     let hmm = scene.hmm(operator.clone());
@@ -49,22 +50,18 @@ fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
 fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     counts.add("models with controls");
     let (operator, matrices) = matrices::driven(draw, scene.states, scene.range);
+    counts.note(|| format!("{scene:?}\n{operator:?}\n{matrices:?}"));
     for (control, matrix) in matrices.iter().enumerate() {
         products::check(draw, &operator, &control, matrix, counts);
     }
     let logs: Vec<Matrix> = matrices.iter().map(logarithms).collect();
-    let Some(hmm) = model(scene, operator) else { return counts.add("skipped") };
+    let hmm = scene.hmm(operator);
     for drive in scene.drives.iter().take(4) {
         let controls: Vec<usize> = drive.iter().map(|_| draw.below(logs.len())).collect();
         let chain = Chain::new(scene, |step| &logs[controls[step - 1]], drive);
         one(draw, &hmm, &controls, drive, &chain, counts);
         beam(draw, &hmm, &controls, drive, &chain, counts);
     }
-}
-
-/// A route of two gears over an odd number of places has a state less.
-fn model<A: TransitionEntries>(scene: &Scene, operator: A) -> Option<Hmm<A, Sensor>> {
-    (operator.states() == scene.states).then(|| scene.hmm(operator))
 }
 
 /// All routines for one sequence.
