@@ -72,7 +72,7 @@ fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)
                 Ends::Loop => to.rem_euclid(length),
                 Ends::Stop => to.clamp(0, length - 1),
                 Ends::Renormalise if (0..length).contains(&to) => to,
-                _ => continue,
+                Ends::Renormalise => continue,
             };
             all[to.cast_unsigned()][from] += weight;
         }

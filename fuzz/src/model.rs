@@ -48,7 +48,7 @@ impl Scene {
         let prior = draw.distribution(states, |draw| weight(draw, range));
         // Few different observations, so that bytes last for long drives.
         let pool: Vec<Observation> =
-            (0..1 + draw.below(8)).map(|_| observation(draw, states, range, logs)).collect();
+            (0..=draw.below(8)).map(|_| observation(draw, states, range, logs)).collect();
         let drives = (0..draw.below(21)).map(|_| {
             let steps = match draw.below(16) {
                 15 => draw.below(260),

@@ -35,9 +35,12 @@ pub(super) fn check<A: TransitionEntries>(
             out.fill(f64::NAN);
             apply(out);
         };
-        let mut linear = |out: &mut [f64]| match is_transposed {
-            false => a.apply(control, &x, out),
-            true => a.apply_transpose(control, &x, out),
+        let mut linear = |out: &mut [f64]| {
+            if is_transposed {
+                a.apply_transpose(control, &x, out);
+            } else {
+                a.apply(control, &x, out);
+            }
         };
         each(&mut linear, &mut out);
         for (i, row) in rows.iter().enumerate() {
@@ -45,9 +48,12 @@ pub(super) fn check<A: TransitionEntries>(
             let close = (out[i] - expected).abs() <= 1e-10 * expected + 1e-290;
             assert!(close, "{what} {i}: {:e}, expected {expected:e}", out[i]);
         }
-        let mut log = |out: &mut [f64]| match is_transposed {
-            false => a.apply_log(control, &logs, out),
-            true => a.apply_transpose_log(control, &logs, out),
+        let mut log = |out: &mut [f64]| {
+            if is_transposed {
+                a.apply_transpose_log(control, &logs, out);
+            } else {
+                a.apply_log(control, &logs, out);
+            }
         };
         each(&mut log, &mut out);
         for (i, row) in logarithms(rows).iter().enumerate() {

@@ -106,7 +106,7 @@ fn beam_of<B: LocalLikelihood<Observation: Sized>>(
 ) {
     let width = draw.pick(&WIDTHS);
     let exact = hmm.viterbi(drive).ok().map(wayfix::ViterbiPath::into_states);
-    say(hmm.beam_viterbi(drive, width), width, exact, chain, counts);
+    say(hmm.beam_viterbi(drive, width), width, exact.as_deref(), chain, counts);
 }
 
 pub(super) fn beam<A: TransitionEntries, S: Drive<A>>(
@@ -118,7 +118,7 @@ pub(super) fn beam<A: TransitionEntries, S: Drive<A>>(
 ) {
     let width = draw.pick(&WIDTHS);
     let exact = hmm.viterbi(sequence).ok().map(wayfix::ViterbiPath::into_states);
-    say(hmm.beam_viterbi(sequence, width), width, exact, chain, counts);
+    say(hmm.beam_viterbi(sequence, width), width, exact.as_deref(), chain, counts);
 }
 
 const WIDTHS: [f64; 6] = [0.0, 1.0, 5.0, 30.0, 1000.0, f64::INFINITY];
@@ -126,7 +126,7 @@ const WIDTHS: [f64; 6] = [0.0, 1.0, 5.0, 30.0, 1000.0, f64::INFINITY];
 fn say(
     found: Result<wayfix::BeamPath, InferenceError>,
     width: f64,
-    exact: Option<Vec<usize>>,
+    exact: Option<&[usize]>,
     chain: &Chain,
     counts: &mut Counts,
 ) {
@@ -156,7 +156,7 @@ fn say(
         counts.add("beams proven");
     }
     if found.is_unrivalled() {
-        assert_eq!(Some(found.path().states()), exact.as_deref(), "beam said to be unrivalled");
+        assert_eq!(Some(found.path().states()), exact, "beam said to be unrivalled");
     }
     counts.add("beams");
 }

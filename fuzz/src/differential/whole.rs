@@ -44,7 +44,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
                 &chain.filtered[k],
             );
             close::belief("smooth_each", k, step.smoothed().as_slice(), &gamma[k]);
-            for m in step.pairs().into_iter().flat_map(|pairs| pairs.moves()) {
+            for m in step.pairs().into_iter().flat_map(wayfix::Pairs::moves) {
                 let expected = pairs[k - 1][m.to][m.from].exp();
                 close::number("weight of a pair", m.weight, expected, 1e-9);
             }

@@ -90,7 +90,7 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
 fn driven(draw: &mut Draw<'_>, n: usize, range: Range, counts: &mut Counts) {
     match matrices::driven(draw, n, range).0 {
         Driven::Switched(a, controls) => {
-            operator::<SwitchedTransition<_>>(draw, &a, &controls[0], counts)
+            operator::<SwitchedTransition<_>>(draw, &a, &controls[0], counts);
         }
         Driven::Route(a, controls) => {
             operator(draw, &a, &controls[0], counts);
@@ -101,7 +101,7 @@ fn driven(draw: &mut Draw<'_>, n: usize, range: Range, counts: &mut Counts) {
             }
         }
         Driven::Distance(a, controls) => {
-            operator::<DistanceTransition>(draw, &a, &controls[0], counts)
+            operator::<DistanceTransition>(draw, &a, &controls[0], counts);
         }
     }
 }
@@ -153,7 +153,7 @@ fn table(draw: &mut Draw<'_>, n: usize) -> TableLikelihood {
 
 fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
     let table = table(draw, n);
-    let groups = || Groups::new((0..n + 1).map(|i| i.min(n - 1)).collect()).expect("groups");
+    let groups = || Groups::new((0..=n).map(|i| i.min(n - 1)).collect()).expect("groups");
     match draw.below(9) {
         0 => sensor(draw, &table, &1, counts),
         1 => sensor(draw, &LikelihoodVector::log(n).owned(), &vec![-1.0; n], counts),
