@@ -93,11 +93,17 @@ impl AppearanceLikelihood {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] if there are none.
+    /// [`ObservationError::Parameter`] if there are none, or more than 2^32 − 2: with
+    /// one for what is off the map, states have numbers of 32 bits.
     pub fn new(references: usize) -> Result<Self, ObservationError> {
         if references == 0 {
             let (what, expected) = ("the number of references", "at least 1");
             return Err(ObservationError::Parameter { what, value: 0.0, expected });
+        }
+        if references >= u32::MAX as usize {
+            let (what, expected) = ("the number of references", "at most 4294967294");
+            let value = references as f64;
+            return Err(ObservationError::Parameter { what, value, expected });
         }
         let offsets = Vec::new();
         Ok(Self { references, spread: Spread::Query, offsets, temperature: 1.0, off_map: None })
