@@ -1,18 +1,17 @@
 //! States that belong together.
 
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 use crate::belief::Belief;
 
 /// Why states do not fall into groups, or a vector does not fit them.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum GroupError {
     /// There are no states at all.
-    #[error("groups need at least one state, found none")]
     Empty,
     /// A number that no state has, below one that a state has.
-    #[error("no state is in group {group}, though groups are numbered up to {last}")]
     Gap {
         /// The empty group, from 0.
         group: usize,
@@ -20,7 +19,6 @@ pub enum GroupError {
         last: usize,
     },
     /// A state beyond the last one.
-    #[error("state {state} does not exist, {states} states are grouped (0 to {})", states.saturating_sub(1))]
     State {
         /// The state asked for, from 0.
         state: usize,
@@ -28,7 +26,6 @@ pub enum GroupError {
         states: usize,
     },
     /// A belief of another size.
-    #[error("the belief has {found} states, expected {expected}")]
     Belief {
         /// Its states.
         found: usize,
@@ -36,6 +33,27 @@ pub enum GroupError {
         expected: usize,
     },
 }
+
+impl fmt::Display for GroupError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => write!(f, "groups need at least one state, found none"),
+            Self::Gap { group, last } => {
+                write!(f, "no state is in group {group}, though groups are numbered up to {last}")
+            }
+            Self::State { state, states } => write!(
+                f,
+                "state {state} does not exist, {states} states are grouped (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Belief { found, expected } => {
+                write!(f, "the belief has {found} states, expected {expected}")
+            }
+        }
+    }
+}
+
+impl Error for GroupError {}
 
 /// A map from states to groups: places that were expanded into several states,
 /// by age ([`DwellTransition`](crate::DwellTransition)) or by weather

@@ -1,8 +1,7 @@
 //! What can be wrong with sequences, and with what is learned from them.
 
-use std::error::Error as StdError;
-
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 
@@ -10,26 +9,23 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 ///
 /// Steps are counted from 1: step k is about observation `y_k`, which is
 /// `ys[k - 1]` of a batch.
-#[derive(Debug, Error)]
+#[derive(Debug)]
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
     /// it is 0. (After a sensor with [rounded tails](crate::RoundedTails) that
     /// counts as 0, too, which was below 2.2e-308 of the whole.)
-    #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.
         step: usize,
     },
     /// The observation is impossible in all states that a pruned routine still
     /// follows, but perhaps not in one that it has dropped.
-    #[error("the observation of step {step} is impossible in all states that were not pruned")]
     Pruned {
         /// The step, from 1.
         step: usize,
     },
     /// The likelihood could not be had.
-    #[error("step {step} has no valid likelihood")]
     Likelihood {
         /// The step, from 1.
         step: usize,
@@ -37,7 +33,6 @@ pub enum InferenceError {
         source: LikelihoodError,
     },
     /// The control is not one that the transition operator knows.
-    #[error("step {step} has no valid control")]
     Control {
         /// The step, from 1.
         step: usize,
@@ -46,9 +41,6 @@ pub enum InferenceError {
     },
     /// The transition operator gave a value that is no probability: it does
     /// not keep its contract.
-    #[error(
-        "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
-    )]
     Predicted {
         /// The step, from 1.
         step: usize,
@@ -59,9 +51,6 @@ pub enum InferenceError {
     },
     /// The predictions do not sum to one: the transition operator does not keep
     /// its contract, or its transpose is not that of it.
-    #[error(
-        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
-    )]
     PredictedSum {
         /// The step, from 1.
         step: usize,
@@ -70,13 +59,11 @@ pub enum InferenceError {
     },
     /// The filter has taken as many steps as a snapshot can count: 2^53, or less
     /// where a `usize` has 32 bits.
-    #[error("{steps} steps have been taken, the most that can be counted")]
     TooMany {
         /// Steps taken.
         steps: usize,
     },
     /// A batch has not as many controls as observations.
-    #[error("{controls} controls for {observations} observations, expected one each")]
     ControlCount {
         /// Controls given.
         controls: usize,
@@ -84,7 +71,6 @@ pub enum InferenceError {
         observations: usize,
     },
     /// A snapshot or a belief is of another model.
-    #[error("the {what} has {found} states, expected {expected} as the model")]
     StateCount {
         /// "snapshot" or "belief".
         what: &'static str,
@@ -95,9 +81,51 @@ pub enum InferenceError {
     },
 }
 
+impl fmt::Display for InferenceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Impossible { step } => {
+                write!(f, "the observation of step {step} is impossible under the model")
+            }
+            Self::Pruned { step } => write!(
+                f,
+                "the observation of step {step} is impossible in all states that were not pruned"
+            ),
+            Self::Likelihood { step, .. } => write!(f, "step {step} has no valid likelihood"),
+            Self::Control { step, .. } => write!(f, "step {step} has no valid control"),
+            Self::Predicted { step, state, value } => write!(
+                f,
+                "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
+            ),
+            Self::PredictedSum { step, sum } => write!(
+                f,
+                "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
+            ),
+            Self::TooMany { steps } => {
+                write!(f, "{steps} steps have been taken, the most that can be counted")
+            }
+            Self::ControlCount { controls, observations } => {
+                write!(f, "{controls} controls for {observations} observations, expected one each")
+            }
+            Self::StateCount { what, found, expected } => {
+                write!(f, "the {what} has {found} states, expected {expected} as the model")
+            }
+        }
+    }
+}
+
+impl Error for InferenceError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Likelihood { source, .. } => Some(source),
+            Self::Control { source, .. } => Some(source),
+            _ => None,
+        }
+    }
+}
+
 /// Which of many sequences failed, and why.
-#[derive(Debug, Error)]
-#[error("sequence {sequence} failed")]
+#[derive(Debug)]
 pub struct SequenceError {
     /// Its index, from 0.
     pub sequence: usize,
@@ -105,24 +133,33 @@ pub struct SequenceError {
     pub source: InferenceError,
 }
 
+impl fmt::Display for SequenceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sequence, .. } = self;
+        write!(f, "sequence {sequence} failed")
+    }
+}
+
+impl Error for SequenceError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        Some(&self.source)
+    }
+}
+
 /// Why a model could not be learned.
-#[derive(Debug, Error)]
+#[derive(Debug)]
 #[non_exhaustive]
 pub enum LearnError {
     /// There is no sequence to learn from: none was given, or each failed.
-    #[error("there is no sequence to learn from, of {sequences} given")]
     Nothing {
         /// How many were given.
         sequences: usize,
         /// The first that failed.
-        #[source]
         first: Option<SequenceError>,
     },
     /// A sequence (or labelled drive) is not valid.
-    #[error(transparent)]
-    Sequence(#[from] SequenceError),
+    Sequence(SequenceError),
     /// A number of [`Learning`](crate::Learning) is NaN, negative or infinite.
-    #[error("the {what} is {value}, expected a finite value of at least 0")]
     Parameter {
         /// Which one.
         what: &'static str,
@@ -130,7 +167,6 @@ pub enum LearnError {
         value: f64,
     },
     /// A labelled drive has not a state for each observation.
-    #[error("drive {drive} has {states} states for {observations} observations, expected one each")]
     Length {
         /// The drive, from 0.
         drive: usize,
@@ -140,7 +176,6 @@ pub enum LearnError {
         observations: usize,
     },
     /// A labelled drive is in a state that does not exist.
-    #[error("drive {drive} is in state {state} at step {step}, expected 0 to {}", states - 1)]
     State {
         /// The drive, from 0.
         drive: usize,
@@ -152,7 +187,6 @@ pub enum LearnError {
         states: usize,
     },
     /// A labelled drive starts where the prior rules it out.
-    #[error("drive {drive} starts in state {state}, which the prior rules out")]
     Start {
         /// The drive, from 0.
         drive: usize,
@@ -160,9 +194,6 @@ pub enum LearnError {
         state: usize,
     },
     /// A labelled drive makes a move that the transition operator forbids.
-    #[error(
-        "drive {drive} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
-    )]
     Forbidden {
         /// The drive, from 0.
         drive: usize,
@@ -174,9 +205,6 @@ pub enum LearnError {
         to: usize,
     },
     /// A labelled drive has an observation that the sensor rules out there.
-    #[error(
-        "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
-    )]
     Sighting {
         /// The drive, from 0.
         drive: usize,
@@ -186,20 +214,15 @@ pub enum LearnError {
         state: usize,
     },
     /// The prior could not be estimated.
-    #[error("the prior cannot be estimated")]
-    Prior(#[from] BeliefError),
+    Prior(BeliefError),
     /// The transition operator could not be estimated.
-    #[error("the transition operator cannot be estimated")]
-    Transition(#[from] TransitionError),
+    Transition(TransitionError),
     /// The sensor could not be estimated.
-    #[error("the sensor cannot be estimated")]
-    Likelihood(#[source] Box<dyn StdError + Send + Sync>),
+    Likelihood(Box<dyn Error + Send + Sync>),
     /// The parts estimated do not fit together.
-    #[error(transparent)]
-    Hmm(#[from] HmmError),
+    Hmm(HmmError),
     /// The objective fell by more than rounding explains: a part does not
     /// maximise what it is given.
-    #[error("re-estimation {iteration} makes the objective fall from {before} to {after}")]
     Fell {
         /// Which one, from 1.
         iteration: usize,
@@ -208,4 +231,84 @@ pub enum LearnError {
         /// The objective after.
         after: f64,
     },
+}
+
+impl fmt::Display for LearnError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nothing { sequences, .. } => {
+                write!(f, "there is no sequence to learn from, of {sequences} given")
+            }
+            Self::Sequence(error) => fmt::Display::fmt(error, f),
+            Self::Parameter { what, value } => {
+                write!(f, "the {what} is {value}, expected a finite value of at least 0")
+            }
+            Self::Length { drive, states, observations } => write!(
+                f,
+                "drive {drive} has {states} states for {observations} observations, expected one each"
+            ),
+            Self::State { drive, step, state, states } => write!(
+                f,
+                "drive {drive} is in state {state} at step {step}, expected 0 to {}",
+                states - 1
+            ),
+            Self::Start { drive, state } => {
+                write!(f, "drive {drive} starts in state {state}, which the prior rules out")
+            }
+            Self::Forbidden { drive, step, from, to } => write!(
+                f,
+                "drive {drive} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
+            ),
+            Self::Sighting { drive, step, state } => write!(
+                f,
+                "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
+            ),
+            Self::Prior(_) => write!(f, "the prior cannot be estimated"),
+            Self::Transition(_) => write!(f, "the transition operator cannot be estimated"),
+            Self::Likelihood(_) => write!(f, "the sensor cannot be estimated"),
+            Self::Hmm(error) => fmt::Display::fmt(error, f),
+            Self::Fell { iteration, before, after } => write!(
+                f,
+                "re-estimation {iteration} makes the objective fall from {before} to {after}"
+            ),
+        }
+    }
+}
+
+impl Error for LearnError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Nothing { first: Some(first), .. } => Some(first),
+            Self::Sequence(error) => error.source(),
+            Self::Prior(source) => Some(source),
+            Self::Transition(source) => Some(source),
+            Self::Likelihood(source) => Some(&**source),
+            Self::Hmm(error) => error.source(),
+            _ => None,
+        }
+    }
+}
+
+impl From<SequenceError> for LearnError {
+    fn from(source: SequenceError) -> Self {
+        Self::Sequence(source)
+    }
+}
+
+impl From<BeliefError> for LearnError {
+    fn from(source: BeliefError) -> Self {
+        Self::Prior(source)
+    }
+}
+
+impl From<TransitionError> for LearnError {
+    fn from(source: TransitionError) -> Self {
+        Self::Transition(source)
+    }
+}
+
+impl From<HmmError> for LearnError {
+    fn from(source: HmmError) -> Self {
+        Self::Hmm(source)
+    }
 }

@@ -9,17 +9,16 @@ mod inference;
 
 pub use inference::{InferenceError, LearnError, SequenceError};
 
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 /// Why a vector is not a probability distribution over states.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum BeliefError {
     /// There are no states at all.
-    #[error("a belief needs at least one state, found none")]
     Empty,
     /// A probability is NaN, negative or infinite.
-    #[error("state {state} has probability {value}, expected a finite value of at least 0")]
     Probability {
         /// The state, from 0.
         state: usize,
@@ -27,7 +26,6 @@ pub enum BeliefError {
         value: f64,
     },
     /// The probabilities do not sum to one, or all weights are 0.
-    #[error("the probabilities sum to {sum}, expected {expected}")]
     Sum {
         /// What they sum to.
         sum: f64,
@@ -35,7 +33,6 @@ pub enum BeliefError {
         expected: &'static str,
     },
     /// A state beyond the last one.
-    #[error("state {state} does not exist, the belief has {states} states (0 to {})", states.saturating_sub(1))]
     State {
         /// The state asked for, from 0.
         state: usize,
@@ -43,22 +40,44 @@ pub enum BeliefError {
         states: usize,
     },
     /// A level outside 0 to 1.
-    #[error("the level is {level}, expected a value from 0 to 1")]
     Level {
         /// What was given.
         level: f64,
     },
 }
 
+impl fmt::Display for BeliefError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => write!(f, "a belief needs at least one state, found none"),
+            Self::Probability { state, value } => write!(
+                f,
+                "state {state} has probability {value}, expected a finite value of at least 0"
+            ),
+            Self::Sum { sum, expected } => {
+                write!(f, "the probabilities sum to {sum}, expected {expected}")
+            }
+            Self::State { state, states } => write!(
+                f,
+                "state {state} does not exist, the belief has {states} states (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Level { level } => {
+                write!(f, "the level is {level}, expected a value from 0 to 1")
+            }
+        }
+    }
+}
+
+impl Error for BeliefError {}
+
 /// Why an operator is not a transition operator, or a control not one of its.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TransitionError {
     /// There are no states at all.
-    #[error("a transition operator needs at least one state, found none")]
     Empty,
     /// The matrix is not square.
-    #[error("the transition matrix has {rows} rows and {columns} columns, expected a square one")]
     NotSquare {
         /// Rows found.
         rows: usize,
@@ -66,7 +85,6 @@ pub enum TransitionError {
         columns: usize,
     },
     /// A slice does not hold n × n values.
-    #[error("{found} values given for {states} states, expected {} (states squared)", states.saturating_mul(*states))]
     WrongLength {
         /// How many states were announced.
         states: usize,
@@ -74,9 +92,6 @@ pub enum TransitionError {
         found: usize,
     },
     /// A probability is NaN, negative or infinite.
-    #[error(
-        "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
-    )]
     Entry {
         /// The state that is reached (row of A).
         to: usize,
@@ -86,10 +101,6 @@ pub enum TransitionError {
         value: f64,
     },
     /// A state beyond the last one.
-    #[error(
-        "the transition from state {from} to state {to} is out of range, there are {states} states (0 to {})",
-        states.saturating_sub(1)
-    )]
     OutOfRange {
         /// The state that is reached.
         to: usize,
@@ -99,7 +110,6 @@ pub enum TransitionError {
         states: usize,
     },
     /// An entry was given twice.
-    #[error("the transition from state {from} to state {to} is given twice")]
     Duplicate {
         /// The state that is reached.
         to: usize,
@@ -107,7 +117,6 @@ pub enum TransitionError {
         from: usize,
     },
     /// The probabilities of leaving a state do not sum to one.
-    #[error("column {column} (the transitions out of state {column}) sums to {sum}, expected 1")]
     ColumnSum {
         /// The state that is left.
         column: usize,
@@ -115,7 +124,6 @@ pub enum TransitionError {
         sum: f64,
     },
     /// The two products are not those of one matrix and its transpose.
-    #[error("v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ")]
     Transpose {
         /// By A.
         forward: f64,
@@ -123,9 +131,6 @@ pub enum TransitionError {
         backward: f64,
     },
     /// A move was seen or expected that the operator does not allow.
-    #[error(
-        "the move from state {from} to state {to} is forbidden, the transition operator has no such entry"
-    )]
     Forbidden {
         /// The state that is reached.
         to: usize,
@@ -133,7 +138,6 @@ pub enum TransitionError {
         from: usize,
     },
     /// More states or entries than 32-bit indices can name.
-    #[error("{count} {what}, expected at most 4294967295 (32-bit indices)")]
     TooMany {
         /// States or entries.
         what: &'static str,
@@ -141,7 +145,6 @@ pub enum TransitionError {
         count: usize,
     },
     /// Operators of one family differ in size.
-    #[error("operator {operator} has {found} states, expected {expected} as operator 0")]
     StateCount {
         /// The operator's number, from 0.
         operator: usize,
@@ -151,7 +154,6 @@ pub enum TransitionError {
         expected: usize,
     },
     /// A number that the operator is made from is not a valid one.
-    #[error("{what} is {value}, expected {expected}")]
     Parameter {
         /// Which number.
         what: String,
@@ -161,7 +163,6 @@ pub enum TransitionError {
         expected: &'static str,
     },
     /// A part of the operator is of another size than what it is built on.
-    #[error("the {part} has {found} states, expected {expected} as the operator within")]
     PartStates {
         /// Which part.
         part: &'static str,
@@ -171,16 +172,72 @@ pub enum TransitionError {
         expected: usize,
     },
     /// A control that the operator does not know.
-    #[error("unknown control: {0}")]
     Control(String),
 }
 
+impl fmt::Display for TransitionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => write!(f, "a transition operator needs at least one state, found none"),
+            Self::NotSquare { rows, columns } => write!(
+                f,
+                "the transition matrix has {rows} rows and {columns} columns, expected a square one"
+            ),
+            Self::WrongLength { states, found } => write!(
+                f,
+                "{found} values given for {states} states, expected {} (states squared)",
+                states.saturating_mul(*states)
+            ),
+            Self::Entry { to, from, value } => write!(
+                f,
+                "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
+            ),
+            Self::OutOfRange { to, from, states } => write!(
+                f,
+                "the transition from state {from} to state {to} is out of range, there are {states} states (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Duplicate { to, from } => {
+                write!(f, "the transition from state {from} to state {to} is given twice")
+            }
+            Self::ColumnSum { column, sum } => write!(
+                f,
+                "column {column} (the transitions out of state {column}) sums to {sum}, expected 1"
+            ),
+            Self::Transpose { forward, backward } => write!(
+                f,
+                "v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ"
+            ),
+            Self::Forbidden { to, from } => write!(
+                f,
+                "the move from state {from} to state {to} is forbidden, the transition operator has no such entry"
+            ),
+            Self::TooMany { what, count } => {
+                write!(f, "{count} {what}, expected at most 4294967295 (32-bit indices)")
+            }
+            Self::StateCount { operator, found, expected } => write!(
+                f,
+                "operator {operator} has {found} states, expected {expected} as operator 0"
+            ),
+            Self::Parameter { what, value, expected } => {
+                write!(f, "{what} is {value}, expected {expected}")
+            }
+            Self::PartStates { part, found, expected } => write!(
+                f,
+                "the {part} has {found} states, expected {expected} as the operator within"
+            ),
+            Self::Control(value) => write!(f, "unknown control: {value}"),
+        }
+    }
+}
+
+impl Error for TransitionError {}
+
 /// Why an observation gives no likelihood.
-#[derive(Debug, Error)]
+#[derive(Debug)]
 #[non_exhaustive]
 pub enum LikelihoodError {
     /// A likelihood (or log-likelihood) is not a valid one.
-    #[error("state {state} has {kind} {value}, expected {expected}")]
     Value {
         /// The state, from 0.
         state: usize,
@@ -192,13 +249,11 @@ pub enum LikelihoodError {
         expected: &'static str,
     },
     /// The common log factor is NaN, or beyond 1e300 in size.
-    #[error("the log factor is {value}, expected a value from -1e300 to 1e300")]
     LogFactor {
         /// What was found.
         value: f64,
     },
     /// The diagonal, or a vector given as an observation, has a wrong length.
-    #[error("the likelihood has {found} values, expected one for each of {expected} states")]
     WrongLength {
         /// Values found.
         found: usize,
@@ -206,7 +261,6 @@ pub enum LikelihoodError {
         expected: usize,
     },
     /// A symbol that the table does not hold.
-    #[error("symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})", symbols.saturating_sub(1))]
     Symbol {
         /// The symbol, from 0.
         symbol: usize,
@@ -214,7 +268,6 @@ pub enum LikelihoodError {
         symbols: usize,
     },
     /// A state is said to be known that the model does not have.
-    #[error("state {state} is given as known, but there are {states} states (0 to {})", states.saturating_sub(1))]
     State {
         /// The state, from 0.
         state: usize,
@@ -223,7 +276,6 @@ pub enum LikelihoodError {
     },
     /// The bound on the likelihoods of states that were not listed is not a
     /// valid one.
-    #[error("the {kind} of states not listed is bounded by {value}, expected {expected}")]
     Bound {
         /// Likelihood or log-likelihood.
         kind: &'static str,
@@ -233,13 +285,11 @@ pub enum LikelihoodError {
         expected: &'static str,
     },
     /// A state is listed twice in an observation.
-    #[error("state {state} is listed twice")]
     Twice {
         /// The state, from 0.
         state: usize,
     },
     /// An observation lists a state that the model does not have.
-    #[error("the observation lists state {state}, but there are {states} states (0 to {})", states.saturating_sub(1))]
     Listed {
         /// The state, from 0.
         state: usize,
@@ -247,18 +297,61 @@ pub enum LikelihoodError {
         states: usize,
     },
     /// A sensor of your own has failed.
-    #[error("the sensor failed")]
-    Sensor(#[source] Box<dyn std::error::Error + Send + Sync>),
+    Sensor(Box<dyn Error + Send + Sync>),
+}
+
+impl fmt::Display for LikelihoodError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value { state, kind, value, expected } => {
+                write!(f, "state {state} has {kind} {value}, expected {expected}")
+            }
+            Self::LogFactor { value } => {
+                write!(f, "the log factor is {value}, expected a value from -1e300 to 1e300")
+            }
+            Self::WrongLength { found, expected } => write!(
+                f,
+                "the likelihood has {found} values, expected one for each of {expected} states"
+            ),
+            Self::Symbol { symbol, symbols } => write!(
+                f,
+                "symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})",
+                symbols.saturating_sub(1)
+            ),
+            Self::State { state, states } => write!(
+                f,
+                "state {state} is given as known, but there are {states} states (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Bound { kind, value, expected } => write!(
+                f,
+                "the {kind} of states not listed is bounded by {value}, expected {expected}"
+            ),
+            Self::Twice { state } => write!(f, "state {state} is listed twice"),
+            Self::Listed { state, states } => write!(
+                f,
+                "the observation lists state {state}, but there are {states} states (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Sensor(_) => write!(f, "the sensor failed"),
+        }
+    }
+}
+
+impl Error for LikelihoodError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Sensor(source) => Some(&**source),
+            _ => None,
+        }
+    }
 }
 
 /// Why a table of observation probabilities is not one.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TableError {
     /// There are no states or no symbols.
-    #[error(
-        "a table needs at least one state and one symbol, found {states} states and {symbols} symbols"
-    )]
     Empty {
         /// States found.
         states: usize,
@@ -266,7 +359,6 @@ pub enum TableError {
         symbols: usize,
     },
     /// The rows are not of one length.
-    #[error("the row of state {state} has {found} values, expected {expected} as state 0")]
     RowLength {
         /// The state, from 0.
         state: usize,
@@ -276,9 +368,6 @@ pub enum TableError {
         expected: usize,
     },
     /// A probability is NaN, negative or infinite.
-    #[error(
-        "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
-    )]
     Entry {
         /// The state, from 0.
         state: usize,
@@ -288,7 +377,6 @@ pub enum TableError {
         value: f64,
     },
     /// A state's probabilities do not sum to one.
-    #[error("the probabilities of what state {state} shows sum to {sum}, expected 1")]
     RowSum {
         /// The state, from 0.
         state: usize,
@@ -297,12 +385,35 @@ pub enum TableError {
     },
 }
 
+impl fmt::Display for TableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty { states, symbols } => write!(
+                f,
+                "a table needs at least one state and one symbol, found {states} states and {symbols} symbols"
+            ),
+            Self::RowLength { state, found, expected } => write!(
+                f,
+                "the row of state {state} has {found} values, expected {expected} as state 0"
+            ),
+            Self::Entry { state, symbol, value } => write!(
+                f,
+                "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
+            ),
+            Self::RowSum { state, sum } => {
+                write!(f, "the probabilities of what state {state} shows sum to {sum}, expected 1")
+            }
+        }
+    }
+}
+
+impl Error for TableError {}
+
 /// Why parts do not make a hidden Markov model.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum HmmError {
     /// The parts differ in their number of states.
-    #[error("the {part} has {found} states, expected {expected} as the {first}")]
     StateCount {
         /// Which part differs from the first.
         part: &'static str,
@@ -314,6 +425,31 @@ pub enum HmmError {
         expected: usize,
     },
     /// The transition operator is not valid.
-    #[error("the transition operator is not valid")]
-    Transition(#[from] TransitionError),
+    Transition(TransitionError),
+}
+
+impl fmt::Display for HmmError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StateCount { part, found, first, expected } => {
+                write!(f, "the {part} has {found} states, expected {expected} as the {first}")
+            }
+            Self::Transition(_) => write!(f, "the transition operator is not valid"),
+        }
+    }
+}
+
+impl Error for HmmError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Transition(source) => Some(source),
+            _ => None,
+        }
+    }
+}
+
+impl From<TransitionError> for HmmError {
+    fn from(source: TransitionError) -> Self {
+        Self::Transition(source)
+    }
 }

@@ -2,16 +2,16 @@
 
 use std::ops::RangeInclusive;
 
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 use crate::error::TransitionError;
 
 /// Why estimates cannot be scored.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum EvaluationError {
     /// Truth and estimates, or path and controls, differ in length.
-    #[error("{estimated} estimates or controls for {truth} states, expected one each")]
     Length {
         /// States given.
         truth: usize,
@@ -19,10 +19,8 @@ pub enum EvaluationError {
         estimated: usize,
     },
     /// Nothing to score.
-    #[error("no states to score, expected at least one")]
     Empty,
     /// A control that the operator does not know.
-    #[error("control {index} is not valid")]
     Control {
         /// Its index, from 0.
         index: usize,
@@ -30,7 +28,6 @@ pub enum EvaluationError {
         source: TransitionError,
     },
     /// A state beyond the last one.
-    #[error("state {state} at index {index} does not exist, there are {states} states (0 to {})", states - 1)]
     State {
         /// Where in the sequence, from 0.
         index: usize,
@@ -40,13 +37,11 @@ pub enum EvaluationError {
         states: usize,
     },
     /// Nothing to score of a kind that the score cannot do without.
-    #[error("no {what} to score, expected at least one")]
     Missing {
         /// What there should have been.
         what: &'static str,
     },
     /// A confidence, score, probability or mass that is none.
-    #[error("{what} {index} is {value}, expected {expected}")]
     Value {
         /// What it should have been.
         what: &'static str,
@@ -58,7 +53,6 @@ pub enum EvaluationError {
         expected: &'static str,
     },
     /// A range of true places that holds none; off the map is `None`.
-    #[error("the true places {range:?}{} are none, expected at least one", at(*index))]
     EmptyRange {
         /// Where in the slice, from 0, or `None` for a single range.
         index: Option<usize>,
@@ -66,7 +60,6 @@ pub enum EvaluationError {
         range: RangeInclusive<usize>,
     },
     /// More right answers than queries that have one.
-    #[error("{correct} right answers for {positives} queries that have one, expected one each")]
     Positives {
         /// Right answers found.
         correct: usize,
@@ -74,14 +67,53 @@ pub enum EvaluationError {
         positives: usize,
     },
     /// A level outside 0 to 1.
-    #[error("the level is {level}, expected a value from 0 to 1")]
     Level {
         /// What was given.
         level: f64,
     },
     /// No bins to sort probabilities into.
-    #[error("0 bins, expected at least one")]
     NoBins,
+}
+
+impl fmt::Display for EvaluationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Length { truth, estimated } => {
+                write!(f, "{estimated} estimates or controls for {truth} states, expected one each")
+            }
+            Self::Empty => write!(f, "no states to score, expected at least one"),
+            Self::Control { index, .. } => write!(f, "control {index} is not valid"),
+            Self::State { index, state, states } => write!(
+                f,
+                "state {state} at index {index} does not exist, there are {states} states (0 to {})",
+                states - 1
+            ),
+            Self::Missing { what } => write!(f, "no {what} to score, expected at least one"),
+            Self::Value { what, index, value, expected } => {
+                write!(f, "{what} {index} is {value}, expected {expected}")
+            }
+            Self::EmptyRange { index, range } => {
+                write!(f, "the true places {range:?}{} are none, expected at least one", at(*index))
+            }
+            Self::Positives { correct, positives } => write!(
+                f,
+                "{correct} right answers for {positives} queries that have one, expected one each"
+            ),
+            Self::Level { level } => {
+                write!(f, "the level is {level}, expected a value from 0 to 1")
+            }
+            Self::NoBins => write!(f, "0 bins, expected at least one"),
+        }
+    }
+}
+
+impl Error for EvaluationError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Control { source, .. } => Some(source),
+            _ => None,
+        }
+    }
 }
 
 fn at(index: Option<usize>) -> String {

@@ -2,7 +2,7 @@
 
 use super::baum_welch::Learning;
 use super::learnable::{LearnLikelihood, LearnTransition};
-use super::pairs::Move;
+use super::pairs::{self, Move};
 use super::step::Step;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
@@ -95,7 +95,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
-            moves.sort_by_key(|m| (m.from, m.to));
+            pairs::sort(&mut moves);
             counts.add(moves);
         }
         self.maximise(&expected, learning)

@@ -66,6 +66,11 @@ impl<A: TransitionEntries> Pairs<'_, A> {
     }
 }
 
+/// By `from`, then by `to`. Here, since each sort by a closure of its own is code of its own.
+pub(super) fn sort(moves: &mut [Move]) {
+    moves.sort_by_key(|m| (m.from, m.to));
+}
+
 /// The expected number of moves between states.
 ///
 /// A sum of [pairwise posteriors](Pairs), or of the moves of drives whose
@@ -94,7 +99,7 @@ impl MoveCounts {
             .windows(2)
             .map(|pair| Move { from: pair[0], to: pair[1], weight: 1.0 })
             .collect();
-        moves.sort_by_key(|m| (m.from, m.to));
+        sort(&mut moves);
         let mut counts = Self::default();
         counts.add(moves);
         counts
@@ -139,7 +144,7 @@ impl MoveCounts {
             }
         }
         if self.moves.len() > known {
-            self.moves.sort_by_key(|m| (m.from, m.to));
+            sort(&mut self.moves);
         }
         sum
     }

@@ -49,10 +49,11 @@ impl<const N: usize> Kernel for Products<'_, N> {
     fn run<L: Lanes>(self, lanes: L) -> Option<[Scaled<N>; N]> {
         let mut out = [Scaled { values: [[0.0; LANES]; N], exponents: [0.0; LANES] }; N];
         // As many columns at a time as registers hold.
-        let done = match N {
-            1..=3 => self.columns::<L, N>(lanes, &mut out),
-            4 => self.columns::<L, 2>(lanes, &mut out),
-            _ => self.columns::<L, 1>(lanes, &mut out),
+        let done = if const { N <= 3 } {
+            self.columns::<L, N>(lanes, &mut out)
+        } else {
+            assert!(N.is_multiple_of(2), "columns are taken in pairs");
+            self.columns::<L, 2>(lanes, &mut out)
         };
         done.then_some(out)
     }

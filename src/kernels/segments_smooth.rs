@@ -30,42 +30,26 @@ impl<const N: usize> Kernel for Smooth<'_, N> {
         let Self { model: Few { columns, rows, unlooked }, starts, ends, likelihoods, out } = self;
         let steps = likelihoods.len();
         let out = &mut out[..steps];
-        let half = steps / 2;
         let mut both = [Running::new(lanes, starts), Running::new(lanes, ends)];
-
         let mut done = 0;
-        while done < half {
-            let until = half.min(done + unlooked);
+        while done < steps {
+            let until = steps.min(done + unlooked);
             for k in done..until {
-                let (early, late) = (k, steps - 1 - k);
-                both[0].x = ahead(lanes, columns, &likelihoods[early], &both[0].x);
-                put(lanes, &both[0].x, &mut out[early]);
-                put(lanes, &both[1].x, &mut out[late]);
-                both[1].x = back(lanes, rows, &likelihoods[late], &both[1].x);
-            }
-            if !look_at(lanes, &mut both) {
-                return false;
-            }
-            done = until;
-        }
-        if steps % 2 == 1 {
-            both[0].x = ahead(lanes, columns, &likelihoods[half], &both[0].x);
-            put(lanes, &both[0].x, &mut out[half]);
-            meet(lanes, &both[1].x, &mut out[half]);
-            both[1].x = back(lanes, rows, &likelihoods[half], &both[1].x);
-            if !look_at(lanes, &mut both) {
-                return false;
-            }
-        }
-        let mut done = 0;
-        while done < half {
-            let until = half.min(done + unlooked);
-            for k in done..until {
-                let (late, early) = (steps - half + k, half - 1 - k);
-                both[0].x = ahead(lanes, columns, &likelihoods[late], &both[0].x);
-                meet(lanes, &both[0].x, &mut out[late]);
-                meet(lanes, &both[1].x, &mut out[early]);
-                both[1].x = back(lanes, rows, &likelihoods[early], &both[1].x);
+                let other = steps - 1 - k;
+                both[0].x = ahead(lanes, columns, &likelihoods[k], &both[0].x);
+                // Up to the middle each leaves its vector, which then the other meets. In
+                // one loop: the recursions are most of the code.
+                if k <= other {
+                    put(lanes, &both[0].x, &mut out[k]);
+                } else {
+                    meet(lanes, &both[0].x, &mut out[k]);
+                }
+                if k < other {
+                    put(lanes, &both[1].x, &mut out[other]);
+                } else {
+                    meet(lanes, &both[1].x, &mut out[other]);
+                }
+                both[1].x = back(lanes, rows, &likelihoods[other], &both[1].x);
             }
             if !look_at(lanes, &mut both) {
                 return false;

@@ -1,25 +1,23 @@
 //! What can be wrong with maps and turning probabilities. Places are named by
 //! their ids, lines of files counted from 1.
 
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 use crate::error::TransitionError;
 
 /// Why places and roads do not make a map.
-#[derive(Debug, Error)]
+#[derive(Debug)]
 #[non_exhaustive]
 pub enum MapError {
     /// There are no places at all.
-    #[error("a map needs at least one place, found none")]
     Empty,
     /// Two places share an id.
-    #[error("place {id} is given twice")]
     DuplicatePlace {
         /// The id.
         id: u64,
     },
     /// A coordinate is not on Earth.
-    #[error("place {id} has {coordinate} {value}, expected degrees from {} to {limit}", -limit)]
     Coordinate {
         /// The place's id.
         id: u64,
@@ -31,7 +29,6 @@ pub enum MapError {
         limit: f64,
     },
     /// A road starts or ends at a place that does not exist.
-    #[error("the road from place {from} to place {to} needs place {missing}, which does not exist")]
     UnknownPlace {
         /// Where the road starts, by id.
         from: u64,
@@ -41,7 +38,6 @@ pub enum MapError {
         missing: u64,
     },
     /// A road was given twice.
-    #[error("the road from place {from} to place {to} is given twice")]
     DuplicateRoad {
         /// Where it starts, by id.
         from: u64,
@@ -49,15 +45,11 @@ pub enum MapError {
         to: u64,
     },
     /// A road leads from a place to itself.
-    #[error("the road from place {id} leads to itself; staying is the turning rule's matter")]
     Loop {
         /// The place's id.
         id: u64,
     },
     /// A road's length is NaN, infinite, zero or negative.
-    #[error(
-        "the road from place {from} to place {to} has length {length}, expected metres above 0"
-    )]
     Length {
         /// Where it starts, by id.
         from: u64,
@@ -67,7 +59,6 @@ pub enum MapError {
         length: f64,
     },
     /// A file could not be opened or read.
-    #[error("cannot read {file}: {reason}")]
     Read {
         /// The file.
         file: String,
@@ -75,7 +66,6 @@ pub enum MapError {
         reason: String,
     },
     /// A line of a file is not as expected.
-    #[error("{file}, line {line}: {problem}")]
     Line {
         /// The file.
         file: String,
@@ -86,12 +76,44 @@ pub enum MapError {
     },
 }
 
+impl fmt::Display for MapError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => write!(f, "a map needs at least one place, found none"),
+            Self::DuplicatePlace { id } => write!(f, "place {id} is given twice"),
+            Self::Coordinate { id, coordinate, value, limit } => write!(
+                f,
+                "place {id} has {coordinate} {value}, expected degrees from {} to {limit}",
+                -limit
+            ),
+            Self::UnknownPlace { from, to, missing } => write!(
+                f,
+                "the road from place {from} to place {to} needs place {missing}, which does not exist"
+            ),
+            Self::DuplicateRoad { from, to } => {
+                write!(f, "the road from place {from} to place {to} is given twice")
+            }
+            Self::Loop { id } => write!(
+                f,
+                "the road from place {id} leads to itself; staying is the turning rule's matter"
+            ),
+            Self::Length { from, to, length } => write!(
+                f,
+                "the road from place {from} to place {to} has length {length}, expected metres above 0"
+            ),
+            Self::Read { file, reason } => write!(f, "cannot read {file}: {reason}"),
+            Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),
+        }
+    }
+}
+
+impl Error for MapError {}
+
 /// Why a turning rule or table gives no turning probabilities.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TurningError {
     /// A number of the rule is out of its range.
-    #[error("{what} is {value}, expected {expected}")]
     Rule {
         /// Which number.
         what: String,
@@ -101,9 +123,6 @@ pub enum TurningError {
         expected: &'static str,
     },
     /// A turn with no road for it.
-    #[error(
-        "no road leads from place {from} to place {to}, but its turning probability is {value}"
-    )]
     NoRoad {
         /// Where the turn starts, by id.
         from: u64,
@@ -113,7 +132,6 @@ pub enum TurningError {
         value: f64,
     },
     /// The probabilities of a place do not sum to one (paper eq. 1).
-    #[error("the turning probabilities of place {id} sum to {sum}, expected 1")]
     Sum {
         /// The place's id.
         id: u64,
@@ -121,6 +139,38 @@ pub enum TurningError {
         sum: f64,
     },
     /// The probabilities are no transition operator.
-    #[error(transparent)]
-    Transition(#[from] TransitionError),
+    Transition(TransitionError),
+}
+
+impl fmt::Display for TurningError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rule { what, value, expected } => {
+                write!(f, "{what} is {value}, expected {expected}")
+            }
+            Self::NoRoad { from, to, value } => write!(
+                f,
+                "no road leads from place {from} to place {to}, but its turning probability is {value}"
+            ),
+            Self::Sum { id, sum } => {
+                write!(f, "the turning probabilities of place {id} sum to {sum}, expected 1")
+            }
+            Self::Transition(error) => fmt::Display::fmt(error, f),
+        }
+    }
+}
+
+impl Error for TurningError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Transition(error) => error.source(),
+            _ => None,
+        }
+    }
+}
+
+impl From<TransitionError> for TurningError {
+    fn from(source: TransitionError) -> Self {
+        Self::Transition(source)
+    }
 }

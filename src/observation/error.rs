@@ -1,15 +1,15 @@
 //! What can be wrong with sensors of places.
 
-use thiserror::Error;
+use std::error::Error;
+use std::fmt;
 
 use crate::error::TableError;
 
 /// Why an observation model cannot be built, or has no likelihood for a query.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ObservationError {
     /// A number is out of its range.
-    #[error("{what} is {value}, expected {expected}")]
     Parameter {
         /// Which number.
         what: &'static str,
@@ -19,15 +19,11 @@ pub enum ObservationError {
         expected: &'static str,
     },
     /// No neighbours at all, so nothing can be confused.
-    #[error("no place has a neighbour, so a mean correct probability of {mean} cannot be reached")]
     NoNeighbours {
         /// The mean asked for.
         mean: f64,
     },
     /// A place has so many neighbours that nothing is left for itself.
-    #[error(
-        "place {id} has {neighbours} neighbours, which leaves it a correct probability of {correct}, expected above 0"
-    )]
     TooManyNeighbours {
         /// The place's id.
         id: u64,
@@ -37,7 +33,6 @@ pub enum ObservationError {
         correct: f64,
     },
     /// A row has not a distance for each reference.
-    #[error("{found} distances, expected one for each of {expected} references")]
     Distances {
         /// Distances found.
         found: usize,
@@ -45,7 +40,6 @@ pub enum ObservationError {
         expected: usize,
     },
     /// A distance is NaN or −∞.
-    #[error("the distance to reference {reference} is {value}, expected a number or infinity")]
     Distance {
         /// The reference, from 0.
         reference: usize,
@@ -54,13 +48,10 @@ pub enum ObservationError {
     },
     /// A query is infinitely far from all references, and there is no state off
     /// the map.
-    #[error("the query is infinitely far from all references, and there is no state off the map")]
     NoMatch,
     /// Rows of distances have no spread to take a scale from.
-    #[error("most of the rows have no finite range of distances above 0 to take a scale from")]
     NoSpread,
     /// The label of a row is not a reference that it may show.
-    #[error("row {row} is labelled {place}, expected a reference at a finite distance, 0 to {}", references.saturating_sub(1))]
     Label {
         /// The row, from 0.
         row: usize,
@@ -70,7 +61,6 @@ pub enum ObservationError {
         references: usize,
     },
     /// Labels and rows differ in number.
-    #[error("{labels} labels for {rows} rows, expected one each")]
     Labels {
         /// Labels given.
         labels: usize,
@@ -78,18 +68,77 @@ pub enum ObservationError {
         rows: usize,
     },
     /// No row is labelled.
-    #[error("none of {rows} rows is labelled")]
     Unlabelled {
         /// Rows given.
         rows: usize,
     },
     /// No temperature is best: the hotter or the colder, the better.
-    #[error("the labelled rows are the more probable the {trend} the temperature, without end")]
     Unbounded {
         /// "hotter" or "colder".
         trend: &'static str,
     },
     /// The probabilities are no table.
-    #[error(transparent)]
-    Table(#[from] TableError),
+    Table(TableError),
+}
+
+impl fmt::Display for ObservationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter { what, value, expected } => {
+                write!(f, "{what} is {value}, expected {expected}")
+            }
+            Self::NoNeighbours { mean } => write!(
+                f,
+                "no place has a neighbour, so a mean correct probability of {mean} cannot be reached"
+            ),
+            Self::TooManyNeighbours { id, neighbours, correct } => write!(
+                f,
+                "place {id} has {neighbours} neighbours, which leaves it a correct probability of {correct}, expected above 0"
+            ),
+            Self::Distances { found, expected } => {
+                write!(f, "{found} distances, expected one for each of {expected} references")
+            }
+            Self::Distance { reference, value } => write!(
+                f,
+                "the distance to reference {reference} is {value}, expected a number or infinity"
+            ),
+            Self::NoMatch => write!(
+                f,
+                "the query is infinitely far from all references, and there is no state off the map"
+            ),
+            Self::NoSpread => write!(
+                f,
+                "most of the rows have no finite range of distances above 0 to take a scale from"
+            ),
+            Self::Label { row, place, references } => write!(
+                f,
+                "row {row} is labelled {place}, expected a reference at a finite distance, 0 to {}",
+                references.saturating_sub(1)
+            ),
+            Self::Labels { labels, rows } => {
+                write!(f, "{labels} labels for {rows} rows, expected one each")
+            }
+            Self::Unlabelled { rows } => write!(f, "none of {rows} rows is labelled"),
+            Self::Unbounded { trend } => write!(
+                f,
+                "the labelled rows are the more probable the {trend} the temperature, without end"
+            ),
+            Self::Table(error) => fmt::Display::fmt(error, f),
+        }
+    }
+}
+
+impl Error for ObservationError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Table(error) => error.source(),
+            _ => None,
+        }
+    }
+}
+
+impl From<TableError> for ObservationError {
+    fn from(source: TableError) -> Self {
+        Self::Table(source)
+    }
 }

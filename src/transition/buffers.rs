@@ -30,11 +30,23 @@ impl Pooled for u32 {
 /// Buffers are kept for each thread, last in first out: the same calls, however
 /// they nest, get the same buffers again, and allocate only the first time.
 pub(super) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
+    let mut buffer = take(count);
+    let result = work(&mut buffer);
+    put_back(buffer);
+    result
+}
+
+/// Apart from [`with`], so that it is not compiled again for each work.
+#[inline(never)]
+fn take<T: Pooled>(count: usize) -> Vec<T> {
     let mut buffer = T::pool().with_borrow_mut(Vec::pop).unwrap_or_default();
     buffer.resize(count, T::default());
-    let result = work(&mut buffer);
+    buffer
+}
+
+#[inline(never)]
+fn put_back<T: Pooled>(buffer: Vec<T>) {
     T::pool().with_borrow_mut(|pool| pool.push(buffer));
-    result
 }
 
 /// As [`with`], two of the same size.

@@ -2,7 +2,7 @@
 //! r_{k-1} = A' B(y_k) r_k, scaled by powers of two, which is exact, and only
 //! now and then.
 
-use super::{LEAST_FACTOR, exponent, power};
+use super::{LEAST_FACTOR, exponent, filled_up, power};
 use crate::kernels::segments::Few;
 
 /// After so many calm steps the scale is looked at.
@@ -27,9 +27,12 @@ pub(super) struct Matrix<const N: usize> {
 }
 
 impl<const N: usize> Matrix<N> {
-    /// From n² entries, column after column.
-    pub(super) fn new(entries: &[f64]) -> Option<Self> {
-        let columns: [[f64; N]; N] = entries.as_chunks().0.try_into().ok()?;
+    /// From the entries, column after column.
+    pub(super) fn new(entries: &[f64], states: usize) -> Option<Self> {
+        let mut columns = [[0.0; N]; N];
+        for (column, entries) in columns.iter_mut().zip(entries.chunks_exact(states)) {
+            *column = filled_up(entries, 0.0)?;
+        }
         let mut rows = columns;
         (0..N).for_each(|i| (0..N).for_each(|j| rows[i][j] = columns[j][i]));
         let above_0 = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);

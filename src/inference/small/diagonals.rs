@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::super::LogSum;
-use super::{LEAST_FACTOR, exponent, power, with_constant};
+use super::{LEAST_FACTOR, exponent, power, room, with_constant};
 use crate::hmm::Hmm;
 use crate::kernels::LARGEST_LOG;
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
@@ -42,22 +42,46 @@ impl Factors {
 }
 
 /// Whatever gives likelihoods, without its type: what goes through them is
-/// then compiled once.
+/// then compiled once, with this crate, and only this with each model. Steps have
+/// [`room`] for as many values; what is beyond the last state stays as it is, 0.
 pub(super) trait Diagonals {
     /// Copies the diagonals of some steps unseen. `None` if one is in logarithms,
     /// has a factor, or the sensor fails.
     fn plain(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()>;
 
-    /// Gathers the diagonals of some steps, in ascending order, each with its
-    /// largest value near one.
-    fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
-
-    /// The same, but goes through them from the last to the first, so that
-    /// sums of factors do not depend on where a stretch ends.
-    fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()>;
+    /// Gathers the diagonals of some steps, each with its largest value near one. Backwards
+    /// it goes through them from the last to the first, so that sums of factors do not
+    /// depend on where a stretch ends.
+    fn scaled(
+        &mut self,
+        steps: Range<usize>,
+        backwards: bool,
+        out: &mut [f64],
+        factors: &mut Factors,
+    ) -> Option<()>;
 }
 
-/// As [`Diagonals::ahead`], with the logarithm of what was taken out of each step.
+impl dyn Diagonals + '_ {
+    pub(super) fn ahead(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        factors: &mut Factors,
+    ) -> Option<()> {
+        self.scaled(steps, false, out, factors)
+    }
+
+    pub(super) fn back(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        factors: &mut Factors,
+    ) -> Option<()> {
+        self.scaled(steps, true, out, factors)
+    }
+}
+
+/// One by one in ascending order, with the logarithm of what was taken out of each step.
 pub(super) fn one_by_one<const N: usize>(
     diagonals: &mut dyn Diagonals,
     first: usize,
@@ -77,6 +101,7 @@ pub(super) struct Sensed<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     scratch: Scratch,
+    states: usize,
 }
 
 impl<'m, A, B, S> Sensed<'m, A, B, S>
@@ -86,7 +111,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     pub(super) fn new(hmm: &'m Hmm<A, B>, sequence: &'m S) -> Self {
-        Self { hmm, sequence, scratch: Scratch::default() }
+        Self { hmm, sequence, scratch: Scratch::default(), states: hmm.states() }
     }
 
     fn put_plain<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
@@ -96,14 +121,29 @@ where
             if diagonal.log_factor != 0.0 {
                 return None;
             }
-            *row = *<&[f64; N]>::try_from(diagonal.linear_values()?).ok()?;
+            copy(diagonal.linear_values()?, self.states, row)?;
+        }
+        Some(())
+    }
+
+    fn put<const N: usize>(
+        &mut self,
+        steps: Range<usize>,
+        backwards: bool,
+        out: &mut [f64],
+        factors: &mut Factors,
+    ) -> Option<()> {
+        let (first, rows) = (steps.start, &mut out.as_chunks_mut::<N>().0[..steps.len()]);
+        for number in 0..rows.len() {
+            let at = if backwards { rows.len() - 1 - number } else { number };
+            self.put_one(first + at, &mut rows[at], factors)?;
         }
         Some(())
     }
 
     /// The diagonal of one step, its largest value near one.
-    #[inline]
-    fn put<const N: usize>(
+    #[inline(always)]
+    fn put_one<const N: usize>(
         &mut self,
         step: usize,
         out: &mut [f64; N],
@@ -111,43 +151,23 @@ where
     ) -> Option<()> {
         let observation = self.sequence.observation(step);
         let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-        let (linear, largest): (&[f64; N], f64) = match diagonal.values {
-            Values::Checked { linear, largest, .. } => (linear.try_into().ok()?, largest),
+        let (linear, largest) = match diagonal.values {
+            Values::Checked { linear, largest, .. } => (linear, largest),
             Values::Linear(linear) => {
+                copy(linear, self.states, out)?;
                 let (mut largest, mut valid) = (0.0, true);
-                for &b in linear {
+                for &b in &*out {
                     valid &= (0.0..=f64::MAX).contains(&b);
                     largest = if b > largest { b } else { largest };
                 }
-                (valid.then_some(linear.try_into().ok()?)?, largest)
+                (valid.then_some(linear)?, largest)
             }
-            Values::Log(_) => return put_unusual(&diagonal, 0.0, out, factors),
+            Values::Log(_) => return put_unusual(&diagonal, self.states, 0.0, out, factors),
         };
         if diagonal.log_factor != 0.0 || !UNSCALED.contains(&largest) {
-            return put_unusual(&diagonal, largest, out, factors);
+            return put_unusual(&diagonal, self.states, largest, out, factors);
         }
-        *out = *linear;
-        Some(())
-    }
-
-    fn put_ahead<const N: usize>(
-        &mut self,
-        steps: Range<usize>,
-        out: &mut [f64],
-        factors: &mut Factors,
-    ) -> Option<()> {
-        let rows = out.as_chunks_mut::<N>().0;
-        steps.zip(rows).try_for_each(|(step, row)| self.put(step, row, factors))
-    }
-
-    fn put_back<const N: usize>(
-        &mut self,
-        steps: Range<usize>,
-        out: &mut [f64],
-        factors: &mut Factors,
-    ) -> Option<()> {
-        let rows = out.as_chunks_mut::<N>().0;
-        steps.zip(rows).rev().try_for_each(|(step, row)| self.put(step, row, factors))
+        copy(linear, self.states, out)
     }
 }
 
@@ -158,27 +178,52 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     fn plain(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
-        with_constant!(self.hmm.states(), N => self.put_plain::<N>(steps, out))
+        match room(self.states) {
+            2 => self.put_plain::<2>(steps, out),
+            3 => self.put_plain::<3>(steps, out),
+            4 => self.put_plain::<4>(steps, out),
+            _ => None, // not asked for
+        }
     }
 
-    fn ahead(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
-        with_constant!(self.hmm.states(), N => self.put_ahead::<N>(steps, out, factors))
+    fn scaled(
+        &mut self,
+        steps: Range<usize>,
+        backwards: bool,
+        out: &mut [f64],
+        factors: &mut Factors,
+    ) -> Option<()> {
+        with_constant!(self.states, N => self.put::<N>(steps, backwards, out, factors))
     }
+}
 
-    fn back(&mut self, steps: Range<usize>, out: &mut [f64], factors: &mut Factors) -> Option<()> {
-        with_constant!(self.hmm.states(), N => self.put_back::<N>(steps, out, factors))
+/// Copies one value for each state; the room beyond stays as it is.
+#[inline(always)]
+fn copy<const N: usize>(values: &[f64], states: usize, out: &mut [f64; N]) -> Option<()> {
+    if values.len() != states {
+        return None;
     }
+    if let Ok(values) = <&[f64; N]>::try_from(values) {
+        *out = *values;
+    } else {
+        out.get_mut(..states)?.copy_from_slice(values);
+    }
+    Some(())
 }
 
 /// A diagonal in logarithms, with a factor, or of an unusual scale; `largest`
 /// is of those that are none.
 #[inline(never)]
-fn put_unusual<const N: usize>(
+fn put_unusual(
     diagonal: &Diagonal<'_>,
+    states: usize,
     largest: f64,
-    out: &mut [f64; N],
+    out: &mut [f64],
     factors: &mut Factors,
 ) -> Option<()> {
+    if diagonal.len() != states {
+        return None;
+    }
     if diagonal.log_factor != 0.0 {
         if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
             return None;
@@ -186,28 +231,26 @@ fn put_unusual<const N: usize>(
         factors.logs.add(diagonal.log_factor);
     }
     match diagonal.values {
-        Values::Log(logs) => from_logs(logs.try_into().ok()?, out, factors),
+        Values::Log(logs) => from_logs(logs, out, factors),
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             let by = exponent(largest);
             if !EXPONENTS.contains(&by) {
                 return None;
             }
             factors.exponent += by;
-            let linear: &[f64; N] = linear.try_into().ok()?;
-            *out = linear.map(|b| b * power(-by));
-            // What this has lost digits of, or made 0, was small.
-            let lost = linear.iter().zip(&*out).any(|(b, out)| *b > 0.0 && *out < LEAST_FACTOR);
+            let mut lost = false;
+            for (out, b) in out.iter_mut().zip(linear) {
+                *out = b * power(-by);
+                // What this has lost digits of, or made 0, was small.
+                lost |= *b > 0.0 && *out < LEAST_FACTOR;
+            }
             (!lost).then_some(())
         }
     }
 }
 
 /// Likelihoods from logarithms, the largest of them one.
-fn from_logs<const N: usize>(
-    logs: &[f64; N],
-    out: &mut [f64; N],
-    factors: &mut Factors,
-) -> Option<()> {
+fn from_logs(logs: &[f64], out: &mut [f64], factors: &mut Factors) -> Option<()> {
     let mut largest = f64::NEG_INFINITY;
     for &log in logs {
         if !(log.abs() <= LARGEST_LOG || log == f64::NEG_INFINITY) {

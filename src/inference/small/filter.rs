@@ -5,7 +5,7 @@ use super::chain::{Chain, LEAST, Matrix, none_between_0_and};
 use super::diagonals::{Diagonals, Factors, Sensed, one_by_one};
 use super::score::start;
 use super::segments::{self, Segments, Source, eight};
-use super::{columns, control_of, with_constant};
+use super::{columns, control_of, filled_up, room, with_constant, without_room};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::filtering::Filtering;
@@ -18,7 +18,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// Up to so many states to go through segments is faster.
-const MOST_IN_SEGMENTS: usize = 6;
+const MOST_IN_SEGMENTS: usize = 4;
 /// How many steps are gathered at a time where there are no segments.
 const GATHERED: usize = 128;
 
@@ -38,11 +38,12 @@ where
     let prior = hmm.prior().belief().as_slice();
     let moves = hmm.prior().moves_at(1);
     let mut out = Out {
-        values: in_large_pages(vec![0.0; prior.len() * (steps + 1)]),
+        values: in_large_pages(vec![0.0; room(prior.len()) * (steps + 1)]),
         logs: vec![0.0; steps],
     };
     let mut sum = LogSum::default();
     dispatch(&matrix, prior, moves, &mut Sensed::new(hmm, sequence), &mut out, &mut sum)?;
+    without_room(&mut out.values, prior.len());
     let posteriors = Posteriors::from_values(hmm.states(), out.values);
     Some(Filtering::new(posteriors, out.logs, sum.value()))
 }
@@ -72,8 +73,8 @@ fn run<const N: usize>(
     out: &mut Out,
     sum: &mut LogSum,
 ) -> Option<()> {
-    let matrix = Matrix::<N>::new(matrix)?;
-    let prior: [f64; N] = prior.try_into().ok()?;
+    let matrix = Matrix::<N>::new(matrix, prior.len())?;
+    let prior: [f64; N] = filled_up(prior, 0.0)?;
     let mut chain = Chain::new(prior)?;
     let (rows, logs) = (out.values.as_chunks_mut::<N>().0, &mut out.logs[..]);
     rows[0] = prior;
@@ -84,7 +85,7 @@ fn run<const N: usize>(
         rows[1] = normalised(&chain.values).1;
         done = 1;
     }
-    if N <= MOST_IN_SEGMENTS {
+    if const { N <= MOST_IN_SEGMENTS } {
         let place = (&mut rows[1..], &mut *logs);
         done = in_segments(&matrix, &mut chain, done, diagonals, &mut factors, place)?;
     }

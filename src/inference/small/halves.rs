@@ -5,16 +5,44 @@
 //!
 //! Two threads, one for each, would wait as long, and were no faster.
 
-use super::chain::{Chain, Matrix, UNLOOKED};
+use super::chain::{Chain, Matrix, UNLOOKED, times};
 use crate::kernels::{self, Kernel, Lanes};
 
 /// A stretch of steps: their likelihoods, and a place for each.
-pub(super) struct Stretch<'a, const N: usize, P> {
+pub(super) struct Stretch<'a, const N: usize> {
     pub(super) diagonals: &'a [[f64; N]],
-    pub(super) places: &'a mut [P],
+    pub(super) places: &'a mut [[f64; N]],
 }
 
-impl<const N: usize, P> Stretch<'_, N, P> {
+/// What is put to the place of a step. Not a closure: the loops would be compiled again
+/// for each.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Put {
+    /// The vector of the recursion.
+    Vector,
+    /// The posterior, where the vector of the other recursion is.
+    Posterior,
+}
+
+impl Put {
+    #[inline(always)]
+    fn put<const N: usize>(self, place: &mut [f64; N], x: &[f64; N]) {
+        *place = match self {
+            Self::Vector => *x,
+            Self::Posterior => posterior(place, x),
+        };
+    }
+}
+
+/// x ∘ r, which sums to one.
+#[inline(always)]
+pub(super) fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
+    let product = times(x, r);
+    let factor = 1.0 / product.iter().sum::<f64>();
+    product.map(|p| p * factor)
+}
+
+impl<const N: usize> Stretch<'_, N> {
     /// The first so many steps, and the others.
     #[inline(always)]
     fn split(self, at: usize) -> (Self, Self) {
@@ -27,18 +55,18 @@ impl<const N: usize, P> Stretch<'_, N, P> {
 
 /// Goes forward through a stretch: takes each step, then puts it.
 #[inline(always)]
-pub(super) fn ahead<const N: usize, P>(
+pub(super) fn ahead<const N: usize>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
-    stretch: Stretch<'_, N, P>,
+    stretch: Stretch<'_, N>,
     unlooked: usize,
-    put: impl Fn(&mut P, &[f64; N]),
+    put: Put,
 ) -> Option<()> {
     let Stretch { diagonals, places } = stretch;
     for (diagonals, places) in diagonals.chunks(unlooked).zip(places.chunks_mut(unlooked)) {
         for (b, place) in diagonals.iter().zip(places) {
             chain.values = matrix.ahead(b, &chain.values);
-            put(place, &chain.values);
+            put.put(place, &chain.values);
         }
         chain.look()?;
     }
@@ -48,17 +76,17 @@ pub(super) fn ahead<const N: usize, P>(
 /// Goes backward through a stretch, from its end: puts each step, then takes
 /// it.
 #[inline(always)]
-pub(super) fn back<const N: usize, P>(
+pub(super) fn back<const N: usize>(
     matrix: &Matrix<N>,
     chain: &mut Chain<N>,
-    stretch: Stretch<'_, N, P>,
+    stretch: Stretch<'_, N>,
     unlooked: usize,
-    put: impl Fn(&mut P, &[f64; N]),
+    put: Put,
 ) -> Option<()> {
     let Stretch { diagonals, places } = stretch;
     for (diagonals, places) in diagonals.rchunks(unlooked).zip(places.rchunks_mut(unlooked)) {
         for (b, place) in diagonals.iter().zip(places).rev() {
-            put(place, &chain.values);
+            put.put(place, &chain.values);
             chain.values = matrix.back(b, &chain.values);
         }
         chain.look()?;
@@ -66,30 +94,43 @@ pub(super) fn back<const N: usize, P>(
     Some(())
 }
 
+/// Vectors of fewer numbers gain nothing by wider instructions than those that are always
+/// there.
+const FEWEST_WIDE: usize = 4;
+
 /// Both, step by step in turn, with the widest instructions there are.
-pub(super) fn both<const N: usize, P>(
+#[inline(never)]
+pub(super) fn both<const N: usize>(
     matrix: &Matrix<N>,
     chains: &mut [Chain<N>; 2],
-    first: Stretch<'_, N, P>,
-    second: Stretch<'_, N, P>,
-    put: impl Fn(&mut P, &[f64; N]) + Copy,
+    first: Stretch<'_, N>,
+    second: Stretch<'_, N>,
+    put: Put,
 ) -> Option<()> {
-    kernels::run(Both { matrix, chains, first, second, put })
+    let both = Both { matrix, chains, first, second, put };
+    if const { N < FEWEST_WIDE } { both.go() } else { kernels::run(both) }
 }
 
-struct Both<'a, const N: usize, P, F> {
+struct Both<'a, const N: usize> {
     matrix: &'a Matrix<N>,
     chains: &'a mut [Chain<N>; 2],
-    first: Stretch<'a, N, P>,
-    second: Stretch<'a, N, P>,
-    put: F,
+    first: Stretch<'a, N>,
+    second: Stretch<'a, N>,
+    put: Put,
 }
 
-impl<const N: usize, P, F: Fn(&mut P, &[f64; N]) + Copy> Kernel for Both<'_, N, P, F> {
+impl<const N: usize> Kernel for Both<'_, N> {
     type Output = Option<()>;
 
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) -> Option<()> {
+        self.go()
+    }
+}
+
+impl<const N: usize> Both<'_, N> {
+    #[inline(always)]
+    fn go(self) -> Option<()> {
         let Self { matrix, chains, first, second, put } = self;
         let [forward, backward] = chains;
         let unlooked = matrix.unlooked([first.diagonals, second.diagonals])?;
@@ -107,10 +148,10 @@ impl<const N: usize, P, F: Fn(&mut P, &[f64; N]) + Copy> Kernel for Both<'_, N, 
         for ((b, places), (c, other_places)) in firsts.zip(seconds) {
             for k in 0..UNLOOKED {
                 let l = UNLOOKED - 1 - k;
-                put(&mut other_places[l], &backwards.values);
+                put.put(&mut other_places[l], &backwards.values);
                 forwards.values = matrix.ahead(&b[k], &forwards.values);
                 backwards.values = matrix.back(&c[l], &backwards.values);
-                put(&mut places[k], &forwards.values);
+                put.put(&mut places[k], &forwards.values);
             }
             forwards.look()?;
             backwards.look()?;

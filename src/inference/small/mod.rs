@@ -49,10 +49,40 @@ fn exponent(x: f64) -> i64 {
     (x.to_bits() >> 52).cast_signed() - 1023
 }
 
-/// An expression in which a name is the number of states, as a constant.
+/// How many states arrays have room for. Those beyond the last are never possible:
+/// that adds 0 at the end of each sum, which leaves it as it is to the bit.
+fn room(states: usize) -> usize {
+    match states {
+        ..=2 => 2,
+        3 | 4 => states,
+        _ => MOST_STATES,
+    }
+}
+
+/// One value for each state, and something for the room beyond.
+fn filled_up<const N: usize>(values: &[f64], with: f64) -> Option<[f64; N]> {
+    let mut out = [with; N];
+    out.get_mut(..values.len())?.copy_from_slice(values);
+    Some(out)
+}
+
+/// Leaves out what is beyond the last state of each step.
+fn without_room(values: &mut Vec<f64>, states: usize) {
+    let room = room(states);
+    if room == states {
+        return;
+    }
+    let steps = values.len() / room;
+    (1..steps)
+        .for_each(|step| values.copy_within(step * room..step * room + states, step * states));
+    values.truncate(steps * states);
+}
+
+/// An expression in which a name is the [`room`] of a model, as a constant: for each
+/// there is code of its own.
 macro_rules! with_constant {
     ($n:expr, $name:ident => $body:expr) => {
-        with_constant!($n, $name => $body; 1 2 3 4 5 6 7 8)
+        with_constant!(super::room($n), $name => $body; 2 3 4 8)
     };
     ($n:expr, $name:ident => $body:expr; $($number:literal)*) => {
         match $n {

@@ -4,10 +4,10 @@
 use super::super::LogSum;
 use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
 use super::diagonals::{Diagonals, Factors, Sensed};
-use super::halves::{Stretch, both};
+use super::halves::{Put, Stretch, both};
 use super::score_in_segments::in_segments;
 use super::segments;
-use super::{LEAST_FACTOR, columns, control_of, with_constant};
+use super::{LEAST_FACTOR, columns, control_of, filled_up, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -43,9 +43,10 @@ fn dispatch(
     diagonals: &mut dyn Diagonals,
 ) -> Option<f64> {
     with_constant!(prior.len(), N => {
-        let matrix = Matrix::<N>::new(matrix)?;
-        let prior = Chain::new(prior.try_into().ok()?)?;
-        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
+        let matrix = Matrix::<N>::new(matrix, prior.len())?;
+        let prior = Chain::new(filled_up(prior, 0.0)?)?;
+        // A constant, so that there is no code for sizes that do not pay.
+        let first = if const { N <= MOST_IN_SEGMENTS } && segments::enough(steps) {
             in_segments(&matrix, prior, moves, steps, diagonals)
         } else {
             None
@@ -73,7 +74,7 @@ fn from_both_ends<const N: usize>(
     let length = GATHERED.min(last - middle);
     let mut gathered = vec![[0.0; N]; 2 * length];
     let (ahead, back) = gathered.split_at_mut(length);
-    let mut places = vec![(); 2 * length];
+    let mut places = vec![[0.0; N]; 2 * length];
     let (ahead_places, back_places) = places.split_at_mut(length);
     while first < middle || last > middle {
         let counts = [(middle - first).min(GATHERED), (last - middle).min(GATHERED)];
@@ -82,7 +83,7 @@ fn from_both_ends<const N: usize>(
         diagonals.back(last - counts[1]..last, back.as_flattened_mut(), &mut factors[1])?;
         let ahead = Stretch { diagonals: ahead, places: &mut ahead_places[..counts[0]] };
         let back = Stretch { diagonals: back, places: &mut back_places[..counts[1]] };
-        both(matrix, &mut chains, ahead, back, |(), _| ())?;
+        both(matrix, &mut chains, ahead, back, Put::Vector)?;
         (first, last) = (first + counts[0], last - counts[1]);
     }
     log_likelihood(&chains, &factors)

@@ -29,7 +29,7 @@ pub(super) fn in_segments<const N: usize>(
         first += LANES * length;
     }
     let rest = source.rest(matrix, first..steps + 1)?;
-    rest.ahead(matrix, &mut chain, &mut vec![(); steps + 1 - first], |(), _| ())?;
+    rest.ahead(matrix, &mut chain, &mut vec![[0.0; N]; steps + 1 - first])?;
     let ones = Chain::new([1.0; N])?;
     log_likelihood(&[chain, ones], &[source.factors, Factors::default()])
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors, UNSCALED, one_by_one};
-use super::halves::{Stretch, ahead, back};
+use super::halves::{Put, Stretch, ahead, back};
 use super::power;
 use crate::kernels::lockstep::{Abreast, gather};
 use crate::kernels::segments::{Scaled, products};
@@ -24,12 +24,6 @@ const APART: f64 = 400.0;
 pub(super) fn length(left: usize) -> Option<usize> {
     let length = (left / LANES).min(LENGTH);
     (length >= SHORTEST).then_some(length)
-}
-
-/// Whether to cut a sequence into segments pays for a routine that pays up to so
-/// many states: products of larger matrices take longer than they save.
-pub(super) fn pay(states: usize, most: usize, steps: usize) -> bool {
-    states <= most && enough(steps)
 }
 
 /// Whether there are enough steps for segments.
@@ -122,25 +116,25 @@ pub(super) struct Rest<const N: usize> {
 
 impl<const N: usize> Rest<N> {
     /// Takes each step, then puts it.
-    pub(super) fn ahead<P>(
+    pub(super) fn ahead(
         &self,
         matrix: &Matrix<N>,
         chain: &mut Chain<N>,
-        places: &mut [P],
-        put: impl Fn(&mut P, &[f64; N]),
+        places: &mut [[f64; N]],
     ) -> Option<()> {
-        ahead(matrix, chain, Stretch { diagonals: &self.diagonals, places }, self.unlooked, put)
+        let stretch = Stretch { diagonals: &self.diagonals, places };
+        ahead(matrix, chain, stretch, self.unlooked, Put::Vector)
     }
 
-    /// Puts each step, then takes it, from the last.
-    pub(super) fn back<P>(
+    /// Puts the posterior of each step, then takes it, from the last.
+    pub(super) fn back(
         &self,
         matrix: &Matrix<N>,
         chain: &mut Chain<N>,
-        places: &mut [P],
-        put: impl Fn(&mut P, &[f64; N]),
+        places: &mut [[f64; N]],
     ) -> Option<()> {
-        back(matrix, chain, Stretch { diagonals: &self.diagonals, places }, self.unlooked, put)
+        let stretch = Stretch { diagonals: &self.diagonals, places };
+        back(matrix, chain, stretch, self.unlooked, Put::Posterior)
     }
 }
 

@@ -2,13 +2,13 @@
 //! proportion to x_k ∘ r_k. Each recursion keeps its results in its own half;
 //! after the middle it meets those of the other.
 
-use super::chain::{Chain, Matrix, times};
+use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors, Sensed};
-use super::halves::{Stretch, both};
+use super::halves::{Put, Stretch, both, posterior};
 use super::score::{log_likelihood, middle, start};
 use super::segments;
 use super::smooth_in_segments::in_segments;
-use super::{columns, control_of, with_constant};
+use super::{columns, control_of, filled_up, with_constant, without_room};
 use crate::hmm::Hmm;
 use crate::inference::posteriors::Posteriors;
 use crate::kernels::in_large_pages;
@@ -32,8 +32,9 @@ where
     let matrix = columns::of(hmm.transition(), control)?;
     let prior = hmm.prior().belief().as_slice();
     let moves = hmm.prior().moves_at(1);
-    let (values, log_likelihood) =
+    let (mut values, log_likelihood) =
         dispatch(&matrix, prior, moves, steps, &mut Sensed::new(hmm, sequence))?;
+    without_room(&mut values, hmm.states());
     Some((Posteriors::from_values(hmm.states(), values), log_likelihood))
 }
 
@@ -45,9 +46,10 @@ fn dispatch(
     diagonals: &mut dyn Diagonals,
 ) -> Option<(Vec<f64>, f64)> {
     with_constant!(prior.len(), N => {
-        let matrix = Matrix::<N>::new(matrix)?;
-        let prior = Chain::new(prior.try_into().ok()?)?;
-        let first = if segments::pay(N, MOST_IN_SEGMENTS, steps) {
+        let matrix = Matrix::<N>::new(matrix, prior.len())?;
+        let prior = Chain::new(filled_up(prior, 0.0)?)?;
+        // A constant, so that there is no code for sizes that do not pay.
+        let first = if const { N <= MOST_IN_SEGMENTS } && segments::enough(steps) {
             in_segments(&matrix, prior, moves, steps, diagonals)
         } else {
             None
@@ -87,22 +89,14 @@ fn from_both_ends<const N: usize>(
     let (ahead, back) = rows.split_at_mut(middle);
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
-    both(matrix, &mut chains, early, late, |row, x| *row = *x)?;
+    both(matrix, &mut chains, early, late, Put::Vector)?;
     let log_likelihood = log_likelihood(&chains, &factors)?;
     let late = Stretch { diagonals: &all[middle - 1..], places: back };
     let early = Stretch { diagonals: &all[first - 1..middle - 1], places: &mut ahead[first..] };
-    both(matrix, &mut chains, late, early, |row, x| *row = posterior(row, x))?;
+    both(matrix, &mut chains, late, early, Put::Posterior)?;
     rows[first - 1] = posterior(&rows[first - 1], &chains[1].values);
     if !moves {
         rows[0] = rows[1]; // the same state
     }
     Some((values, log_likelihood))
-}
-
-/// x ∘ r, which sums to one.
-#[inline(always)]
-pub(super) fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
-    let product = times(x, r);
-    let factor = 1.0 / product.iter().sum::<f64>();
-    product.map(|p| p * factor)
 }

@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors};
+use super::halves::posterior;
 use super::score::{log_likelihood, start};
 use super::segments::{self, Segments, Source, eight};
-use super::smooth::posterior;
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_smooth::Smooth;
 use crate::kernels::{self, Eight, LANES, in_large_pages};
@@ -53,11 +53,11 @@ pub(super) fn in_segments<const N: usize>(
         kept.push(Kept { steps, unlooked, segments, starts });
     }
     let rest = source.rest(matrix, first..steps + 1)?;
-    rest.ahead(matrix, &mut chain, &mut rows[first..], |row, x| *row = *x)?;
+    rest.ahead(matrix, &mut chain, &mut rows[first..])?;
     let mut back = Chain::new([1.0; N])?;
     let log_likelihood = log_likelihood(&[chain, back], &[source.factors, Factors::default()])?;
 
-    rest.back(matrix, &mut back, &mut rows[first..], |row, r| *row = posterior(row, r))?;
+    rest.back(matrix, &mut back, &mut rows[first..])?;
     while let Some(Kept { steps, unlooked, segments, starts }) = kept.pop() {
         let ends = segments.back(&mut back)?;
         let place = rows[steps].as_flattened_mut();

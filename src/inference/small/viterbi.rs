@@ -9,12 +9,12 @@ use std::f64::consts::{LN_2, LOG2_E};
 use std::ops::Range;
 
 use super::chain::UNLOOKED;
-use super::{control_of, with_constant};
+use super::{MOST_STATES, control_of, filled_up, with_constant};
 use crate::hmm::Hmm;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{LARGEST_LOG, log2, on_grid};
-use crate::likelihood::{Likelihood, Scratch, Values};
+use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
@@ -78,31 +78,22 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     fn put<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
-        let mut values = [0.0; N];
+        let states = self.hmm.states();
         for (step, out) in steps.zip(out.as_chunks_mut::<N>().0) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
-            let left_out = if diagonal.log_factor == 0.0 {
-                match diagonal.values {
-                    Values::Checked { log2: Some(log2), .. } => {
-                        put_log2(log2.try_into().ok()?, out)
+            // Inlined for those of tables alone: others need a logarithm for each anyway.
+            let left_out = match diagonal.values {
+                Values::Checked { log2: Some(log2), .. } if diagonal.log_factor == 0.0 => {
+                    match <&[f64; N]>::try_from(log2) {
+                        Ok(log2) => put_log2(log2, out),
+                        Err(_) => put_any(&diagonal, out.get_mut(..states)?)?,
                     }
-                    Values::Linear(b) | Values::Checked { linear: b, .. } => {
-                        let b: &[f64; N] = b.try_into().ok()?;
-                        if !b.iter().all(|b| (0.0..=f64::MAX).contains(b)) {
-                            return None;
-                        }
-                        put_log2(&b.map(log2), out)
-                    }
-                    Values::Log(logs) => put_logs(logs.try_into().ok()?, out)?,
                 }
-            } else {
-                let largest = diagonal.check(N).ok()?;
-                let (scores, left_out) = likelihood_scores(&diagonal, largest, &mut values)?;
-                for (out, score) in out.iter_mut().zip(scores.scores) {
-                    *out = score - scores.shift;
+                Values::Linear(b) if diagonal.log_factor == 0.0 => {
+                    put_linear(b, out.get_mut(..states)?)?
                 }
-                left_out
+                _ => put_any(&diagonal, out.get_mut(..states)?)?,
             };
             self.taken_out.factors.add(left_out);
         }
@@ -125,27 +116,73 @@ where
     }
 }
 
+/// The scores of an observation. Gives the logarithm of what is taken out; `None` if the
+/// likelihoods are not valid, or nothing is possible.
+fn put_any(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
+    if diagonal.len() != out.len() {
+        return None;
+    }
+    if diagonal.log_factor != 0.0 {
+        let largest = diagonal.check(out.len()).ok()?;
+        let mut values = [0.0; MOST_STATES];
+        let values = values.get_mut(..out.len())?;
+        let (scores, left_out) = likelihood_scores(diagonal, largest, values)?;
+        for (out, score) in out.iter_mut().zip(scores.scores) {
+            *out = score - scores.shift;
+        }
+        return Some(left_out);
+    }
+    match diagonal.values {
+        Values::Checked { log2: Some(log2), .. } => Some(put_log2(log2, out)),
+        Values::Linear(b) | Values::Checked { linear: b, .. } => put_linear(b, out),
+        Values::Log(logs) => put_logs(logs, out),
+    }
+}
+
+/// The same of likelihoods.
+fn put_linear(b: &[f64], out: &mut [f64]) -> Option<f64> {
+    match out.len() {
+        2 => put_few(b, out.first_chunk_mut::<2>()?),
+        3 => put_few(b, out.first_chunk_mut::<3>()?),
+        4 => put_few(b, out.first_chunk_mut::<4>()?),
+        _ => put_few(b, out),
+    }
+}
+
+/// [`put_linear`], where the length is known for loops without a count.
+#[inline(always)]
+fn put_few(b: &[f64], out: &mut [f64]) -> Option<f64> {
+    if b.len() != out.len() || !b.iter().all(|b| (0.0..=f64::MAX).contains(b)) {
+        return None;
+    }
+    let mut values = [0.0; MOST_STATES];
+    let values = values.get_mut(..out.len())?;
+    values.iter_mut().zip(b).for_each(|(to, b)| *to = log2(*b));
+    Some(put_log2(values, out))
+}
+
 /// Scores from logarithms to base 2. Gives the logarithm of what is taken out.
-#[inline]
-fn put_log2<const N: usize>(log2: &[f64; N], out: &mut [f64; N]) -> f64 {
+#[inline(always)]
+fn put_log2(log2: &[f64], out: &mut [f64]) -> f64 {
     // That of the largest, since rounding keeps order.
     let mut largest = f64::NEG_INFINITY;
     log2.iter().for_each(|&b| largest = if b > largest { b } else { largest });
     let whole = floor(largest);
-    *out = log2.map(|b| b - whole);
+    out.iter_mut().zip(log2).for_each(|(out, b)| *out = b - whole);
     whole * LN_2
 }
 
 /// Scores from logarithms. Gives the largest of these, which is taken out; `None` if they
 /// are not valid, or nothing is possible.
-#[inline]
-fn put_logs<const N: usize>(logs: &[f64; N], out: &mut [f64; N]) -> Option<f64> {
+fn put_logs(logs: &[f64], out: &mut [f64]) -> Option<f64> {
     let (mut largest, mut valid) = (f64::NEG_INFINITY, true);
     for &log in logs {
         valid &= log.abs() <= LARGEST_LOG || log == f64::NEG_INFINITY;
         largest = if log > largest { log } else { largest };
     }
-    *out = logs.map(|log| on_grid((log - largest) * LOG2_E));
+    for (out, log) in out.iter_mut().zip(logs) {
+        *out = on_grid((log - largest) * LOG2_E);
+    }
     (valid && largest > f64::NEG_INFINITY).then_some(largest)
 }
 
@@ -164,19 +201,24 @@ fn run<const N: usize>(
     steps: usize,
     source: &mut dyn Scores,
 ) -> Option<Vec<usize>> {
-    let columns: [[f64; N]; N] = columns.as_chunks().0.try_into().ok()?;
-    let scores: &mut [f64; N] = scores.try_into().ok()?;
+    let mut arrays = [[f64::NEG_INFINITY; N]; N];
+    for (array, column) in arrays.iter_mut().zip(columns.chunks_exact(scores.len())) {
+        *array = filled_up(column, f64::NEG_INFINITY)?;
+    }
+    let (columns, all) = (arrays, &mut *scores);
+    let mut scores: [f64; N] = filled_up(all, f64::NEG_INFINITY)?;
     // The best way into each state of step k, at k − 2.
     let mut from = vec![[0_u8; N]; steps - 1];
-    let mut gathered = [[0.0; N]; GATHERED];
+    let mut gathered = [[f64::NEG_INFINITY; N]; GATHERED];
     for (index, from) in from.chunks_mut(GATHERED).enumerate() {
         let (first, gathered) = (2 + index * GATHERED, &mut gathered[..from.len()]);
         source.gather(first..first + from.len(), gathered.as_flattened_mut())?;
         for (b, from) in gathered.chunks(UNLOOKED).zip(from.chunks_mut(UNLOOKED)) {
-            source.take_out(advance(&columns, b, scores, from)?);
+            source.take_out(advance(&columns, b, &mut scores, from)?);
         }
     }
-    let mut state = best(scores);
+    all.copy_from_slice(&scores[..all.len()]);
+    let mut state = best(all);
     let mut states = vec![state; steps];
     for (out, from) in states.iter_mut().zip(&from).rev() {
         state = usize::from(from[state]);

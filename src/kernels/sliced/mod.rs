@@ -125,8 +125,8 @@ impl Sliced {
             .chunk_by(|&a, &b| diagonal(a) == diagonal(b))
             .filter(|places| inside(diagonal(places[0])))
             .collect();
-        // The fullest first: as many as lower the cost.
-        diagonals.sort_by_key(|places| std::cmp::Reverse(places.len()));
+        // As many as lower the cost.
+        fullest_first(&mut diagonals);
         let mut left = [0_usize; LANES];
         entries.iter().for_each(|entry| left[entry.lane] += 1);
         let cost = |shifted: usize, left: &[usize; LANES]| {
@@ -200,6 +200,10 @@ impl Sliced {
     pub(crate) fn lines(&self) -> usize {
         self.lines
     }
+}
+
+fn fullest_first(diagonals: &mut [&[usize]]) {
+    diagonals.sort_by_key(|places| std::cmp::Reverse(places.len()));
 }
 
 impl<V: Value> Values<V> {

@@ -1,8 +1,7 @@
 //! What can be wrong with descriptors.
 
+use std::error::Error;
 use std::fmt;
-
-use thiserror::Error;
 
 /// Which descriptor an error is about, by its index from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -23,17 +22,14 @@ impl fmt::Display for Descriptor {
 }
 
 /// Why descriptors are not valid, or have no distance.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum DescriptorError {
     /// Descriptors without elements.
-    #[error("descriptors have dimension 0, expected at least 1")]
     NoDimension,
     /// Nothing to match with.
-    #[error("there are no references, expected at least one")]
     NoReferences,
     /// The last descriptor is not whole.
-    #[error("{values} values are no whole number of descriptors of dimension {dimension}")]
     Values {
         /// How many numbers were given.
         values: usize,
@@ -41,7 +37,6 @@ pub enum DescriptorError {
         dimension: usize,
     },
     /// A descriptor is too short or too long.
-    #[error("{which} has {length} elements, expected {expected}")]
     Length {
         /// Which descriptor.
         which: Descriptor,
@@ -51,7 +46,6 @@ pub enum DescriptorError {
         expected: usize,
     },
     /// An element is NaN or infinite.
-    #[error("element {element} of {which} is {value}, expected a finite value")]
     Element {
         /// Which descriptor.
         which: Descriptor,
@@ -61,21 +55,16 @@ pub enum DescriptorError {
         value: f32,
     },
     /// A descriptor without direction, where directions are compared.
-    #[error("{which} is 0 in every element, so it has no cosine with another")]
     Zero {
         /// Which descriptor.
         which: Descriptor,
     },
     /// Two or more references, and any query is as far from each as from all.
-    #[error("all {references} references are equal, so they cannot tell places apart")]
     AllEqual {
         /// How many references there are.
         references: usize,
     },
     /// A distance of finite descriptors that 32 bits do not hold.
-    #[error(
-        "the distance of query {query} to reference {reference} is {distance:e}, expected at most 3.4028235e38"
-    )]
     TooFar {
         /// The query, from 0.
         query: usize,
@@ -85,7 +74,6 @@ pub enum DescriptorError {
         distance: f64,
     },
     /// The caller's memory does not fit.
-    #[error("there is room for {found} distances, expected {expected}")]
     Room {
         /// Its length.
         found: usize,
@@ -93,3 +81,37 @@ pub enum DescriptorError {
         expected: usize,
     },
 }
+
+impl fmt::Display for DescriptorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoDimension => write!(f, "descriptors have dimension 0, expected at least 1"),
+            Self::NoReferences => write!(f, "there are no references, expected at least one"),
+            Self::Values { values, dimension } => write!(
+                f,
+                "{values} values are no whole number of descriptors of dimension {dimension}"
+            ),
+            Self::Length { which, length, expected } => {
+                write!(f, "{which} has {length} elements, expected {expected}")
+            }
+            Self::Element { which, element, value } => {
+                write!(f, "element {element} of {which} is {value}, expected a finite value")
+            }
+            Self::Zero { which } => {
+                write!(f, "{which} is 0 in every element, so it has no cosine with another")
+            }
+            Self::AllEqual { references } => {
+                write!(f, "all {references} references are equal, so they cannot tell places apart")
+            }
+            Self::TooFar { query, reference, distance } => write!(
+                f,
+                "the distance of query {query} to reference {reference} is {distance:e}, expected at most 3.4028235e38"
+            ),
+            Self::Room { found, expected } => {
+                write!(f, "there is room for {found} distances, expected {expected}")
+            }
+        }
+    }
+}
+
+impl Error for DescriptorError {}

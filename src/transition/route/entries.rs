@@ -8,20 +8,22 @@ use crate::kernels::log2;
 impl TransitionEntries for RouteTransition {
     fn incoming(&self, control: &RouteControl, to: usize) -> impl Iterator<Item = (usize, f64)> {
         assert!(to < self.count(), "there is no state {to}");
-        let entries = |step: Step<'_>| {
+        let mut entries = Vec::new();
+        self.with_step(control, false, &mut |step| {
             let row = step.row(to).map(|(from, parts)| (from, product(parts)));
-            row.filter(|entry| entry.1 > 0.0).collect::<Vec<_>>()
-        };
-        self.with_step(control, false, entries).into_iter()
+            entries.extend(row.filter(|entry| entry.1 > 0.0));
+        });
+        entries.into_iter()
     }
 
     fn outgoing(&self, control: &RouteControl, from: usize) -> impl Iterator<Item = (usize, f64)> {
         assert!(from < self.count(), "there is no state {from}");
-        let entries = |step: Step<'_>| {
+        let mut entries = Vec::new();
+        self.with_step(control, false, &mut |step| {
             let column = step.column(from).map(|(to, parts)| (to, product(parts)));
-            column.filter(|entry| entry.1 > 0.0).collect::<Vec<_>>()
-        };
-        self.with_step(control, false, entries).into_iter()
+            entries.extend(column.filter(|entry| entry.1 > 0.0));
+        });
+        entries.into_iter()
     }
 
     fn incoming_log2(
@@ -30,16 +32,17 @@ impl TransitionEntries for RouteTransition {
         to: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         assert!(to < self.count(), "there is no state {to}");
-        let entries = |step: Step<'_>| {
+        let mut entries = Vec::new();
+        self.with_step(control, false, &mut |step| {
             let row = step.row(to).map(|(from, parts)| (from, parts.map(log2).iter().sum::<f64>()));
-            row.filter(|entry| entry.1 > f64::NEG_INFINITY).collect::<Vec<_>>()
-        };
-        self.with_step(control, false, entries).into_iter()
+            entries.extend(row.filter(|entry| entry.1 > f64::NEG_INFINITY));
+        });
+        entries.into_iter()
     }
 
     fn max_product(&self, control: &RouteControl, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, true, |step| step.max_product(x, out, from));
+        self.with_step(control, true, &mut |step| step.max_product(x, out, from));
     }
 }
 

@@ -190,18 +190,18 @@ impl Transition for RouteTransition {
 
     fn apply(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, true, |step| step.apply(x, out));
+        self.with_step(control, true, &mut |step| step.apply(x, out));
     }
 
     fn apply_transpose(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, true, |step| step.apply_transpose(x, out));
+        self.with_step(control, true, &mut |step| step.apply_transpose(x, out));
     }
 
     fn apply_log(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
         out.fill(f64::NEG_INFINITY);
-        self.with_step(control, true, |step| {
+        self.with_step(control, true, &mut |step| {
             for (from, &x) in x.iter().enumerate() {
                 for (to, parts) in step.column(from) {
                     out[to] = log::add(out[to], product(parts).ln() + x);
@@ -212,7 +212,7 @@ impl Transition for RouteTransition {
 
     fn apply_transpose_log(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, true, |step| {
+        self.with_step(control, true, &mut |step| {
             for (from, out) in out.iter_mut().enumerate() {
                 let column = step.column(from).map(|(to, parts)| (to, product(parts)));
                 *out = log::sum(column.filter(|entry| entry.1 > 0.0), x);

@@ -28,15 +28,15 @@ pub(super) enum Inverse<'a> {
 
 impl RouteTransition {
     /// The step of a control, for whoever wants all of it, or just a few entries.
-    pub(super) fn with_step<R>(
+    pub(super) fn with_step(
         &self,
         control: &RouteControl,
         all: bool,
-        work: impl FnOnce(Step<'_>) -> R,
-    ) -> R {
+        work: &mut dyn FnMut(Step<'_>),
+    ) {
         let view = self.views.as_ref().zip(control.view.map(View::index));
         let odometry = control.odometry.as_ref();
-        self.with_tables(odometry, view.is_none(), |tables| {
+        self.with_tables(odometry, view.is_none(), &mut |tables| {
             let Some((views, view)) = view else {
                 return work(Step { tables, factors: None, inverse: Inverse::Mixed });
             };
@@ -50,9 +50,9 @@ impl RouteTransition {
             }
             buffers::with(self.count(), |inverse| {
                 tables.invert(sums, inverse);
-                work(Step { tables, factors, inverse: Inverse::Known(inverse) })
-            })
-        })
+                work(Step { tables, factors, inverse: Inverse::Known(inverse) });
+            });
+        });
     }
 
     /// Which of the factors is for the way between two places.

@@ -24,13 +24,13 @@ pub(super) struct Tables<'a> {
 
 impl RouteTransition {
     /// The tables of a step; if it is without a view, `normalised`, A = `mix`
-    /// `windows`.
-    pub(super) fn with_tables<R>(
+    /// `windows`. Compiled once, whatever the work.
+    pub(super) fn with_tables(
         &self,
         odometry: Option<&Odometry>,
         normalised: bool,
-        work: impl FnOnce(Tables<'_>) -> R,
-    ) -> R {
+        work: &mut dyn FnMut(Tables<'_>),
+    ) {
         let (k, width) = (self.gears(), self.width());
         buffers::with((k + 1) * width, |windows| {
             buffers::with_two(k * k, |mix, peaks| {
@@ -47,10 +47,10 @@ impl RouteTransition {
                         }
                         mix.copy_from_slice(peaks);
                     }
-                    work(Tables { route: self, mix, windows, rows })
-                })
-            })
-        })
+                    work(Tables { route: self, mix, windows, rows });
+                });
+            });
+        });
     }
 
     /// The number of weights of all gears.

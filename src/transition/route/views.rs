@@ -101,7 +101,7 @@ impl RouteTransition {
             let Some(views) = &self.views else { return Vec::new() };
             let factors = views.factors[view.index()];
             let mut inverse = vec![0.0; self.count()];
-            self.with_tables(None, false, |tables| tables.invert(factors, &mut inverse));
+            self.with_tables(None, false, &mut |tables| tables.invert(factors, &mut inverse));
             inverse
         });
         if let Some(views) = &mut self.views {
