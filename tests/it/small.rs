@@ -126,7 +126,7 @@ proptest! {
         let n = model.states;
         let m = &model.matrices[0];
         let sensor = sensor(n);
-        let motion = dense(&m);
+        let motion = dense(m);
         let hmm = Hmm::new(model.prior(), motion, sensor).unwrap();
         check(&hmm, &model.logs)?;
         let answer = model.enumerate();

@@ -5,18 +5,16 @@ mod refused;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use serde::de::value::{Error as ValueError, SeqDeserializer};
-use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use serde::{Serialize, de::DeserializeOwned};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
-    FusedLikelihood, Gear, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
-    Learning, LikelihoodVector, Odometry, OptionalLikelihood, PowerTransition, Prior,
-    RestartTransition, RouteControl, RouteTransition, SparseTransition, SwitchedTransition,
-    TableLikelihood, TiedTransition, Transition, TransitionEntries, View, ViewRates,
-    WindowTransition,
+    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood, Gear,
+    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector, Odometry,
+    OptionalLikelihood, PowerTransition, Prior, RestartTransition, RouteControl, RouteTransition,
+    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, Transition,
+    TransitionEntries, View, ViewRates, WindowTransition,
 };
 
-use crate::kit::{Sensor, cases, weighted};
+use crate::kit::{Kind, Model, Sensor, bits, cases, ends, models, weighted};
 
 fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap()
@@ -161,7 +159,6 @@ type Nested =
     Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
 type Pairs =
     Hmm<KroneckerTransition<WindowTransition, SparseTransition>, LikelihoodVector<Vec<f64>>>;
-type Switched = Hmm<SwitchedTransition<SparseTransition>, Sensor>;
 
 proptest! {
     #![proptest_config(cases())]
@@ -297,7 +294,7 @@ proptest! {
         if let Ok(dense) = serde_json::from_str::<SwitchedTransition<DenseTransition>>(&dense) {
             check_columns(&dense, &0)?;
         }
-        let hmm = switched(&parts.model);
+        let hmm = parts.model.hmm(parts.model.sparse());
         let mut smoother = hmm.fixed_lag(2);
         for (step, y) in parts.model.logs.iter().enumerate() {
             let text = damage.of(&json(&smoother.snapshot()));

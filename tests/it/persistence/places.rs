@@ -10,8 +10,6 @@ use super::{json, stored};
 use crate::kit::still;
 use crate::operators::distance::{fork, ways};
 
-use crate::kit::still;
-
 const STILL: &str = r#"{"version":1,"states":1,"to":[0],"from":[0],"probability":[1.0]}"#;
 
 #[test]

@@ -1,8 +1,16 @@
 //! The format, and what is refused.
 
-use serde::de::DeserializeOwned;
+use serde::de::value::{Error as ValueError, SeqDeserializer};
+use serde::{Deserialize, de::DeserializeOwned};
+use wayfix::{
+    Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
+    FusedLikelihood, Gear, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
+    LikelihoodVector, Odometry, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
+    RouteControl, RouteTransition, SparseTransition, SwitchedTransition, TableLikelihood,
+    TiedTransition, View, ViewRates, WindowTransition,
+};
 
-use super::json;
+use super::{json, stored};
 
 /// The text of the error for a JSON text.
 #[track_caller]
