@@ -1,0 +1,54 @@
+//! Memory beyond the inputs, at its peak.
+
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::{Order, canberra};
+
+use crate::peak;
+
+#[test]
+fn memory_is_what_the_docs_say() {
+    let n = canberra::PLACES;
+    let block = |steps: usize| 8 * n * (steps + 1);
+    let hmm = canberra::hmm(5, 1.0).unwrap();
+    let million = 1_000_000;
+    let drive = hmm.simulate(million, &mut ChaCha8Rng::seed_from_u64(1));
+    let ys = drive.observations();
+
+    // A few vectors of n numbers, and a constant.
+    let small = 16 * 8 * n + 4096;
+    let steps = 20_000;
+    // A number a step besides: log-likelihoods or normalisers.
+    let found = peak(|| hmm.smooth(&ys[..steps]).unwrap());
+    assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "smooth: {found}");
+    let found = peak(|| hmm.forward(&ys[..steps]).unwrap());
+    assert!((block(steps)..block(steps) + 16 * steps + small).contains(&found), "forward: {found}");
+    let found = peak(|| hmm.path_sampler(&ys[..steps]).unwrap());
+    assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "sampler: {found}");
+    let found = peak(|| hmm.score(ys).unwrap());
+    assert!(found < small, "score: {found}");
+    let found = peak(|| hmm.path_entropy(&ys[..steps]).unwrap());
+    assert!(found < small, "entropy: {found}");
+
+    // n × L numbers twice: filtered and smoothed.
+    for lag in [10, 100, 1000] {
+        let found = peak(|| {
+            let mut smoother = hmm.fixed_lag(lag);
+            for y in &ys[..2 * lag] {
+                smoother.step(y).unwrap();
+            }
+            smoother
+        });
+        assert!(found < 2 * block(lag) + 160 * lag + small, "lag {lag}: {found}");
+    }
+
+    // n √T, a few times: a thousandth of the block of 840 MB.
+    for order in [Order::Backward, Order::Forward] {
+        let mut visited = 0;
+        let found = peak(|| hmm.smooth_each(ys, order, |_| visited += 1).unwrap());
+        assert_eq!(visited, million + 1);
+        assert!(found < 20_000_000, "{order:?}: {found}");
+        assert!(found < 7 * block(1000), "{order:?}: {found}");
+    }
+    let counts = peak(|| hmm.expected_moves(&ys[..steps]).unwrap());
+    assert!(counts < 7 * block(142) + 64 * 420, "expected moves: {counts}");
+}

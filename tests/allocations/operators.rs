@@ -1,0 +1,102 @@
+//! Products of structured operators allocate nothing after the first.
+
+use wayfix::{
+    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, Gear, GroupedLikelihood,
+    Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry, OffMapTransition,
+    PooledLikelihood, PowerTransition, Prior, RestartTransition, RouteControl, RouteTransition,
+    SparseTransition, TableLikelihood, TransitionEntries, View, ViewRates, WindowTransition,
+};
+
+use crate::allocations;
+
+fn check(name: &str, a: &impl TransitionEntries<Control = ()>) {
+    check_with(name, a, &());
+}
+
+fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
+    let n = a.states();
+    let (x, mut out, mut from) = (vec![1.0 / n as f64; n], vec![0.0; n], vec![0; n]);
+    let mut products = || {
+        a.apply(control, &x, &mut out);
+        a.apply_transpose(control, &x, &mut out);
+        a.apply_log(control, &x, &mut out);
+        a.apply_transpose_log(control, &x, &mut out);
+        a.max_product(control, &x, &mut out, &mut from);
+    };
+    products();
+    let found = allocations(|| (0..3).for_each(|_| products()));
+    assert_eq!(found, 0, "{name}");
+}
+
+#[test]
+fn products_allocate_nothing_after_the_first() {
+    let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], Ends::Stop).unwrap();
+    let gears = || SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
+    let lost = || RestartTransition::new(route(), 0.125, Belief::uniform(20).unwrap()).unwrap();
+    let times = vec![vec![0.25, 0.25, 0.5]; 20];
+    let dwell = || DwellTransition::new(lost(), &times).unwrap();
+    check("window", &route());
+    check("restart", &lost());
+    let leaving = OffMapTransition::new(lost(), 0.125, 0.25, Belief::uniform(20).unwrap());
+    check("off the map", &leaving.unwrap());
+    let metres = |to: usize, from: usize| 50.0 * (from.abs_diff(to) as f64);
+    let stored = SparseTransition::from_operator(&route()).unwrap();
+    let on_map = DistanceTransition::new(stored, metres).unwrap();
+    check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
+    check("power", &PowerTransition::new(lost(), 3));
+    check("dwell", &dwell());
+    let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
+    check("kronecker", &pairs());
+    let power = PowerTransition::new(pairs(), 2);
+    check("nested", &KroneckerTransition::new(gears(), power).unwrap());
+    let gears = [0.0, 0.5, 1.0].map(|speed| Gear::speed(speed, 0.1).unwrap());
+    let rates = ViewRates { standing: 0.9, alike: 0.5, moved: 0.1 };
+    for closed in [false, true] {
+        let drive = RouteTransition::new(20, closed, gears.to_vec(), 0.9).unwrap();
+        let stretches: Vec<_> = (0..20).map(|place| place / 3).collect();
+        let drive = drive.with_views(&stretches, rates).unwrap();
+        for distance in [None, Some(0.7), Some(-9.0)] {
+            for view in [None, Some(View::Changed), Some(View::Unchanged)] {
+                let odometry = distance.map(|distance| Odometry { distance, variance: 0.0 });
+                check_with("route", &drive, &RouteControl { odometry, view });
+            }
+        }
+    }
+
+    // A filter on them, with a sensor of places.
+    let rows = (0..20).map(|i| [0.25 + f64::from(i) / 40.0, 0.75 - f64::from(i) / 40.0]);
+    let camera = TableLikelihood::from_rows(&rows.collect::<Vec<_>>()).unwrap();
+    let places = dwell().groups().clone();
+    let sensor = GroupedLikelihood::new(camera, places).unwrap();
+    let sensor = FusedLikelihood::new(sensor, KnownState::new(60)).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(60).unwrap());
+    let hmm = Hmm::new(prior, dwell(), sensor).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&(1, None)).unwrap();
+    let found = allocations(|| {
+        for k in 0..100 {
+            filter.step(&(k % 2, None)).unwrap();
+        }
+        filter.step(&(0, Some(filter.belief().mode()))).unwrap();
+    });
+    assert_eq!(found, 0, "filter");
+
+    // One of images, as numbers and as logarithms.
+    let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();
+    for sensor in [LikelihoodVector::linear(40), LikelihoodVector::log(40)] {
+        let sensor = PooledLikelihood::new(sensor, images.clone()).unwrap();
+        let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+        let hmm = Hmm::new(prior, lost(), sensor).unwrap();
+        let mut filter = hmm.filter();
+        let seen = [[0.5; 40], [1e-310; 40]];
+        for y in &seen {
+            filter.step(y).unwrap();
+        }
+        let found = allocations(|| {
+            for k in 0..100 {
+                filter.step(&seen[k % 2]).unwrap();
+            }
+        });
+        assert_eq!(found, 0, "pooled");
+    }
+}

@@ -1,0 +1,54 @@
+//! After some steps a pruned filter allocates nothing.
+
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::{
+    Belief, FusedLikelihood, Hmm, KnownState, OptionalLikelihood, Prior, Pruning, SparseLikelihood,
+    SparseObservation, SparseTransition, canberra,
+};
+
+use crate::allocations;
+
+#[test]
+fn a_pruned_step_allocates_nothing_after_the_first_ones() {
+    let map = canberra::hmm(5, 1.0).unwrap();
+    let drive = map.simulate(1000, &mut ChaCha8Rng::seed_from_u64(1));
+    let mut filter = map.pruned_filter(Pruning::default());
+    let run = |filter: &mut wayfix::PrunedFilter<_>| {
+        for y in drive.observations() {
+            filter.step(y).unwrap();
+        }
+        filter.predict().unwrap();
+        filter.restart();
+    };
+    run(&mut filter);
+    run(&mut filter);
+    assert_eq!(allocations(|| run(&mut filter)), 0, "on the map");
+
+    let n = 5000;
+    let moves = (0..n).flat_map(|j| [(j, j, 0.25), ((j + 1) % n, j, 0.75)]);
+    let motion = SparseTransition::from_triplets(n, moves).unwrap();
+    let camera = OptionalLikelihood::new(SparseLikelihood::new(n));
+    let sensor = FusedLikelihood::new(camera, KnownState::new(n)).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+    let hmm = Hmm::new(prior, motion, sensor).unwrap();
+    let seen = |k: usize| {
+        let list = vec![(k % n, 0.5), ((k * 97) % n, 0.3), ((k * 31) % n, 0.2)];
+        let list = if k == 0 { vec![(0, 1.0)] } else { list };
+        (k % 7 != 3).then(|| SparseObservation::new(list, 1e-7).unwrap())
+    };
+    let ys: Vec<_> = (0..300).map(|k| (seen(k), (k == 200).then_some(200))).collect();
+    let pruning = Pruning { most_active: 40, ..Pruning::default() };
+    let mut filter = hmm.pruned_filter(pruning);
+    let mut run = || {
+        for y in &ys {
+            filter.step(y).unwrap();
+        }
+        // An observation that is not possible takes none, either.
+        assert!(filter.step(&(None, Some(4000))).is_err());
+        filter.restart();
+    };
+    // Twice, since two beliefs change places at every step.
+    run();
+    run();
+    assert_eq!(allocations(&mut run), 0, "composed sensors");
+}

@@ -1,0 +1,24 @@
+//! How often properties are tried, and random numbers.
+
+use proptest::prelude::*;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+/// The number of random cases of a property: `WAYFIX_CASES`, or 256.
+pub(crate) fn cases() -> ProptestConfig {
+    cases_of(2000)
+}
+
+/// So many cases where others have 2,000: fewer for properties that take long.
+pub(crate) fn cases_of(share: u32) -> ProptestConfig {
+    let cases = match std::env::var("WAYFIX_CASES") {
+        Ok(text) => text.parse().expect("WAYFIX_CASES is a number of cases"),
+        Err(_) => 256_u32,
+    };
+    let config = ProptestConfig::with_cases((cases * share).div_ceil(2000));
+    ProptestConfig { failure_persistence: None, max_shrink_iters: 2000, ..config }
+}
+
+/// Random numbers that are the same in each run.
+pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed)
+}

@@ -1,0 +1,36 @@
+//! What the tests of several topics need: random models and their answers by enumeration
+//! of all paths, random matrices, comparisons, and [`assert_operator`], which tries an
+//! operator on everything that there is to do with one.
+
+mod cases;
+mod compare;
+mod draw;
+mod enumerate;
+mod errors;
+mod matrices;
+mod model;
+mod noise;
+mod operator;
+mod own;
+mod random_models;
+
+pub(crate) use cases::{cases, cases_of, rng};
+pub(crate) use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results};
+pub(crate) use draw::{
+    any_distribution, any_stochastic, distribution, ends, normalized, rate, stochastic, transposed,
+    weighted,
+};
+pub(crate) use enumerate::Answer;
+pub(crate) use errors::{says, text, with_causes};
+pub(crate) use matrices::{
+    Matrix, dense, dwell, kronecker, matrix, off_map, power, restart, sparse, still, switched,
+    window,
+};
+pub(crate) use model::{Model, Sensor, prior, sensor};
+pub(crate) use noise::noise;
+pub(crate) use operator::{Expected, assert_operator};
+pub(crate) use own::Own;
+pub(crate) use random_models::{Kind, dyadic_models, models};
+
+/// The logarithm of 0.
+pub(crate) const NEVER: f64 = f64::NEG_INFINITY;

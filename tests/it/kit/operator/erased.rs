@@ -1,0 +1,124 @@
+//! Operators of any type as one type, so that what is generic is compiled once.
+
+use std::fmt::Debug;
+
+use wayfix::{Stored, Transition, TransitionEntries, TransitionError};
+
+/// The methods of an operator with the controls of some steps.
+pub(super) trait Steps {
+    fn states(&self) -> usize;
+    fn check_control(&self, step: usize) -> Result<(), TransitionError>;
+    fn stored(&self, step: usize) -> Option<Stored<'_>>;
+    fn apply(&self, step: usize, x: &[f64], out: &mut [f64]);
+    fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]);
+    fn apply_log(&self, step: usize, x: &[f64], out: &mut [f64]);
+    fn apply_transpose_log(&self, step: usize, x: &[f64], out: &mut [f64]);
+    fn incoming(&self, step: usize, to: usize) -> Vec<(usize, f64)>;
+    fn outgoing(&self, step: usize, from: usize) -> Vec<(usize, f64)>;
+    fn incoming_log2(&self, step: usize, to: usize) -> Vec<(usize, f64)>;
+    fn max_product(&self, step: usize, x: &[f64], out: &mut [f64], from: &mut [u32]);
+}
+
+#[derive(Debug)]
+pub(super) struct WithControls<A: Transition<Control: Debug>> {
+    pub(super) operator: A,
+    pub(super) controls: Vec<A::Control>,
+}
+
+impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
+    fn states(&self) -> usize {
+        self.operator.states()
+    }
+    fn check_control(&self, step: usize) -> Result<(), TransitionError> {
+        self.operator.check_control(&self.controls[step])
+    }
+    fn stored(&self, step: usize) -> Option<Stored<'_>> {
+        self.operator.stored(&self.controls[step])
+    }
+    fn apply(&self, step: usize, x: &[f64], out: &mut [f64]) {
+        self.operator.apply(&self.controls[step], x, out);
+    }
+    fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]) {
+        self.operator.apply_transpose(&self.controls[step], x, out);
+    }
+    fn apply_log(&self, step: usize, x: &[f64], out: &mut [f64]) {
+        self.operator.apply_log(&self.controls[step], x, out);
+    }
+    fn apply_transpose_log(&self, step: usize, x: &[f64], out: &mut [f64]) {
+        self.operator.apply_transpose_log(&self.controls[step], x, out);
+    }
+    fn incoming(&self, step: usize, to: usize) -> Vec<(usize, f64)> {
+        self.operator.incoming(&self.controls[step], to).collect()
+    }
+    fn outgoing(&self, step: usize, from: usize) -> Vec<(usize, f64)> {
+        self.operator.outgoing(&self.controls[step], from).collect()
+    }
+    fn incoming_log2(&self, step: usize, to: usize) -> Vec<(usize, f64)> {
+        self.operator.incoming_log2(&self.controls[step], to).collect()
+    }
+    fn max_product(&self, step: usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        self.operator.max_product(&self.controls[step], x, out, from);
+    }
+}
+
+/// The operator of one step, which knows no control.
+#[derive(Clone, Copy)]
+pub(super) struct AtStep<'a> {
+    pub(super) operator: &'a dyn Steps,
+    pub(super) step: usize,
+}
+
+/// The operators of all steps, by their number.
+#[derive(Clone, Copy)]
+pub(super) struct EachStep<'a>(pub(super) &'a dyn Steps);
+
+/// Both traits, by those of the operator within.
+macro_rules! delegate {
+    ($type:ident, $control:ty, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
+        impl Transition for $type<'_> {
+            type Control = $control;
+            fn states(&$self) -> usize {
+                $operator.states()
+            }
+            fn check_control(&$self, $u: &$control) -> Result<(), TransitionError> {
+                $operator.check_control($step)
+            }
+            fn stored(&$self, $u: &$control) -> Option<Stored<'_>> {
+                $operator.stored($step)
+            }
+            fn apply(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
+                $operator.apply($step, x, out);
+            }
+            fn apply_transpose(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
+                $operator.apply_transpose($step, x, out);
+            }
+            fn apply_log(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
+                $operator.apply_log($step, x, out);
+            }
+            fn apply_transpose_log(&$self, $u: &$control, x: &[f64], out: &mut [f64]) {
+                $operator.apply_transpose_log($step, x, out);
+            }
+        }
+        impl TransitionEntries for $type<'_> {
+            fn incoming(&$self, $u: &$control, to: usize) -> impl Iterator<Item = (usize, f64)> {
+                $operator.incoming($step, to).into_iter()
+            }
+            fn outgoing(&$self, $u: &$control, from: usize) -> impl Iterator<Item = (usize, f64)> {
+                $operator.outgoing($step, from).into_iter()
+            }
+            fn incoming_log2(
+                &$self,
+                $u: &$control,
+                to: usize,
+            ) -> impl Iterator<Item = (usize, f64)> {
+                $operator.incoming_log2($step, to).into_iter()
+            }
+            fn max_product(&$self, $u: &$control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+                $operator.max_product($step, x, out, from);
+            }
+        }
+    };
+}
+
+delegate!(AtStep, (), |self, _u| self.operator, self.step);
+delegate!(EachStep, usize, |self, u| self.0, *u);

@@ -1,0 +1,520 @@
+//! Learning against expectations by enumeration.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::{
+    Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, GroupedLikelihood, Groups, Hmm,
+    KnownState, Labelled, LearnError, LearnTransition, Learned, Learning, OptionalLikelihood,
+    Prior, Simulation, SparseTransition, StopReason, SwitchedTransition, TableLikelihood,
+    TiedTransition, canberra,
+};
+
+use crate::kit::{Kind, Model, cases, close, models, rng};
+
+type Sensor = OptionalLikelihood<TableLikelihood>;
+
+/// A model with a table, several sequences for it, and pseudo-counts.
+#[derive(Debug, Clone)]
+struct Case {
+    /// States, prior, and the matrices that controls choose from.
+    model: Model,
+    table: Vec<Vec<f64>>,
+    /// For each sequence its controls and symbols.
+    sequences: Vec<(Vec<usize>, Vec<Option<usize>>)>,
+    pseudo_counts: [f64; 3],
+}
+
+fn instances(kind: Kind) -> impl Strategy<Value = Case> {
+    let model = models(kind).prop_filter("matrices", |model| !model.matrices.is_empty());
+    model.prop_flat_map(|model| {
+        let (n, operators) = (model.states, model.matrices.len());
+        let row = vec(prop_oneof![1 => Just(0.0), 4 => 0.05..1.0], 3).prop_map(|mut row| {
+            row[0] += 1e-3;
+            let sum: f64 = row.iter().sum();
+            row.iter().map(|p| p / sum).collect::<Vec<f64>>()
+        });
+        let step = (0..operators, prop_oneof![1 => Just(None), 6 => (0..3_usize).prop_map(Some)]);
+        let sequence = vec(step, 0..=4).prop_map(|steps| steps.into_iter().unzip());
+        let pseudo = || prop_oneof![Just(0.0), 0.1..3.0];
+        (vec(row, n), vec(sequence, 1..=4), [pseudo(), pseudo(), pseudo()]).prop_map(
+            move |(table, sequences, pseudo_counts)| Case {
+                model: model.clone(),
+                table,
+                sequences,
+                pseudo_counts,
+            },
+        )
+    })
+}
+
+/// Expected counts, by enumeration.
+struct Counts {
+    first: Vec<f64>,
+    /// By operator, `to` and `from`.
+    moves: Vec<Vec<Vec<f64>>>,
+    symbols: Vec<Vec<f64>>,
+    log_likelihood: f64,
+    left_out: Vec<usize>,
+}
+
+impl Case {
+    fn learning(&self, iterations: usize) -> Learning {
+        let [prior_pseudo_count, transition_pseudo_count, likelihood_pseudo_count] =
+            self.pseudo_counts;
+        Learning {
+            iterations,
+            tolerance: 0.0,
+            keep_prior: false,
+            prior_pseudo_count,
+            transition_pseudo_count,
+            likelihood_pseudo_count,
+        }
+    }
+
+    fn hmm<A: LearnTransition<Control = usize>>(&self, transition: A) -> Hmm<A, Sensor> {
+        let table = TableLikelihood::from_rows(&self.table).unwrap();
+        Hmm::new(self.model.prior(), transition, OptionalLikelihood::new(table)).unwrap()
+    }
+
+    fn drives(&self) -> Vec<Controlled<'_, usize, Option<usize>>> {
+        self.sequences.iter().map(|(us, ys)| Controlled::new(us, ys).unwrap()).collect()
+    }
+
+    /// One sequence as a model whose steps have these matrices and diagonals.
+    fn unrolled(&self, sequence: usize) -> Model {
+        let (us, ys) = &self.sequences[sequence];
+        let column = |y: usize| self.table.iter().map(|row| row[y].ln()).collect();
+        Model {
+            matrices: us.iter().map(|u| self.model.matrices[*u].clone()).collect(),
+            logs: ys.iter().map(|y| y.map(column)).collect(),
+            ..self.model.clone()
+        }
+    }
+
+    fn count(&self) -> Counts {
+        let (n, operators) = (self.model.states, self.model.matrices.len());
+        let mut counts = Counts {
+            first: vec![0.0; n],
+            moves: vec![vec![vec![0.0; n]; n]; operators],
+            symbols: vec![vec![0.0; 3]; n],
+            log_likelihood: 0.0,
+            left_out: Vec::new(),
+        };
+        for (index, (us, ys)) in self.sequences.iter().enumerate() {
+            if us.is_empty() {
+                continue; // it says nothing
+            }
+            let model = self.unrolled(index);
+            let answer = model.enumerate();
+            if answer.impossible_at.is_some() {
+                counts.left_out.push(index);
+                continue;
+            }
+            counts.log_likelihood += answer.log_likelihood;
+            for (path, log) in model.posterior_paths() {
+                let p = log.exp();
+                counts.first[path[0]] += p;
+                for k in 1..path.len() {
+                    if k > 1 || !model.at_first {
+                        counts.moves[us[k - 1]][path[k]][path[k - 1]] += p;
+                    }
+                    if let Some(y) = ys[k - 1] {
+                        counts.symbols[path[k]][y] += p;
+                    }
+                }
+            }
+        }
+        counts
+    }
+}
+
+/// Weights where something is allowed, with a pseudo-count, as a distribution.
+fn share(old: &[f64], seen: &[f64], pseudo_count: f64) -> Vec<f64> {
+    let weights: Vec<f64> = old
+        .iter()
+        .zip(seen)
+        .map(|(old, seen)| if *old > 0.0 { seen + pseudo_count } else { 0.0 })
+        .collect();
+    let sum: f64 = weights.iter().sum();
+    if sum == 0.0 { old.to_vec() } else { weights.iter().map(|w| w / sum).collect() }
+}
+
+fn learn<A: LearnTransition<Control = usize> + Clone + Sync>(
+    case: &Case,
+    transition: A,
+    iterations: usize,
+) -> Option<Learned<A, Sensor>> {
+    let result = case.hmm(transition).learn(&case.drives(), &case.learning(iterations));
+    if case.count().left_out.len() == case.sequences.len() {
+        assert!(matches!(result, Err(LearnError::Nothing { first: Some(_), .. })));
+        return None;
+    }
+    Some(result.unwrap())
+}
+
+/// The matrix of the operator, found out by its product with unit vectors.
+fn entry<A: LearnTransition>(a: &A, control: &A::Control, to: usize, from: usize) -> f64 {
+    let (mut x, mut out) = (vec![0.0; a.states()], vec![0.0; a.states()]);
+    x[from] = 1.0;
+    a.apply(control, &x, &mut out);
+    out[to]
+}
+
+fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
+    case: &Case,
+    transition: A,
+) -> Result<(), TestCaseError> {
+    let counts = case.count();
+    let Some(learned) = learn(case, transition, 1) else { return Ok(()) };
+    let left_out: Vec<usize> = learned.left_out().iter().map(|error| error.sequence).collect();
+    prop_assert_eq!(left_out, counts.left_out);
+    prop_assert_eq!(learned.iterations(), 1);
+    let n = case.model.states;
+    let prior = share(&case.model.prior, &counts.first, case.pseudo_counts[0]);
+    for (found, expected) in learned.model().prior().belief().as_slice().iter().zip(prior) {
+        close(*found, expected, 1e-10, 1e-200)?;
+    }
+    for (u, matrix) in case.model.matrices.iter().enumerate() {
+        for from in 0..n {
+            let column = |m: &Vec<Vec<f64>>| m.iter().map(|row| row[from]).collect::<Vec<f64>>();
+            let expected = share(&column(matrix), &column(&counts.moves[u]), case.pseudo_counts[1]);
+            for (to, expected) in expected.into_iter().enumerate() {
+                close(entry(learned.model().transition(), &u, to, from), expected, 1e-10, 1e-200)?;
+            }
+        }
+    }
+    // The sensor shows what it has learned by what it expects to see.
+    let mut objective = counts.log_likelihood;
+    let log_prior = |values: &mut dyn Iterator<Item = f64>, pseudo_count: f64| {
+        let sum: f64 = values.filter(|p| *p > 0.0).map(f64::ln).sum();
+        if pseudo_count == 0.0 { 0.0 } else { pseudo_count * sum }
+    };
+    let matrices = case.model.matrices.iter().flatten().flatten().copied();
+    objective += log_prior(&mut case.model.prior.iter().copied(), case.pseudo_counts[0]);
+    objective += log_prior(&mut { matrices }, case.pseudo_counts[1]);
+    objective += log_prior(&mut case.table.iter().flatten().copied(), case.pseudo_counts[2]);
+    close(learned.objectives()[0], objective, 1e-10, 1e-2)?;
+
+    let rows: Vec<Vec<f64>> =
+        (0..n).map(|i| share(&case.table[i], &counts.symbols[i], case.pseudo_counts[2])).collect();
+    let table = TableLikelihood::from_rows(&rows).unwrap();
+    let expected = Hmm::new(
+        learned.model().prior().clone(),
+        learned.model().transition(),
+        OptionalLikelihood::new(table),
+    );
+    let expected = expected.unwrap();
+    for symbol in 0..3 {
+        let drive = ([0], [Some(symbol)]);
+        let drive = Controlled::new(&drive.0, &drive.1).unwrap();
+        match (learned.model().score(&drive), expected.score(&drive)) {
+            (Ok(found), Ok(expected)) => close(found, expected, 1e-10, 1e-2)?,
+            (found, expected) => prop_assert!(found.is_err() && expected.is_err()),
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn one_step_of_baum_welch_equals_enumeration(case in instances(Kind::Plain)) {
+        check_one_step(&case, case.model.sparse())?;
+    }
+
+    /// With transitions of 1e-300.
+    #[test]
+    fn one_step_on_extremes_equals_enumeration(case in instances(Kind::Extreme)) {
+        check_one_step(&case, case.model.sparse())?;
+    }
+
+    #[test]
+    fn one_step_on_dense_operators_equals_enumeration(case in instances(Kind::Plain)) {
+        check_one_step(&case, case.model.dense())?;
+    }
+
+    /// The objective never falls, and structure stays.
+    #[test]
+    fn learning_climbs_and_keeps_the_structure(case in instances(Kind::Plain)) {
+        let Some(learned) = learn(&case, case.model.sparse(), 25) else { return Ok(()) };
+        for pair in learned.objectives().windows(2) {
+            prop_assert!(pair[1] >= pair[0] - 1e-9 * pair[0].abs().max(1.0));
+        }
+        for (u, matrix) in case.model.matrices.iter().enumerate() {
+            for (to, row) in matrix.iter().enumerate() {
+                for (from, p) in row.iter().enumerate() {
+                    if *p == 0.0 {
+                        prop_assert_eq!(entry(learned.model().transition(), &u, to, from), 0.0);
+                    }
+                }
+            }
+        }
+        let again: f64 = case.drives().iter().enumerate()
+            .filter(|(index, _)| learned.left_out().iter().all(|error| error.sequence != *index))
+            .map(|(_, drive)| learned.model().score(drive).unwrap()).sum();
+        close(learned.log_likelihood(), again, 1e-10, 1e-2)?;
+    }
+
+    /// Moves with the same label, out of states with the same labels, are one
+    /// parameter: one step against the counts by enumeration.
+    #[test]
+    fn tied_parameters_equal_enumeration(case in instances(Kind::Plain), labels in vec(0..3_usize, 25)) {
+        let n = case.model.states;
+        let label = |from: usize, to: usize| labels[from * 5 + to];
+        let single = |m: &Vec<Vec<f64>>| {
+            let entries = (0..n * n).map(|at| (at / n, at % n, m[at / n][at % n]));
+            TiedTransition::new(SparseTransition::from_triplets(n, entries).unwrap(), label)
+        };
+        let tied: Vec<TiedTransition> = case.model.matrices.iter().map(single).collect();
+        // Enumerate with the tied matrices.
+        let mut tied_case = case.clone();
+        for (matrix, tied) in tied_case.model.matrices.iter_mut().zip(&tied) {
+            for (to, row) in matrix.iter_mut().enumerate() {
+                row.iter_mut().enumerate().for_each(|(from, p)| *p = tied.get(to, from));
+            }
+        }
+        let counts = tied_case.count();
+        let operator = SwitchedTransition::new(tied).unwrap();
+        let Some(learned) = learn(&tied_case, operator, 1) else { return Ok(()) };
+        for (u, matrix) in tied_case.model.matrices.iter().enumerate() {
+            let ways = |from: usize| (0..n).filter(move |to| matrix[*to][from] > 0.0);
+            let kind = |from: usize| {
+                let mut kind: Vec<usize> = ways(from).map(|to| label(from, to)).collect();
+                kind.sort_unstable();
+                kind
+            };
+            #[expect(clippy::needless_range_loop, reason = "it is a column")]
+            for from in 0..n {
+                let alike: Vec<usize> = (0..n).filter(|j| kind(*j) == kind(from)).collect();
+                let seen = |l: usize| -> f64 {
+                    let moves = |&j: &usize| -> f64 {
+                        ways(j).filter(|to| label(j, *to) == l).map(|to| counts.moves[u][to][j]).sum()
+                    };
+                    alike.iter().map(moves).sum::<f64>() + case.pseudo_counts[1]
+                };
+                let mut distinct = kind(from);
+                distinct.dedup();
+                let total: f64 = distinct.iter().map(|l| seen(*l)).sum();
+                for to in ways(from) {
+                    let times = kind(from).iter().filter(|l| **l == label(from, to)).count();
+                    let expected = if total == 0.0 {
+                        matrix[to][from]
+                    } else {
+                        seen(label(from, to)) / total / times as f64
+                    };
+                    close(entry(learned.model().transition(), &u, to, from), expected, 1e-10, 1e-200)?;
+                }
+            }
+        }
+        let more = learn(&tied_case, learned.model().transition().clone(), 10).unwrap();
+        prop_assert!(more.objectives().windows(2).all(|pair| pair[1] >= pair[0] - 1e-9 * pair[0].abs().max(1.0)));
+    }
+}
+
+#[test]
+fn what_learning_drops_is_no_parameter_any_more() {
+    let a = SparseTransition::from_rows(2, &[0.5, 0.5, 0.5, 0.5]).unwrap();
+    let tied = TiedTransition::new(a, |from, to| usize::from(from != to));
+    assert_eq!(tied.parameters(), 2);
+    let prior = Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0]).unwrap());
+    let sensor = TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+    let hmm = Hmm::new(prior, tied, Fixed(sensor)).unwrap();
+    let learned = hmm.learn(&[[0, 1, 0, 1]], &Learning::default()).unwrap();
+    let tied = learned.model().transition();
+    assert_eq!((tied.entries(), tied.parameters()), (2, 1));
+}
+
+#[test]
+fn tied_turning_probabilities_are_found_again() {
+    let map = canberra::map();
+    let truth = canberra::turning().tied(&map);
+    let hmm = |a: TiedTransition| {
+        let prior = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES).unwrap());
+        Hmm::new(prior, a, Fixed(canberra::sensor(1.0).unwrap())).unwrap()
+    };
+    let source = hmm(truth.clone());
+    let mut rng = rng(4);
+    let drives: Vec<Vec<usize>> =
+        (0..100).map(|_| source.simulate(50, &mut rng).observations().to_vec()).collect();
+    // From every turn alike.
+    let alike = (0..canberra::PLACES).flat_map(|from| {
+        let ways: Vec<usize> = canberra::turning().row(from).map(|way| way.0).collect();
+        let share = 1.0 / ways.len() as f64;
+        ways.into_iter().map(move |to| (to, from, share)).collect::<Vec<_>>()
+    });
+    let alike = SparseTransition::from_triplets(canberra::PLACES, alike).unwrap();
+    let labels = |from: usize, to: usize| {
+        let road = map.roads_from(from).find(|road| road.0 == to);
+        road.map_or(0, |(_, road)| 1 + road.class as usize)
+    };
+    let start = TiedTransition::new(alike, labels);
+    let learning =
+        Learning { keep_prior: true, transition_pseudo_count: 1.0, ..Learning::default() };
+    let learned = hmm(start.clone()).learn(&drives, &learning).unwrap();
+    assert_eq!(learned.reason(), StopReason::Converged);
+    // The mean distance to the true turns (total variation, in the places that
+    // drives stay in) is less than a third of what it was.
+    let distance = |a: &TiedTransition| -> f64 {
+        let turns =
+            (0..canberra::PLACES).flat_map(|from| (0..canberra::PLACES).map(move |to| (to, from)));
+        turns.map(|(to, from)| (a.get(to, from) - truth.get(to, from)).abs() / 2.0).sum()
+    };
+    let (before, after) = (distance(&start), distance(learned.model().transition()));
+    assert!(after < before / 3.0, "{before} to {after}");
+}
+
+#[test]
+fn a_sequence_that_cannot_be_is_left_out_and_named() {
+    let hmm = Hmm::new(
+        Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
+        DenseTransition::from_rows(2, &[0.6, 0.4, 0.4, 0.6]).unwrap(),
+        TableLikelihood::from_rows(&[[0.7, 0.3, 0.0], [0.3, 0.7, 0.0]]).unwrap(),
+    )
+    .unwrap();
+    let sequences = [vec![0, 1, 1], vec![0, 2], vec![1, 0], vec![7]];
+    let learned = hmm.learn(&sequences, &Learning::default()).unwrap();
+    let texts: Vec<String> = learned.left_out().iter().map(ToString::to_string).collect();
+    assert_eq!(texts, ["sequence 1 failed", "sequence 3 failed"]);
+    assert_eq!(
+        learned.left_out()[0].source.to_string(),
+        "the observation of step 2 is impossible under the model"
+    );
+    let without = hmm.learn(&[vec![0, 1, 1], vec![1, 0]], &Learning::default()).unwrap();
+    assert_eq!(learned.objectives(), without.objectives());
+
+    let none: [Vec<usize>; 0] = [];
+    let error = hmm.learn(&none, &Learning::default()).unwrap_err();
+    assert_eq!(error.to_string(), "there is no sequence to learn from, of 0 given");
+    let bad = Learning { transition_pseudo_count: -1.0, ..Learning::default() };
+    assert_eq!(
+        hmm.learn(&sequences, &bad).unwrap_err().to_string(),
+        "the pseudo-count of the transitions is -1, expected a finite value of at least 0"
+    );
+}
+
+/// Where every state is known, one step of Baum–Welch is counting; and a sensor
+/// that sees groups of one state each learns as one that sees states.
+#[test]
+fn learning_from_known_states_is_counting() {
+    let source = Hmm::new(
+        Prior::AtFirstObservation(Belief::new(vec![0.5, 0.3, 0.2]).unwrap()),
+        SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.6, 0.0, 0.0, 0.4, 0.5]).unwrap(),
+        TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7], [0.5, 0.5]]).unwrap(),
+    )
+    .unwrap();
+    let mut rng = rng(9);
+    let drives: Vec<_> = (0..20).map(|_| source.simulate(15, &mut rng)).collect();
+    let labelled: Vec<_> = drives.iter().map(Simulation::labelled).collect();
+    let learning = Learning { iterations: 1, transition_pseudo_count: 0.5, ..Learning::default() };
+    let counted = source.learn_labelled(&labelled, &learning).unwrap();
+
+    let groups = Groups::new(vec![0, 1, 2]).unwrap();
+    let camera = GroupedLikelihood::new(source.likelihood().clone(), groups).unwrap();
+    let sensor = FusedLikelihood::new(camera, KnownState::new(3)).unwrap();
+    let hmm = Hmm::new(source.prior().clone(), source.transition().clone(), sensor).unwrap();
+    let known: Vec<Vec<(usize, Option<usize>)>> = drives
+        .iter()
+        .map(|d| {
+            d.observations().iter().copied().zip(d.states().iter().copied().map(Some)).collect()
+        })
+        .collect();
+    let learned = hmm.learn(&known, &learning).unwrap().into_model();
+
+    let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+    for (a, b) in
+        learned.prior().belief().as_slice().iter().zip(counted.prior().belief().as_slice())
+    {
+        close(*a, *b);
+    }
+    for (to, from) in (0..9).map(|at| (at / 3, at % 3)) {
+        close(learned.transition().get(to, from), counted.transition().get(to, from));
+    }
+    let ahead =
+        Hmm::new(counted.prior().clone(), counted.transition(), learned.likelihood()).unwrap();
+    for symbol in 0..2 {
+        close(ahead.score(&[(symbol, None)]).unwrap(), counted.score(&[symbol]).unwrap());
+    }
+    // By hand.
+    let pairs = || drives.iter().flat_map(|d| d.states().windows(2));
+    let from_0 = pairs().filter(|pair| pair[0] == 0).count() as f64;
+    let to_1 = pairs().filter(|pair| pair[0] == 0 && pair[1] == 1).count() as f64;
+    close(counted.transition().get(1, 0), (to_1 + 0.5) / (from_0 + 1.0));
+}
+
+#[test]
+fn labelled_drives_that_do_not_fit_are_errors() {
+    let hmm = Hmm::new(
+        Prior::BeforeFirstTransition(Belief::certain(2, 0).unwrap()),
+        SparseTransition::from_triplets(2, [(1, 0, 1.0), (1, 1, 1.0)]).unwrap(),
+        TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.3, 0.7, 0.0]]).unwrap(),
+    )
+    .unwrap();
+    let text = |initial, states: &[usize], sequence: &[usize]| {
+        let fine = Labelled { initial: None, states: &[1], sequence: &[0][..] };
+        let drives = [fine, Labelled { initial, states, sequence }];
+        match hmm.learn_labelled(&drives, &Learning::default()) {
+            Err(LearnError::Sequence(error)) => format!("{error}: {}", error.source),
+            result => result.unwrap_err().to_string(),
+        }
+    };
+    for (found, expected) in [
+        (text(None, &[1], &[0, 0]), "drive 1 has 1 states for 2 observations, expected one each"),
+        (text(None, &[1, 2], &[0, 0]), "drive 1 is in state 2 at step 2, expected 0 to 1"),
+        (text(Some(3), &[1, 1], &[0, 0]), "drive 1 is in state 3 at step 0, expected 0 to 1"),
+        (text(Some(1), &[1], &[0]), "drive 1 starts in state 1, which the prior rules out"),
+        (
+            text(Some(0), &[1, 0], &[0, 0]),
+            "drive 1 moves from state 1 to state 0 at step 2, which the transition operator forbids",
+        ),
+        (
+            text(Some(0), &[1, 1], &[0, 2]),
+            "drive 1 is in state 1 at step 2, where the sensor rules its observation out",
+        ),
+        (text(Some(0), &[1], &[5]), "sequence 1 failed: step 1 has no valid likelihood"),
+    ] {
+        assert_eq!(found, expected);
+    }
+    let none: [Labelled<'_, [usize]>; 0] = [];
+    let error = hmm.learn_labelled(&none, &Learning::default()).unwrap_err();
+    assert_eq!(error.to_string(), "there is no sequence to learn from, of 0 given");
+}
+
+/// A sensor whose "maximum" is not one is found out.
+#[test]
+fn an_objective_that_falls_is_an_error() {
+    #[derive(Debug, Clone)]
+    struct Worse(TableLikelihood);
+    impl wayfix::Likelihood for Worse {
+        type Observation = usize;
+        fn states(&self) -> usize {
+            self.0.states()
+        }
+        fn diagonal<'a>(
+            &'a self,
+            y: &'a usize,
+            scratch: &'a mut wayfix::Scratch,
+        ) -> Result<wayfix::Diagonal<'a>, wayfix::LikelihoodError> {
+            self.0.diagonal(y, scratch)
+        }
+    }
+    impl wayfix::LearnLikelihood for Worse {
+        type Statistics = ();
+        fn statistics(&self) {}
+        fn add(&self, (): &mut (), _: &usize, _: &[f64]) {}
+        fn merge(&self, (): &mut (), (): &()) {}
+        fn reestimate(
+            &self,
+            (): &(),
+            _: f64,
+        ) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
+            Ok(Self(TableLikelihood::from_rows(&[[0.01, 0.99], [0.02, 0.98]])?))
+        }
+    }
+    let sensor = Worse(TableLikelihood::from_rows(&[[0.9, 0.1], [0.8, 0.2]]).unwrap());
+    let transition = DenseTransition::from_rows(2, &[0.5; 4]).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let hmm = Hmm::new(prior, transition, sensor).unwrap();
+    let error = hmm.learn(&[[0, 0, 0]], &Learning::default()).unwrap_err();
+    assert!(matches!(error, LearnError::Fell { iteration: 1, before, after } if after < before));
+}

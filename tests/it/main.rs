@@ -1,0 +1,36 @@
+//! Tests of the public interface. What several topics need is in `kit`.
+//!
+//! Properties run on 256 random cases each, or as many as the environment variable
+//! `WAYFIX_CASES` says.
+
+mod kit;
+
+mod appearance;
+mod bad_input;
+mod beam;
+mod canberra;
+mod controls;
+mod descriptors;
+mod edge_cases;
+mod enumeration;
+mod evaluate;
+#[cfg(feature = "faer")]
+mod faer;
+mod invariants;
+mod large;
+mod learning;
+mod lockstep;
+mod long_sequences;
+mod many;
+mod map;
+mod operators;
+#[cfg(feature = "serde")]
+mod persistence;
+mod place_recognition;
+mod pruned;
+mod reference_cases;
+mod routines;
+mod sensors;
+mod simulation;
+mod single;
+mod small;

@@ -1,0 +1,14 @@
+//! Operators against the dense matrices that define them, by [`assert_operator`].
+//!
+//! [`assert_operator`]: crate::kit::assert_operator
+
+pub(crate) mod distance;
+mod dwell;
+mod faults;
+mod kronecker;
+mod nested;
+mod off_map;
+mod power;
+mod restart;
+mod route;
+mod window;

@@ -1,0 +1,62 @@
+//! Operators within operators.
+
+use proptest::prelude::*;
+use wayfix::{
+    Belief, DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
+    SwitchedTransition, Transition, WindowTransition,
+};
+
+use crate::kit::{
+    Expected, any_distribution, any_stochastic, assert_operator, cases, dwell, kronecker, power,
+    rate, restart, sparse, text, window,
+};
+
+proptest! {
+    #![proptest_config(cases())]
+
+    /// Three factors, one of them with a restart and one a power: buffers nest.
+    #[test]
+    fn nested_products(
+        (a, b, c) in (any_stochastic(false, 3), any_stochastic(false, 3), any_stochastic(false, 3)),
+        (rate, exponent) in (rate(false), 0..4_u32),
+    ) {
+        let r = vec![1.0 / b.len() as f64; b.len()];
+        let belief = Belief::new(r.clone()).unwrap();
+        let restarted = RestartTransition::new(sparse(&b), rate, belief).unwrap();
+        let within = KroneckerTransition::new(PowerTransition::new(sparse(&c), exponent), restarted);
+        let all = KroneckerTransition::new(sparse(&a), within.unwrap()).unwrap();
+        let m = kronecker(&a, &kronecker(&power(&c, exponent), &restart(&b, rate, &r)));
+        assert_operator(all, &m)?;
+    }
+
+    /// All of them pass a control on to what is within.
+    #[test]
+    fn controls_reach_the_operator_within(
+        (n, rate) in (1..=3_usize, rate(false)),
+        weights in [any_distribution(false, 4), any_distribution(false, 4)],
+    ) {
+        let gears = || {
+            let gear = |w: &Vec<f64>| WindowTransition::new(n, 0, w, Ends::Stop).unwrap();
+            SwitchedTransition::new(weights.iter().map(gear).collect()).unwrap()
+        };
+        let belief = Belief::uniform(n).unwrap();
+        let r = belief.as_slice().to_vec();
+        let restarted = RestartTransition::new(gears(), rate, belief).unwrap();
+        let leaving = vec![vec![0.25, 0.5]; n];
+        let all = KroneckerTransition::new(
+            PowerTransition::new(gears(), 2),
+            DwellTransition::from_leaving(restarted, &leaving).unwrap(),
+        ).unwrap();
+        prop_assert_eq!(
+            text(all.check_control(&2)),
+            "unknown control: operator 2, expected one of 2 (0 to 1)"
+        );
+        let whole = |weights: &Vec<f64>| {
+            let m = window(n, 0, weights, Ends::Stop).unwrap();
+            kronecker(&power(&m, 2), &dwell(&restart(&m, rate, &r), &leaving))
+        };
+        let controls = [0, 1, 0];
+        let expected = controls.map(|gear: usize| whole(&weights[gear]));
+        assert_operator(all, Expected::each(&controls, &expected))?;
+    }
+}

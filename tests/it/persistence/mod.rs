@@ -1,0 +1,388 @@
+//! What is stored comes back to the bit, and what is no model is refused.
+
+mod places;
+mod refused;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use serde::{Serialize, de::DeserializeOwned};
+use wayfix::{
+    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood, Gear,
+    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector, Odometry,
+    OptionalLikelihood, PowerTransition, Prior, RestartTransition, RouteControl, RouteTransition,
+    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, Transition,
+    TransitionEntries, View, ViewRates, WindowTransition,
+};
+
+use crate::kit::{Kind, Model, Sensor, bits, cases, ends, models, weighted};
+
+fn json<T: Serialize>(value: &T) -> String {
+    serde_json::to_string(value).unwrap()
+}
+
+/// There and back. JSON tells any two doubles apart, so that it tells whether
+/// all bits are the same.
+fn stored<T: Serialize + DeserializeOwned>(value: &T) -> T {
+    let text = json(value);
+    let back: T = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error} in {text}"));
+    assert_eq!(json(&back), text);
+    back
+}
+
+/// All products and entries of an operator.
+fn outcome<A: TransitionEntries>(a: &A, u: &A::Control) -> Vec<Vec<u64>> {
+    let n = a.states();
+    let x: Vec<f64> = (0..n).map(|i| (i as f64 * 0.618_033_988_7 + 0.1).fract()).collect();
+    let logs: Vec<f64> = x.iter().map(|x| x.ln() * 700.0).collect();
+    let product = |apply: &dyn Fn(&mut [f64])| {
+        let mut out = vec![0.0; n];
+        apply(&mut out);
+        bits(&out)
+    };
+    let mut from = vec![0; n];
+    let mut all = vec![
+        product(&|out| a.apply(u, &x, out)),
+        product(&|out| a.apply_transpose(u, &x, out)),
+        product(&|out| a.apply_log(u, &logs, out)),
+        product(&|out| a.apply_transpose_log(u, &logs, out)),
+    ];
+    let mut best = vec![0.0; n];
+    a.max_product(u, &logs, &mut best, &mut from);
+    all.push(bits(&best));
+    all.push(from.into_iter().map(u64::from).collect());
+    for state in 0..n {
+        all.push(a.incoming(u, state).flat_map(|(j, p)| [j as u64, p.to_bits()]).collect());
+        all.push(a.outgoing(u, state).flat_map(|(i, p)| [i as u64, p.to_bits()]).collect());
+    }
+    all
+}
+
+#[track_caller]
+fn operator<A: TransitionEntries + Serialize + DeserializeOwned>(a: &A, u: &A::Control) {
+    assert_eq!(outcome(&stored(a), u), outcome(a, u), "{}", json(a));
+}
+
+/// What operators of all kinds are made from.
+#[derive(Debug, Clone)]
+struct Parts {
+    model: Model,
+    first: isize,
+    weights: Vec<f64>,
+    ends: Ends,
+    rate: f64,
+    exponent: u32,
+    dwell: Vec<Vec<f64>>,
+}
+
+/// Up to `most` probabilities, 0 and 1e-300 among them.
+fn tiny_and_usual(most: usize) -> impl Strategy<Value = Vec<f64>> {
+    let weight = || prop_oneof![2 => Just(0.0), 5 => 0.01..1.0, 1 => Just(1e-300)];
+    (1..=most).prop_flat_map(move |count| weighted(weight(), count))
+}
+
+fn parts() -> impl Strategy<Value = Parts> {
+    let rate = prop_oneof![1 => Just(0.0), 1 => Just(1.0), 4 => 0.0..1.0];
+    let model = models(Kind::Extreme).prop_filter("matrices", |model| !model.matrices.is_empty());
+    let window = (-9..9_isize, tiny_and_usual(8), ends());
+    (model, window, rate, 0..4_u32, vec(tiny_and_usual(4), 5)).prop_map(
+        |(model, (first, weights, ends), rate, exponent, dwell)| Parts {
+            model,
+            first,
+            weights,
+            ends,
+            rate,
+            exponent,
+            dwell,
+        },
+    )
+}
+
+impl Parts {
+    fn sparse(&self) -> SparseTransition {
+        let n = self.model.states;
+        SparseTransition::from_rows(n, &self.model.matrices[0].concat()).unwrap()
+    }
+
+    fn belief(&self) -> Belief {
+        Belief::new(self.model.prior.clone()).unwrap()
+    }
+
+    fn tied(&self) -> TiedTransition {
+        TiedTransition::new(self.sparse(), |from, to| (from * 3 + to) % 2)
+    }
+
+    fn window(&self) -> Option<WindowTransition> {
+        WindowTransition::new(self.model.states, self.first, &self.weights, self.ends).ok()
+    }
+
+    /// Gears of the window and of dwell times, which switch as the matrix says.
+    fn route(&self) -> Option<RouteTransition> {
+        let n = self.model.states;
+        let gears = (0..n).map(|g| match g {
+            0 => Gear::new(self.first, &self.weights),
+            _ => Gear::new(-1, &self.dwell[g]),
+        });
+        let gears = gears.collect::<Result<_, _>>().unwrap();
+        let route = RouteTransition::new(5, self.ends == Ends::Loop, gears, self.rate).ok()?;
+        let route = route.with_switching(&self.model.matrices[0].concat()).unwrap();
+        if self.exponent == 0 {
+            return Some(route);
+        }
+        let rate = self.rate.clamp(1e-30, 0.999);
+        let rates = ViewRates { standing: rate, alike: 0.25, moved: 0.125 };
+        Some(route.with_views(&[9, 9, 3, 3, usize::MAX], rates).unwrap())
+    }
+
+    fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {
+        let restart = RestartTransition::new(Fixed(self.tied()), self.rate, self.belief()).unwrap();
+        DwellTransition::new(restart, &self.dwell[..self.model.states]).unwrap()
+    }
+
+    fn sensor(&self) -> Place {
+        let table: Vec<_> = (0..self.model.states)
+            .map(|i| [0.6, 0.2 - 0.03 * i as f64, 0.2 + 0.03 * i as f64])
+            .collect();
+        let table = OptionalLikelihood::new(TableLikelihood::from_rows(&table).unwrap());
+        FusedLikelihood::new(table, KnownState::new(self.model.states)).unwrap()
+    }
+
+    fn hmm(&self) -> Nested {
+        let (a, sensor) = (self.nested(), self.sensor());
+        let prior = Prior::AtFirstObservation(a.arriving(&self.belief()).unwrap());
+        let sensor = GroupedLikelihood::new(sensor, a.groups().clone()).unwrap();
+        Hmm::new(prior, a, sensor).unwrap()
+    }
+}
+
+type Place = FusedLikelihood<OptionalLikelihood<TableLikelihood>, KnownState>;
+type Nested =
+    Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
+type Pairs =
+    Hmm<KroneckerTransition<WindowTransition, SparseTransition>, LikelihoodVector<Vec<f64>>>;
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn operators_are_the_same_to_the_bit(parts in parts()) {
+        let n = parts.model.states;
+        let restart = |a| RestartTransition::new(a, parts.rate, parts.belief()).unwrap();
+        operator(&parts.model.dense(), &0);
+        operator(&parts.model.sparse(), &(parts.model.steps() - 1));
+        operator(&parts.tied(), &());
+        prop_assert_eq!(stored(&parts.tied()).parameters(), parts.tied().parameters());
+        operator(&parts.nested(), &());
+        operator(&PowerTransition::new(restart(parts.sparse()), parts.exponent), &());
+        let leaving: Vec<_> = (0..n).map(|i| vec![parts.rate, 1.0 / (3.0 + i as f64)]).collect();
+        let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
+        operator(&RestartTransition::new(
+            leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
+        if let Some(route) = parts.route() {
+            let odometry = Some(Odometry { distance: parts.rate, variance: 0.5 });
+            for view in [None, Some(View::Changed), Some(View::Unchanged)] {
+                operator(&route, &RouteControl { odometry: None, view });
+                operator(&route, &stored(&RouteControl { odometry, view }));
+            }
+        }
+        if let Some(window) = parts.window() {
+            operator(&window, &());
+            let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
+            operator(&pairs, &());
+            operator(&SwitchedTransition::new(vec![pairs.clone(), pairs]).unwrap(), &1);
+        }
+    }
+
+    /// Learned operators, in which entries have vanished.
+    #[test]
+    fn learned_models_are_the_same_to_the_bit(parts in parts(), ys in vec(0..3_usize, 1..6)) {
+        let table = vec![[0.6, 0.3, 0.1]; parts.model.states];
+        let sensor = TableLikelihood::from_rows(&table).unwrap();
+        let hmm = Hmm::new(Prior::AtFirstObservation(parts.belief()), parts.tied(), sensor).unwrap();
+        let learning = Learning { iterations: 3, ..Learning::default() };
+        if let Ok(learned) = hmm.learn(&[ys], &learning) {
+            let model = learned.model();
+            operator(model.transition(), &());
+            prop_assert_eq!(stored(model).transition().parameters(), model.transition().parameters());
+        }
+    }
+
+    /// A filter, and a smoother with a lag, that stop after any step, are stored
+    /// with their model, and go on.
+    #[test]
+    fn to_stop_changes_no_bit(model in models(Kind::Extreme), stop in 0..7_usize, lag in 0..4_usize) {
+        let hmm = model.hmm(model.sparse());
+        let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(lag));
+        let restored = stored(&hmm);
+        let (mut next, mut late) = (restored.filter(), restored.fixed_lag(0));
+        for (step, y) in model.logs.iter().enumerate() {
+            if step == stop.min(model.steps() - 1) {
+                let state = stored(&filter.snapshot());
+                prop_assert_eq!(&state, &filter.snapshot());
+                next.restore(&state).unwrap();
+                let state = stored(&smoother.snapshot());
+                prop_assert_eq!(&state, &smoother.snapshot());
+                late.restore(&state).unwrap();
+            }
+            let stepped = filter.step_with(&step, y);
+            let _ = smoother.step_with(&step, y);
+            if step >= stop.min(model.steps() - 1) {
+                prop_assert_eq!(format!("{stepped:?}"), format!("{:?}", next.step_with(&step, y)));
+                prop_assert_eq!(json(&next.snapshot()), json(&filter.snapshot()));
+                let _ = late.step_with(&step, y);
+                prop_assert_eq!(json(&late.snapshot()), json(&smoother.snapshot()));
+                for k in 0..=step + 1 {
+                    let bits = |view: Option<wayfix::BeliefView<'_>>| view.map(|view| bits(view.as_slice()));
+                    prop_assert_eq!(bits(late.get(k)), bits(smoother.get(k)));
+                }
+            }
+            if stepped.is_err() {
+                break;
+            }
+        }
+    }
+
+    #[test]
+    fn nested_models_smooth_and_decode_the_same(
+        parts in parts(),
+        ys in vec((prop_oneof![Just(None), (0..3_usize).prop_map(Some)], Just(None)), 1..6),
+    ) {
+        let hmm = parts.hmm();
+        let restored = stored(&hmm);
+        match (hmm.smooth(&ys), restored.smooth(&ys)) {
+            (Ok(a), Ok(b)) => {
+                prop_assert_eq!(a.log_likelihood().to_bits(), b.log_likelihood().to_bits());
+                for k in 1..=ys.len() {
+                    let (a, b) = (a.posteriors().get(k), b.posteriors().get(k));
+                    prop_assert_eq!(bits(a.unwrap().as_slice()), bits(b.unwrap().as_slice()));
+                }
+            }
+            (a, b) => prop_assert_eq!(format!("{:?}", a.err()), format!("{:?}", b.err())),
+        }
+        let paths = (hmm.viterbi(&ys).ok(), restored.viterbi(&ys).ok());
+        let states = |path: Option<wayfix::ViterbiPath>| path.map(|path| path.states().to_vec());
+        prop_assert_eq!(states(paths.0), states(paths.1));
+    }
+
+    /// Whatever is changed in a file, there is an error or something that works.
+    #[test]
+    fn damaged_files_are_refused_or_valid(parts in parts(), damage in damage()) {
+        let n = parts.model.states;
+        if let Ok(hmm) = serde_json::from_str::<Nested>(&damage.of(&json(&parts.hmm()))) {
+            check_columns(hmm.transition(), &())?;
+            let _ = hmm.smooth(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
+            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
+        }
+        if let Some(window) = parts.window() {
+            let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
+            let prior = Prior::BeforeFirstTransition(Belief::uniform(n * n).unwrap());
+            let hmm = Hmm::new(prior, pairs, LikelihoodVector::log(n * n).owned()).unwrap();
+            if let Ok(hmm) = serde_json::from_str::<Pairs>(&damage.of(&json(&hmm))) {
+                check_columns(hmm.transition(), &())?;
+                let _ = hmm.viterbi(&[vec![0.0; n * n], vec![-1.0; n * n]]);
+            }
+        }
+        // A number put in may make a valid route of billions of places.
+        if let Some(route) = parts.route()
+            && let Ok(route) = serde_json::from_str::<RouteTransition>(&damage.of(&json(&route)))
+            && route.states() < 1_000_000
+        {
+            let odometry = Some(Odometry { distance: 0.5, variance: 0.5 });
+            let view = Some(View::Unchanged);
+            check_columns(&route, &RouteControl { odometry, view })?;
+        }
+        let dense = damage.of(&json(&parts.model.dense()));
+        if let Ok(dense) = serde_json::from_str::<SwitchedTransition<DenseTransition>>(&dense) {
+            check_columns(&dense, &0)?;
+        }
+        let hmm = parts.model.hmm(parts.model.sparse());
+        let mut smoother = hmm.fixed_lag(2);
+        for (step, y) in parts.model.logs.iter().enumerate() {
+            let text = damage.of(&json(&smoother.snapshot()));
+            if let Ok(state) = serde_json::from_str::<FixedLagState<usize>>(&text) {
+                let mut other = hmm.fixed_lag(0);
+                if other.restore(&state).is_ok() {
+                    let _ = other.step_with(&step, y);
+                    let _ = other.predict_with(&step);
+                    for belief in [other.filter().belief(), other.lagged()] {
+                        let sum: f64 = belief.as_slice().iter().sum();
+                        prop_assert!((sum - 1.0).abs() < 1e-6, "{sum} from {text}");
+                    }
+                }
+            }
+            if smoother.step_with(&step, y).is_err() {
+                break;
+            }
+        }
+    }
+}
+
+fn check_columns<A: Transition>(a: &A, u: &A::Control) -> Result<(), TestCaseError> {
+    let mut sums = vec![0.0; a.states()];
+    a.apply_transpose(u, &vec![1.0; a.states()], &mut sums);
+    prop_assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-8), "{sums:?}");
+    Ok(())
+}
+
+/// What is done to a text: at some place in it a character is removed, or one
+/// put in its place, or a number is replaced.
+#[derive(Debug, Clone)]
+enum Damage {
+    Remove(usize),
+    Put(usize, char),
+    Number(usize, &'static str),
+}
+
+fn damage() -> impl Strategy<Value = Damage> {
+    let characters = proptest::sample::select("0123456789.-e[]{},:\"n".chars().collect::<Vec<_>>());
+    let numbers = proptest::sample::select(vec![
+        "-1",
+        "0",
+        "2",
+        "0.1",
+        "-0.0",
+        "1e308",
+        "1e999",
+        "null",
+        "NaN",
+        "4294967295",
+        "\"1\"",
+        "9007199254740993",
+        "18446744073709551615",
+        "-9223372036854775808",
+        "[]",
+        "5e-324",
+    ]);
+    prop_oneof![
+        1 => any::<usize>().prop_map(Damage::Remove),
+        1 => (any::<usize>(), characters).prop_map(|(at, c)| Damage::Put(at, c)),
+        4 => (any::<usize>(), numbers).prop_map(|(at, number)| Damage::Number(at, number)),
+    ]
+}
+
+impl Damage {
+    fn of(&self, text: &str) -> String {
+        let numeric = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
+        match self {
+            Self::Remove(at) => {
+                let at = at % text.len();
+                [&text[..at], &text[at + 1..]].concat()
+            }
+            Self::Put(at, c) => {
+                let at = at % text.len();
+                [&text[..at], &c.to_string(), &text[at + 1..]].concat()
+            }
+            Self::Number(at, number) => {
+                let starts: Vec<usize> = text
+                    .char_indices()
+                    .filter(|(at, c)| {
+                        (c.is_ascii_digit() || *c == '-') && "[,:".contains(&text[at - 1..*at])
+                    })
+                    .map(|start| start.0)
+                    .collect();
+                let start = starts[at % starts.len()];
+                let rest = text[start..].trim_start_matches(numeric);
+                [&text[..start], number, rest].concat()
+            }
+        }
+    }
+}

@@ -1,0 +1,481 @@
+//! The pruned filter against the exact one: the bound that it proves holds, and it
+//! leaves out nothing that it must not.
+
+use std::sync::Arc;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::{
+    Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, KnownState, Likelihood,
+    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning,
+    RoundedTails, Scratch, SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood,
+    canberra,
+};
+
+use crate::kit::{cases_of, prior, rng, weighted};
+
+/// A model of a few states, and what is seen of it: an optional symbol, and a list.
+#[derive(Debug, Clone)]
+struct Case {
+    states: usize,
+    at_first: bool,
+    prior: Vec<f64>,
+    /// `columns[from]` is where it leads.
+    columns: Vec<Vec<f64>>,
+    /// `table[state][symbol]`.
+    table: Vec<Vec<f64>>,
+    seen: Vec<(Option<usize>, SparseObservation)>,
+    pruning: Pruning,
+}
+
+type Sensor = FusedLikelihood<OptionalLikelihood<TableLikelihood>, SparseLikelihood>;
+
+impl Case {
+    fn prior(&self) -> Prior {
+        prior(&self.prior, self.at_first)
+    }
+
+    fn hmm(&self) -> Hmm<SparseTransition, Sensor> {
+        let entries = self.columns.iter().enumerate();
+        let entries = entries.flat_map(|(from, column)| {
+            column.iter().enumerate().map(move |(to, p)| (to, from, *p))
+        });
+        let motion = SparseTransition::from_triplets(self.states, entries).unwrap();
+        let camera = OptionalLikelihood::new(TableLikelihood::from_rows(&self.table).unwrap());
+        let sensor = FusedLikelihood::new(camera, SparseLikelihood::new(self.states)).unwrap();
+        Hmm::new(self.prior(), motion, sensor).unwrap()
+    }
+
+    fn prunes(&self) -> bool {
+        self.pruning.tolerance > 0.0 || self.pruning.most_active < self.states
+    }
+
+    fn likelihood(&self, k: usize, i: usize) -> f64 {
+        let (symbol, list) = &self.seen[k];
+        let listed = list.listed().iter().find(|entry| entry.0 == i).map(|entry| entry.1);
+        symbol.map_or(1.0, |y| self.table[i][y]) * listed.unwrap_or(list.elsewhere())
+    }
+
+    /// The exact beliefs and log-likelihoods, up to the first impossible step.
+    fn exact(&self) -> Vec<(Vec<f64>, f64)> {
+        let n = self.states;
+        let (mut belief, mut log, mut all) = (self.prior.clone(), 0.0, Vec::new());
+        for k in 0..self.seen.len() {
+            let moved = |i: usize| (0..n).map(|j| self.columns[j][i] * belief[j]).sum();
+            let predicted: Vec<f64> =
+                if k == 0 && self.at_first { belief.clone() } else { (0..n).map(moved).collect() };
+            let joint: Vec<f64> = (0..n).map(|i| self.likelihood(k, i) * predicted[i]).collect();
+            let sum: f64 = joint.iter().sum();
+            if sum == 0.0 {
+                break;
+            }
+            belief = joint.iter().map(|p| p / sum).collect();
+            log += sum.ln();
+            all.push((belief.clone(), log));
+        }
+        all
+    }
+}
+
+fn weight() -> impl Strategy<Value = f64> {
+    prop_oneof![4 => Just(0.0), 3 => 0.05..1.0, 1 => Just(1e-6), 1 => Just(1e-12)]
+}
+
+fn instances() -> impl Strategy<Value = Case> {
+    (2..=9_usize, 1..=25_usize, 1..=3_usize).prop_flat_map(|(n, steps, symbols)| {
+        let distribution = move |n| weighted(weight(), n);
+        let list = (vec((0..n, weight()), 0..=n), prop_oneof![1 => Just(0.0), 4 => 1e-3..1.0]);
+        let list = list.prop_map(|(mut listed, elsewhere)| {
+            listed.sort_by_key(|entry| entry.0);
+            listed.dedup_by_key(|entry| entry.0);
+            SparseObservation::new(listed, elsewhere).unwrap()
+        });
+        let symbol = prop_oneof![1 => Just(None), 3 => (0..symbols).prop_map(Some)];
+        let tolerance = prop_oneof![Just(0.0), Just(1e-12), Just(1e-3), Just(1.0), Just(1e8)];
+        let most_active = prop_oneof![1 => Just(usize::MAX), 2 => 1..=n];
+        (
+            any::<bool>(),
+            distribution(n),
+            vec(distribution(n), n),
+            vec(distribution(symbols), n),
+            vec((symbol, list), steps),
+            (tolerance, most_active),
+        )
+            .prop_map(move |(at_first, prior, columns, table, seen, pruning)| {
+                let (tolerance, most_active) = pruning;
+                let pruning = Pruning { tolerance, most_active };
+                Case { states: n, at_first, prior, columns, table, seen, pruning }
+            })
+    })
+}
+
+fn distance<M, A, B>(pruned: &PrunedFilter<M>, exact: &[f64]) -> f64
+where
+    M: std::ops::Deref<Target = Hmm<A, B>>,
+    A: wayfix::TransitionEntries<Control = ()>,
+    B: LocalLikelihood,
+{
+    let difference = |(i, p): (usize, &f64)| (p - pruned.probability(i).unwrap()).abs();
+    0.5 * exact.iter().enumerate().map(difference).sum::<f64>()
+}
+
+proptest! {
+    #![proptest_config(cases_of(2500))]
+
+    #[test]
+    fn the_bound_holds_at_each_step(case in instances()) {
+        let hmm = case.hmm();
+        let mut pruned = hmm.pruned_filter(case.pruning);
+        let exact = case.exact();
+        for (k, seen) in case.seen.iter().enumerate() {
+            let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
+            let step = pruned.step(seen);
+            let Some((belief, log)) = exact.get(k) else {
+                // What is impossible is never taken for possible.
+                let impossible = InferenceError::Impossible { step: k + 1 }.to_string();
+                let dropped = InferenceError::Pruned { step: k + 1 }.to_string();
+                let error = step.unwrap_err().to_string();
+                prop_assert!(error == impossible || error == dropped, "{}", error);
+                prop_assert!(case.prunes() || error == impossible);
+                break;
+            };
+            match step {
+                Ok(certificate) => {
+                    let (found, bound) = (distance(&pruned, belief), certificate.bound());
+                    prop_assert!(found <= bound + 1e-14, "step {}: {found:e} > {bound:e}", k + 1);
+                    prop_assert!((0.0..=1.0).contains(&bound));
+                    prop_assert_eq!(certificate.holds(), bound <= case.pruning.tolerance);
+                    prop_assert_eq!(certificate, pruned.certificate());
+                    let range = pruned.log_likelihood();
+                    prop_assert!(
+                        range.start() - 1e-10 <= *log && *log <= range.end() + 1e-10,
+                        "step {}: {log} in {range:?}", k + 1
+                    );
+                    let sum: f64 = pruned.probabilities().iter().sum();
+                    prop_assert!((sum - 1.0).abs() < 1e-14);
+                    prop_assert!(pruned.active().is_sorted_by(|a, b| a < b));
+                    prop_assert!(pruned.active().len() <= case.pruning.most_active);
+                    prop_assert_eq!(pruned.steps(), k + 1);
+                }
+                Err(error) => {
+                    // The observation is possible, so this must not be denied.
+                    let expected = InferenceError::Pruned { step: k + 1 }.to_string();
+                    prop_assert_eq!(error.to_string(), expected);
+                    prop_assert!(case.prunes());
+                    prop_assert_eq!(pruned.active(), before.0);
+                    prop_assert_eq!(pruned.probabilities(), before.1);
+                    prop_assert_eq!(pruned.steps(), k);
+                    break;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_tolerance_it_is_the_exact_filter(case in instances()) {
+        let hmm = case.hmm();
+        let mut exact = hmm.filter();
+        let mut pruned = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
+        for seen in &case.seen {
+            match exact.step(seen) {
+                Ok(_) => {
+                    let bound = pruned.step(seen).unwrap().bound();
+                    // It counts roundings, which unlikely observations magnify.
+                    prop_assert!(bound < 1e-6, "{bound:e}");
+                    for (i, p) in exact.belief().as_slice().iter().enumerate() {
+                        let found = pruned.probability(i).unwrap();
+                        prop_assert!((found - p).abs() <= 1e-12 * p, "{i}: {found:e}, {p:e}");
+                    }
+                    let range = pruned.log_likelihood();
+                    let log = exact.log_likelihood();
+                    prop_assert!((range.start() - log).abs() <= 1e-11 * (1.0 + log.abs()));
+                    prop_assert!((range.end() - log).abs() <= 1e-11 * (1.0 + log.abs()));
+                    let largest = exact.belief().as_slice().iter().copied().fold(0.0, f64::max);
+                    prop_assert!(pruned.probability(pruned.mode()).unwrap() >= largest * (1.0 - 1e-12));
+                }
+                Err(error) => {
+                    let found = pruned.step(seen).unwrap_err();
+                    prop_assert_eq!(found.to_string(), error.to_string());
+                }
+            }
+        }
+    }
+}
+
+/// A loop of places: stay or go one on.
+fn ring(n: usize) -> SparseTransition {
+    let moves = (0..n).flat_map(|j| [(j, j, 0.25), ((j + 1) % n, j, 0.75)]);
+    SparseTransition::from_triplets(n, moves).unwrap()
+}
+
+fn certain(n: usize, state: usize) -> Prior {
+    Prior::AtFirstObservation(Belief::certain(n, state).unwrap())
+}
+
+fn seen(place: usize, others: f64) -> SparseObservation {
+    SparseObservation::new(vec![(place, 1.0)], others).unwrap()
+}
+
+#[test]
+fn on_the_map_few_places_prove_much_over_long_drives() {
+    for (sigma, seed) in [(1.0, 1), (2.0, 2), (2.0, 3)] {
+        let hmm = canberra::hmm(5, sigma).unwrap();
+        let drive = hmm.simulate(5000, &mut rng(seed));
+        let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(Pruning::default()));
+        let mut active = 0;
+        for y in drive.observations() {
+            exact.step(y).unwrap();
+            let certificate = pruned.step(y).unwrap();
+            assert!(certificate.holds() && certificate.bound() < 1e-6);
+            assert!(distance(&pruned, exact.belief().as_slice()) <= certificate.bound());
+            active += pruned.active().len();
+        }
+        assert!(active < 15 * 5000, "{active}");
+        let range = pruned.log_likelihood();
+        assert!(range.contains(&exact.log_likelihood()), "{range:?}");
+        assert!(range.end() - range.start() < 1e-4, "{range:?}");
+    }
+}
+
+#[test]
+fn what_cannot_be_held_is_said_and_comes_back() {
+    let n = 1000;
+    let hmm = Hmm::new(certain(n, 100), ring(n), SparseLikelihood::new(n)).unwrap();
+    let pruning = Pruning { most_active: 5, ..Pruning::default() };
+    let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(pruning));
+    // Nothing is seen, and the belief spreads to more places than are allowed.
+    let blind = SparseObservation::new(vec![], 1.0).unwrap();
+    for _ in 0..40 {
+        exact.step(&blind).unwrap();
+        let certificate = pruned.step(&blind).unwrap();
+        assert!(pruned.active().len() <= 5);
+        assert!(distance(&pruned, exact.belief().as_slice()) <= certificate.bound());
+    }
+    let lost = pruned.certificate();
+    assert!(matches!(lost, Certificate::Exceeded(bound) if bound > 0.5), "{lost:?}");
+    // Then the vehicle is seen again, each time one place on.
+    for place in 130..140 {
+        exact.step(&seen(place, 1e-6)).unwrap();
+        let certificate = pruned.step(&seen(place, 1e-6)).unwrap();
+        assert!(distance(&pruned, exact.belief().as_slice()) <= certificate.bound());
+    }
+    let found = pruned.certificate();
+    assert!(found.holds(), "{found:?}");
+    assert_eq!(pruned.mode(), 139);
+}
+
+#[test]
+fn a_place_where_nothing_led_is_not_denied() {
+    let n = 100;
+    let hmm = Hmm::new(certain(n, 10), ring(n), SparseLikelihood::new(n)).unwrap();
+    let mut pruned = hmm.pruned_filter(Pruning { most_active: 1, ..Pruning::default() });
+    pruned.step(&seen(10, 0.1)).unwrap();
+    pruned.step(&seen(10, 0.1)).unwrap(); // place 11 is dropped
+    let before = (pruned.active().to_vec(), pruned.log_likelihood(), pruned.certificate());
+    assert_eq!(
+        pruned.step(&seen(13, 0.0)).unwrap_err().to_string(),
+        "the observation of step 3 is impossible in all states that were not pruned"
+    );
+    assert_eq!((pruned.active().to_vec(), pruned.log_likelihood(), pruned.certificate()), before);
+    // Nothing at all can be seen so.
+    let nothing = SparseObservation::new(vec![], 0.0).unwrap();
+    assert_eq!(
+        pruned.step(&nothing).unwrap_err().to_string(),
+        "the observation of step 3 is impossible under the model"
+    );
+    assert_eq!(
+        pruned.step(&seen(n, 0.5)).unwrap_err().to_string(),
+        "step 3 has no valid likelihood"
+    );
+    pruned.step(&seen(10, 0.1)).unwrap();
+    assert_eq!((pruned.steps(), pruned.mode()), (3, 10));
+}
+
+#[test]
+fn restart_and_relocate_begin_anew() {
+    let n = 50;
+    let hmm = Arc::new(Hmm::new(certain(n, 10), ring(n), SparseLikelihood::new(n)).unwrap());
+    let mut pruned = PrunedFilter::new(Arc::clone(&hmm), Pruning::default());
+    let drive: Vec<_> = (10..20).map(|place| seen(place, 1e-3)).collect();
+    let run = |pruned: &mut PrunedFilter<Arc<_>>| {
+        let bounds: Vec<_> = drive.iter().map(|y| pruned.step(y).unwrap().bound()).collect();
+        (bounds, pruned.active().to_vec(), pruned.probabilities().to_vec(), pruned.log_likelihood())
+    };
+    let first = run(&mut pruned);
+    pruned.restart();
+    assert_eq!((pruned.steps(), pruned.active()), (0, &[10][..]));
+    assert_eq!(pruned.log_likelihood(), 0.0..=0.0);
+    assert_eq!(run(&mut pruned), first);
+
+    let log = pruned.log_likelihood();
+    pruned.relocate(&Belief::certain(n, 40).unwrap()).unwrap();
+    assert_eq!((pruned.active(), pruned.mode(), pruned.steps()), (&[40][..], 40, 10));
+    assert_eq!(pruned.probability(19), Some(0.0));
+    assert_eq!(pruned.probability(n), None);
+    assert_eq!(pruned.certificate(), Certificate::Held(0.0));
+    assert!(pruned.log_likelihood().start() == log.start());
+    let text = pruned.relocate(&Belief::uniform(3).unwrap()).unwrap_err().to_string();
+    assert_eq!(text, "the belief has 3 states, expected 50 as the model");
+    // A prediction moves on without an observation.
+    pruned.predict().unwrap();
+    assert_eq!((pruned.active(), pruned.probabilities()), (&[40, 41][..], &[0.25, 0.75][..]));
+}
+
+#[test]
+fn likelihoods_of_any_scale_and_far_tails_are_held() {
+    let n = 30;
+    let sensor = LikelihoodVector::log(n);
+    let hmm = Hmm::new(certain(n, 3), ring(n), sensor).unwrap();
+    let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(Pruning::default()));
+    for k in 0..200 {
+        let place = (3 + k / 2) % n;
+        let log = |i: usize| -90_000.0 - 40.0 * (i.abs_diff(place) as f64);
+        let logs: Vec<f64> = (0..n).map(log).collect();
+        exact.step(&logs).unwrap();
+        let bound = pruned.step(&logs).unwrap().bound();
+        let found = distance(&pruned, exact.belief().as_slice());
+        assert!(found <= bound + 1e-15, "step {k}: {found:e} {bound:e}");
+    }
+    let (range, log) = (pruned.log_likelihood(), exact.log_likelihood());
+    assert!((range.start() - log).abs() < 1e-3 && (range.end() - log).abs() < 1e-3, "{range:?}");
+}
+
+/// What a sensor says of a few states is what it says of all of them.
+fn check_local<B: LocalLikelihood>(sensor: &B, y: &B::Observation) {
+    let n = sensor.states();
+    let model = |sensor| {
+        let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+        Hmm::new(prior, ring(n), sensor).unwrap()
+    };
+    let hmm = model(sensor);
+    let mut exact = hmm.filter();
+    let log = exact.step(y);
+    for chosen in 0..1_usize << n {
+        let states: Vec<usize> = (0..n).filter(|i| chosen >> i & 1 == 1).collect();
+        let mut out = vec![f64::NAN; states.len()];
+        let others = sensor.local(y, &states, &mut out, &mut Scratch::default()).unwrap();
+        let Ok(log) = log else { return };
+        // p(i | y) n p(y) is the likelihood, for a uniform prior.
+        let likelihood = |i: usize| exact.belief().as_slice()[i] * n as f64;
+        let scale = (others.log_factor() - log).exp();
+        for (&i, b) in states.iter().zip(out) {
+            assert!((b * scale - likelihood(i)).abs() < 1e-12, "{i} of {states:?}");
+        }
+        let missing = (0..n).filter(|i| chosen >> i & 1 == 0).map(likelihood);
+        let largest = missing.fold(0.0, f64::max);
+        assert!(others.largest() * scale >= largest - 1e-12, "{states:?}");
+    }
+    let mut wanted = Vec::new();
+    sensor.standing_out(y, &mut wanted);
+    assert!(wanted.iter().all(|&i| i < n));
+}
+
+#[test]
+fn local_likelihoods_are_those_of_the_diagonal() {
+    let rows: Vec<_> =
+        (1..=6).map(|i| [0.1 * f64::from(i), 0.0, 1.0 - 0.1 * f64::from(i)]).collect();
+    let table = TableLikelihood::from_rows(&rows).unwrap();
+    for symbol in [0, 2] {
+        check_local(&table, &symbol);
+        check_local(&RoundedTails(&table), &symbol);
+        check_local(&Fixed(Arc::new(table.clone())), &symbol);
+        check_local(&OptionalLikelihood::new(table.clone()), &Some(symbol));
+        let fused = FusedLikelihood::new(table.clone(), KnownState::new(6)).unwrap();
+        check_local(&fused, &(symbol, None));
+        check_local(&fused, &(symbol, Some(4)));
+        let far = FusedLikelihood::new(LikelihoodVector::log(6).owned(), table.clone()).unwrap();
+        check_local(&far, &(vec![-700.0, -701.0, f64::NEG_INFINITY, -702.0, -700.5, -9e9], symbol));
+    }
+    check_local(&OptionalLikelihood::new(table), &None);
+    check_local(&LikelihoodVector::linear(6), &[0.5, 0.0, 2.0, 1e-9, 0.25, 0.75]);
+    let small = [1e-200, 0.0, 2e-200, 1e-209, 3e-200, 4e-200].to_vec();
+    let linear = || LikelihoodVector::linear(6).owned();
+    check_local(&FusedLikelihood::new(linear(), linear()).unwrap(), &(small.clone(), small));
+    check_local(&SparseLikelihood::new(6), &SparseObservation::new(vec![(2, 0.5)], 0.1).unwrap());
+    check_local(&KnownState::new(6), &Some(3));
+    // Of more states than stand out, too.
+    let rows: Vec<_> = (0..20).map(|i| [0.01 * f64::from(i), 1.0 - 0.01 * f64::from(i)]).collect();
+    let table = TableLikelihood::from_rows(&rows).unwrap();
+    let ask = |states: &[usize]| {
+        let mut out = vec![0.0; states.len()];
+        table.local(&0, states, &mut out, &mut Scratch::default()).unwrap().largest()
+    };
+    assert_eq!(ask(&[]), 0.19);
+    assert_eq!(ask(&[18, 19]), 0.17);
+    assert_eq!(ask(&(4..20).collect::<Vec<_>>()), 0.04);
+    assert_eq!(ask(&(0..20).collect::<Vec<_>>()), 0.0);
+}
+
+#[test]
+fn errors_of_a_sensor_say_what_is_wrong() {
+    let sensor = LikelihoodVector::linear(2);
+    let ask = |y: &[f64]| sensor.local(y, &[0], &mut [0.0], &mut Scratch::default());
+    let text = |y: &[f64]| ask(y).unwrap_err().to_string();
+    assert_eq!(text(&[1.0]), "the likelihood has 1 values, expected one for each of 2 states");
+    assert_eq!(
+        text(&[1.0, -1.0]),
+        "state 1 has likelihood -1, expected a finite value of at least 0"
+    );
+    let known = KnownState::new(2).local(&Some(2), &[], &mut [], &mut Scratch::default());
+    assert_eq!(
+        known.unwrap_err().to_string(),
+        "state 2 is given as known, but there are 2 states (0 to 1)"
+    );
+}
+
+/// A sensor of one's own that says nonsense.
+struct Wrong(f64, wayfix::Unlisted);
+
+impl Likelihood for Wrong {
+    type Observation = ();
+    fn states(&self) -> usize {
+        2
+    }
+    fn diagonal<'a>(
+        &'a self,
+        (): &(),
+        scratch: &'a mut Scratch,
+    ) -> Result<wayfix::Diagonal<'a>, wayfix::LikelihoodError> {
+        Ok(wayfix::Diagonal::linear(scratch.values(2)))
+    }
+}
+
+impl LocalLikelihood for Wrong {
+    fn local(
+        &self,
+        (): &(),
+        _: &[usize],
+        out: &mut [f64],
+        _: &mut Scratch,
+    ) -> Result<wayfix::Unlisted, wayfix::LikelihoodError> {
+        out.fill(self.0);
+        Ok(self.1)
+    }
+}
+
+#[test]
+fn nonsense_of_a_sensor_is_an_error_with_the_step() {
+    use std::error::Error;
+    let unlisted = wayfix::Unlisted::at_most;
+    for (sensor, expected) in [
+        (
+            Wrong(f64::NAN, unlisted(0.0)),
+            "state 0 has likelihood NaN, expected a finite value of at least 0",
+        ),
+        (
+            Wrong(1.0, unlisted(f64::INFINITY)),
+            "the likelihood of states not listed is bounded by inf, expected a finite value of at least 0",
+        ),
+        (
+            Wrong(1.0, unlisted(1.0).with_log_factor(f64::NAN)),
+            "the log factor is NaN, expected a value from -1e300 to 1e300",
+        ),
+    ] {
+        let hmm = Hmm::new(certain(2, 0), ring(2), sensor).unwrap();
+        let error = hmm.pruned_filter(Pruning::default()).step(&()).unwrap_err();
+        assert_eq!(error.to_string(), "step 1 has no valid likelihood");
+        assert_eq!(error.source().unwrap().to_string(), expected);
+        let error = hmm.beam_viterbi(&[()], 1.0).unwrap_err();
+        assert_eq!(error.source().unwrap().to_string(), expected);
+    }
+}

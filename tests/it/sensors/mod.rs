@@ -1,0 +1,4 @@
+//! Sensors that are made of others.
+
+mod groups;
+mod pooled;
