@@ -361,8 +361,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         learning: &Learning,
     ) -> Result<Self, LearnError> {
         let belief = self.prior().belief();
-        let unseen =
-            learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
+        let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
         let prior = if learning.keep_prior || unseen {
             belief.clone()
         } else {

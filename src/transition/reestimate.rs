@@ -124,3 +124,19 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
         self.operators.iter().map(|a| a.log_prior(pseudo_count)).sum()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_weight_that_is_no_number_is_an_error() {
+        let a = DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap();
+        for bad in [f64::NAN, f64::INFINITY] {
+            let columns = normalised(&a, vec![(0, 0, bad), (1, 0, 1.0), (0, 1, 0.0), (1, 1, 0.0)]);
+            assert_eq!(columns[2..], [(0, 1, 0.4), (1, 1, 0.6)]);
+            let error = SparseTransition::from_triplets(2, columns).unwrap_err().to_string();
+            assert!(error.contains("has probability NaN"), "{error}");
+        }
+    }
+}

@@ -12,7 +12,7 @@ use wayfix::{
     evaluate,
 };
 
-use crate::kit::{says, still};
+use crate::kit::{says, still, text};
 
 #[test]
 fn transitions() {
@@ -344,6 +344,23 @@ fn maps_from_files() {
         read("id,latitude,longitude,name\n", "from,to,class,length_m\n"),
         "a map needs at least one place, found none",
     );
+    // However long a line is, its error is short.
+    let long = "x".repeat(1_000_000);
+    let header = format!("id{}\n", ",y".repeat(1_000_000));
+    says(
+        read(&header, roads),
+        "places, line 1: header \"id,y,y,y,y\" and 999996 more, expected \"id,latitude,longitude,name\"",
+    );
+    for (places, roads) in [
+        (long.clone(), roads.to_owned()),
+        (format!("{places}{long},1,1,\n"), roads.to_owned()),
+        (format!("{places}3,{long},1,\n"), roads.to_owned()),
+        (places.to_owned(), format!("{roads}1,2,{long},5\n")),
+        (places.to_owned(), format!("{roads}1,2,main,{long}\n")),
+    ] {
+        let text = text(read(&places, &roads));
+        assert!(text.len() < 250 && text.contains("xxxx…"), "{text}");
+    }
     for (line, problem) in [
         ("3,-35.3,149.1", "3 columns, expected 4 (id,latitude,longitude,name)"),
         ("3,-35.3,149.1,a,b", "5 columns, expected 4 (id,latitude,longitude,name)"),

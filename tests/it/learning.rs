@@ -4,9 +4,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
     Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, GroupedLikelihood, Groups, Hmm,
-    KnownState, Labelled, LearnError, LearnTransition, Learned, Learning, OptionalLikelihood,
-    Prior, Simulation, SparseTransition, StopReason, SwitchedTransition, TableLikelihood,
-    TiedTransition, canberra,
+    KnownState, Labelled, LearnError, LearnLikelihood, LearnTransition, Learned, Learning,
+    OptionalLikelihood, Prior, Simulation, SparseTransition, StopReason, SwitchedTransition,
+    TableLikelihood, TiedTransition, canberra,
 };
 
 use crate::kit::{Kind, Model, cases, close, models, rng};
@@ -517,4 +517,15 @@ fn an_objective_that_falls_is_an_error() {
     let hmm = Hmm::new(prior, transition, sensor).unwrap();
     let error = hmm.learn(&[[0, 0, 0]], &Learning::default()).unwrap_err();
     assert!(matches!(error, LearnError::Fell { iteration: 1, before, after } if after < before));
+}
+
+#[test]
+fn a_count_that_is_no_number_is_an_error() {
+    let table = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]]).unwrap();
+    let mut statistics = table.statistics();
+    table.add(&mut statistics, &1, &[f64::NAN, 0.5]);
+    let error = table.reestimate(&statistics, 0.0).unwrap_err().to_string();
+    assert!(error.contains("NaN"), "{error}");
+    table.add(&mut statistics, &0, &[0.5, f64::INFINITY]);
+    assert!(table.reestimate(&statistics, 0.0).is_err());
 }

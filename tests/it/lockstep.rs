@@ -3,9 +3,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    DenseTransition, Hmm, LearnTransition, Learning, Likelihood, LikelihoodVector,
-    OptionalLikelihood, Posteriors, Prior, RoundedTails, SparseTransition, TableLikelihood,
-    TransitionEntries,
+    Belief, DenseTransition, Fixed, Hmm, LearnTransition, Learning, Likelihood, LikelihoodVector,
+    MoveCounts, OptionalLikelihood, Posteriors, Prior, RoundedTails, SparseTransition,
+    TableLikelihood, TransitionEntries,
 };
 
 use crate::kit::{Sensor, cases_of, prior, rng, same_results, weighted};
@@ -291,6 +291,36 @@ proptest! {
             hmm.forward_all(drives), hmm.smooth_all(drives), hmm.score_all(drives), hmm.viterbi_all(drives)
         );
         prop_assert_eq!(with_threads(1, all), with_threads(4, all));
+    }
+}
+
+/// The second of the first eight sequences is ruled out, and so leaves no numbers in its
+/// lane. Of the next group, the sequence in that lane is shorter than the longest.
+#[test]
+fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
+    let hmm = Hmm::new(
+        Prior::AtFirstObservation(Belief::certain(2, 0).unwrap()),
+        DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap(),
+        Fixed(LikelihoodVector::linear(2).owned()),
+    )
+    .unwrap();
+    let seen = [vec![0.5, 0.5], vec![0.9, 0.2], vec![0.3, 0.8], vec![0.6, 0.6]];
+    let mut drives = vec![seen[..2].to_vec(); 9];
+    drives[1] = vec![vec![0.0, 1.0], vec![1.0, 1.0]];
+    drives.extend([seen[..3].to_vec(), seen.to_vec()]);
+    let learning = Learning { iterations: 1, keep_prior: true, ..Learning::default() };
+    let learned = hmm.learn(&drives, &learning).unwrap();
+    assert_eq!(learned.left_out().len(), 1);
+    let mut counts = MoveCounts::default();
+    drives
+        .iter()
+        .filter_map(|drive| hmm.expected_moves(drive).ok())
+        .for_each(|moves| counts.merge(&moves));
+    let expected = hmm.transition().reestimate(&[counts], 0.0).unwrap();
+    for (to, from) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let (found, expected) =
+            (learned.model().transition().get(to, from), expected.get(to, from));
+        assert!((found - expected).abs() < 1e-12, "{to} {from}: {found}, expected {expected}");
     }
 }
 

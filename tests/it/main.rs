@@ -34,3 +34,4 @@ mod sensors;
 mod simulation;
 mod single;
 mod small;
+mod wide_range;

@@ -357,13 +357,14 @@ fn check_local<B: LocalLikelihood>(sensor: &B, y: &B::Observation) {
         let Ok(log) = log else { return };
         // p(i | y) n p(y) is the likelihood, for a uniform prior.
         let likelihood = |i: usize| exact.belief().as_slice()[i] * n as f64;
-        let scale = (others.log_factor() - log).exp();
+        let scale = others.log_factor() - log;
+        let scaled = |b: f64| if others.is_log() { (b + scale).exp() } else { b * scale.exp() };
         for (&i, b) in states.iter().zip(out) {
-            assert!((b * scale - likelihood(i)).abs() < 1e-12, "{i} of {states:?}");
+            assert!((scaled(b) - likelihood(i)).abs() < 1e-12, "{i} of {states:?}");
         }
         let missing = (0..n).filter(|i| chosen >> i & 1 == 0).map(likelihood);
         let largest = missing.fold(0.0, f64::max);
-        assert!(others.largest() * scale >= largest - 1e-12, "{states:?}");
+        assert!(scaled(others.largest()) >= largest - 1e-12, "{states:?}");
     }
     let mut wanted = Vec::new();
     sensor.standing_out(y, &mut wanted);

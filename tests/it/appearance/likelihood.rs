@@ -152,6 +152,10 @@ fn the_parts_of_a_sensor_say_what_is_wrong() {
         "the number of references is 0, expected at least 1"
     );
     assert_eq!(
+        text(AppearanceLikelihood::new(usize::MAX)),
+        "the number of references is 18446744073709552000, expected at most 4294967294"
+    );
+    assert_eq!(
         spread(Spread::Local { radius: 0, closed: true }),
         "the radius of the local contrast is 0, expected at least 1"
     );

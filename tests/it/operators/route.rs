@@ -219,6 +219,15 @@ fn what_is_no_gear_is_an_error() {
         Gear::new(-1, &[0.5, f64::NAN]),
         "the weight of move 0 is NaN, expected a finite value of at least 0",
     );
+    // It might be the only one that odometry leaves.
+    for (weights, at) in [([1e-310, 1.0], 0), ([1.0, 5e-324], 1)] {
+        let expected = format!(
+            "the weight of move {at} is {}, expected 0, or at least 2.2250738585072014e-308",
+            weights[at]
+        );
+        refused(Gear::new(0, &weights), &expected);
+    }
+    assert!(Gear::new(0, &[f64::MIN_POSITIVE, 1.0]).is_ok());
     for (first, weights) in
         [(isize::MIN, &[1.0][..]), (isize::MAX, &[0.0, 1.0]), (-1 << 31, &[1.0])]
     {

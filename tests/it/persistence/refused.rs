@@ -394,6 +394,29 @@ fn what_no_filter_knows_is_refused() {
     );
 }
 
+/// Else a filter would store what cannot be read.
+#[test]
+fn the_most_steps_that_are_read_are_the_most_that_are_taken() {
+    let most = state(9_007_199_254_740_992, "[0.25,0.75]", "null", "[-5,0]");
+    let most: FilterState = serde_json::from_str(&most).unwrap();
+    let hmm = Hmm::new(
+        Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
+        crate::kit::still(2),
+        KnownState::new(2),
+    )
+    .unwrap();
+    let mut filter = hmm.filter();
+    filter.restore(&most).unwrap();
+    let full = "9007199254740992 steps have been taken, the most that can be counted";
+    assert_eq!(filter.step(&Some(1)).unwrap_err().to_string(), full);
+    assert_eq!(filter.predict().unwrap_err().to_string(), full);
+    assert_eq!(filter.snapshot(), most);
+    let text = serde_json::to_string(&filter.snapshot()).unwrap();
+    assert_eq!(serde_json::from_str::<FilterState>(&text).unwrap(), most);
+    filter.update(&Some(1)).unwrap();
+    assert_eq!(filter.snapshot().steps(), most.steps());
+}
+
 #[test]
 fn what_no_smoother_knows_is_refused() {
     let refused = |lag: usize, past: &[String], expected: &str| {
