@@ -14,7 +14,7 @@ use wayfix::{
     TransitionEntries, View, ViewRates, WindowTransition,
 };
 
-use crate::kit::{Kind, Model, Sensor, bits, cases, ends, models, weighted};
+use crate::kit::{Kind, Model, bits, cases, ends, models, weighted};
 
 fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap()
