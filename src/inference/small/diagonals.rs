@@ -200,13 +200,10 @@ where
 /// Copies one value for each state; the room beyond stays as it is.
 #[inline(always)]
 fn copy<const N: usize>(values: &[f64], states: usize, out: &mut [f64; N]) -> Option<()> {
-    if values.len() != states {
-        return None;
-    }
-    if let Ok(values) = <&[f64; N]>::try_from(values) {
-        *out = *values;
-    } else {
-        out.get_mut(..states)?.copy_from_slice(values);
+    match <&[f64; N]>::try_from(values) {
+        Ok(values) if states == N => *out = *values,
+        _ if values.len() == states => out.get_mut(..states)?.copy_from_slice(values),
+        _ => return None,
     }
     Some(())
 }

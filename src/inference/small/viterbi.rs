@@ -133,7 +133,7 @@ fn put_any(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
         return Some(left_out);
     }
     match diagonal.values {
-        Values::Checked { log2: Some(log2), .. } => Some(put_log2(log2, out)),
+        Values::Checked { log2: Some(log2), .. } => put_some(log2, out),
         Values::Linear(b) | Values::Checked { linear: b, .. } => put_linear(b, out),
         Values::Log(logs) => put_logs(logs, out),
     }
@@ -145,30 +145,43 @@ fn put_linear(b: &[f64], out: &mut [f64]) -> Option<f64> {
         2 => put_few(b, out.first_chunk_mut::<2>()?),
         3 => put_few(b, out.first_chunk_mut::<3>()?),
         4 => put_few(b, out.first_chunk_mut::<4>()?),
-        _ => put_few(b, out),
+        _ => {
+            let mut all = [0.0; MOST_STATES];
+            all.get_mut(..b.len())?.copy_from_slice(b);
+            let mut scores = [0.0; MOST_STATES];
+            let whole = put_few(&all, &mut scores)?;
+            (b.len() == out.len()).then(|| out.copy_from_slice(&scores[..b.len()]))?;
+            Some(whole)
+        }
     }
 }
 
 /// [`put_linear`], where the length is known for loops without a count.
 #[inline(always)]
-fn put_few(b: &[f64], out: &mut [f64]) -> Option<f64> {
-    if b.len() != out.len() || !b.iter().all(|b| (0.0..=f64::MAX).contains(b)) {
+fn put_few<const N: usize>(b: &[f64], out: &mut [f64; N]) -> Option<f64> {
+    let b: &[f64; N] = b.try_into().ok()?;
+    if !b.iter().all(|b| (0.0..=f64::MAX).contains(b)) {
         return None;
     }
-    let mut values = [0.0; MOST_STATES];
-    let values = values.get_mut(..out.len())?;
-    values.iter_mut().zip(b).for_each(|(to, b)| *to = log2(*b));
-    Some(put_log2(values, out))
+    Some(put_log2(&b.map(log2), out))
+}
+
+/// [`put_log2`] of any number of states.
+fn put_some(log2: &[f64], out: &mut [f64]) -> Option<f64> {
+    let (all, mut scores) = (filled_up(log2, f64::NEG_INFINITY)?, [0.0; MOST_STATES]);
+    let whole = put_log2::<MOST_STATES>(&all, &mut scores);
+    (log2.len() == out.len()).then(|| out.copy_from_slice(&scores[..log2.len()]))?;
+    Some(whole)
 }
 
 /// Scores from logarithms to base 2. Gives the logarithm of what is taken out.
 #[inline(always)]
-fn put_log2(log2: &[f64], out: &mut [f64]) -> f64 {
+fn put_log2<const N: usize>(log2: &[f64; N], out: &mut [f64; N]) -> f64 {
     // That of the largest, since rounding keeps order.
     let mut largest = f64::NEG_INFINITY;
     log2.iter().for_each(|&b| largest = if b > largest { b } else { largest });
     let whole = floor(largest);
-    out.iter_mut().zip(log2).for_each(|(out, b)| *out = b - whole);
+    *out = log2.map(|b| b - whole);
     whole * LN_2
 }
 
