@@ -120,7 +120,8 @@ pub(super) fn none_between_0_and(least: f64, values: &[f64]) -> bool {
 /// Σ_j a_j x_j.
 #[inline(always)]
 fn product<const N: usize>(lines: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
-    let mut out = lines[0].map(|a| a * x[0]);
+    let mut out = lines[0];
+    out.iter_mut().for_each(|a| *a *= x[0]);
     for j in 1..N {
         for i in 0..N {
             out[i] += lines[j][i] * x[j];

@@ -124,7 +124,9 @@ fn log_of<const N: usize>(chain: &Chain<N>, factors: &Factors) -> f64 {
 fn normalised<const N: usize>(x: &[f64; N]) -> (f64, [f64; N]) {
     let total: f64 = x.iter().sum();
     let factor = 1.0 / total;
-    (total, x.map(|x| x * factor))
+    let mut out = *x;
+    out.iter_mut().for_each(|x| *x *= factor);
+    (total, out)
 }
 
 /// Through segment after segment, and from its start through each. Gives how many

@@ -37,9 +37,10 @@ impl Put {
 /// x ∘ r, which sums to one.
 #[inline(always)]
 pub(super) fn posterior<const N: usize>(x: &[f64; N], r: &[f64; N]) -> [f64; N] {
-    let product = times(x, r);
+    let mut product = times(x, r);
     let factor = 1.0 / product.iter().sum::<f64>();
-    product.map(|p| p * factor)
+    product.iter_mut().for_each(|p| *p *= factor);
+    product
 }
 
 impl<const N: usize> Stretch<'_, N> {

@@ -284,7 +284,8 @@ fn step<const N: usize>(
     scores: &[f64; N],
     from: &mut [u8; N],
 ) -> [f64; N] {
-    let mut best = columns[0].map(|log2| log2 + scores[0]);
+    let mut best = columns[0];
+    best.iter_mut().for_each(|log2| *log2 += scores[0]);
     let mut which = [0_u8; N];
     for j in 1..N {
         for i in 0..N {

@@ -220,9 +220,15 @@ pub(crate) trait Lanes: Copy {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Plain;
 
+/// One for each lane. `std::array::from_fn`, written out, is many times as much to compile.
+#[inline(always)]
+fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
+    [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
+}
+
 #[inline(always)]
 fn each<T: Copy, R>(a: [T; LANES], b: [T; LANES], f: impl Fn(T, T) -> R) -> [R; LANES] {
-    std::array::from_fn(|l| f(a[l], b[l]))
+    lanes(|l| f(a[l], b[l]))
 }
 
 impl Lanes for Plain {
@@ -240,7 +246,7 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn load_single(self, x: &[f32; LANES]) -> Eight {
-        x.map(f64::from)
+        lanes(|l| f64::from(x[l]))
     }
     #[inline(always)]
     fn store(self, v: Eight, out: &mut Eight) {
@@ -288,23 +294,23 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn any(self, m: [bool; LANES]) -> bool {
-        m.into_iter().fold(false, |any, m| any | m)
+        (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7])
     }
     #[inline(always)]
     fn all(self, m: [bool; LANES]) -> bool {
-        m.into_iter().fold(true, |all, m| all & m)
+        (m[0] & m[1] & m[2] & m[3]) & (m[4] & m[5] & m[6] & m[7])
     }
     #[inline(always)]
     fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
-        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+        lanes(|l| if m[l] { a[l] } else { b[l] })
     }
     #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
-        std::array::from_fn(|r| std::array::from_fn(|l| rows[l][r]))
+        lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]
     unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
-        std::array::from_fn(|l| x[indices[l] as usize])
+        lanes(|l| x[indices[l] as usize])
     }
     #[inline(always)]
     fn indices(self, indices: &[u32; LANES]) -> [u32; LANES] {
@@ -312,7 +318,7 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn ramp(self, base: u32) -> [u32; LANES] {
-        std::array::from_fn(|l| base + l as u32)
+        lanes(|l| base + l as u32)
     }
     #[inline(always)]
     fn index_less(self, a: [u32; LANES], b: [u32; LANES]) -> [bool; LANES] {
@@ -320,7 +326,7 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn select_index(self, m: [bool; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
-        std::array::from_fn(|l| if m[l] { a[l] } else { b[l] })
+        lanes(|l| if m[l] { a[l] } else { b[l] })
     }
     #[inline(always)]
     fn store_index(self, i: [u32; LANES], out: &mut [u32; LANES]) {
