@@ -86,8 +86,14 @@ fn scores() -> impl Strategy<Value = Vec<f64>> {
     vec(prop_oneof![1 => Just(f64::NEG_INFINITY), 3 => (-4..4).prop_map(f64::from)], 71)
 }
 
+/// As many cases as `WAYFIX_CASES` says, or 256.
+fn cases() -> ProptestConfig {
+    let cases = std::env::var("WAYFIX_CASES").ok().and_then(|text| text.parse().ok());
+    ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases.unwrap_or(256)) }
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(2000) })]
+    #![proptest_config(cases())]
 
     #[test]
     fn products_and_updates(

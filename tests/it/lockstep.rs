@@ -8,7 +8,7 @@ use wayfix::{
     TableLikelihood, TransitionEntries,
 };
 
-use crate::kit::{Sensor, cases_of, prior, rng, same_results, weighted};
+use crate::kit::{Sensor, all_close, cases_of, close, prior, rng, same_results, weighted};
 
 type Drive = Vec<Option<Vec<f64>>>;
 
@@ -98,18 +98,13 @@ impl Case {
     }
 }
 
-fn close(found: f64, expected: f64) -> bool {
-    (found - expected).abs() <= 1e-12 * expected.abs() + 1e-300
-}
-
 fn near(found: &Posteriors, expected: &Posteriors) -> bool {
-    let (found, expected) = (found.as_slice(), expected.as_slice());
-    found.len() == expected.len() && found.iter().zip(expected).all(|(f, e)| close(*f, *e))
+    all_close(found.as_slice(), expected.as_slice(), 1e-12, 1e-288).is_ok()
 }
 
 /// A sum of logarithms, some of which are large.
 fn near_log(found: f64, expected: f64, size: f64) -> bool {
-    (found - expected).abs() <= 1e-12 * expected.abs().max(size)
+    close(found, expected, 1e-12, size).is_ok()
 }
 
 fn check<A, B>(hmm: &Hmm<A, B>, drives: &[Drive]) -> Result<(), TestCaseError>
@@ -290,7 +285,7 @@ proptest! {
             "{:?} {:?} {:?} {:?}",
             hmm.forward_all(drives), hmm.smooth_all(drives), hmm.score_all(drives), hmm.viterbi_all(drives)
         );
-        prop_assert_eq!(with_threads(1, all), with_threads(4, all));
+        prop_assert_eq!(crate::kit::with_threads(1, all), crate::kit::with_threads(4, all));
     }
 }
 
@@ -349,9 +344,4 @@ fn many_results_stay_apart() {
     assert_eq!(kept.posteriors().steps(), 20);
     let shown = format!("{:?}", last.posteriors());
     assert_eq!(shown.matches(',').count(), last.posteriors().as_slice().len());
-}
-
-#[cfg(feature = "rayon")]
-fn with_threads<R: Send>(threads: usize, work: impl Fn() -> R + Send) -> R {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
 }

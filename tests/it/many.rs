@@ -95,9 +95,7 @@ fn learning_does_not_depend_on_the_threads() {
         learned
     };
     #[cfg(feature = "rayon")]
-    let results = [1, 4].map(|threads| {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(learn)
-    });
+    let results = [1, 4].map(|threads| crate::kit::with_threads(threads, &learn));
     #[cfg(not(feature = "rayon"))]
     let results = [learn(), learn()];
     let [one, four] = results;

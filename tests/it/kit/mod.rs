@@ -13,6 +13,8 @@ mod noise;
 mod operator;
 mod own;
 mod random_models;
+#[cfg(feature = "rayon")]
+mod threads;
 
 pub(crate) use cases::{cases, cases_of, rng};
 pub(crate) use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results};
@@ -31,6 +33,8 @@ pub(crate) use noise::noise;
 pub(crate) use operator::{Expected, assert_operator};
 pub(crate) use own::Own;
 pub(crate) use random_models::{Kind, dyadic_models, models};
+#[cfg(feature = "rayon")]
+pub(crate) use threads::with_threads;
 
 /// The logarithm of 0.
 pub(crate) const NEVER: f64 = f64::NEG_INFINITY;
