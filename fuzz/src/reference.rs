@@ -102,9 +102,12 @@ impl Chain {
         self.steps.iter().sum()
     }
 
-    /// How large the numbers are that a logarithm is a sum of.
+    /// How large the numbers are that a logarithm is a sum of. Each factor counts a little:
+    /// decoders round its logarithm to a grid, by up to 1e-14, and the same way wherever
+    /// it comes back.
     pub(crate) fn size(&self) -> f64 {
-        1.0 + self.largest.iter().chain(&self.steps).map(|log| log.abs()).sum::<f64>()
+        1.0 + 0.05 * self.steps.len() as f64
+            + self.largest.iter().chain(&self.steps).map(|log| log.abs()).sum::<f64>()
     }
 
     /// The beliefs of steps 0 to `last` given y_1 … y_last, and the pairs of each

@@ -37,8 +37,9 @@ impl BeamPath {
         self.path
     }
 
-    /// No path at all has a ln p(path, y_1 … y_T) above this: the larger of that
-    /// of the path found and a bound on those of all paths that left the beam.
+    /// No path at all has a ln p(path, y_1 … y_T) above this, but for rounding (1e-14
+    /// a factor): the larger of that of the path found and a bound on those of all
+    /// paths that left the beam.
     #[must_use]
     pub fn upper_bound(&self) -> f64 {
         self.path.log_probability.max(self.pruned)

@@ -88,7 +88,7 @@ impl Envelope {
                 if let Some(at) = frontier.place(j) {
                     estimate += a * (before.estimate[at] * LIFT);
                     lower += a * (before.lower[at] * LIFT);
-                    excess += times(a, before.excess[at] * LIFT);
+                    excess += a * (before.excess[at] * LIFT);
                 } else {
                     beyond += a;
                 }
@@ -100,8 +100,10 @@ impl Envelope {
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / LIFT;
             excess += times(beyond, before.elsewhere * LIFT);
+            // 0 times infinity.
+            let excess = if excess.is_nan() { f64::INFINITY } else { excess };
+            let (lower, excess) = count_lost(estimate, lower, excess);
             self.push(i, estimate, lower, excess);
-            self.count_lost(self.states.len() - 1);
         }
         predicted
     }
@@ -121,15 +123,17 @@ impl Envelope {
             if most == 0.0 {
                 continue;
             }
-            let (estimate, lower) = (self.estimate[at], self.lower[at]);
+            let (lower, excess) = (self.lower[at], self.excess[at]);
+            let excess = times(most, excess) + times(most - least, lower);
+            let estimate = value * self.estimate[at];
+            let (lower, excess) = count_lost(estimate, least * lower, excess);
             self.states[kept] = self.states[at];
-            self.estimate[kept] = value * estimate;
-            self.lower[kept] = least * lower;
-            self.excess[kept] = times(most, self.excess[at]) + times(most - least, lower);
-            self.count_lost(kept);
-            raw.estimate += self.estimate[kept];
-            raw.lower += self.lower[kept];
-            raw.excess += self.excess[kept];
+            self.estimate[kept] = estimate;
+            self.lower[kept] = lower;
+            self.excess[kept] = excess;
+            raw.estimate += estimate;
+            raw.lower += lower;
+            raw.excess += excess;
             kept += 1;
         }
         self.truncate(kept);
@@ -139,20 +143,17 @@ impl Envelope {
         raw.excess += self.outside;
         raw
     }
+}
 
-    /// Counts what an entry may have lost below the smallest double. A lower bound
-    /// that may have lost digits is none.
-    #[inline]
-    fn count_lost(&mut self, at: usize) {
-        let (estimate, lower) = (self.estimate[at], self.lower[at]);
-        if estimate < SMALL || lower < SMALL {
-            self.excess[at] += lower + LOST;
-            self.lower[at] = 0.0;
-        }
-    }
+/// A lower bound and an excess, with what they and the estimate may have lost below the
+/// smallest double. A lower bound that may have lost digits is none.
+#[inline]
+fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
+    if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
 }
 
 /// The product of two numbers of which one may be infinite; 0 if one of them is.
+#[inline]
 fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }

@@ -56,14 +56,16 @@ impl Weights {
     /// The weight of a state of which the sensor says `b`.
     #[inline]
     pub(super) fn of(&self, b: f64) -> Weight {
+        let (value, off) = if self.is_log {
+            let log = b - self.factor;
+            // The difference has a rounding, and the exponential another.
+            (log.exp(), (log.abs() + 4.0) * f64::EPSILON)
+        } else {
+            (if self.factor == 1.0 { b } else { b / self.factor }, 0.0)
+        };
         if b == if self.is_log { f64::NEG_INFINITY } else { 0.0 } {
-            return Weight { value: 0.0, least: 0.0, most: 0.0 };
-        }
-        let log = b - self.factor;
-        let value = if self.is_log { log.exp() } else { b / self.factor };
-        // The difference has a rounding, and the exponential another.
-        let off = if self.is_log { (log.abs() + 4.0) * f64::EPSILON } else { 0.0 };
-        if value < f64::MIN_POSITIVE {
+            Weight { value: 0.0, least: 0.0, most: 0.0 }
+        } else if value < f64::MIN_POSITIVE {
             Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE }
         } else if value > f64::MAX {
             Weight { value: 0.0, least: 0.0, most: f64::INFINITY }

@@ -294,11 +294,11 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     fn any(self, m: [bool; LANES]) -> bool {
-        (m[0] | m[1] | m[2] | m[3]) | (m[4] | m[5] | m[6] | m[7])
+        m.iter().fold(false, |any, m| any | m)
     }
     #[inline(always)]
     fn all(self, m: [bool; LANES]) -> bool {
-        (m[0] & m[1] & m[2] & m[3]) & (m[4] & m[5] & m[6] & m[7])
+        m.iter().fold(true, |all, m| all & m)
     }
     #[inline(always)]
     fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
