@@ -131,9 +131,11 @@ impl Chain {
             pairs[k - 1] = normalised(&all).chunks(n).map(<[f64]>::to_vec).collect();
             let back = |j: usize| (0..n).map(|i| matrix[i][j] + after[i]).collect::<Vec<_>>();
             beta = (0..n).map(|j| sum(&back(j))).collect();
-            // Only ratios matter; what nothing leads to may be above all others.
-            let finite = beta.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            beta.iter_mut().for_each(|log| *log -= finite);
+            // Only ratios matter. Where the vehicle may be they stay near 0, with all
+            // their digits; where nothing leads they may be far above.
+            let joint: Vec<f64> = before.iter().zip(&beta).map(|(a, b)| a + b).collect();
+            let total = sum(&joint);
+            beta.iter_mut().for_each(|log| *log -= total);
         }
         (gamma, pairs)
     }
