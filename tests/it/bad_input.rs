@@ -12,7 +12,9 @@ use wayfix::{
     evaluate,
 };
 
-use crate::kit::{says, still, text};
+#[cfg(feature = "csv")]
+use crate::kit::text;
+use crate::kit::{says, still};
 
 #[test]
 fn transitions() {
