@@ -38,7 +38,7 @@ impl Rows {
 
 /// The sums of a prediction.
 pub(super) struct Predicted {
-    /// Of the estimates.
+    /// Σ of the predicted estimates.
     pub(super) sum: f64,
     /// The most terms of a sum.
     terms: usize,
@@ -100,7 +100,7 @@ impl Envelope {
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / LIFT;
             excess += times(beyond, before.elsewhere * LIFT);
-            // 0 times infinity.
+            // NaN is an entry of 0 times an infinite excess: nothing is known.
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             let (lower, excess) = count_lost(estimate, lower, excess);
             self.push(i, estimate, lower, excess);

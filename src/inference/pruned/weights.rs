@@ -1,4 +1,4 @@
-//! What a sensor says of single states, with bounds on what a double does not hold.
+//! Likelihoods of single states, with bounds on those that a double does not hold.
 
 use crate::likelihood::Unlisted;
 

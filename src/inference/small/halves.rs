@@ -14,7 +14,7 @@ pub(super) struct Stretch<'a, const N: usize> {
     pub(super) places: &'a mut [[f64; N]],
 }
 
-/// What is put to the place of a step. Not a closure: the loops would be compiled again
+/// The vector that is stored for a step. Not a closure: the loops would be compiled again
 /// for each.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Put {

@@ -49,7 +49,7 @@ fn exponent(x: f64) -> i64 {
     (x.to_bits() >> 52).cast_signed() - 1023
 }
 
-/// How many states arrays have room for. Those beyond the last are never possible:
+/// Length of the arrays for so many states. Those beyond the last are never possible:
 /// that adds 0 at the end of each sum, which leaves it as it is to the bit.
 fn room(states: usize) -> usize {
     match states {
