@@ -71,6 +71,7 @@
 //! | a route | [`WindowTransition`] |
 //! | a route, with odometry, hidden gears, or a camera that tells whether it moves | [`RouteTransition`] |
 //! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
+//! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
 //! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
@@ -204,10 +205,10 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, KroneckerTransition,
-    Odometry, OffMapTransition, PowerTransition, RestartTransition, RouteControl, RouteTransition,
-    SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
-    View, ViewRates, WindowTransition,
+    DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition, Gear,
+    KroneckerTransition, Odometry, OffMapTransition, PowerTransition, RestartTransition,
+    RouteControl, RouteTransition, SparseTransition, Stored, SwitchedTransition, TiedTransition,
+    Transition, TransitionEntries, View, ViewRates, WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -19,6 +19,13 @@ pub enum InferenceError {
         /// The step, from 1.
         step: usize,
     },
+    /// The model rules out what was measured on the way to the step: its
+    /// [likelihood](crate::Transition::evidence) is 0 for all moves that the belief
+    /// before allows.
+    ImpossibleMove {
+        /// The step, from 1.
+        step: usize,
+    },
     /// The observation is impossible in all states that a pruned routine still
     /// follows, but perhaps not in one that it has dropped.
     Pruned {
@@ -47,6 +54,14 @@ pub enum InferenceError {
         /// The state, from 0.
         state: usize,
         /// What it predicted.
+        value: f64,
+    },
+    /// The log factor of [evidence on a move](crate::Transition::evidence) is not a
+    /// number from −1e300 to 1e300.
+    EvidenceFactor {
+        /// The step, from 1.
+        step: usize,
+        /// The log factor.
         value: f64,
     },
     /// The predictions do not sum to one: the transition operator does not keep
@@ -87,6 +102,16 @@ impl fmt::Display for InferenceError {
             Self::Impossible { step } => {
                 write!(f, "the observation of step {step} is impossible under the model")
             }
+            Self::ImpossibleMove { step } => {
+                write!(
+                    f,
+                    "what was measured on the way to step {step} is impossible under the model"
+                )
+            }
+            Self::EvidenceFactor { step, value } => write!(
+                f,
+                "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300"
+            ),
             Self::Pruned { step } => write!(
                 f,
                 "the observation of step {step} is impossible in all states that were not pruned"

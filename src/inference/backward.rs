@@ -9,7 +9,8 @@
 //!
 //! because B(y_k) β_k is in proportion to γ_k / p_k. Every product on the right
 //! is a probability, that of a pair of states, so that nothing can grow; and
-//! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed.
+//! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed. That holds
+//! with evidence on the move too, where neither the columns of A nor p_k sum to one.
 //!
 //! Predictions need not be made again (to keep them would take as much memory as the
 //! result): with q_k = γ_k / α_k, the product that the step before has
@@ -22,7 +23,7 @@ use super::step::{Step, is_one, normalise_logs};
 use crate::error::InferenceError;
 use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Retreat, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
-use crate::transition::{Stored, Transition};
+use crate::transition::Transition;
 
 /// A ratio γ / p above 2^64 is not taken in linear space if the lifted p is
 /// below 2^40: it might overflow.
@@ -98,12 +99,13 @@ impl Backward {
         gamma: &[f64],
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else { return self.retreat(step, alpha, gamma) };
+        // (A step in logarithms has left no normaliser.)
         if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
             return self.retreat(step, alpha, gamma);
         }
         let Self { ratio, carried: Carried { q, .. }, gamma: result, values, .. } = self;
         let transition = step.hmm.transition();
-        let sum = if let Some(matrix) = transition.stored(control).and_then(Stored::as_sparse) {
+        let sum = if let Some(matrix) = step.stored(control) {
             let back = Sparse { matrix: &matrix.sliced_columns, x: ratio };
             kernels::retreat(Retreat { back, alpha: alpha.linear, gamma: result, q })
         } else {
@@ -151,9 +153,10 @@ impl Backward {
         };
         step.check_control(control)?;
         (self.carried.held, self.ratio_scale) = (false, 1.0);
-        self.in_logs = alpha.logs.is_some() || {
+        let evidence = step.hmm.transition().evidence(control).is_some();
+        self.in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
             kernels::lift(alpha.linear, &mut self.values);
-            step.predict(&self.values, &mut self.predicted)?;
+            step.predict(&self.values, &mut self.predicted);
             let held = divide(gamma, &self.predicted, &mut self.ratio);
             !(held && self.multiply(step.hmm.transition(), control, alpha.linear))
         };

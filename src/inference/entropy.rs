@@ -86,7 +86,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         self.check_control(control)?;
         for (i, after) in after.iter_mut().enumerate() {
-            alpha.ways(|| self.hmm.transition().incoming(control, i), ways);
+            alpha.ways(self.hmm.transition(), control, i, ways);
             let total: f64 = ways.iter().map(|way| way.1).sum();
             *after = 0.0;
             for &(j, weight) in &*ways {

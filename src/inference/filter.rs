@@ -10,7 +10,7 @@ use super::step::{Step, Workspace, loses, normalise_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, Aligned};
+use crate::kernels::{self, Aligned, LIFT};
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
@@ -156,23 +156,30 @@ where
         let Self { model, belief, logs, lifted, predicted, .. } = self;
         let Self { after, after_lifted, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
-        let mut in_logs = logs.is_some();
+        let evidence = step.evidence()?;
+        let mut in_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
+        // ln p(u), but for the log factor of the evidence.
+        let mut log = 0.0;
         if !in_logs {
-            step.predict(lifted.values(belief), after)?;
-            let sum = step.check_prediction(after)?;
-            in_logs = normalise(after, sum);
+            step.predict(lifted.values(belief), after);
+            let sum = match evidence {
+                None => Some(step.check_prediction(after)?),
+                Some(_) => step.evidence_sum(after)?,
+            };
+            match sum {
+                Some(sum) => (in_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
+                None => in_logs = true,
+            }
         }
         if in_logs {
             let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
-            step.predict_in_logs(
-                Held { linear: belief, logs: logs.as_deref() },
-                &mut results,
-                &mut work.values,
-            )?;
-            normalise_logs(after_logs, after);
+            let before = Held { linear: belief, logs: logs.as_deref() };
+            step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
+            log = normalise_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
             in_logs = loses(after_logs, after);
         }
-        self.commit(number, &Advanced { log: 0.0, normaliser: 0.0, in_logs, form: Form::Other });
+        let log = evidence.map_or(0.0, |log_factor| log + log_factor);
+        self.commit(number, &Advanced { log, normaliser: 0.0, in_logs, form: Form::Other });
         Ok(())
     }
 

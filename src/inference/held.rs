@@ -1,6 +1,9 @@
 //! The forms in which a step takes a belief and leaves one.
 
+use std::f64::consts::LN_2;
+
 use crate::kernels::{self, Aligned, LIFT};
+use crate::transition::TransitionEntries;
 
 /// For how many steps to lift once a result was too small without.
 const LIFT_FOR: u32 = 64;
@@ -21,21 +24,27 @@ impl Held<'_> {
 
     /// The ways into a state i in proportion to α(j) A\[i, j\], with the states j
     /// that they come from; NaN or all 0 if there are none.
-    pub(super) fn ways<I: Iterator<Item = (usize, f64)>>(
+    pub(super) fn ways<A: TransitionEntries>(
         &self,
-        incoming: impl Fn() -> I,
+        transition: &A,
+        control: &A::Control,
+        to: usize,
         ways: &mut Vec<(usize, f64)>,
     ) {
         ways.clear();
-        ways.extend(incoming().map(|(from, p)| (from, self.linear[from] * LIFT * p)));
-        let total: f64 = ways.iter().map(|way| way.1).sum();
-        let nothing = || ways.iter().all(|way| self.linear[way.0] == 0.0);
-        if self.logs.is_none() && (total >= 1.0 / LIFT || nothing()) {
-            return;
+        if self.logs.is_none() && !(transition.needs_logs(control)) {
+            let incoming = transition.incoming(control, to);
+            ways.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
+            let total: f64 = ways.iter().map(|way| way.1).sum();
+            let nothing = || ways.iter().all(|way| self.linear[way.0] == 0.0);
+            if (1.0 / LIFT..=f64::MAX).contains(&total) || nothing() {
+                return;
+            }
         }
         // Too small for doubles, or some of it is.
         ways.clear();
-        ways.extend(incoming().map(|(from, p)| (from, self.log(from) + p.ln())));
+        let incoming = transition.incoming_log2(control, to);
+        ways.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
         let largest = ways.iter().map(|way| way.1).fold(f64::NEG_INFINITY, f64::max);
         ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
     }
@@ -121,8 +130,8 @@ pub(super) enum Form {
 
 /// Where a step writes its results.
 pub(super) struct Results<'a> {
-    /// The prediction, lifted, which then sums to [`LIFT`] but for rounding;
-    /// not written where it need not be kept.
+    /// The prediction, lifted, which then sums to [`LIFT`] but for rounding and for
+    /// evidence on the move; not written where it need not be kept.
     pub(super) predicted: &'a mut [f64],
     /// The belief after the observation.
     pub(super) after: &'a mut [f64],
@@ -134,7 +143,7 @@ pub(super) struct Results<'a> {
 
 /// What else a step gives.
 pub(super) struct Advanced {
-    /// ln N, the log-likelihood of the observation.
+    /// ln N, the log-likelihood of the observation and of evidence on the move.
     pub(super) log: f64,
     /// N itself, for the likelihoods as the sensor gave them, where the step was
     /// taken with those; else 0.

@@ -64,9 +64,9 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
-                None => step.first_ways(&mut added)?,
+                None => step.first_ways(&mut added, &mut taken_out)?,
                 // One at least, to know whether the observations are possible.
-                Some(before) => step.best_ways(before, count.max(1))?,
+                Some(before) => step.best_ways(before, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
@@ -105,8 +105,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// The only path to each state of step 1.
-    fn first_ways(&self, scores: &mut [f64]) -> Result<Vec<Vec<Way>>, InferenceError> {
-        self.first_scores(scores)?;
+    fn first_ways(
+        &self,
+        scores: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<Vec<Vec<Way>>, InferenceError> {
+        self.first_scores(scores, taken_out)?;
         let way = |&score: &f64| Way { score, from: 0, rank: 0 };
         let possible = |way: &Way| way.score > f64::NEG_INFINITY;
         Ok(scores
@@ -120,9 +124,10 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         &self,
         before: &[Vec<Way>],
         count: usize,
+        taken_out: &mut TakenOut,
     ) -> Result<Vec<Vec<Way>>, InferenceError> {
         let Some(control) = self.control else { return Ok(Vec::new()) }; // only step 1 has none
-        self.check_control(control)?;
+        let evidence = self.take_out_evidence(taken_out)?;
         let into = |i: usize| {
             let mut ways = Vec::new();
             for (j, log2) in self.hmm.transition().incoming_log2(control, i) {
@@ -135,7 +140,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             keep_best(&mut ways, count);
             ways
         };
-        Ok((0..before.len()).map(into).collect())
+        let lists: Vec<Vec<Way>> = (0..before.len()).map(into).collect();
+        if evidence {
+            let first = lists.iter().filter_map(|ways| Some(ways.first()?.score));
+            self.check_best_way(first.fold(f64::NEG_INFINITY, f64::max))?;
+        }
+        Ok(lists)
     }
 }
 

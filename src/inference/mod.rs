@@ -37,6 +37,7 @@ mod many;
 
 mod backward;
 mod block;
+mod evidence;
 mod frontier;
 mod held;
 mod pairs;

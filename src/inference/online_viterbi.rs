@@ -174,7 +174,7 @@ where
         let step = Step { hmm: &**model, number, control };
         let mut taken_out = taken_out.clone();
         if number == 1 {
-            step.first_scores(next)?;
+            step.first_scores(next, &mut taken_out)?;
             if let Some(observation) = observation {
                 step.observe(observation, work, next, &mut taken_out)?;
             }

@@ -1,5 +1,6 @@
 //! Pairwise posteriors: the move from one step to the next, given all.
 
+use std::f64::consts::LN_2;
 use std::fmt;
 
 use super::held::Held;
@@ -48,21 +49,17 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         (0..self.ratio.len())
             .filter(|&from| self.alpha.linear[from] > 0.0 || self.in_logs)
             .flat_map(move |from| {
-                self.transition.outgoing(self.control, from).map(move |(to, p)| Move {
-                    from,
-                    to,
-                    weight: self.weight(from, to, p),
-                })
+                let (linear, logs) = if self.in_logs { (None, Some(())) } else { (Some(()), None) };
+                let linear = linear.map(|()| self.transition.outgoing(self.control, from));
+                let linear = linear.into_iter().flatten().map(move |(to, p)| {
+                    (to, self.alpha.linear[from] * (p * self.ratio[to]) * self.scale)
+                });
+                let logs = logs.map(|()| self.transition.outgoing_log2(self.control, from));
+                let logs = logs.into_iter().flatten().map(move |(to, log2)| {
+                    (to, (self.alpha.log(from) + log2 * LN_2 + self.ratio[to]).exp())
+                });
+                linear.chain(logs).map(move |(to, weight)| Move { from, to, weight })
             })
-    }
-
-    fn weight(&self, from: usize, to: usize, p: f64) -> f64 {
-        let ratio = self.ratio[to];
-        if self.in_logs {
-            (self.alpha.log(from) + p.ln() + ratio).exp()
-        } else {
-            self.alpha.linear[from] * (p * ratio) * self.scale
-        }
     }
 }
 

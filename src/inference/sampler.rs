@@ -94,7 +94,7 @@ where
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
-                    alpha.ways(|| self.hmm.transition().incoming(control, to), &mut ways);
+                    alpha.ways(self.hmm.transition(), control, to, &mut ways);
                 }
             }
             let total: f64 = ways.iter().map(|way| way.1).sum();

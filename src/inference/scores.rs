@@ -10,7 +10,7 @@ use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::kernels::{self, LIFT, Shifted};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use crate::transition::{Stored, TransitionEntries};
+use crate::transition::TransitionEntries;
 
 /// 2^-900. A prior of at least this, lifted, is above 2^99: its product with
 /// the least entry, 2^-1074, is a double with all its digits.
@@ -44,12 +44,29 @@ impl TakenOut {
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     /// The scores of the states of step 1, before its observation: X_0 is
     /// summed over.
-    pub(super) fn first_scores(&self, scores: &mut [f64]) -> Result<(), InferenceError> {
+    pub(super) fn first_scores(
+        &self,
+        scores: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<(), InferenceError> {
         let prior = self.hmm.prior().belief().as_slice();
         let mut lifted = vec![0.0; prior.len()];
         kernels::lift(prior, &mut lifted);
-        self.predict(&lifted, scores)?;
-        self.check_prediction(scores)?;
+        let evidence = self.evidence()?;
+        if let Some(log_factor) = evidence {
+            taken_out.factors.add(log_factor);
+            if self.needs_logs() {
+                return self.first_scores_in_logs(scores, &mut lifted);
+            }
+        }
+        self.predict(&lifted, scores);
+        match evidence {
+            Some(_) if self.evidence_sum(scores)?.is_none() => {
+                return self.first_scores_in_logs(scores, &mut lifted);
+            }
+            Some(_) => {}
+            None => _ = self.check_prediction(scores)?,
+        }
         let tiny = |p: &f64| *p > 0.0 && *p < LEAST_PRIOR;
         if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
             // Products of two such numbers may be beyond a double. Where they are
@@ -65,6 +82,45 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             scores.iter_mut().for_each(|score| *score = unlifted_log2(*score));
         }
         Ok(())
+    }
+
+    /// The same where doubles do not hold the evidence on the first move.
+    #[cold]
+    fn first_scores_in_logs(
+        &self,
+        scores: &mut [f64],
+        logs: &mut [f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = self.control else { return Ok(()) }; // no evidence without one
+        let prior = self.hmm.prior().belief().as_slice();
+        logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
+        self.hmm.transition().apply_log(control, logs, scores);
+        self.check_log_evidence(scores)?;
+        scores.iter_mut().for_each(|score| *score = kernels::on_grid(*score * LOG2_E));
+        Ok(())
+    }
+
+    /// Takes out the log factor of the evidence on the move, if there is some.
+    pub(super) fn take_out_evidence(
+        &self,
+        taken_out: &mut TakenOut,
+    ) -> Result<bool, InferenceError> {
+        let evidence = self.evidence()?;
+        evidence.iter().for_each(|log_factor| taken_out.factors.add(*log_factor));
+        Ok(evidence.is_some())
+    }
+
+    /// An error if evidence on the move leaves no way with a probability above 0, or
+    /// is not valid; `best` is the score of the best way.
+    pub(super) fn check_best_way(&self, best: f64) -> Result<(), InferenceError> {
+        let step = self.number;
+        if best.is_finite() {
+            Ok(())
+        } else if best == f64::NEG_INFINITY {
+            Err(InferenceError::ImpossibleMove { step })
+        } else {
+            Err(InferenceError::EvidenceFactor { step, value: best })
+        }
     }
 
     /// A step of Viterbi: the best way into each state, with the likelihoods of
@@ -86,12 +142,15 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             None => None,
         };
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
-        self.check_control(control)?;
+        let evidence = self.take_out_evidence(taken_out)?;
         let transition = self.hmm.transition();
-        let largest = if let Some(matrix) = transition.stored(control).and_then(Stored::as_sparse) {
+        let largest = if let Some(matrix) = self.stored(control) {
             matrix.maximise(scores, likelihoods, next, from)
         } else {
             transition.max_product(control, scores, next, from);
+            if evidence {
+                self.check_best_way(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
+            }
             kernels::add_scores(next, likelihoods)
         };
         self.settle_at(next, largest, taken_out)?;

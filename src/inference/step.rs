@@ -49,16 +49,13 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Self { hmm, number, control }
     }
 
-    /// `after = A before`, or the same if nothing moves; of any scale.
-    pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) -> Result<(), InferenceError> {
+    /// `after = A before`, or the same if nothing moves; of any scale. The control has
+    /// been checked.
+    pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) {
         match self.control {
-            Some(control) => {
-                self.check_control(control)?;
-                self.hmm.transition().apply(control, before, after);
-            }
+            Some(control) => self.hmm.transition().apply(control, before, after),
             None => after.copy_from_slice(before),
         }
-        Ok(())
     }
 
     pub(super) fn check_control(&self, control: &A::Control) -> Result<(), InferenceError> {
@@ -104,6 +101,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             Err(source) => return Err(wrap(source)),
         };
         diagonal.check_shape(self.hmm.states()).map_err(wrap)?;
+        if let Some(log_factor) = self.evidence()? {
+            return self.advance_by_evidence(log_factor, diagonal, before, lifted, results, values);
+        }
         // As they are, if they can be; whether they are valid is seen on the way.
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
             let as_they_are = Likelihoods { diagonal, values: linear, scaled: false };
@@ -114,23 +114,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
-        // Likelihoods near one, with the logarithm of what was divided out.
-        let log_scale = match diagonal.values {
-            Values::Linear(linear) | Values::Checked { linear, .. } => {
-                if largest == 0.0 {
-                    return Err(InferenceError::Impossible { step: self.number });
-                }
-                values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
-                largest.ln()
-            }
-            Values::Log(logs) => {
-                if largest == f64::NEG_INFINITY {
-                    return Err(InferenceError::Impossible { step: self.number });
-                }
-                values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
-                largest
-            }
-        };
+        let log_scale = self.scale(diagonal, largest, values)?;
         if before.logs.is_none() {
             let scaled = Likelihoods { diagonal, values, scaled: true };
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
@@ -139,7 +123,33 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
             }
         }
-        self.advance_in_logs(*diagonal, log_scale, before, results, values)
+        self.predict_in_logs(before, None, results, values)?;
+        self.update_in_logs(diagonal, log_scale, results)
+    }
+
+    /// Likelihoods near one; returns the logarithm of what was divided out.
+    pub(super) fn scale(
+        &self,
+        diagonal: &Diagonal<'_>,
+        largest: f64,
+        values: &mut [f64],
+    ) -> Result<f64, InferenceError> {
+        match diagonal.values {
+            Values::Linear(linear) | Values::Checked { linear, .. } => {
+                if largest == 0.0 {
+                    return Err(InferenceError::Impossible { step: self.number });
+                }
+                values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
+                Ok(largest.ln())
+            }
+            Values::Log(logs) => {
+                if largest == f64::NEG_INFINITY {
+                    return Err(InferenceError::Impossible { step: self.number });
+                }
+                values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
+                Ok(largest)
+            }
+        }
     }
 
     /// The step in linear space. Gives the normaliser of the likelihoods, or
@@ -153,7 +163,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         lifted: &mut Lifted,
         results: &mut Results<'_>,
     ) -> Result<Option<(f64, Form)>, InferenceError> {
-        let matrix = self.matrix()?;
+        let matrix = self.matrix();
         if !lifted.is_needed()
             && let Some(matrix) = matrix
             && matrix.plain
@@ -175,17 +185,15 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Ok(None);
         }
         let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
-        if updated.small && self.loses_states(likelihoods, lifted, results)? {
+        if updated.small && self.loses_states(likelihoods, lifted, results) {
             return Ok(None);
         }
         Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
     }
 
-    /// The matrix of the step, if there is a sparse one; checks the control.
-    fn matrix(&self) -> Result<Option<&'m SparseTransition>, InferenceError> {
-        let Some(control) = self.control else { return Ok(None) };
-        self.check_control(control)?;
-        Ok(self.hmm.transition().stored(control).and_then(Stored::as_sparse))
+    /// The matrix of a step without evidence, if there is a sparse one.
+    fn matrix(&self) -> Option<&'m SparseTransition> {
+        self.hmm.transition().stored(self.control?).and_then(Stored::as_sparse)
     }
 
     /// Prediction and product with the likelihoods, into the lifted result.
@@ -216,37 +224,35 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Whether a state that prediction and likelihood allow has got 0, or a
     /// scaled likelihood too small to have all its digits.
     #[cold]
-    fn loses_states(
+    pub(super) fn loses_states(
         &self,
         likelihoods: Likelihoods<'_>,
         lifted: &[f64],
         results: &mut Results<'_>,
-    ) -> Result<bool, InferenceError> {
-        self.predict(lifted, results.predicted)?;
+    ) -> bool {
+        self.predict(lifted, results.predicted);
         let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
             p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
         };
         let states = results.predicted.iter().zip(&*results.after).zip(likelihoods.values);
-        Ok(match likelihoods.diagonal.values {
+        match likelihoods.diagonal.values {
             Values::Linear(b) | Values::Checked { linear: b, .. } => {
                 states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
             }
             Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
-        })
+        }
     }
 
-    /// The same step in logarithms. `log_scale` is taken out of those of the
-    /// likelihoods first, so that they keep their digits.
+    /// From the prediction in logarithms to the belief after the observation.
+    /// `log_scale` is taken out of the likelihoods first, so that they keep their
+    /// digits.
     #[cold]
-    fn advance_in_logs(
+    pub(super) fn update_in_logs(
         &self,
-        diagonal: Diagonal<'_>,
+        diagonal: &Diagonal<'_>,
         log_scale: f64,
-        before: Held<'_>,
         results: &mut Results<'_>,
-        values: &mut [f64],
     ) -> Result<Advanced, InferenceError> {
-        self.predict_in_logs(before, results, values)?;
         for (out, log) in results.logs.iter_mut().zip(diagonal.logs()) {
             *out += log - log_scale;
         }
@@ -258,21 +264,22 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Advanced { log, normaliser: 0.0, in_logs, form: Form::Other })
     }
 
-    /// The prediction, in linear space and in logarithms (into those of the
-    /// results); checked to be a distribution.
+    /// The prediction in logarithms (into those of the results), checked: a
+    /// distribution, unless there is evidence on the move.
     pub(super) fn predict_in_logs(
         &self,
         before: Held<'_>,
+        evidence: Option<f64>,
         results: &mut Results<'_>,
         values: &mut [f64],
     ) -> Result<(), InferenceError> {
         before.logs_to(values);
         match self.control {
-            Some(control) => {
-                self.check_control(control)?;
-                self.hmm.transition().apply_log(control, values, results.logs);
-            }
+            Some(control) => self.hmm.transition().apply_log(control, values, results.logs),
             None => results.logs.copy_from_slice(values),
+        }
+        if evidence.is_some() {
+            return self.check_log_evidence(results.logs);
         }
         let logs = results.logs.iter();
         let lift = LIFT.ln();
@@ -297,18 +304,18 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
 
 /// Likelihoods in proportion to those of a diagonal.
 #[derive(Clone, Copy)]
-struct Likelihoods<'a> {
-    diagonal: &'a Diagonal<'a>,
-    values: &'a [f64],
+pub(super) struct Likelihoods<'a> {
+    pub(super) diagonal: &'a Diagonal<'a>,
+    pub(super) values: &'a [f64],
     /// Whether they have been scaled, so that one of 0 may have been above.
-    scaled: bool,
+    pub(super) scaled: bool,
 }
 
 impl<'a> Likelihoods<'a> {
-    fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
+    pub(super) fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
         // Without a lift, small results are not held, whatever becomes of them.
         let watch = match self {
-            _ if lift == LIFT && self.diagonal.tails_rounded => Watch::Nothing,
+            _ if lift > 1.0 && self.diagonal.tails_rounded => Watch::Nothing,
             Self { scaled: true, .. } => Watch::Predictions,
             Self { scaled: false, .. } => Watch::Products,
         };
@@ -319,7 +326,7 @@ impl<'a> Likelihoods<'a> {
 /// Whether doubles hold the results of an update, and the likelihoods are valid
 /// and near enough to one.
 #[inline]
-fn holds(updated: &Updated, lift: f64) -> bool {
+pub(super) fn holds(updated: &Updated, lift: f64) -> bool {
     let normaliser = updated.products / lift;
     !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)

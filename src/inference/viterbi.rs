@@ -81,7 +81,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let step = Step::of(self, sequence, number);
             let observation = sequence.observation(number);
             if number == 1 {
-                step.first_scores(&mut next)?;
+                step.first_scores(&mut next, &mut taken_out)?;
                 step.observe(observation, &mut work, &mut next, &mut taken_out)?;
                 step.settle(&mut next, &mut taken_out)?;
             } else {

@@ -266,7 +266,7 @@ impl<A: Transition> Transition for DwellTransition<A> {
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
-        self.moves.check_control(control)
+        super::refuse_evidence(&self.moves, control, "DwellTransition")
     }
 }
 

@@ -154,6 +154,17 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
         self.product(x, out, second, |x, out| self.first.apply_transpose_log(control, x, out));
     }
 
+    fn evidence(&self, control: &A1::Control) -> Option<f64> {
+        match (self.first.evidence(control), self.second.evidence(control)) {
+            (None, None) => None,
+            (first, second) => Some(first.unwrap_or(0.0) + second.unwrap_or(0.0)),
+        }
+    }
+
+    fn needs_logs(&self, control: &A1::Control) -> bool {
+        self.first.needs_logs(control) || self.second.needs_logs(control)
+    }
+
     fn check_control(&self, control: &A1::Control) -> Result<(), TransitionError> {
         self.first.check_control(control)?;
         self.second.check_control(control)
@@ -190,6 +201,18 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         self.first.incoming_log2(control, i1).flat_map(move |(j1, log1)| {
             let second = self.second.incoming_log2(control, i2);
             second.map(move |(j2, log2)| (j1 * n2 + j2, log1 + log2))
+        })
+    }
+
+    fn outgoing_log2(
+        &self,
+        control: &A1::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let ((j1, j2), n2) = (self.split(from), self.second.states());
+        self.first.outgoing_log2(control, j1).flat_map(move |(i1, log1)| {
+            let second = self.second.outgoing_log2(control, j2);
+            second.map(move |(i2, log2)| (i1 * n2 + i2, log1 + log2))
         })
     }
 

@@ -6,6 +6,7 @@ mod compressed;
 mod dense;
 mod distance;
 mod dwell;
+mod evidence;
 mod kronecker;
 mod log;
 mod odometry;
@@ -25,6 +26,7 @@ mod window;
 pub use dense::DenseTransition;
 pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;
+pub use evidence::EvidenceTransition;
 pub use kronecker::KroneckerTransition;
 pub use odometry::Odometry;
 pub use off_map::OffMapTransition;
@@ -53,6 +55,13 @@ use crate::kernels::{self, log2};
 /// An operator may depend on a **control**: what drives the step from k − 1 to
 /// k, such as odometry, elapsed time or a gear. An operator without one has
 /// `Control = ()`, and its columns are checked when a model is built from it.
+///
+/// A control may also be **evidence on the move**: what was measured between two
+/// steps, such as odometry or a compass. It does not choose an operator; it has a
+/// likelihood p(u | `X_{k-1}`, `X_k`) that multiplies the entries of A, whose
+/// columns then do not sum to one. [`evidence`](Self::evidence) says so, and
+/// [`EvidenceTransition`](crate::EvidenceTransition) puts a likelihood of moves on
+/// any operator.
 ///
 /// Entries below 2.2e-308 have lost digits, and what they lead to may be lost.
 ///
@@ -170,10 +179,46 @@ pub trait Transition {
         log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
     }
 
+    /// The evidence on the move in a control: `None`, as by default, if the control
+    /// only chooses the operator, whose columns are then distributions; they are
+    /// checked to be so. `Some(log_factor)` if something was measured, u: the entries
+    /// of this step then are
+    ///
+    /// ```text
+    /// A[i, j] p(u | X_{k-1} = j, X_k = i) exp(−log_factor)
+    /// ```
+    ///
+    /// They are finite and at least 0, and their columns may have any sum, also 0.
+    /// Inference normalises the belief, not the columns: the sum of a prediction is
+    /// p(u | y_1 … y_{k-1}), and its logarithm becomes part of the log-likelihood,
+    /// with `log_factor` added.
+    ///
+    /// All methods give these entries, those of
+    /// [`TransitionEntries`] too. The factor should be such that the largest
+    /// entry is near 1: a step whose sum is above 2^7 or below 2^-500 is taken in
+    /// logarithms, which takes longer. Called with a control that
+    /// [`check_control`](Self::check_control) has accepted, once a step or more often.
+    fn evidence(&self, control: &Self::Control) -> Option<f64> {
+        let _ = control;
+        None
+    }
+
+    /// Whether entries of a step with [evidence](Self::evidence) are beyond doubles:
+    /// above 0 but below 2.2e-308, or above 1.7e308. Inference then takes the step in
+    /// logarithms, and asks for entries by
+    /// [`incoming_log2`](TransitionEntries::incoming_log2) and
+    /// [`outgoing_log2`](TransitionEntries::outgoing_log2) alone. By default they never
+    /// are: what is below then may be lost, as with any operator.
+    fn needs_logs(&self, control: &Self::Control) -> bool {
+        let _ = control;
+        false
+    }
+
     /// The matrix of a step, if it is one that this crate stores: inference
     /// then goes through it by itself, and does with each product at once what
     /// else there is to do. `None`, unless an operator hands on that of another,
-    /// which it must equal.
+    /// which it must equal. It is not looked at where there is
+    /// [evidence](Self::evidence).
     fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
         let _ = control;
         None
@@ -245,6 +290,16 @@ pub trait TransitionEntries: Transition {
         self.incoming(control, to).map(|(from, p)| (from, log2(p)))
     }
 
+    /// The entries out of a state as [`incoming_log2`](Self::incoming_log2) gives those
+    /// into one: pairs (to, log2 p).
+    fn outgoing_log2(
+        &self,
+        control: &Self::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.outgoing(control, from).map(|(to, p)| (to, log2(p)))
+    }
+
     /// The step of Viterbi, a product in which a maximum stands for the sum:
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
     /// that attains it, the lowest one of several. Here and in the operators
@@ -274,9 +329,9 @@ fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
     best
 }
 
-/// Checks an operator without a control: its columns sum to one, A' 1 = 1, and
-/// its two products belong together, v' (A u) = u' (A' v). An operator with a
-/// control can't be checked here, since there is none to ask it with.
+/// Checks an operator without a control: its columns sum to one, A' 1 = 1 (but for
+/// evidence on moves), and its two products belong together, v' (A u) = u' (A' v). An
+/// operator with a control can't be checked here, since there is none to ask it with.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
     let n = transition.states();
     if n == 0 {
@@ -285,9 +340,12 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
     let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
         return Ok(());
     };
+    transition.check_control(control)?;
     let (mut ones, mut product) = (vec![1.0; n], vec![0.0; n]);
     transition.apply_transpose(control, &ones, &mut product);
-    check_columns(&product)?;
+    if transition.evidence(control).is_none() {
+        check_columns(&product)?;
+    }
     // Two vectors without a pattern that an operator could share: multiples of
     // the golden ratio and of the square root of two, modulo one.
     let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
@@ -365,6 +423,20 @@ pub(crate) fn check_probability(
 fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");
+}
+
+/// For operators of which some moves would have no likelihood of what was measured.
+fn refuse_evidence<A: Transition>(
+    inner: &A,
+    control: &A::Control,
+    operator: &str,
+) -> Result<(), TransitionError> {
+    inner.check_control(control)?;
+    if inner.evidence(control).is_some() {
+        let text = format!("evidence on moves within a {operator}, which does not take it");
+        return Err(TransitionError::Control(text));
+    }
+    Ok(())
 }
 
 /// Two lists of entries in ascending order as one, in which entries of the same

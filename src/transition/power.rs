@@ -105,7 +105,7 @@ impl<A: Transition> Transition for PowerTransition<A> {
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
-        self.inner.check_control(control)
+        super::refuse_evidence(&self.inner, control, "PowerTransition")
     }
 }
 

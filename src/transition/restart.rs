@@ -120,7 +120,7 @@ impl<A: Transition> Transition for RestartTransition<A> {
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
-        self.inner.check_control(control)
+        super::refuse_evidence(&self.inner, control, "RestartTransition")
     }
 }
 

@@ -35,6 +35,14 @@ macro_rules! as_target {
                 (**self).apply_transpose_log(control, x, out);
             }
 
+            fn evidence(&self, control: &Self::Control) -> Option<f64> {
+                (**self).evidence(control)
+            }
+
+            fn needs_logs(&self, control: &Self::Control) -> bool {
+                (**self).needs_logs(control)
+            }
+
             fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
                 (**self).stored(control)
             }
@@ -70,6 +78,14 @@ macro_rules! as_target {
                 to: usize,
             ) -> impl Iterator<Item = (usize, f64)> {
                 (**self).incoming_log2(control, to)
+            }
+
+            fn outgoing_log2(
+                &self,
+                control: &Self::Control,
+                from: usize,
+            ) -> impl Iterator<Item = (usize, f64)> {
+                (**self).outgoing_log2(control, from)
             }
 
             fn max_product(

@@ -77,6 +77,14 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
         self.operators[control].apply_transpose_log(&(), x, out);
     }
 
+    fn evidence(&self, &control: &usize) -> Option<f64> {
+        self.operators[control].evidence(&())
+    }
+
+    fn needs_logs(&self, &control: &usize) -> bool {
+        self.operators[control].needs_logs(&())
+    }
+
     fn stored(&self, &control: &usize) -> Option<Stored<'_>> {
         self.operators.get(control)?.stored(&())
     }
@@ -88,7 +96,7 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
             let text = format!("operator {control}, expected one of {count} (0 to {last})");
             return Err(TransitionError::Control(text));
         }
-        Ok(())
+        self.operators[control].check_control(&())
     }
 }
 
@@ -103,6 +111,10 @@ impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransitio
 
     fn incoming_log2(&self, &control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
         self.operators[control].incoming_log2(&(), to)
+    }
+
+    fn outgoing_log2(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].outgoing_log2(&(), from)
     }
 
     fn max_product(&self, &control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {

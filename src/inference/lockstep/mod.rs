@@ -61,6 +61,9 @@ impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
     pub(super) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
         let control = no_control::<A>()?;
         hmm.transition().check_control(control).ok()?;
+        if hmm.transition().evidence(control).is_some() {
+            return None;
+        }
         let (rows, columns) = hmm.transition().stored(control)?.plain_lines()?;
         let prior = hmm.prior().belief().as_slice();
         let tiny = |p: &f64| 0.0 < *p && *p < f64::MIN_POSITIVE;

@@ -28,7 +28,10 @@ where
     let n = plan.ones.len();
     let mut first = vec![0.0; n];
     let control = if plan.hmm.prior().moves_at(1) { no_control::<A>() } else { None };
-    if (Step { hmm: plan.hmm, number: 1, control }).first_scores(&mut first).is_err() {
+    if (Step { hmm: plan.hmm, number: 1, control })
+        .first_scores(&mut first, &mut TakenOut::default())
+        .is_err()
+    {
         return paths;
     }
     let log2 =

@@ -96,13 +96,13 @@ macro_rules! with_constant {
 }
 use with_constant;
 
-/// The control of an operator without one, if the model is small and the
-/// sequence long enough.
+/// The control of an operator without one, if the model is small, the sequence long
+/// enough, and there is no evidence on moves.
 fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Option<&A::Control> {
     if hmm.states() > MOST_STATES || steps < FEWEST_STEPS {
         return None;
     }
     let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
     hmm.transition().check_control(control).ok()?;
-    Some(control)
+    hmm.transition().evidence(control).is_none().then_some(control)
 }

@@ -46,7 +46,7 @@ where
     let (mut scores, mut taken_out) = (vec![0.0; n], TakenOut::default());
     let step = Step::of(hmm, sequence, 1);
     let mut work = Workspace::new(n);
-    step.first_scores(&mut scores).ok()?;
+    step.first_scores(&mut scores, &mut TakenOut::default()).ok()?;
     step.observe(sequence.observation(1), &mut work, &mut scores, &mut taken_out).ok()?;
     step.settle(&mut scores, &mut taken_out).ok()?;
     let mut source = Sensed { hmm, sequence, scratch: work.scratch, taken_out };

@@ -1,0 +1,131 @@
+//! A step of the filter with evidence on the move: what was measured between two
+//! steps multiplies the entries of A, so that the sum of the prediction is its
+//! probability.
+
+use std::ops::RangeInclusive;
+
+use super::held::{Advanced, Form, Held, Lifted, Results};
+use super::step::{Likelihoods, Step, UNSCALED, holds};
+use crate::error::InferenceError;
+use crate::kernels::{self, LARGEST_LOG, LIFT, Made, Valid};
+use crate::likelihood::{Diagonal, Likelihood};
+use crate::transition::{SparseTransition, Stored, Transition};
+
+/// Sums of predictions with which a step is taken in linear space, 2^-500 to 2^7:
+/// lifted, and with likelihoods from 2^-300 to 2^16, they and their parts down to the
+/// smallest normal double are doubles.
+const SUMS: RangeInclusive<f64> =
+    f64::from_bits((1023 - 500) << 52)..=f64::from_bits((1023 + 7) << 52);
+
+impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
+    /// The log factor of the evidence on the move to this step, if there is evidence;
+    /// checks the control.
+    #[inline]
+    pub(super) fn evidence(&self) -> Result<Option<f64>, InferenceError> {
+        let Some(control) = self.control else { return Ok(None) };
+        self.check_control(control)?;
+        match self.hmm.transition().evidence(control) {
+            Some(value) if value.abs() <= LARGEST_LOG => Ok(Some(value)),
+            Some(value) => Err(InferenceError::EvidenceFactor { step: self.number, value }),
+            None => Ok(None),
+        }
+    }
+
+    /// Whether entries of a step with evidence are beyond doubles.
+    pub(super) fn needs_logs(&self) -> bool {
+        self.control.is_some_and(|control| self.hmm.transition().needs_logs(control))
+    }
+
+    /// The sparse matrix of the step, if there is one and no evidence.
+    pub(super) fn stored(&self, control: &A::Control) -> Option<&'m SparseTransition> {
+        let transition = self.hmm.transition();
+        let matrix = transition.stored(control).and_then(Stored::as_sparse)?;
+        transition.evidence(control).is_none().then_some(matrix)
+    }
+
+    /// [`advance`](Self::advance) with evidence on the move.
+    pub(super) fn advance_by_evidence(
+        &self,
+        log_factor: f64,
+        diagonal: &Diagonal<'_>,
+        before: Held<'_>,
+        lifted: &mut Lifted,
+        results: &mut Results<'_>,
+        values: &mut [f64],
+    ) -> Result<Advanced, InferenceError> {
+        let wrap = |source| InferenceError::Likelihood { step: self.number, source };
+        let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
+        let (likelihoods, log_scale) = match diagonal.linear_values() {
+            Some(linear) if UNSCALED.contains(&largest) => {
+                (Likelihoods { diagonal, values: linear, scaled: false }, 0.0)
+            }
+            _ => {
+                let log_scale = self.scale(diagonal, largest, values)?;
+                (Likelihoods { diagonal, values, scaled: true }, log_scale)
+            }
+        };
+        let log_factors = log_factor + diagonal.log_factor;
+        if before.logs.is_none()
+            && !self.needs_logs()
+            && let Some((n, form)) =
+                self.advance_in_doubles_by_evidence(likelihoods, before, lifted, results)?
+        {
+            let normaliser = if likelihoods.scaled { 0.0 } else { n };
+            let log = n.ln() + log_scale + log_factors;
+            return Ok(Advanced { log, normaliser, in_logs: false, form });
+        }
+        self.predict_in_logs(before, Some(log_factor), results, values)?;
+        let advanced = self.update_in_logs(diagonal, log_scale, results)?;
+        Ok(Advanced { log: advanced.log + log_factor, ..advanced })
+    }
+
+    /// The step in linear space. Gives the normaliser of the likelihoods, with the
+    /// probability of the evidence in it, or `None` where doubles do not hold the
+    /// results.
+    fn advance_in_doubles_by_evidence(
+        &self,
+        likelihoods: Likelihoods<'_>,
+        before: Held<'_>,
+        lifted: &mut Lifted,
+        results: &mut Results<'_>,
+    ) -> Result<Option<(f64, Form)>, InferenceError> {
+        let lifted = lifted.values(before.linear);
+        self.predict(lifted, results.predicted);
+        let Some(sum) = self.evidence_sum(results.predicted)? else { return Ok(None) };
+        let prediction = Made(results.predicted);
+        let updated = kernels::update(likelihoods.update(prediction, sum, results.lifted));
+        if !holds(&updated, sum) {
+            return Ok(None);
+        }
+        let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
+        if updated.small && self.loses_states(likelihoods, lifted, results) {
+            return Ok(None);
+        }
+        Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
+    }
+
+    /// The sum of a lifted prediction with evidence, or `None` where the step has to be
+    /// taken in logarithms.
+    pub(super) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
+        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
+            let value = predicted[state] / LIFT;
+            if value == f64::INFINITY {
+                return Ok(None); // perhaps only with the lift
+            }
+            return Err(InferenceError::Predicted { step: self.number, state, value });
+        }
+        let sum = kernels::sum(predicted);
+        Ok(SUMS.contains(&(sum / LIFT)).then_some(sum))
+    }
+
+    /// The logarithms of a prediction with evidence must be numbers, or those of 0, and
+    /// not all of them that.
+    pub(super) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), InferenceError> {
+        let step = self.number;
+        match kernels::largest(logs, Valid::Logs) {
+            Err(state) => Err(InferenceError::Predicted { step, state, value: logs[state].exp() }),
+            Ok(f64::NEG_INFINITY) => Err(InferenceError::ImpossibleMove { step }),
+            Ok(_) => Ok(()),
+        }
+    }
+}
