@@ -64,6 +64,13 @@ pub enum InferenceError {
         /// The log factor.
         value: f64,
     },
+    /// The control of a step to be simulated is
+    /// [evidence on the move](crate::Transition::evidence): what is measured depends on
+    /// the states, and cannot be given before they are drawn.
+    SimulatedEvidence {
+        /// The step, from 1.
+        step: usize,
+    },
     /// The predictions do not sum to one: the transition operator does not keep
     /// its contract, or its transpose is not that of it.
     PredictedSum {
@@ -111,6 +118,10 @@ impl fmt::Display for InferenceError {
             Self::EvidenceFactor { step, value } => write!(
                 f,
                 "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300"
+            ),
+            Self::SimulatedEvidence { step } => write!(
+                f,
+                "the control of step {step} is evidence on the move, which a simulation cannot be given"
             ),
             Self::Pruned { step } => write!(
                 f,

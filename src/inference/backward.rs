@@ -230,7 +230,8 @@ fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
     let mut held = true;
     for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {
         *ratio = if g > 0.0 { g * LIFT / p } else { 0.0 };
-        held &= p >= LEAST_PREDICTED || *ratio <= LARGEST_RATIO;
+        // (Only evidence makes a prediction too large.)
+        held &= p <= f64::MAX && (p >= LEAST_PREDICTED || *ratio <= LARGEST_RATIO);
     }
     held
 }

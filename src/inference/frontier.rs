@@ -53,6 +53,10 @@ impl Frontier {
             }
         };
         match moves {
+            Some((a, control)) if a.evidence(control).is_some() && a.needs_logs(control) => {
+                let ways = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
+                ways.for_each(|(i, _)| list(i));
+            }
             Some((a, control)) => {
                 followed.iter().for_each(|&j| a.outgoing(control, j).for_each(|(i, _)| list(i)));
             }

@@ -23,16 +23,18 @@ impl Held<'_> {
     }
 
     /// The ways into a state i in proportion to α(j) A\[i, j\], with the states j
-    /// that they come from; NaN or all 0 if there are none.
+    /// that they come from; NaN or all 0 if there are none. `in_logs` if the step
+    /// needs logarithms.
     pub(super) fn ways<A: TransitionEntries>(
         &self,
         transition: &A,
         control: &A::Control,
         to: usize,
+        in_logs: bool,
         ways: &mut Vec<(usize, f64)>,
     ) {
         ways.clear();
-        if self.logs.is_none() && !(transition.needs_logs(control)) {
+        if !in_logs && self.logs.is_none() {
             let incoming = transition.incoming(control, to);
             ways.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
             let total: f64 = ways.iter().map(|way| way.1).sum();

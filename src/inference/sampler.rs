@@ -21,6 +21,8 @@ pub struct PathSampler<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     block: Block,
+    /// Whether the step after each row needs logarithms.
+    in_logs: Vec<bool>,
 }
 
 impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
@@ -65,7 +67,12 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     {
         let mut block = Block::new(self.states(), sequence.steps());
         block.fill(&mut self.filter(), sequence, sequence.steps(), |_| ())?;
-        Ok(PathSampler { hmm: self, sequence, block })
+        let in_logs = (1..=sequence.steps()).map(|number| {
+            let step = Step::of(self, sequence, number);
+            Ok(step.evidence()?.is_some() && step.needs_logs())
+        });
+        let in_logs = in_logs.collect::<Result<_, InferenceError>>()?;
+        Ok(PathSampler { hmm: self, sequence, block, in_logs })
     }
 }
 
@@ -94,7 +101,7 @@ where
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
-                    alpha.ways(self.hmm.transition(), control, to, &mut ways);
+                    alpha.ways(self.hmm.transition(), control, to, self.in_logs[row], &mut ways);
                 }
             }
             let total: f64 = ways.iter().map(|way| way.1).sum();

@@ -55,7 +55,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// The same generator in the same state gives the same drive. O(n) for the
     /// first state, then O(ways out of a state + what an observation costs) a
-    /// step.
+    /// step. (Of an operator with [evidence](crate::Transition::evidence) and no control,
+    /// moves are drawn in proportion to its entries.)
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -84,7 +85,9 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Control`] with the step whose control is not valid.
+    /// [`InferenceError::Control`] with the step whose control is not valid, or
+    /// [`InferenceError::SimulatedEvidence`] with one whose control is not something
+    /// that drives the step, but was measured on it.
     pub fn simulate_with<R: Rng + ?Sized>(
         &self,
         controls: &[A::Control],
@@ -98,7 +101,10 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     fn check_controls(&self, taken: usize, controls: &[A::Control]) -> Result<(), InferenceError> {
         for (number, control) in (taken + 1..).zip(controls) {
             if self.prior().moves_at(number) {
-                Step { hmm: self, number, control: Some(control) }.check_control(control)?;
+                let step = Step { hmm: self, number, control: Some(control) };
+                if step.evidence()?.is_some() {
+                    return Err(InferenceError::SimulatedEvidence { step: number });
+                }
             }
         }
         Ok(())
@@ -117,7 +123,10 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         let mut observations = Vec::with_capacity(controls.len());
         for (step, control) in (taken + 1..).zip(controls) {
             if self.prior().moves_at(step) {
-                state = index(self.transition().outgoing(control, state), 1.0, rng);
+                let ways = || self.transition().outgoing(control, state);
+                let evidence = self.transition().evidence(control).is_some();
+                let total = if evidence { ways().map(|way| way.1).sum() } else { 1.0 };
+                state = index(ways(), total, rng);
             }
             states.push(state);
             observations.push(self.likelihood().sample(state, rng));
@@ -156,7 +165,7 @@ where
     ///
     /// # Errors
     ///
-    /// [`InferenceError::Control`] with the step whose control is not valid.
+    /// As [`Hmm::simulate_with`].
     pub fn simulate_with<R: Rng + ?Sized>(
         &self,
         controls: &[A::Control],

@@ -67,7 +67,7 @@
 //! | `RouteTransition` | `places`, `closed`; `gears`, pairs of the first move and the list of weights; `switching`, row by row; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
 //! | `DistanceTransition` | `base`; `lengths` of its entries, column by column |
-//! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r |
+//! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r; `evidence`, a log-likelihood, or null |
 //! | `KroneckerTransition` | `first`, `second` |
 //! | `PowerTransition` | `inner`, `exponent` |
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |

@@ -69,7 +69,8 @@ stored! {
         leave: f64 = a.leave,
         stay: f64 = a.stay,
         back: Vec<f64> = a.back,
-    } => off_map(inner, leave, stay, back);
+        evidence: Option<f64> = a.evidence,
+    } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
 
     [] DistanceTransition: [], |a| {
         base: SparseTransition = a.base,

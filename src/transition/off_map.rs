@@ -1,5 +1,7 @@
 //! A vehicle that may leave the map.
 
+use std::f64::consts::LOG2_E;
+
 use super::{
     Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
     scaled,
@@ -22,7 +24,11 @@ use crate::kernels::{self, log2};
 ///   λ 1'      1 − ρ
 /// ```
 ///
-/// The control is that of A; whatever it is, it drives only those on the map.
+/// The control is that of A; whatever it is, it drives only those on the map. If it is
+/// [evidence on moves](Transition::evidence), it has a likelihood off the map too, the
+/// same for whatever leaves, stays there or comes back:
+/// [`with_evidence`](Self::with_evidence).
+///
 /// The sensor needs a likelihood for the state off the map too, such as that of
 /// a sighting which resembles no place; [`groups`](Self::groups) helps where it
 /// sees only parts of the states.
@@ -55,6 +61,8 @@ pub struct OffMapTransition<A> {
     /// ρ r, and its logarithms.
     pub(crate) back: Vec<f64>,
     log2_back: Vec<f64>,
+    /// ln p(u) where the map knows nothing of u.
+    pub(crate) evidence: Option<f64>,
 }
 
 impl<A: Transition> OffMapTransition<A> {
@@ -79,6 +87,39 @@ impl<A: Transition> OffMapTransition<A> {
         check_probability(return_rate, || "the rate of return".to_owned())?;
         let back = scaled(back, return_rate, "a return to")?;
         Self::from_parts(inner, leave, 1.0 - return_rate, back)
+    }
+
+    /// The same, where what the operator on the map takes as
+    /// [evidence on moves](Transition::evidence) has this log-likelihood for moves that
+    /// leave the map, come back, or stay off it: that of a measurement which depends on
+    /// nothing known, such as −ln 500 for a distance that may be anything up to 500 m.
+    ///
+    /// Without it, that is the log factor which the operator on the map takes out of its
+    /// likelihoods: off the map everything measured is as likely as on the move for which
+    /// it speaks most, if the factor is the largest.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless it is finite.
+    pub fn with_evidence(self, log_likelihood: f64) -> Result<Self, TransitionError> {
+        self.with_optional_evidence(Some(log_likelihood))
+    }
+
+    pub(crate) fn with_optional_evidence(
+        self,
+        evidence: Option<f64>,
+    ) -> Result<Self, TransitionError> {
+        if let Some(value) = evidence.filter(|log| !log.is_finite()) {
+            let what = "the log-likelihood of evidence off the map".to_owned();
+            return Err(TransitionError::Parameter { what, value, expected: "a finite number" });
+        }
+        Ok(Self { evidence, ..self })
+    }
+
+    /// ln of what multiplies the entries off the map at a step: 0 without evidence.
+    fn log_off(&self, control: &A::Control) -> f64 {
+        let log = |log_factor: f64| self.evidence.map_or(0.0, |log| log - log_factor);
+        self.inner.evidence(control).map_or(0.0, log)
     }
 
     /// The operator on the map.
@@ -142,7 +183,7 @@ impl<A: Transition> OffMapTransition<A> {
         }
         check_count("states", found.saturating_add(1))?;
         let log2_back = back.iter().map(|&p| log2(p)).collect();
-        Ok(Self { inner, leave, keep: 1.0 - leave, stay, back, log2_back })
+        Ok(Self { inner, leave, keep: 1.0 - leave, stay, back, log2_back, evidence: None })
     }
 
     /// The entries of ρ r above 0.
@@ -186,21 +227,24 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
+        let weight = self.log_off(control).exp();
         self.inner.apply(control, &x[..n], out);
+        let returning = weight * x[n];
         for (out, back) in out.iter_mut().zip(&self.back) {
-            *out = self.keep * *out + back * x[n];
+            *out = self.keep * *out + back * returning;
         }
-        off[0] = self.leave * kernels::sum(&x[..n]) + self.stay * x[n];
+        off[0] = weight * (self.leave * kernels::sum(&x[..n])) + self.stay * returning;
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
+        let weight = self.log_off(control).exp();
         self.inner.apply_transpose(control, &x[..n], out);
-        let left = self.leave * x[n];
+        let left = weight * (self.leave * x[n]);
         out.iter_mut().for_each(|out| *out = self.keep * *out + left);
-        off[0] = kernels::dot(&self.back, &x[..n]) + self.stay * x[n];
+        off[0] = weight * (kernels::dot(&self.back, &x[..n]) + self.stay * x[n]);
     }
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -208,12 +252,13 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply_log(control, &x[..n], out);
-        let keep = self.keep.ln();
+        let (keep, log_off) = (self.keep.ln(), self.log_off(control));
+        let returning = log_off + x[n];
         for (out, back) in out.iter_mut().zip(&self.back) {
-            *out = log::add(keep + *out, back.ln() + x[n]);
+            *out = log::add(keep + *out, back.ln() + returning);
         }
-        let total = log::sum((0..n).map(|j| (j, 1.0)), x);
-        off[0] = log::add(self.leave.ln() + total, self.stay.ln() + x[n]);
+        let total = log_off + log::sum((0..n).map(|j| (j, 1.0)), x);
+        off[0] = log::add(self.leave.ln() + total, self.stay.ln() + returning);
     }
 
     fn apply_transpose_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -221,9 +266,26 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let n = self.off_map_state();
         let (out, off) = out.split_at_mut(n);
         self.inner.apply_transpose_log(control, &x[..n], out);
-        let (keep, left) = (self.keep.ln(), self.leave.ln() + x[n]);
+        let log_off = self.log_off(control);
+        let (keep, left) = (self.keep.ln(), log_off + (self.leave.ln() + x[n]));
         out.iter_mut().for_each(|out| *out = log::add(keep + *out, left));
-        off[0] = log::add(log::sum(self.returns(), x), self.stay.ln() + x[n]);
+        off[0] = log_off + log::add(log::sum(self.returns(), x), self.stay.ln() + x[n]);
+    }
+
+    fn evidence(&self, control: &A::Control) -> Option<f64> {
+        self.inner.evidence(control)
+    }
+
+    fn needs_logs(&self, control: &A::Control) -> bool {
+        // What is 0 stays 0.
+        let held = |weight: f64| {
+            let entries = self.returns().map(|entry| entry.1).chain([self.leave, self.stay]);
+            entries
+                .filter(|p| *p > 0.0)
+                .all(|p| (f64::MIN_POSITIVE..=1e300).contains(&(p * weight)))
+        };
+        let log_off = self.log_off(control);
+        self.inner.needs_logs(control) || (log_off != 0.0 && !held(log_off.exp()))
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
@@ -233,30 +295,53 @@ impl<A: Transition> Transition for OffMapTransition<A> {
 
 impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let returns = self.returning(to);
+        let weight = self.log_off(control).exp();
+        let (returns, leave) = (weight * self.returning(to), weight * self.leave);
         let on_map = (to < self.off_map_state()).then(|| self.inner.incoming(control, to));
-        let leavers = self.leavers(to).map(|j| (j, self.leave));
+        let leavers = self.leavers(to).map(move |j| (j, leave)).filter(|entry| entry.1 > 0.0);
         self.kept(on_map).chain(leavers).chain(self.last(returns, returns > 0.0))
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         let on_map = from < self.off_map_state();
         assert!(from < self.states(), "there is no state {from}");
+        let weight = self.log_off(control).exp();
         let moves = self.kept(on_map.then(|| self.inner.outgoing(control, from)));
         let returns = (!on_map).then(|| self.returns()).into_iter().flatten();
-        let last = if on_map { self.leave } else { self.stay };
+        let returns = returns.map(move |(to, p)| (to, weight * p)).filter(|entry| entry.1 > 0.0);
+        let last = weight * if on_map { self.leave } else { self.stay };
         moves.chain(returns).chain(self.last(last, last > 0.0))
     }
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (keep, leave) = (log2(self.keep), log2(self.leave));
+        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let (keep, leave) = (log2(self.keep), log2(self.leave) + log2_off);
         let on_map = (to < self.off_map_state()).then(|| self.inner.incoming_log2(control, to));
         let moves = on_map.into_iter().flatten().map(move |(j, log2)| (j, keep + log2));
         let returns = self.returning(to);
         moves
             .filter(|entry| entry.1 > f64::NEG_INFINITY)
             .chain(self.leavers(to).map(move |j| (j, leave)))
-            .chain(self.last(log2(returns), returns > 0.0))
+            .chain(self.last(log2(returns) + log2_off, returns > 0.0))
+    }
+
+    fn outgoing_log2(
+        &self,
+        control: &A::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let (keep, on_map) = (log2(self.keep), from < self.off_map_state());
+        assert!(from < self.states(), "there is no state {from}");
+        let moves = on_map.then(|| self.inner.outgoing_log2(control, from));
+        let moves = moves.into_iter().flatten().map(move |(i, log2)| (i, keep + log2));
+        let returns = self.log2_back.iter().copied().enumerate();
+        let returns = (!on_map).then_some(returns).into_iter().flatten();
+        let last = if on_map { self.leave } else { self.stay };
+        moves
+            .chain(returns.map(move |(i, log2)| (i, log2 + log2_off)))
+            .filter(|entry| entry.1 > f64::NEG_INFINITY)
+            .chain(self.last(log2(last) + log2_off, last > 0.0))
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
@@ -268,12 +353,14 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         self.inner.max_product(control, &x[..n], &mut out[..n], &mut from[..n]);
         let keep = log2(self.keep);
         out[..n].iter_mut().for_each(|out| *out += keep);
-        let leave = log2(self.leave);
+        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let leave = log2(self.leave) + log2_off;
         (out[n], from[n]) = best_of((0..n as u32).map(|j| (j, leave)), x);
         let returns = self.log2_back.iter().copied().chain([log2(self.stay)]);
         for ((out, from), log2) in out.iter_mut().zip(from).zip(returns) {
-            if log2 + x[n] > *out {
-                (*out, *from) = (log2 + x[n], n as u32);
+            let value = (log2 + log2_off) + x[n];
+            if value > *out {
+                (*out, *from) = (value, n as u32);
             }
         }
     }

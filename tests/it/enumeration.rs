@@ -7,7 +7,7 @@ use wayfix::{
 
 use crate::kit::{Answer, Kind, Model, Sensor, all_close, cases, close_logs, models};
 
-fn check<A: TransitionEntries<Control = usize>>(
+pub(crate) fn check<A: TransitionEntries<Control = usize>>(
     model: &Model,
     hmm: &Hmm<A, Sensor>,
     ys: &[Option<Vec<f64>>],
@@ -17,7 +17,7 @@ fn check<A: TransitionEntries<Control = usize>>(
     let drive = Controlled::new(&controls, ys).unwrap();
     let tolerance = 1e-11;
     let impossible = |error: InferenceError| match error {
-        InferenceError::Impossible { step } => Ok(step),
+        InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => Ok(step),
         other => Err(TestCaseError::fail(format!("{other}"))),
     };
 

@@ -3,13 +3,13 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, Controlled, DenseTransition, Fixed, FusedLikelihood, GroupedLikelihood, Groups, Hmm,
-    KnownState, Labelled, LearnError, LearnLikelihood, LearnTransition, Learned, Learning,
-    OptionalLikelihood, Prior, Simulation, SparseTransition, StopReason, SwitchedTransition,
-    TableLikelihood, TiedTransition, canberra,
+    Belief, Controlled, DenseTransition, EvidenceTransition, Fixed, FusedLikelihood,
+    GroupedLikelihood, Groups, Hmm, KnownState, Labelled, LearnError, LearnLikelihood,
+    LearnTransition, Learned, Learning, OptionalLikelihood, Prior, Simulation, SparseTransition,
+    StopReason, SwitchedTransition, TableLikelihood, TiedTransition, canberra,
 };
 
-use crate::kit::{Kind, Model, cases, close, models, rng};
+use crate::kit::{Kind, Model, cases, close, measured_models, models, rng};
 
 type Sensor = OptionalLikelihood<TableLikelihood>;
 
@@ -25,7 +25,11 @@ struct Case {
 }
 
 fn instances(kind: Kind) -> impl Strategy<Value = Case> {
-    let model = models(kind).prop_filter("matrices", |model| !model.matrices.is_empty());
+    instances_of(models(kind))
+}
+
+fn instances_of(models: impl Strategy<Value = Model>) -> impl Strategy<Value = Case> {
+    let model = models.prop_filter("matrices", |model| !model.matrices.is_empty());
     model.prop_flat_map(|model| {
         let (n, operators) = (model.states, model.matrices.len());
         let row = vec(prop_oneof![1 => Just(0.0), 4 => 0.05..1.0], 3).prop_map(|mut row| {
@@ -86,6 +90,7 @@ impl Case {
         let column = |y: usize| self.table.iter().map(|row| row[y].ln()).collect();
         Model {
             matrices: us.iter().map(|u| self.model.matrices[*u].clone()).collect(),
+            evidence: us.iter().filter_map(|u| self.model.evidence.get(*u)).cloned().collect(),
             logs: ys.iter().map(|y| y.map(column)).collect(),
             ..self.model.clone()
         }
@@ -153,16 +158,17 @@ fn learn<A: LearnTransition<Control = usize> + Clone + Sync>(
 }
 
 /// The matrix of the operator, found out by its product with unit vectors.
-fn entry<A: LearnTransition>(a: &A, control: &A::Control, to: usize, from: usize) -> f64 {
+fn entry<A: LearnTransition<Control = usize>>(a: &A, u: usize, to: usize, from: usize) -> f64 {
     let (mut x, mut out) = (vec![0.0; a.states()], vec![0.0; a.states()]);
     x[from] = 1.0;
-    a.apply(control, &x, &mut out);
+    a.apply(&u, &x, &mut out);
     out[to]
 }
 
 fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
     case: &Case,
     transition: A,
+    entry: impl Fn(&A, usize, usize, usize) -> f64,
 ) -> Result<(), TestCaseError> {
     let counts = case.count();
     let Some(learned) = learn(case, transition, 1) else { return Ok(()) };
@@ -179,7 +185,7 @@ fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
             let column = |m: &Vec<Vec<f64>>| m.iter().map(|row| row[from]).collect::<Vec<f64>>();
             let expected = share(&column(matrix), &column(&counts.moves[u]), case.pseudo_counts[1]);
             for (to, expected) in expected.into_iter().enumerate() {
-                close(entry(learned.model().transition(), &u, to, from), expected, 1e-10, 1e-200)?;
+                close(entry(learned.model().transition(), u, to, from), expected, 1e-10, 1e-200)?;
             }
         }
     }
@@ -220,18 +226,27 @@ proptest! {
 
     #[test]
     fn one_step_of_baum_welch_equals_enumeration(case in instances(Kind::Plain)) {
-        check_one_step(&case, case.model.sparse())?;
+        check_one_step(&case, case.model.sparse(), entry)?;
     }
 
     /// With transitions of 1e-300.
     #[test]
     fn one_step_on_extremes_equals_enumeration(case in instances(Kind::Extreme)) {
-        check_one_step(&case, case.model.sparse())?;
+        check_one_step(&case, case.model.sparse(), entry)?;
     }
 
     #[test]
     fn one_step_on_dense_operators_equals_enumeration(case in instances(Kind::Plain)) {
-        check_one_step(&case, case.model.dense())?;
+        check_one_step(&case, case.model.dense(), entry)?;
+    }
+
+    /// What was measured between steps is no part of what is learned.
+    #[test]
+    fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, true))) {
+        let base = |a: &SwitchedTransition<EvidenceTransition<_, _, _, _>>, u: usize, to, from| {
+            SparseTransition::get(a.operators()[u].base(), to, from)
+        };
+        check_one_step(&case, case.model.measured(), base)?;
     }
 
     /// The objective never falls, and structure stays.
@@ -245,7 +260,7 @@ proptest! {
             for (to, row) in matrix.iter().enumerate() {
                 for (from, p) in row.iter().enumerate() {
                     if *p == 0.0 {
-                        prop_assert_eq!(entry(learned.model().transition(), &u, to, from), 0.0);
+                        prop_assert_eq!(entry(learned.model().transition(), u, to, from), 0.0);
                     }
                 }
             }
@@ -303,7 +318,7 @@ proptest! {
                     } else {
                         seen(label(from, to)) / total / times as f64
                     };
-                    close(entry(learned.model().transition(), &u, to, from), expected, 1e-10, 1e-200)?;
+                    close(entry(learned.model().transition(), u, to, from), expected, 1e-10, 1e-200)?;
                 }
             }
         }

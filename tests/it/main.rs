@@ -14,6 +14,7 @@ mod descriptors;
 mod edge_cases;
 mod enumeration;
 mod evaluate;
+mod evidence;
 #[cfg(feature = "faer")]
 mod faer;
 mod invariants;

@@ -11,7 +11,7 @@ fn sparse(model: &Model) -> Hmm<SwitchedTransition<SparseTransition>, Sensor> {
     model.hmm(model.sparse())
 }
 
-fn possible(model: &Model) -> bool {
+pub(crate) fn possible(model: &Model) -> bool {
     model.enumerate().impossible_at.is_none()
 }
 
@@ -26,7 +26,7 @@ fn pairs(model: &Model) -> Vec<HashMap<(usize, usize), f64>> {
     pairs
 }
 
-fn check_pairs<A: TransitionEntries<Control = usize>>(
+pub(crate) fn check_pairs<A: TransitionEntries<Control = usize>>(
     model: &Model,
     hmm: &Hmm<A, Sensor>,
     order: Order,
@@ -128,6 +128,161 @@ fn ranked(model: &Model, steps: usize) -> Vec<(Vec<usize>, f64)> {
     ranked
 }
 
+/// The entropy of the path equals enumeration.
+pub(crate) fn check_entropy<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+) -> Result<(), TestCaseError> {
+    let found = hmm.path_entropy(model);
+    prop_assert_eq!(found.is_ok(), possible(model));
+    if let Ok(found) = found {
+        let mut paths: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
+        for (path, log) in model.posterior_paths() {
+            *paths.entry(path[1..].to_vec()).or_insert(0.0) += log.exp();
+        }
+        let terms = paths.values().filter(|p| **p > 0.0).map(|p| -p * p.ln());
+        let expected: f64 = terms.sum();
+        // Logarithms of 2000 have digits down to 4e-13.
+        prop_assert!((found - expected).abs() <= 1e-10 * expected + 2e-12, "{found} {expected}");
+        prop_assert!(found >= 0.0);
+    }
+    Ok(())
+}
+
+/// With every lag, after every step, the fixed-lag smoother is the batch smoother.
+pub(crate) fn check_fixed_lag<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+    lag: usize,
+) -> Result<(), TestCaseError> {
+    let mut smoother = hmm.fixed_lag(lag);
+    let mut other = hmm.fixed_lag(3);
+    for k in 1..=model.steps() {
+        let before = smoother.snapshot();
+        let (control, y) = (k - 1, &model.logs[k - 1]);
+        if smoother.step_with(&control, y).is_err() {
+            prop_assert_eq!(smoother.snapshot(), before);
+            prop_assert_eq!(model.enumerate().impossible_at, Some(k));
+            break;
+        }
+        let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
+        let batch = hmm.smooth(&part).unwrap();
+        for j in 0..=k {
+            let expected = if j + lag >= k { batch.posteriors().get(j) } else { None };
+            prop_assert_eq!(smoother.get(j), expected);
+        }
+        prop_assert_eq!(Some(smoother.lagged()), batch.posteriors().get(k.saturating_sub(lag)));
+        prop_assert_eq!(smoother.filter().log_likelihood(), batch.log_likelihood());
+        other.restore(&smoother.snapshot()).unwrap();
+        prop_assert_eq!(other.snapshot(), smoother.snapshot());
+        prop_assert_eq!(other.lagged(), smoother.lagged());
+    }
+    smoother.restart();
+    prop_assert_eq!(smoother.snapshot(), hmm.fixed_lag(lag).snapshot());
+    Ok(())
+}
+
+/// The best paths are the best of all.
+pub(crate) fn check_k_best<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+    count: usize,
+) -> Result<(), TestCaseError> {
+    let found = hmm.k_best(model, count);
+    prop_assert_eq!(found.is_ok(), possible(model));
+    let Ok(found) = found else { return Ok(()) };
+    let mut all: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
+    for (path, log) in model.posterior_paths() {
+        log_add(all.entry(path[1..].to_vec()).or_insert(f64::NEG_INFINITY), log);
+    }
+    let log_likelihood = model.enumerate().log_likelihood;
+    let mut expected: Vec<f64> = all.values().map(|log| log + log_likelihood).collect();
+    expected.sort_by(|p, q| q.total_cmp(p));
+    prop_assert_eq!(found.len(), count.min(expected.len()));
+    for (path, expected) in found.iter().zip(&expected) {
+        let size = expected.abs().max(1.0);
+        prop_assert!((path.log_probability() - expected).abs() <= 1e-12 * size + 1e-11);
+        if model.steps() > 0 {
+            let own = model.log_probability(path.states());
+            prop_assert!((path.log_probability() - own).abs() <= 1e-12 * size + 1e-11);
+        }
+    }
+    let distinct: std::collections::BTreeSet<_> =
+        found.iter().map(wayfix::ViterbiPath::states).collect();
+    prop_assert_eq!(distinct.len(), found.len());
+    if let Some(first) = found.first() {
+        prop_assert_eq!(first, &hmm.viterbi(model).unwrap());
+    }
+    Ok(())
+}
+
+/// Only possible paths are drawn.
+pub(crate) fn check_drawn<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+    seed: u64,
+) -> Result<(), TestCaseError> {
+    let sampler = hmm.path_sampler(model);
+    prop_assert_eq!(sampler.is_ok(), possible(model));
+    let Ok(sampler) = sampler else { return Ok(()) };
+    let path = sampler.draw(&mut rng(seed)).unwrap();
+    prop_assert_eq!(&path, &sampler.draw(&mut rng(seed)).unwrap());
+    prop_assert_eq!(path.len(), model.steps());
+    if model.steps() > 0 {
+        let log = model.log_probability(&path) - model.enumerate().log_likelihood;
+        // One in 1e15 paths is less probable than 1e-15 / their number.
+        prop_assert!(log > (1e-15 / 5_f64.powi(6)).ln(), "{log}");
+    }
+    Ok(())
+}
+
+/// The frequencies of drawn paths, by a chi-square test; false if there is too little to
+/// test.
+pub(crate) fn check_frequencies<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+    seed: u64,
+) -> bool {
+    let mut expected: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
+    for (path, log) in model.posterior_paths() {
+        *expected.entry(path[1..].to_vec()).or_insert(0.0) += log.exp();
+    }
+    let sampler = hmm.path_sampler(model).unwrap();
+    let mut rng = rng(seed);
+    let draws = 20_000;
+    let mut counts: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
+    for _ in 0..draws {
+        *counts.entry(sampler.draw(&mut rng).unwrap()).or_insert(0.0) += 1.0;
+    }
+    assert!(counts.keys().all(|path| expected.contains_key(path)), "a path that cannot be");
+    // Rare paths together, so that each cell expects at least 10.
+    let draws = f64::from(draws);
+    let (mut chi_square, mut cells, mut rare) = (0.0, 0, (0.0, 0.0));
+    let mut cell = |count: f64, expected: f64| {
+        chi_square += (count - expected).powi(2) / expected;
+        cells += 1;
+    };
+    for (path, p) in &expected {
+        let count = counts.get(path).copied().unwrap_or(0.0);
+        if p * draws < 10.0 {
+            rare = (rare.0 + count, rare.1 + p * draws);
+        } else {
+            cell(count, p * draws);
+        }
+    }
+    if rare.1 >= 10.0 {
+        cell(rare.0, rare.1);
+    }
+    if cells < 2 {
+        return false;
+    }
+    let freedom = f64::from(cells - 1);
+    let spread = 2.0 / (9.0 * freedom);
+    let quantile = freedom * (1.0 - spread + 3.719 * spread.sqrt()).powi(3);
+    assert!(chi_square < quantile, "model {seed}: {chi_square} of {quantile}");
+    true
+}
+
 proptest! {
     #![proptest_config(cases())]
 
@@ -147,78 +302,18 @@ proptest! {
 
     #[test]
     fn the_entropy_of_the_path_equals_enumeration(model in models(Kind::Extreme)) {
-        let found = sparse(&model).path_entropy(&model);
-        prop_assert_eq!(found.is_ok(), possible(&model));
-        if let Ok(found) = found {
-            let mut paths: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
-            for (path, log) in model.posterior_paths() {
-                *paths.entry(path[1..].to_vec()).or_insert(0.0) += log.exp();
-            }
-            let terms = paths.values().filter(|p| **p > 0.0).map(|p| -p * p.ln());
-            let expected: f64 = terms.sum();
-            // Logarithms of 2000 have digits down to 4e-13.
-            prop_assert!((found - expected).abs() <= 1e-10 * expected + 2e-12, "{found} {expected}");
-            prop_assert!(found >= 0.0);
-        }
+        check_entropy(&model, &sparse(&model))?;
     }
 
     /// With every lag, after every step, to the bit.
     #[test]
     fn fixed_lag_is_the_batch_smoother_cut_off(model in models(Kind::Extreme), lag in 0..8_usize) {
-        let hmm = sparse(&model);
-        let mut smoother = hmm.fixed_lag(lag);
-        let mut other = hmm.fixed_lag(3);
-        for k in 1..=model.steps() {
-            let before = smoother.snapshot();
-            let (control, y) = (k - 1, &model.logs[k - 1]);
-            if smoother.step_with(&control, y).is_err() {
-                prop_assert_eq!(smoother.snapshot(), before);
-                prop_assert_eq!(model.enumerate().impossible_at, Some(k));
-                break;
-            }
-            let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
-            let batch = hmm.smooth(&part).unwrap();
-            for j in 0..=k {
-                let expected = if j + lag >= k { batch.posteriors().get(j) } else { None };
-                prop_assert_eq!(smoother.get(j), expected);
-            }
-            prop_assert_eq!(Some(smoother.lagged()), batch.posteriors().get(k.saturating_sub(lag)));
-            prop_assert_eq!(smoother.filter().log_likelihood(), batch.log_likelihood());
-            other.restore(&smoother.snapshot()).unwrap();
-            prop_assert_eq!(other.snapshot(), smoother.snapshot());
-            prop_assert_eq!(other.lagged(), smoother.lagged());
-        }
-        smoother.restart();
-        prop_assert_eq!(smoother.snapshot(), hmm.fixed_lag(lag).snapshot());
+        check_fixed_lag(&model, &sparse(&model), lag)?;
     }
 
     #[test]
     fn k_best_paths_are_the_best_of_all(model in models(Kind::Extreme), count in 0..40_usize) {
-        let hmm = sparse(&model);
-        let found = hmm.k_best(&model, count);
-        prop_assert_eq!(found.is_ok(), possible(&model));
-        let Ok(found) = found else { return Ok(()) };
-        let mut all: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
-        for (path, log) in model.posterior_paths() {
-            log_add(all.entry(path[1..].to_vec()).or_insert(f64::NEG_INFINITY), log);
-        }
-        let log_likelihood = model.enumerate().log_likelihood;
-        let mut expected: Vec<f64> = all.values().map(|log| log + log_likelihood).collect();
-        expected.sort_by(|p, q| q.total_cmp(p));
-        prop_assert_eq!(found.len(), count.min(expected.len()));
-        for (path, expected) in found.iter().zip(&expected) {
-            let size = expected.abs().max(1.0);
-            prop_assert!((path.log_probability() - expected).abs() <= 1e-12 * size + 1e-11);
-            if model.steps() > 0 {
-                let own = model.log_probability(path.states());
-                prop_assert!((path.log_probability() - own).abs() <= 1e-12 * size + 1e-11);
-            }
-        }
-        let distinct: std::collections::BTreeSet<_> = found.iter().map(wayfix::ViterbiPath::states).collect();
-        prop_assert_eq!(distinct.len(), found.len());
-        if let Some(first) = found.first() {
-            prop_assert_eq!(first, &hmm.viterbi(&model).unwrap());
-        }
+        check_k_best(&model, &sparse(&model), count)?;
     }
 
     /// Where paths tie, the documented order, exactly.
@@ -290,18 +385,7 @@ proptest! {
     /// the same seed.
     #[test]
     fn drawn_paths_are_possible(model in models(Kind::Extreme), seed: u64) {
-        let hmm = sparse(&model);
-        let sampler = hmm.path_sampler(&model);
-        prop_assert_eq!(sampler.is_ok(), possible(&model));
-        let Ok(sampler) = sampler else { return Ok(()) };
-        let path = sampler.draw(&mut rng(seed)).unwrap();
-        prop_assert_eq!(&path, &sampler.draw(&mut rng(seed)).unwrap());
-        prop_assert_eq!(path.len(), model.steps());
-        if model.steps() > 0 {
-            let log = model.log_probability(&path) - model.enumerate().log_likelihood;
-            // One in 1e15 paths is less probable than 1e-15 / their number.
-            prop_assert!(log > (1e-15 / 5_f64.powi(6)).ln(), "{log}");
-        }
+        check_drawn(&model, &sparse(&model), seed)?;
     }
 }
 
@@ -318,45 +402,7 @@ fn drawn_paths_have_their_frequencies() {
         if !possible(&model) || model.steps() < 2 {
             continue;
         }
-        let mut expected: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
-        for (path, log) in model.posterior_paths() {
-            *expected.entry(path[1..].to_vec()).or_insert(0.0) += log.exp();
-        }
-        let hmm = sparse(&model);
-        let sampler = hmm.path_sampler(&model).unwrap();
-        let mut rng = rng(tested);
-        let draws = 20_000;
-        let mut counts: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
-        for _ in 0..draws {
-            *counts.entry(sampler.draw(&mut rng).unwrap()).or_insert(0.0) += 1.0;
-        }
-        assert!(counts.keys().all(|path| expected.contains_key(path)), "a path that cannot be");
-        // Rare paths together, so that each cell expects at least 10.
-        let draws = f64::from(draws);
-        let (mut chi_square, mut cells, mut rare) = (0.0, 0, (0.0, 0.0));
-        let mut cell = |count: f64, expected: f64| {
-            chi_square += (count - expected).powi(2) / expected;
-            cells += 1;
-        };
-        for (path, p) in &expected {
-            let count = counts.get(path).copied().unwrap_or(0.0);
-            if p * draws < 10.0 {
-                rare = (rare.0 + count, rare.1 + p * draws);
-            } else {
-                cell(count, p * draws);
-            }
-        }
-        if rare.1 >= 10.0 {
-            cell(rare.0, rare.1);
-        }
-        if cells < 2 {
-            continue;
-        }
-        let freedom = f64::from(cells - 1);
-        let spread = 2.0 / (9.0 * freedom);
-        let quantile = freedom * (1.0 - spread + 3.719 * spread.sqrt()).powi(3);
-        assert!(chi_square < quantile, "model {tested}: {chi_square} of {quantile}");
-        tested += 1;
+        tested += u64::from(check_frequencies(&model, &sparse(&model), tested));
     }
 }
 

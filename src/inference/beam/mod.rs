@@ -7,13 +7,14 @@ use std::f64::consts::{LN_2, LOG2_E};
 
 use super::LogSum;
 use super::frontier::Frontier;
+use super::step::Step;
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
-use scores::{Beam, Pointers};
+use scores::{Beam, ENTRY, Pointers, largest_log2};
 
 /// The best path within a beam, and what is proven of all other paths. Made by
 /// [`Hmm::beam_viterbi`].
@@ -81,7 +82,9 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     /// and the width has to last.
     ///
     /// O(entries into and out of the states followed, and what the sensor takes) a
-    /// step; 8 bytes a state followed for the way back, and O(n) once.
+    /// step; 8 bytes a state followed for the way back, and O(n) once. With
+    /// [evidence on moves](crate::Transition::evidence) O(E) a step, for the largest
+    /// entry.
     ///
     /// ```
     /// # use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
@@ -135,10 +138,10 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let mut most_active = 0;
         for step in 1..=steps {
             let observation = sequence.observation(step);
+            let mut evidence = None;
             let moves = if self.prior().moves_at(step) {
                 let control = sequence.control(step);
-                let wrap = |source| InferenceError::Control { step, source };
-                self.transition().check_control(control).map_err(wrap)?;
+                evidence = Step { hmm: self, number: step, control: Some(control) }.evidence()?;
                 Some((self.transition(), control))
             } else {
                 None
@@ -155,7 +158,14 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 next.start(prior, moves, &mut from);
             } else if let Some((transition, control)) = moves {
                 next.extend(&beam, &frontier, |i| transition.incoming_log2(control, i), &mut from);
+                next.elsewhere = beam.elsewhere;
+                if evidence.is_none() {
+                    next.elsewhere += ENTRY;
+                } else if beam.elsewhere > f64::NEG_INFINITY {
+                    next.elsewhere += largest_log2(transition, control);
+                }
             }
+            let nothing = evidence.is_some() && next.is_nowhere();
             values.clear();
             values.resize(next.states.len(), 0.0);
             let wrap = |source| InferenceError::Likelihood { step, source };
@@ -168,14 +178,14 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             } else {
                 next.weigh(&values, others.largest(), largest)
             };
-            factors.add(taken_out + others.log_factor());
+            factors.add(taken_out + others.log_factor() + evidence.unwrap_or(0.0));
+            if nothing {
+                return Err(InferenceError::ImpossibleMove { step });
+            }
             // A whole number is taken out, and then what is too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
-                let ceilings = next.ceilings.iter().copied();
-                let other = ceilings.fold(next.elsewhere, f64::max);
-                let proven = other == f64::NEG_INFINITY;
-                return Err(if proven {
+                return Err(if next.is_nowhere() {
                     InferenceError::Impossible { step }
                 } else {
                     InferenceError::Pruned { step }

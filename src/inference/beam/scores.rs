@@ -9,8 +9,8 @@ use crate::kernels::{self, LIFT};
 use crate::transition::TransitionEntries;
 
 /// By how much the logarithm to base 2 of an entry may be above 0, since columns
-/// may be off one by 1e-9.
-const ENTRY: f64 = 1.6e-9;
+/// may be off one by 1e-9; without evidence on the move.
+pub(super) const ENTRY: f64 = 1.6e-9;
 
 /// The scores of a step, logarithms to base 2 on the grid of `kernels::log2`.
 #[derive(Debug, Default)]
@@ -51,6 +51,11 @@ impl Beam {
     ) {
         for &i in &self.states {
             let lifted = match moves {
+                Some((transition, control))
+                    if transition.evidence(control).is_some() && transition.needs_logs(control) =>
+                {
+                    0.0
+                }
                 Some((transition, control)) => {
                     let ways = transition.incoming(control, i);
                     ways.map(|(j, a)| a * (prior[j] * LIFT)).sum()
@@ -59,7 +64,7 @@ impl Beam {
             };
             self.scores.push(match moves {
                 // A product of two such numbers may be beyond a double.
-                Some((transition, control)) if lifted < 1.0 => {
+                Some((transition, control)) if !(1.0..=f64::MAX).contains(&lifted) => {
                     let ways = || transition.incoming_log2(control, i);
                     log2_sum(|| ways().map(|(j, log2)| log2 + kernels::log2(prior[j])))
                 }
@@ -69,6 +74,12 @@ impl Beam {
             from.push(0);
         }
         self.elsewhere = f64::NEG_INFINITY;
+    }
+
+    /// Whether no path has a probability above 0.
+    pub(super) fn is_nowhere(&self) -> bool {
+        let all = self.scores.iter().chain(&self.ceilings).chain([&self.elsewhere]);
+        all.copied().all(|score| score == f64::NEG_INFINITY)
     }
 
     /// The best ways into each state.
@@ -97,7 +108,6 @@ impl Beam {
             self.ceilings.push(ceiling.max(before.elsewhere + beyond));
             from.push(best);
         }
-        self.elsewhere = before.elsewhere + ENTRY;
     }
 
     /// Adds the logarithms of likelihoods, none of which is above `largest`, but for a
@@ -161,6 +171,12 @@ impl Pointers {
         }
         states
     }
+}
+
+/// The logarithm of the largest entry. O(E).
+pub(super) fn largest_log2<A: TransitionEntries>(transition: &A, control: &A::Control) -> f64 {
+    let entries = (0..transition.states()).flat_map(|i| transition.incoming_log2(control, i));
+    entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
 }
 
 /// log2 of a sum of numbers, from their logarithms.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::{Model, NEVER, log_add};
+use super::{Matrix, Model, NEVER, log_add};
 
 /// What there is to know, by enumeration.
 #[derive(Debug)]
@@ -31,12 +31,27 @@ impl Model {
         self.logs[step - 1].as_ref().map_or(0.0, |logs| logs[i] - self.largest(step))
     }
 
-    /// ln A_k[to, from]; the identity where nothing moves.
+    /// The evidence on the move to a step, if there is some, and its largest logarithm.
+    fn measured_at(&self, step: usize) -> Option<(&Matrix, f64)> {
+        let evidence = self.evidence.get(step - 1).filter(|_| step > 1 || !self.at_first)?;
+        let largest = evidence.logs.iter().flatten().copied().fold(NEVER, f64::max);
+        Some((&evidence.logs, if largest.is_finite() { largest } else { 0.0 }))
+    }
+
+    /// ln A_k[to, from], with evidence but for its largest; the identity where nothing
+    /// moves.
     fn log_a(&self, step: usize, to: usize, from: usize) -> f64 {
         if step == 1 && self.at_first {
             return if to == from { 0.0 } else { NEVER };
         }
-        self.matrices[step - 1][to][from].ln()
+        let evidence = self.measured_at(step).map_or(0.0, |(logs, largest)| logs[to][from] - largest);
+        self.matrices[step - 1][to][from].ln() + evidence
+    }
+
+    /// What is left out of the sums over paths of so many steps.
+    fn left_out(&self, steps: usize) -> f64 {
+        let moves = |step| self.measured_at(step).map_or(0.0, |(_, largest)| largest);
+        (1..=steps).map(|step| self.largest(step) + moves(step)).sum()
     }
 
     /// Every path x_0 … x_T, in logarithms.
@@ -84,7 +99,7 @@ impl Model {
         };
         let filtered = sums.iter().map(distribution).collect();
         let smoothed = smoothed.iter().map(distribution).collect();
-        let left_out: f64 = (1..=steps).map(|step| self.largest(step)).sum();
+        let left_out = self.left_out(steps);
         Answer {
             log_likelihood: total(&sums[steps]) + left_out,
             impossible_at: sums.iter().position(|s| total(s) == NEVER),
@@ -126,7 +141,6 @@ impl Model {
         let rest: f64 = (2..=path.len())
             .map(|k| self.log_a(k, path[k - 1], path[k - 2]) + self.log_b(k, path[k - 1]))
             .sum();
-        let left_out: f64 = (1..=path.len()).map(|k| self.largest(k)).sum();
-        first + self.log_b(1, path[0]) + rest + left_out
+        first + self.log_b(1, path[0]) + rest + self.left_out(path.len())
     }
 }

@@ -28,11 +28,11 @@ pub(crate) use matrices::{
     Matrix, dense, dwell, kronecker, matrix, off_map, power, restart, sparse, still, switched,
     window,
 };
-pub(crate) use model::{Model, Sensor, prior, sensor};
+pub(crate) use model::{Evidence, Model, Sensor, prior, sensor};
 pub(crate) use noise::noise;
 pub(crate) use operator::{Expected, assert_operator};
-pub(crate) use own::Own;
-pub(crate) use random_models::{Kind, dyadic_models, models};
+pub(crate) use own::{Own, OwnMeasured};
+pub(crate) use random_models::{Kind, dyadic_models, measured_models, models};
 #[cfg(feature = "rayon")]
 pub(crate) use threads::with_threads;
 

@@ -1,11 +1,24 @@
 //! Models with a matrix for each step.
 
+use std::sync::Arc;
+
 use wayfix::{
-    Belief, DenseTransition, Hmm, LikelihoodVector, OptionalLikelihood, Prior, Sequence,
-    SparseTransition, SwitchedTransition, Transition,
+    Belief, DenseTransition, EvidenceTransition, Hmm, LikelihoodVector, OptionalLikelihood, Prior,
+    Sequence, SparseTransition, SwitchedTransition, Transition,
 };
 
-use super::{Matrix, Own, dense, matrix, sparse};
+use super::{Matrix, Own, OwnMeasured, dense, matrix, sparse};
+
+/// An operator with a likelihood of moves.
+pub(crate) type Measured<F, G> = EvidenceTransition<SparseTransition, (), F, G>;
+
+/// ln p(u | to, from) of a step whose u is known.
+pub(crate) trait Moves: Fn(&(), usize, usize) -> f64 + Clone + Send + Sync {}
+impl<F: Fn(&(), usize, usize) -> f64 + Clone + Send + Sync> Moves for F {}
+
+/// The log factor of such a step.
+pub(crate) trait Factor: Fn(&()) -> f64 + Clone + Send + Sync {}
+impl<G: Fn(&()) -> f64 + Clone + Send + Sync> Factor for G {}
 
 /// Log-likelihoods as they are given, or nothing.
 pub(crate) type Sensor = OptionalLikelihood<LikelihoodVector<Vec<f64>>>;
@@ -20,6 +33,15 @@ pub(crate) fn prior(probabilities: &[f64], at_first: bool) -> Prior {
     if at_first { Prior::AtFirstObservation(belief) } else { Prior::BeforeFirstTransition(belief) }
 }
 
+/// Evidence on the move to a step.
+#[derive(Debug, Clone)]
+pub(crate) struct Evidence {
+    /// `logs[to][from]` is ln p(u | to, from).
+    pub(crate) logs: Matrix,
+    /// What an operator takes out of them.
+    pub(crate) log_factor: f64,
+}
+
 /// A model with a matrix for each step.
 #[derive(Debug, Clone)]
 pub(crate) struct Model {
@@ -28,6 +50,8 @@ pub(crate) struct Model {
     pub(crate) prior: Vec<f64>,
     /// `matrices[k - 1][to][from]` drives k − 1 → k.
     pub(crate) matrices: Vec<Matrix>,
+    /// What was measured on the way to each step; nothing if there is none.
+    pub(crate) evidence: Vec<Evidence>,
     /// ln `b_i` of each step, `None` where nothing is observed.
     pub(crate) logs: Vec<Option<Vec<f64>>>,
 }
@@ -73,6 +97,37 @@ impl Model {
 
     pub(crate) fn own(&self) -> SwitchedTransition<Own> {
         self.switched(|m| Own(m.clone()))
+    }
+
+    /// With evidence on moves, each step's operator by its definition.
+    pub(crate) fn measured(&self) -> SwitchedTransition<Measured<impl Moves, impl Factor>> {
+        let spare = (matrix(self.states, |i, j| f64::from(i == j)), self.nothing_measured());
+        let steps = self.matrices.iter().zip(&self.evidence);
+        let steps = steps.chain(self.matrices.is_empty().then_some((&spare.0, &spare.1)));
+        let operator = |(m, evidence): (&Matrix, &Evidence)| {
+            let (logs, log_factor) = (Arc::new(evidence.logs.clone()), evidence.log_factor);
+            let log = move |(): &(), to: usize, from: usize| logs[to][from];
+            EvidenceTransition::new(sparse(m), log)
+                .unwrap()
+                .with_log_factor(move |(): &()| log_factor)
+        };
+        SwitchedTransition::new(steps.map(operator).collect()).unwrap()
+    }
+
+    /// The same with entries as numbers, and with the required methods alone.
+    pub(crate) fn own_measured(&self) -> SwitchedTransition<OwnMeasured> {
+        let spare = (matrix(self.states, |i, j| f64::from(i == j)), self.nothing_measured());
+        let steps = self.matrices.iter().zip(&self.evidence);
+        let steps = steps.chain(self.matrices.is_empty().then_some((&spare.0, &spare.1)));
+        let operator = |(m, Evidence { logs, log_factor }): (&Matrix, &Evidence)| {
+            let entry = |i: usize, j: usize| m[i][j] * (logs[i][j] - log_factor).exp();
+            OwnMeasured { entries: Own(matrix(self.states, entry)), log_factor: *log_factor }
+        };
+        SwitchedTransition::new(steps.map(operator).collect()).unwrap()
+    }
+
+    fn nothing_measured(&self) -> Evidence {
+        Evidence { logs: matrix(self.states, |_, _| 0.0), log_factor: 0.0 }
     }
 
     fn switched<A: Transition<Control = ()>>(

@@ -1,4 +1,4 @@
-//! An operator with the required methods alone.
+//! Operators with the required methods alone.
 
 use wayfix::{Transition, TransitionEntries};
 
@@ -31,5 +31,37 @@ impl TransitionEntries for Own {
     }
     fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.0.iter().map(move |row| row[from]).enumerate().filter(|entry| entry.1 > 0.0)
+    }
+}
+
+/// The same with evidence on moves, of which a log factor was taken out.
+#[derive(Debug, Clone)]
+pub(crate) struct OwnMeasured {
+    pub(crate) entries: Own,
+    pub(crate) log_factor: f64,
+}
+
+impl Transition for OwnMeasured {
+    type Control = ();
+    fn states(&self) -> usize {
+        self.entries.states()
+    }
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.entries.apply(&(), x, out);
+    }
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        self.entries.apply_transpose(&(), x, out);
+    }
+    fn evidence(&self, (): &()) -> Option<f64> {
+        Some(self.log_factor)
+    }
+}
+
+impl TransitionEntries for OwnMeasured {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.entries.incoming(&(), to)
+    }
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.entries.outgoing(&(), from)
     }
 }

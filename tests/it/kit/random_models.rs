@@ -3,7 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::{Model, NEVER, transposed, weighted};
+use super::{Evidence, Model, NEVER, transposed, weighted};
 
 /// How numbers of a random model are drawn.
 #[derive(Debug, Clone, Copy)]
@@ -56,8 +56,33 @@ pub(crate) fn models(kind: Kind) -> impl Strategy<Value = Model> {
             at_first,
             prior,
             matrices: matrices.iter().map(transposed).collect(),
+            evidence: Vec::new(),
             logs,
         })
+    })
+}
+
+/// The same with evidence on moves, with zeros, log factors and shifts; `wide` ones have
+/// likelihoods from 1e-200 to 1e200 at one step, and log factors far from the largest.
+pub(crate) fn measured_models(kind: Kind, wide: bool) -> impl Strategy<Value = Model> {
+    models(kind).prop_flat_map(move |model| {
+        let ordinary = prop_oneof![1 => Just(NEVER), 5 => (0.001..1.0).prop_map(f64::ln)];
+        let log = if wide {
+            prop_oneof![2 => ordinary, 1 => -460.0..460.0].boxed()
+        } else {
+            ordinary.boxed()
+        };
+        let shift =
+            prop_oneof![3 => Just(0.0), 1 => Just(-400.0), 1 => Just(-1e5), 1 => Just(700.0)];
+        let off =
+            if wide { prop_oneof![Just(0.0), -400.0..800.0].boxed() } else { (-3.0..5.0).boxed() };
+        let n = model.states;
+        let evidence = (vec(vec(log, n), n), shift, off).prop_map(|(mut logs, shift, off)| {
+            logs.iter_mut().flatten().for_each(|log| *log += shift);
+            Evidence { logs, log_factor: shift + off }
+        });
+        let evidence = vec(evidence, model.matrices.len());
+        evidence.prop_map(move |evidence| Model { evidence, ..model.clone() })
     })
 }
 
@@ -80,7 +105,7 @@ pub(crate) fn dyadic_models() -> impl Strategy<Value = Model> {
         (column(), vec(vec(column(), n), steps), vec(observed, steps)).prop_map(
             move |(prior, columns, logs)| {
                 let matrices = columns.iter().map(transposed).collect();
-                Model { states: n, at_first, prior, matrices, logs }
+                Model { states: n, at_first, prior, matrices, evidence: Vec::new(), logs }
             },
         )
     })

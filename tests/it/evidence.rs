@@ -1,0 +1,300 @@
+//! Evidence on moves: every routine against the enumeration of all paths, and cases by
+//! hand.
+
+use proptest::prelude::*;
+use wayfix::{
+    Belief, Controlled, EvidenceTransition, Hmm, InferenceError, LikelihoodVector, Order, Prior,
+    SparseTransition, TransitionEntries,
+};
+
+use crate::kit::{
+    Evidence, Kind, Model, NEVER, Sensor, all_close, cases, close_logs, measured_models, rng,
+    same_results, says,
+};
+use crate::{enumeration, routines};
+
+/// What is believed after a prediction alone, and p(u), for each step.
+fn check_predictions<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+) -> Result<(), TestCaseError> {
+    let mut filter = hmm.filter();
+    for k in 1..=model.steps() {
+        let mut part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
+        part.logs[k - 1] = None;
+        let answer = part.enumerate();
+        let before = filter.snapshot();
+        match filter.predict_with(&(k - 1)) {
+            Ok(()) => {
+                all_close(filter.belief().as_slice(), &answer.filtered[k], 1e-11, 1e-290)?;
+                close_logs(filter.log_likelihood(), answer.log_likelihood, 1e-12)?;
+            }
+            Err(error) => {
+                let step_of = |error: &_| match error {
+                    InferenceError::ImpossibleMove { step } => Some(*step),
+                    _ => None,
+                };
+                prop_assert_eq!(step_of(&error), answer.impossible_at);
+                prop_assert_eq!(filter.snapshot(), before);
+                return Ok(());
+            }
+        }
+        // What was measured ahead is known: the forecast is given it.
+        filter.restore(&before).unwrap();
+        let ahead = filter.forecast_with(&[k - 1]).unwrap();
+        all_close(ahead.as_slice(), &answer.filtered[k], 1e-11, 1e-290)?;
+        if filter.step_with(&(k - 1), &model.logs[k - 1]).is_err() {
+            return Ok(());
+        }
+        let mut other = hmm.filter();
+        other.restore(&filter.snapshot()).unwrap();
+        prop_assert_eq!(other.snapshot(), filter.snapshot());
+    }
+    Ok(())
+}
+
+/// The stream is the batch decoder, after every step.
+fn check_online<A: TransitionEntries<Control = usize>>(
+    model: &Model,
+    hmm: &Hmm<A, Sensor>,
+) -> Result<(), TestCaseError> {
+    let (mut decoder, mut path) = (hmm.online_viterbi(), Vec::new());
+    for k in 1..=model.steps() {
+        let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
+        match (decoder.step_with(&(k - 1), &model.logs[k - 1]), hmm.viterbi(&part)) {
+            (Ok(states), Ok(batch)) => {
+                path.extend_from_slice(states);
+                prop_assert_eq!([&path[..], &decoder.undecided()].concat(), batch.states());
+                prop_assert_eq!(decoder.log_probability(), batch.log_probability());
+            }
+            (stream, batch) => {
+                let (stream, batch) = (stream.map(|_| ()), batch.map(|_| ()));
+                prop_assert_eq!(stream.unwrap_err().to_string(), batch.unwrap_err().to_string());
+                break;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// All routines of models with this operator.
+fn check<A: TransitionEntries<Control = usize> + Sync>(
+    model: &Model,
+    transition: A,
+    (lag, count, seed): (usize, usize, u64),
+) -> Result<(), TestCaseError> {
+    let hmm = model.hmm(transition);
+    let answer = model.enumerate();
+    enumeration::check(model, &hmm, &model.logs, &answer)?;
+    check_predictions(model, &hmm)?;
+    check_online(model, &hmm)?;
+    routines::check_fixed_lag(model, &hmm, lag)?;
+    routines::check_entropy(model, &hmm)?;
+    routines::check_k_best(model, &hmm, count)?;
+    routines::check_drawn(model, &hmm, seed)?;
+    if answer.impossible_at.is_none() {
+        let order = if seed % 2 == 0 { Order::Forward } else { Order::Backward };
+        routines::check_pairs(model, &hmm, order)?;
+    }
+    let drives = [model.clone(), model.clone(), Model { logs: Vec::new(), ..model.clone() }];
+    let each = |i: usize| &drives[i];
+    same_results(&hmm.forward_all(&drives), 3, |i| hmm.forward(each(i)), PartialEq::eq)?;
+    same_results(&hmm.smooth_all(&drives), 3, |i| hmm.smooth(each(i)), PartialEq::eq)?;
+    same_results(&hmm.score_all(&drives), 3, |i| hmm.score(each(i)), PartialEq::eq)?;
+    same_results(&hmm.viterbi_all(&drives), 3, |i| hmm.viterbi(each(i)), PartialEq::eq)
+}
+
+/// Along a beam: no path is above the bound, and what is proven is so.
+fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
+    if model.steps() == 0 {
+        return Ok(());
+    }
+    let seen: Vec<Option<Vec<f64>>> = (model.logs.iter())
+        .map(|logs| logs.as_ref().map(|logs| logs.iter().map(|log| log.exp()).collect()))
+        .collect();
+    let sensor = LikelihoodVector::linear(model.states).owned();
+    let sensor = wayfix::OptionalLikelihood::new(sensor);
+    let hmm = Hmm::new(model.prior(), model.measured(), sensor).unwrap();
+    let controls = model.controls();
+    let drive = Controlled::new(&controls, &seen).unwrap();
+    match (hmm.viterbi(&drive), hmm.beam_viterbi(&drive, width)) {
+        (Ok(best), Ok(found)) => {
+            let (log, bound) = (found.path().log_probability(), found.upper_bound());
+            let rounding = 1e-12 * (1.0 + best.log_probability().abs()) + 1e-11;
+            let own = model.log_probability(found.path().states());
+            prop_assert!((log - own).abs() <= rounding, "{log}, expected {own}");
+            prop_assert!(best.log_probability() <= bound + rounding, "{bound}, {best:?}");
+            if found.is_optimal() || width == f64::INFINITY {
+                prop_assert!((log - best.log_probability()).abs() <= rounding);
+            }
+        }
+        (exact, Err(error)) => {
+            let pruned = matches!(error, InferenceError::Pruned { .. });
+            let same = exact.err().map(|error| error.to_string()) == Some(error.to_string());
+            prop_assert!(same || (pruned && width < f64::INFINITY), "{}", error);
+        }
+        (Err(exact), Ok(_)) => prop_assert!(false, "{}", exact),
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn evidence_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
+        check(&model, model.measured(), of)?;
+    }
+
+    /// Likelihoods of one step 1e400 apart, and log factors that leave all of them beyond
+    /// doubles.
+    #[test]
+    fn evidence_of_wide_ranges_equals_enumeration(model in measured_models(Kind::Shifted, true), of in (0..8_usize, 0..40_usize, any::<u64>())) {
+        check(&model, model.measured(), of)?;
+    }
+
+    #[test]
+    fn evidence_on_extremes_equals_enumeration(model in measured_models(Kind::Extreme, true), of in (0..8_usize, 0..40_usize, any::<u64>())) {
+        check(&model, model.measured(), of)?;
+    }
+
+    /// An operator with the required methods alone.
+    #[test]
+    fn evidence_of_an_own_operator_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
+        check(&model, model.own_measured(), of)?;
+    }
+
+    #[test]
+    fn a_beam_with_evidence_proves_what_is_true(model in measured_models(Kind::Plain, true), width in prop_oneof![Just(0.0), 0.1..50.0, Just(f64::INFINITY)]) {
+        check_beam(&model, width)?;
+    }
+}
+
+#[test]
+fn paths_drawn_with_evidence_have_their_frequencies() {
+    use proptest::strategy::ValueTree;
+    let mut runner = proptest::test_runner::TestRunner::deterministic();
+    let mut tested = 0;
+    while tested < 20 {
+        let wide = tested % 2 == 0;
+        let model = measured_models(Kind::Plain, wide).new_tree(&mut runner).unwrap().current();
+        if routines::possible(&model) && model.steps() >= 2 {
+            let hmm = model.hmm(model.measured());
+            tested += u64::from(routines::check_frequencies(&model, &hmm, tested));
+        }
+    }
+}
+
+/// Two places; the evidence is a number that favours staying.
+fn by_hand(
+    log: impl Fn(&f64, usize, usize) -> f64,
+) -> Hmm<impl TransitionEntries<Control = f64>, LikelihoodVector> {
+    let base = SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
+    let prior = Prior::BeforeFirstTransition(Belief::new(vec![0.5, 0.5]).unwrap());
+    let measured = EvidenceTransition::new(base, log).unwrap();
+    Hmm::new(prior, measured, LikelihoodVector::linear(2)).unwrap()
+}
+
+#[test]
+fn the_sum_of_a_prediction_is_the_probability_of_the_measurement() {
+    // p(u | stays) = u, p(u | moves) = 1 − u.
+    let hmm = by_hand(|u, to, from| if to == from { u.ln() } else { (1.0 - u).ln() });
+    let mut filter = hmm.filter();
+    filter.predict_with(&0.75).unwrap();
+    // To 0: 0.5 · 0.5 · 0.75 + 0.5 · 0.25 · 0.25 = 0.21875; to 1: 0.0625 + 0.28125.
+    assert!((filter.belief().as_slice()[0] - 0.218_75 / 0.562_5).abs() < 1e-15);
+    assert!((filter.log_likelihood() - 0.562_5_f64.ln()).abs() < 1e-15);
+    let log = filter.update(&[0.5, 0.25]).unwrap();
+    let seen = (0.218_75 * 0.5 + 0.343_75 * 0.25) / 0.562_5;
+    assert!((log - f64::ln(seen)).abs() < 1e-15);
+    // Evidence that is the same for all moves says nothing of them.
+    let mut other = hmm.filter();
+    assert!((other.step_with(&0.5, &[1.0, 1.0]).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
+    assert_eq!(other.belief().as_slice(), [0.375, 0.625]);
+}
+
+#[test]
+fn what_cannot_have_been_measured_is_an_error_with_its_step() {
+    let hmm = by_hand(|u, _, _| u.ln());
+    let seen = [[1.0, 1.0]; 3];
+    let controls = [1.0, 0.0, 1.0];
+    let drive = Controlled::new(&controls, &seen).unwrap();
+    let expected = "what was measured on the way to step 2 is impossible under the model";
+    says(hmm.smooth(&drive), expected);
+    says(hmm.viterbi(&drive), expected);
+    says(hmm.k_best(&drive, 3), expected);
+    says(hmm.path_entropy(&drive), expected);
+    says(hmm.beam_viterbi(&drive, 1.0), expected);
+    let (mut filter, mut decoder) = (hmm.filter(), hmm.online_viterbi());
+    filter.step_with(&1.0, &seen[0]).unwrap();
+    decoder.step_with(&1.0, &seen[0]).unwrap();
+    let before = filter.snapshot();
+    says(filter.step_with(&0.0, &seen[1]), expected);
+    says(filter.predict_with(&0.0), expected);
+    says(decoder.step_with(&0.0, &seen[1]), expected);
+    says(decoder.predict_with(&0.0), expected);
+    assert_eq!(filter.snapshot(), before);
+    // The sighting that is impossible by itself is another error.
+    says(
+        filter.step_with(&1.0, &[0.0, 0.0]),
+        "the observation of step 2 is impossible under the model",
+    );
+}
+
+#[test]
+fn evidence_that_is_no_likelihood_is_an_error_with_its_step_and_states() {
+    let hmm = by_hand(|u, to, from| if (to, from) == (1, 0) { *u } else { 0.0 });
+    let mut filter = hmm.filter();
+    filter.step_with(&0.0, &[1.0, 1.0]).unwrap();
+    let before = filter.snapshot();
+    for (u, name) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let expected = format!(
+            "step 2 has no valid control: unknown control: a log-likelihood of {name} for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity"
+        );
+        says(filter.step_with(&u, &[1.0, 1.0]), &expected);
+        says(filter.predict_with(&u), &expected);
+        let controls = [0.0, u];
+        says(hmm.viterbi(&Controlled::new(&controls, &[[1.0, 1.0]; 2]).unwrap()), &expected);
+        says(hmm.k_best(&Controlled::new(&controls, &[[1.0, 1.0]; 2]).unwrap(), 2), &expected);
+    }
+    assert_eq!(filter.snapshot(), before);
+    filter.step_with(&NEVER, &[1.0, 1.0]).unwrap();
+    says(
+        hmm.filter().forecast_with(&[f64::NAN]),
+        "step 1 has no valid control: unknown control: a log-likelihood of NaN for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity",
+    );
+}
+
+#[test]
+fn a_log_factor_must_be_a_number() {
+    let base = SparseTransition::from_rows(1, &[1.0]).unwrap();
+    let measured = EvidenceTransition::new(base, |_: &f64, _, _| 0.0).unwrap();
+    let measured = measured.with_log_factor(|u| *u);
+    let prior = Prior::BeforeFirstTransition(Belief::certain(1, 0).unwrap());
+    let hmm = Hmm::new(prior, measured, LikelihoodVector::linear(1)).unwrap();
+    assert_eq!(hmm.filter().step_with(&-1e9, &[1.0]).unwrap(), 0.0);
+    let error = hmm.filter().step_with(&f64::NAN, &[1.0]).unwrap_err();
+    assert!(matches!(error, InferenceError::EvidenceFactor { step: 1, value } if value.is_nan()));
+    assert!(hmm.score(&Controlled::new(&[NEVER], &[[1.0]]).unwrap()).is_err());
+}
+
+#[test]
+fn what_is_measured_cannot_be_given_to_a_simulation() {
+    let model = Model {
+        states: 1,
+        at_first: true,
+        prior: vec![1.0],
+        matrices: vec![vec![vec![1.0]]; 2],
+        evidence: vec![Evidence { logs: vec![vec![-1.0]], log_factor: 0.0 }; 2],
+        logs: vec![None; 2],
+    };
+    let table = wayfix::TableLikelihood::from_rows(&[[1.0]]).unwrap();
+    let hmm = Hmm::new(model.prior(), model.measured(), table).unwrap();
+    let expected =
+        "the control of step 2 is evidence on the move, which a simulation cannot be given";
+    says(hmm.simulate_with(&[0, 1], &mut rng(1)), expected);
+    assert_eq!(hmm.simulate_with(&[0], &mut rng(1)).unwrap().states(), [0]);
+    let mut filter = hmm.filter();
+    filter.step_with(&0, &0).unwrap();
+    says(filter.simulate_with(&[1], &mut rng(1)), expected);
+}
