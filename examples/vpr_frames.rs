@@ -119,7 +119,9 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         detours => detours.to_vec(),
     };
     let drive = Drive::new(&legs, start, frames)?.with_detours(&detours, frames)?;
-    let mut recording = vpr::compare(name, &references, map, &queries, &drive, arguments.patch)?;
+    let places = vpr::places(&references, &map, arguments.patch)?;
+    let sightings = queries.descriptors(drive.frames.iter().copied(), arguments.patch)?;
+    let mut recording = vpr::compare(name, &places, &map, &sightings, &drive)?;
     recording.closed = common.closed;
     recording.odometry = arguments.odometry.map(|noise| {
         let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
@@ -128,5 +130,6 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
     });
     let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_frames"));
-    vpr::run(&recording, common, &out)
+    vpr::run(&recording, common, &out)?;
+    Ok(())
 }

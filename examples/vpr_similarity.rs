@@ -75,9 +75,13 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         let drive = Drive::new(&synthetic::legs(), synthetic::START, frames)?;
         let drive = drive.with_detours(&detours, frames)?;
         let name = synthetic::NAME.to_owned();
-        vpr::compare(name, &references, 0..synthetic::MAPPED, &queries, &drive, 8)?
+        let map = 0..synthetic::MAPPED;
+        let places = vpr::places(&references, &map, 8)?;
+        let sightings = queries.descriptors(drive.frames.iter().copied(), 8)?;
+        vpr::compare(name, &places, &map, &sightings, &drive)?
     };
     recording.closed = common.closed;
     let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_similarity"));
-    vpr::run(&recording, common, &out)
+    vpr::run(&recording, common, &out)?;
+    Ok(())
 }

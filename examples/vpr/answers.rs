@@ -80,6 +80,7 @@ impl Task<'_> {
             probability: Some(probability),
             truth_mass: None,
             on_map: None,
+            step_ms: None,
             places,
         }
     }

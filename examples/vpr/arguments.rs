@@ -5,10 +5,26 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use thiserror::Error;
-
-use super::estimate::Settings;
 use super::seqslam::SeqSlam;
+
+/// The lengths of a line that `SeqSLAM` tries unless one is given.
+const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
+
+/// What to learn from, how to answer, and what to report.
+#[derive(Debug, Clone)]
+pub(crate) struct Settings {
+    /// The steps whose truth may be used: in order, apart from each other.
+    pub(crate) fit_on: Vec<Range<usize>>,
+    /// The steps that results are reported on: in order, none learned from.
+    pub(crate) report_on: Vec<usize>,
+    /// How many steps later a fixed-lag answer is due.
+    pub(crate) lag: usize,
+    /// Model places that are not on the map.
+    pub(crate) off_map: bool,
+    /// How far a right answer may lie from the truth, in references; at least
+    /// one, each once. The fit does not depend on them.
+    pub(crate) tolerances: Vec<usize>,
+}
 
 /// How to learn, answer and report.
 #[derive(Debug, clap::Args)]
@@ -33,9 +49,10 @@ pub(crate) struct Common {
     /// The references form a closed route.
     #[arg(long = "loop")]
     pub(crate) closed: bool,
-    /// SeqSLAM: the length of a line, in steps.
-    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count, allow_negative_numbers = true)]
-    sequence: NonZeroUsize,
+    /// SeqSLAM: the length of a line, in steps [default: of 10, 20, 50 and 100,
+    /// the one of most recall on the steps reported on, which favours SeqSLAM].
+    #[arg(long, value_name = "STEPS", value_parser = count, allow_negative_numbers = true)]
+    sequence: Option<NonZeroUsize>,
     /// SeqSLAM: the slopes of a line, in references per step.
     #[arg(
         long,
@@ -63,23 +80,6 @@ pub(crate) struct Span(pub(crate) Range<usize>);
 
 #[derive(Debug, Clone, Copy)]
 struct Velocity(f64);
-
-/// Why ranges do not suit a recording.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub(crate) enum StepsError {
-    #[error("{option} {}..{end}: the recording has {steps} steps, expected an end up to {steps}", range.start, end = range.end)]
-    Beyond { option: &'static str, range: Range<usize>, steps: usize },
-    #[error(
-        "the first third of a recording of {steps} steps is too short to learn from, expected --fit-on or at least 6 steps"
-    )]
-    Short { steps: usize },
-    #[error(
-        "--report-on has step {step}, which is learned from, expected steps outside of --fit-on"
-    )]
-    Learned { step: usize },
-    #[error("all {steps} steps are learned from, expected --fit-on to leave some to report on")]
-    NothingLeft { steps: usize },
-}
 
 /// A whole number, or what was expected.
 pub(crate) fn whole(text: &str) -> Result<usize, String> {
@@ -114,11 +114,17 @@ impl FromStr for Velocity {
 }
 
 impl Common {
-    /// What to learn from and answer with, and the steps to report on.
-    pub(crate) fn settings(&self, steps: usize) -> Result<(Settings, Vec<usize>), StepsError> {
+    /// What to learn from, answer with and report on in a recording of so many
+    /// steps.
+    pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
         let third = Span(0..steps / 3);
         let fit_on = match &self.fit_on[..] {
-            [] if third.0.len() < 2 => return Err(StepsError::Short { steps }),
+            [] if third.0.len() < 2 => {
+                return Err(format!(
+                    "the first third of a recording of {steps} steps is too short to learn from, \
+                     expected --fit-on or at least 6 steps"
+                ));
+            }
             [] => vec![third.0],
             spans => joined("--fit-on", spans, steps)?,
         };
@@ -128,11 +134,16 @@ impl Common {
         } else {
             joined("--report-on", &self.report_on, steps)?.into_iter().flatten().collect()
         };
-        if let Some(&step) = report_on.iter().find(|step| learned(step)) {
-            return Err(StepsError::Learned { step });
+        if let Some(step) = report_on.iter().find(|step| learned(step)) {
+            return Err(format!(
+                "--report-on has step {step}, which is learned from, expected steps outside of \
+                 --fit-on"
+            ));
         }
         if report_on.is_empty() {
-            return Err(StepsError::NothingLeft { steps });
+            return Err(format!(
+                "all {steps} steps are learned from, expected --fit-on to leave some to report on"
+            ));
         }
         let mut tolerances = Vec::new();
         for tolerance in &self.tolerance {
@@ -140,27 +151,26 @@ impl Common {
                 tolerances.push(*tolerance);
             }
         }
-        Ok((Settings { fit_on, lag: self.lag, off_map: self.off_map, tolerances }, report_on))
+        Ok(Settings { fit_on, report_on, lag: self.lag, off_map: self.off_map, tolerances })
     }
 
     pub(crate) fn seqslam(&self) -> SeqSlam {
         SeqSlam {
             contrast: self.contrast,
-            sequence: self.sequence.get(),
+            sequences: self.sequence.map_or(SEQUENCES.to_vec(), |steps| vec![steps.get()]),
             velocities: self.velocities.iter().map(|velocity| velocity.0).collect(),
         }
     }
 }
 
 /// In order, with those that meet as one.
-fn joined(
-    option: &'static str,
-    spans: &[Span],
-    steps: usize,
-) -> Result<Vec<Range<usize>>, StepsError> {
+fn joined(option: &str, spans: &[Span], steps: usize) -> Result<Vec<Range<usize>>, String> {
     let mut ranges: Vec<Range<usize>> = spans.iter().map(|span| span.0.clone()).collect();
-    if let Some(range) = ranges.iter().find(|range| range.end > steps) {
-        return Err(StepsError::Beyond { option, range: range.clone(), steps });
+    if let Some(Range { start, end }) = ranges.iter().find(|range| range.end > steps) {
+        return Err(format!(
+            "{option} {start}..{end}: the recording has {steps} steps, expected an end up to \
+             {steps}"
+        ));
     }
     ranges.sort_by_key(|range| range.start);
     ranges.dedup_by(|next, kept| {
@@ -185,26 +195,25 @@ mod tests {
         common: Common,
     }
 
-    fn settings(steps: usize, line: &str) -> Result<(Settings, Vec<usize>), String> {
+    fn settings(steps: usize, line: &str) -> Result<Settings, String> {
         let line = Line::try_parse_from(std::iter::once("example").chain(line.split_whitespace()));
-        let common = line.map_err(|error| error.to_string())?.common;
-        common.settings(steps).map_err(|error| error.to_string())
+        line.map_err(|error| error.to_string())?.common.settings(steps)
     }
 
     #[test]
     fn ranges_are_joined_and_the_rest_is_reported() {
-        let (settings, report) = settings(12, "--fit-on 5..7,0..2,6..9,9..10").unwrap();
+        let settings = settings(12, "--fit-on 5..7,0..2,6..9,9..10").unwrap();
         assert_eq!(settings.fit_on, [0..2, 5..10]);
-        assert_eq!(report, [2, 3, 4, 10, 11]);
+        assert_eq!(settings.report_on, [2, 3, 4, 10, 11]);
         assert_eq!((settings.lag, settings.off_map), (20, false));
         assert_eq!(settings.tolerances, [1, 10]);
     }
 
     #[test]
     fn the_first_third_is_learned_from() {
-        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
+        let settings = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
         assert_eq!(settings.fit_on, vec![0..3; 1]);
-        assert_eq!(report, [4, 5, 9, 10]);
+        assert_eq!(settings.report_on, [4, 5, 9, 10]);
         assert_eq!(settings.tolerances, [3, 0]);
     }
 

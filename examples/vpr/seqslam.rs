@@ -27,15 +27,15 @@ pub(crate) struct SeqSlam {
     /// References on either side that contrast is relative to, and that do not
     /// count as another place.
     pub(crate) contrast: usize,
-    /// The length of a line, in steps.
-    pub(crate) sequence: usize,
+    /// The lengths of a line that are tried, in steps; at least one.
+    pub(crate) sequences: Vec<usize>,
     /// References per step.
     pub(crate) velocities: Vec<f64>,
 }
 
 /// Which steps a line goes through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Alignment {
+enum Alignment {
     /// Those up to the answered one, as a live vehicle must.
     Trailing,
     /// As many on both sides; of an even number, the extra one is before.
@@ -43,10 +43,30 @@ pub(crate) enum Alignment {
 }
 
 impl SeqSlam {
+    /// Answers of both alignments, each with the length of a line that is best by
+    /// a measure, the shortest of equals.
+    pub(crate) fn run(
+        &self,
+        recording: &Recording,
+        measure: impl Fn(&Answers) -> f64,
+    ) -> Vec<(usize, Answers)> {
+        let enhanced = self.enhance(recording);
+        let bar = super::bar("SeqSLAM", 2 * self.sequences.len() * recording.steps());
+        let best = [Alignment::Trailing, Alignment::Centred].map(|alignment| {
+            let tried = self.sequences.iter().map(|&sequence| {
+                let answers = self.answers(recording, &enhanced, sequence, alignment, &bar);
+                (measure(&answers), sequence, answers)
+            });
+            tried.reduce(|best, next| if next.0 > best.0 { next } else { best })
+        });
+        bar.finish_and_clear();
+        best.into_iter().flatten().map(|(_, sequence, answers)| (sequence, answers)).collect()
+    }
+
     /// Each difference relative to those at the references around it: minus
     /// their mean, by their standard deviation (of a sample). Infinite ones stay
     /// so and do not count. O(T × n × window).
-    pub(crate) fn enhance(&self, recording: &Recording) -> Vec<f32> {
+    fn enhance(&self, recording: &Recording) -> Vec<f32> {
         let n = recording.references;
         let mut enhanced = Vec::with_capacity(recording.distances.len());
         let mut padded: Vec<f64> = Vec::new();
@@ -84,10 +104,11 @@ impl SeqSlam {
 
     /// Names the place at the end or in the middle of the best line, for each
     /// step. O(T × n × velocities × sequence).
-    pub(crate) fn answers(
+    fn answers(
         &self,
         recording: &Recording,
         enhanced: &[f32],
+        sequence: usize,
         alignment: Alignment,
         bar: &ProgressBar,
     ) -> Answers {
@@ -98,14 +119,12 @@ impl SeqSlam {
         let mut line = vec![0.0; n];
         for step in 0..steps {
             let first = match alignment {
-                Alignment::Trailing => (step + 1).saturating_sub(self.sequence),
-                Alignment::Centred => step.saturating_sub(self.sequence / 2),
+                Alignment::Trailing => (step + 1).saturating_sub(sequence),
+                Alignment::Centred => step.saturating_sub(sequence / 2),
             };
             let end = match alignment {
                 Alignment::Trailing => step + 1,
-                Alignment::Centred => {
-                    steps.min(step.saturating_add(self.sequence - self.sequence / 2))
-                }
+                Alignment::Centred => steps.min(step.saturating_add(sequence - sequence / 2)),
             };
             scores.fill(f32::INFINITY);
             for &velocity in &self.velocities {
@@ -134,6 +153,7 @@ impl SeqSlam {
             probability: None,
             truth_mass: None,
             on_map: None,
+            step_ms: None,
         }
     }
 
@@ -209,7 +229,7 @@ mod tests {
     proptest! {
         #[test]
         fn contrast_is_that_of_the_window(recording in recordings(), contrast in 0_usize..5) {
-            let seqslam = SeqSlam { contrast, sequence: 1, velocities: vec![1.0] };
+            let seqslam = SeqSlam { contrast, sequences: vec![1], velocities: vec![1.0] };
             let enhanced = seqslam.enhance(&recording);
             prop_assert_eq!(enhanced.len(), recording.distances.len());
             let n = recording.references;
@@ -244,10 +264,11 @@ mod tests {
             centred in any::<bool>(),
         ) {
             let (n, steps) = (recording.references, recording.steps());
-            let seqslam = SeqSlam { contrast, sequence, velocities: velocities.clone() };
+            let seqslam = SeqSlam { contrast, sequences: vec![sequence], velocities: velocities.clone() };
             let alignment = if centred { Alignment::Centred } else { Alignment::Trailing };
             let bar = ProgressBar::hidden();
-            let answers = seqslam.answers(&recording, &recording.distances, alignment, &bar);
+            let answers =
+                seqslam.answers(&recording, &recording.distances, sequence, alignment, &bar);
             for step in 0..steps {
                 let back = if centred { sequence / 2 } else { sequence - 1 };
                 let all = (0..sequence).map(|i| step as i64 - back as i64 + i as i64);
@@ -293,11 +314,13 @@ mod tests {
         let cells = (0..steps).flat_map(|step| (0..references).map(move |i| (step, i)));
         let distances = cells.map(|(step, i)| if i == 5 + step { 0.0 } else { other(step, i) });
         let recording = recording(distances.collect(), references, false);
-        let seqslam = SeqSlam { contrast: 5, sequence: 10, velocities: vec![0.8, 1.0, 1.2] };
-        let enhanced = seqslam.enhance(&recording);
-        for alignment in [Alignment::Trailing, Alignment::Centred] {
-            let bar = ProgressBar::hidden();
-            let answers = seqslam.answers(&recording, &enhanced, alignment, &bar);
+        let velocities = vec![0.8, 1.0, 1.2];
+        let seqslam = SeqSlam { contrast: 5, sequences: vec![4, 10, 12], velocities };
+        // Of two best lengths, the shorter one.
+        let measure = |answers: &Answers| f64::from(answers.confidence[29] > 0.5);
+        let tried = seqslam.run(&recording, |_| 0.0);
+        assert!(tried.iter().all(|(sequence, _)| *sequence == 4));
+        for (_, answers) in seqslam.run(&recording, measure) {
             assert_eq!(answers.places, (5..5 + steps).map(Some).collect::<Vec<_>>());
             assert!(answers.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
         }
