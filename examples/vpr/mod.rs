@@ -153,7 +153,7 @@ pub(crate) fn outcome(
         let best = match &seqslam.sequences[..] {
             [_] => String::new(),
             tried => format!(
-                "; of {tried:?}, they find most {} on the steps reported on, which favours SeqSLAM",
+                "; of {tried:?} the best by recall {} on the steps reported on, which favours SeqSLAM",
                 figures::within(tolerances[0])
             ),
         };
