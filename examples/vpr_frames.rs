@@ -12,6 +12,10 @@ mod vpr;
 
 #[path = "vpr/frames.rs"]
 mod frames;
+#[path = "vpr/hard.rs"]
+mod hard;
+#[path = "vpr/robustness.rs"]
+mod robustness;
 // The tests of all modules run here.
 #[cfg(test)]
 #[path = "vpr/similarity.rs"]
@@ -25,8 +29,11 @@ use clap::Parser;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Normal};
 
+use hard::Pass;
 use vpr::arguments::{Common, Span, whole};
 use vpr::drive::{Detour, Drive, Leg};
+use vpr::patches::Descriptors;
+use vpr::recording::Recording;
 use vpr::synthetic;
 
 /// Locates the frames of a drive by those of a map, with patch-normalised
@@ -76,6 +83,12 @@ struct Arguments {
     /// this standard deviation.
     #[arg(long, value_name = "SD", value_parser = deviation, allow_negative_numbers = true)]
     odometry: Option<Normal<f64>>,
+    /// Then disturb the steps that are reported on, as real drives do, by each of
+    /// tunnel, fog, night, covered lens, look-alike places, jumps of exposure,
+    /// dropped and repeated frames, and by all in turn. Prints a table, and
+    /// writes it as hard.csv.
+    #[arg(long)]
+    hard: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -119,17 +132,29 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         detours => detours.to_vec(),
     };
     let drive = Drive::new(&legs, start, frames)?.with_detours(&detours, frames)?;
-    let places = vpr::places(&references, &map, arguments.patch)?;
-    let sightings = queries.descriptors(drive.frames.iter().copied(), arguments.patch)?;
-    let mut recording = vpr::compare(name, &places, &map, &sightings, &drive)?;
-    recording.closed = common.closed;
-    recording.odometry = arguments.odometry.map(|noise| {
-        let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
-        rng.set_stream(1);
-        let measured = |distance: &f64| distance + noise.sample(&mut rng);
-        std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
-    });
+    let pass = Pass { references: &references, map, queries: &queries, drive };
+    let places = vpr::places(&references, &pass.map, arguments.patch)?;
+    // What is seen at each step, and the drive that it is seen on.
+    let record = |shown: &Descriptors, drive: &Drive| -> Result<Recording, String> {
+        let mut recording = vpr::compare(name.clone(), &places, &pass.map, shown, drive)?;
+        recording.closed = common.closed;
+        recording.odometry = arguments.odometry.map(|noise| {
+            let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
+            rng.set_stream(1);
+            let measured = |distance: &f64| distance + noise.sample(&mut rng);
+            std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
+        });
+        Ok(recording)
+    };
+    let shown = queries.descriptors(pass.drive.frames.iter().copied(), arguments.patch)?;
+    let recording = record(&shown, &pass.drive)?;
     let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_frames"));
-    vpr::run(&recording, common, &out)?;
+    let undisturbed = vpr::run(&recording, common, &out)?;
+    if arguments.hard {
+        robustness::run(&pass, (&recording, &undisturbed), common, &out, |disturbed| {
+            let frames = 0..disturbed.drive.frames.len();
+            record(&disturbed.shown.descriptors(frames, arguments.patch)?, &disturbed.drive)
+        })?;
+    }
     Ok(())
 }

@@ -5,17 +5,17 @@ mod answers;
 pub(crate) mod arguments;
 mod belief;
 pub(crate) mod drive;
-mod estimate;
-mod figures;
+pub(crate) mod estimate;
+pub(crate) mod figures;
 mod gears;
-mod measures;
+pub(crate) mod measures;
 mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
 mod seqslam;
 pub(crate) mod style;
 pub(crate) mod synthetic;
-mod tables;
+pub(crate) mod tables;
 
 use std::error::Error;
 use std::fs;
@@ -119,7 +119,7 @@ pub(crate) fn compare(
 
 /// What the methods say of a recording, and how good that is.
 pub(crate) struct Outcome {
-    estimates: Estimates,
+    pub(crate) estimates: Estimates,
     pub(crate) measured: Vec<Measured>,
 }
 

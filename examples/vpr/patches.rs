@@ -22,6 +22,11 @@ impl Frames {
         self.pixels.len() / (self.rows * self.cols)
     }
 
+    pub(crate) fn frame(&self, frame: usize) -> &[u8] {
+        let size = self.rows * self.cols;
+        &self.pixels[frame * size..][..size]
+    }
+
     /// Splits frames into square patches and brings each patch to mean 0 and
     /// standard deviation 1; a flat patch becomes 0. The pixels of a patch
     /// follow each other, as only differences of the same pixels are taken.
@@ -52,7 +57,7 @@ impl Frames {
         let size = rows * cols;
         let mut values = Vec::with_capacity(frames.len() * size);
         for frame in frames {
-            let frame = &self.pixels[frame * size..][..size];
+            let frame = self.frame(frame);
             for top in (0..rows).step_by(patch) {
                 for left in (0..cols).step_by(patch) {
                     let lines = (top..top + patch).map(|row| &frame[row * cols + left..][..patch]);

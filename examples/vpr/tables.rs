@@ -84,9 +84,7 @@ pub(crate) fn write(
 }
 
 /// Each method to each tolerance, as lines of a table begin.
-pub(crate) fn methods<'a>(
-    measured: &'a [Measured],
-) -> impl Iterator<Item = (&'a Measured, &'a Scores, Vec<String>)> {
+fn methods(measured: &[Measured]) -> impl Iterator<Item = (&Measured, &Scores, Vec<String>)> {
     measured.iter().flat_map(|method| {
         let line = |score: &Scores| vec![method.method.clone(), score.tolerance.to_string()];
         method.scores.iter().map(move |score| (method, score, line(score)))

@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn headers_and_transposed_files_are_named() {
-        let lines = |n: usize| (0..n).map(|i| format!("{i},0,1\n")).collect::<String>();
+        let lines = |n: usize| (0..n).map(|i| format!("{i},0,1\n")).collect::<Vec<_>>().concat();
         assert_eq!(
             truth_of(4, Some(1), &lines(3)).unwrap_err(),
             "MATRIX has 4 × 10 numbers, for 3 queries of FILE: line 1 of it looks like a header \
