@@ -6,14 +6,18 @@ use std::path::Path;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
-use wayfix::evaluate::{PrecisionRecallPoint, ReliabilityBin, ReliabilityDiagram};
+use wayfix::evaluate::{PrecisionRecallPoint, ReliabilityBin};
 
 use super::measures::Measured;
 use super::style::{self, Area, Drawn, GREY, Look, PALE, Pixel, anchored, font, shortened};
 
-const PANEL: i32 = 450;
+const PANEL: i32 = 440;
 const HEAD: i32 = 62;
 const LEGEND: i32 = 220;
+/// Pictures are at most so wide, so that they can be read on a page.
+const WIDTH: i32 = 1100;
+/// Bins of fewer steps are drawn pale.
+const FEW: usize = 10;
 
 /// A line of a chart.
 struct Curve {
@@ -25,6 +29,8 @@ struct Curve {
 /// What the axes of a panel are.
 struct Axes<'a> {
     title: String,
+    /// Of the panel, in pixels.
+    side: i32,
     /// Pixels between the title and the plot.
     space: i32,
     x: &'a str,
@@ -57,8 +63,8 @@ fn panel(
     (left, top): Pixel,
     axes: &Axes<'_>,
 ) -> Result<impl Fn((f64, f64)) -> Pixel, Box<dyn std::error::Error>> {
-    let part = area.clone().shrink((left, top), (PANEL, PANEL));
-    let title = Text::new(axes.title.clone(), (PANEL / 2 + 24, 8), anchored(15, HPos::Center));
+    let part = area.clone().shrink((left, top), (axes.side, axes.side));
+    let title = Text::new(axes.title.clone(), (axes.side / 2 + 24, 8), anchored(15, HPos::Center));
     part.draw(&title)?;
     let mut chart = ChartBuilder::on(&part)
         .margin_top(18 + axes.space)
@@ -121,8 +127,9 @@ pub(crate) fn within(tolerance: usize) -> String {
 /// counted.
 pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let panels = measured.first().map_or(0, |method| method.scores.len());
-    let width = panels as i32 * PANEL;
-    picture(file, (width + LEGEND, HEAD + PANEL + 10), |area| {
+    let (columns, rows) = (panels.clamp(1, 2) as i32, panels.div_ceil(2) as i32);
+    let width = columns * PANEL;
+    picture(file, (width + LEGEND, HEAD + rows * PANEL + 10), |area| {
         head(area, "Precision and recall", name)?;
         let precisions = measured.iter().flat_map(|method| &method.scores);
         let precisions = precisions.flat_map(|score| score.curve.points());
@@ -141,13 +148,15 @@ pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -
             let curves: Vec<Curve> = curves.collect();
             let axes = Axes {
                 title: within(measured[0].scores[number].tolerance),
+                side: PANEL,
                 space: 6,
                 x: "recall",
                 y: "precision",
                 x_range: (0.0, 1.0),
                 y_range: (least, 1.0),
             };
-            let at = panel(area, (number as i32 * PANEL, HEAD), &axes)?;
+            let (column, row) = (number as i32 % columns, number as i32 / columns);
+            let at = panel(area, (column * PANEL, HEAD + row * PANEL), &axes)?;
             draw(area, &curves, at)?;
             if number == 0 {
                 legend(area, width + 10, &curves)?;
@@ -173,6 +182,7 @@ pub(crate) fn roc(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
         let curves: Vec<Curve> = curves.collect();
         let axes = Axes {
             title: String::from("of the steps that are reported on"),
+            side: PANEL,
             space: 6,
             x: "off the map, but taken for on it",
             y: "on the map, and taken for it",
@@ -204,6 +214,7 @@ pub(crate) fn lags(
         let longest = lags.iter().map(|lag| lag.0).max().unwrap_or(0);
         let axes = Axes {
             title: String::from("fixed-lag smoother"),
+            side: PANEL,
             space: 6,
             x: "lag, in steps",
             y: "recall",
@@ -220,47 +231,72 @@ pub(crate) fn lags(
     })
 }
 
-/// How often answers of some probability are right: a row for each tolerance, a
-/// panel for each method that has probabilities.
+/// How often answers of some probability are right: for each tolerance, a panel
+/// for each method that has probabilities.
 pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
-    let with = |m: &&Measured| m.scores.iter().all(|score| score.reliability.is_some());
-    let methods: Vec<&Measured> = measured.iter().filter(with).collect();
-    let Some(first) = methods.first() else { return Ok(()) };
-    let (columns, rows) = (methods.len() as i32, first.scores.len() as i32);
-    let size = ((columns * PANEL).max(460), HEAD + rows * (PANEL + 20));
+    let diagrams = |at: usize| {
+        measured.iter().filter_map(move |method| {
+            let score = method.scores.get(at)?;
+            Some((method, score.tolerance, score.reliability.as_ref()?))
+        })
+    };
+    let (columns, side, gap) = (3, WIDTH / 3, 16);
+    let rows = diagrams(0).count().div_ceil(columns);
+    let tolerances = measured.first().map_or(0, |method| method.scores.len());
+    let size = (WIDTH, HEAD + 30 + (rows * tolerances) as i32 * (side + gap));
     picture(file, size, |area| {
-        head(area, "Reliability, and the steps in each bin", name)?;
-        for (column, method) in (0..).zip(&methods) {
+        head(area, "Reliability: how often is an answer of some probability right?", name)?;
+        let note = format!(
+            "Marks grow with the steps of a bin, whose number is above; of fewer than {FEW} they \
+             are pale. Bars: 95% intervals, were steps independent."
+        );
+        area.draw(&Text::new(note, (20, 64), font(13)))?;
+        let panels = (0..tolerances).flat_map(|at| {
+            diagrams(at).enumerate().map(move |(number, of)| (at * rows * columns + number, of))
+        });
+        for (number, (method, tolerance, diagram)) in panels {
             let (name, look) = style::of_method(&method.method);
-            for (row, score) in (0..).zip(&method.scores) {
-                let axes = Axes {
-                    title: format!("{name}, {}", within(score.tolerance)),
-                    space: 24,
-                    x: "probability that the answer is right",
-                    y: "fraction that is right",
-                    x_range: (0.0, 1.0),
-                    y_range: (0.0, 1.0),
+            let axes = Axes {
+                title: format!("{name}, {}", within(tolerance)),
+                side,
+                space: 24,
+                x: "probability that the answer is right",
+                y: "fraction that is right",
+                x_range: (0.0, 1.0),
+                y_range: (0.0, 1.0),
+            };
+            let (column, row) = ((number % columns) as i32, (number / columns) as i32);
+            let at = panel(area, (column * side, HEAD + 30 + row * (side + gap)), &axes)?;
+            area.draw(&PathElement::new([at((0.0, 0.0)), at((1.0, 1.0))], GREY))?;
+            let mark = |bin: &ReliabilityBin| at((bin.mean_probability(), bin.fraction_true()));
+            look.pale().path(area, &diagram.bins().iter().map(mark).collect::<Vec<_>>())?;
+            let most = diagram.bins().iter().map(ReliabilityBin::count).max().unwrap_or(1);
+            for bin in diagram.bins() {
+                let look = if bin.count() < FEW { look.pale() } else { look };
+                let (low, high) = interval(bin);
+                let p = bin.mean_probability();
+                let bar = [at((p, low)), at((p, high))];
+                area.draw(&PathElement::new(bar, look.colour.stroke_width(1)))?;
+                let radius = 3.0 + 4.0 * (bin.count() as f64 / most as f64).sqrt();
+                look.sized_mark(area, mark(bin), radius)?;
+                let middle = 0.5 * (bin.lower() + bin.upper());
+                let above = (at((middle, 1.0)).0, at((0.0, 1.0)).1 - 14);
+                let count = match bin.count() {
+                    count if count < 10_000 => count.to_string(),
+                    count => format!("{}k", count / 1000),
                 };
-                let (left, top) = (column * PANEL, HEAD + row * (PANEL + 20));
-                let at = panel(area, (left, top), &axes)?;
-                let bins = score.reliability.iter().flat_map(ReliabilityDiagram::bins);
-                let all: usize = bins.clone().map(ReliabilityBin::count).sum();
-                for bin in bins.clone() {
-                    let share = bin.count() as f64 / all as f64;
-                    let bar = [at((bin.lower(), share)), at((bin.upper(), 0.0))];
-                    area.draw(&Rectangle::new(bar, PALE.filled()))?;
-                    area.draw(&Rectangle::new(bar, WHITE))?;
-                    let above = (i32::midpoint(bar[0].0, bar[1].0), at((0.0, 1.0)).1 - 13);
-                    let count = bin.count().to_string();
-                    area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
-                }
-                area.draw(&PathElement::new([at((0.0, 0.0)), at((1.0, 1.0))], GREY))?;
-                let pixels = bins.map(|bin| at((bin.mean_probability(), bin.fraction_true())));
-                let pixels: Vec<Pixel> = pixels.collect();
-                look.path(area, &pixels)?;
-                pixels.into_iter().try_for_each(|pixel| look.mark(area, pixel))?;
+                area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
             }
         }
         Ok(())
     })
+}
+
+/// Wilson's interval of 95% for the fraction of a bin that is right.
+fn interval(bin: &ReliabilityBin) -> (f64, f64) {
+    let (z, n, p) = (1.96, bin.count() as f64, bin.fraction_true());
+    let scale = 1.0 + z * z / n;
+    let middle = (p + z * z / (2.0 * n)) / scale;
+    let half = z / scale * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    ((middle - half).max(0.0), (middle + half).min(1.0))
 }
