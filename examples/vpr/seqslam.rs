@@ -68,38 +68,26 @@ impl SeqSlam {
     /// so and do not count. O(T × n × window).
     fn enhance(&self, recording: &Recording) -> Vec<f32> {
         let n = recording.references;
-        let mut enhanced = Vec::with_capacity(recording.distances.len());
-        let mut padded: Vec<f64> = Vec::new();
-        // On a closed route no reference is in a window twice.
-        let reach = self.contrast.min((n - 1) / 2);
-        for row in recording.distances.chunks_exact(n) {
-            let row = row.iter().map(|d| f64::from(*d));
-            padded.clear();
-            if recording.closed {
-                padded.extend(row.clone().skip(n - reach).chain(row.clone()));
-                padded.extend(row.clone().take(reach));
-            } else {
-                padded.extend(row.clone());
+        let enhanced = |row: &[f32], i: usize| {
+            if row[i] == f32::INFINITY {
+                return f32::INFINITY;
             }
-            enhanced.extend(row.enumerate().map(|(i, value)| {
-                let window = if recording.closed {
-                    i..i + 2 * reach + 1
-                } else {
-                    i.saturating_sub(self.contrast)..n.min(i.saturating_add(self.contrast + 1))
-                };
-                if value == f64::INFINITY {
-                    return f32::INFINITY;
-                }
-                let window = padded[window].iter().filter(|d| d.is_finite());
-                let count = window.clone().count() as f64;
-                let mean = window.clone().sum::<f64>() / count;
-                let squares: f64 = window.clone().map(|d| (d - mean).powi(2)).sum();
-                let flat = window.clone().all(|d| *d == value);
-                let deviation = (squares / (count - 1.0)).sqrt();
-                if flat { 0.0 } else { ((value - mean) / deviation) as f32 }
-            }));
-        }
-        enhanced
+            let window = if recording.closed {
+                // No reference is in a window twice.
+                let reach = self.contrast.min((n - 1) / 2);
+                i + n - reach..i + n + reach + 1
+            } else {
+                i.saturating_sub(self.contrast)..n.min(i.saturating_add(self.contrast) + 1)
+            };
+            let window = window.map(|j| f64::from(row[j % n])).filter(|d| d.is_finite());
+            let (count, sum) = window.clone().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
+            let (value, mean) = (f64::from(row[i]), sum / count);
+            let squares: f64 = window.clone().map(|d| (d - mean).powi(2)).sum();
+            let flat = window.clone().all(|d| d == value);
+            if flat { 0.0 } else { ((value - mean) / (squares / (count - 1.0)).sqrt()) as f32 }
+        };
+        let rows = recording.distances.chunks_exact(n);
+        rows.flat_map(|row| (0..n).map(move |i| enhanced(row, i))).collect()
     }
 
     /// Names the place at the end or in the middle of the best line, for each
@@ -113,39 +101,28 @@ impl SeqSlam {
         bar: &ProgressBar,
     ) -> Answers {
         let (n, steps) = (recording.references, recording.steps());
-        let mut places = Vec::with_capacity(steps);
-        let mut confidence = Vec::with_capacity(steps);
-        let mut scores = vec![0.0; n];
-        let mut line = vec![0.0; n];
-        for step in 0..steps {
-            let first = match alignment {
-                Alignment::Trailing => (step + 1).saturating_sub(sequence),
-                Alignment::Centred => step.saturating_sub(sequence / 2),
-            };
-            let end = match alignment {
-                Alignment::Trailing => step + 1,
-                Alignment::Centred => steps.min(step.saturating_add(sequence - sequence / 2)),
-            };
+        let (method, after) = match alignment {
+            Alignment::Trailing => ("seqslam_trailing", 1),
+            Alignment::Centred => ("seqslam_centred", sequence - sequence / 2),
+        };
+        let (mut scores, mut line) = (vec![0.0; n], vec![0.0; n]);
+        let answers = (0..steps).map(|step| {
+            let on = (step + after).saturating_sub(sequence)..steps.min(step.saturating_add(after));
             scores.fill(f32::INFINITY);
             for &velocity in &self.velocities {
                 line.fill(0.0);
-                for other in first..end {
+                for other in on.clone() {
                     let row = &enhanced[other * n..][..n];
                     let ahead = velocity * (other as f64 - step as f64);
                     add_shifted(row, (ahead + 0.5).floor() as isize, recording.closed, &mut line);
                 }
                 scores.iter_mut().zip(&line).for_each(|(score, sum)| *score = score.min(*sum));
             }
-            let count = (end - first) as f64;
-            let (place, unique) = self.best(&scores, count, recording.closed);
-            places.push(Some(place));
-            confidence.push(unique);
             bar.inc(1);
-        }
-        let method = match alignment {
-            Alignment::Trailing => "seqslam_trailing",
-            Alignment::Centred => "seqslam_centred",
-        };
+            let (place, unique) = self.best(&scores, on.len() as f64, recording.closed);
+            (Some(place), unique)
+        });
+        let (places, confidence) = answers.unzip();
         Answers {
             method: method.into(),
             places,
