@@ -5,7 +5,6 @@
 use std::ops::Range;
 
 use rand::RngExt;
-use rand::seq::SliceRandom;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -13,11 +12,6 @@ use crate::vpr::arguments::Settings;
 use crate::vpr::drive::Drive;
 use crate::vpr::patches::Frames;
 use crate::vpr::synthetic::grey;
-
-/// How many steps a disturbance lasts.
-const LENGTHS: [usize; 5] = [10, 20, 30, 45, 60];
-/// How many steps there are before each.
-const CLEAR: std::ops::RangeInclusive<usize> = 15..=40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
@@ -73,30 +67,8 @@ pub(crate) struct Disturbed {
     stretches: Vec<Range<usize>>,
 }
 
-/// Stretches of all lengths among some steps, with clear ones before each.
-pub(crate) fn stretches(steps: &[usize], seed: u64) -> Vec<Range<usize>> {
-    let mut rng = generator(seed, 2);
-    let (mut stretches, mut lengths) = (Vec::new(), Vec::new());
-    for run in steps.chunk_by(|a, b| a + 1 == *b) {
-        let (mut at, end) = (run[0], run[0] + run.len());
-        loop {
-            if lengths.is_empty() {
-                lengths = LENGTHS.to_vec();
-                lengths.shuffle(&mut rng);
-            }
-            at += rng.random_range(CLEAR).min(run.len() / 3);
-            if at + LENGTHS[0] > end {
-                break;
-            }
-            let stretch = at..end.min(at + lengths.pop().unwrap_or(LENGTHS[0]));
-            at = stretch.end;
-            stretches.push(stretch);
-        }
-    }
-    stretches
-}
-
-fn generator(seed: u64, stream: u64) -> ChaCha8Rng {
+/// A generator of its own for each stream; 0 and 1 are taken.
+pub(crate) fn generator(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream);
     rng
@@ -307,16 +279,5 @@ mod tests {
             moved.report_on,
             (20..70 + more).chain(75 + more..81 + more).collect::<Vec<_>>()
         );
-    }
-
-    #[test]
-    fn stretches_are_apart_and_of_all_lengths() {
-        let steps: Vec<usize> = (100..1000).chain(1200..1210).chain(1300..1330).collect();
-        let all = stretches(&steps, 1);
-        assert!(all.iter().all(|s| s.len() >= 10 && s.clone().all(|step| steps.contains(&step))));
-        assert!(all.windows(2).all(|pair| pair[0].end + 10 <= pair[1].start));
-        assert!(LENGTHS.iter().all(|length| all.iter().any(|s| s.len() == *length)));
-        assert!(all.last().unwrap().start > 1300 && all != stretches(&steps, 2));
-        assert_eq!((stretches(&steps, 1), stretches(&[1, 2, 3], 1)), (all, vec![]));
     }
 }

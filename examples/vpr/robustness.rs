@@ -3,14 +3,23 @@
 
 use std::error::Error;
 use std::io::{self, Write};
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
-use crate::hard::{Disturbed, KINDS, Pass, stretches};
+use rand::RngExt;
+use rand::seq::SliceRandom;
+
+use crate::hard::{Disturbed, KINDS, Pass, generator};
 use crate::vpr::arguments::Common;
 use crate::vpr::recording::Recording;
 use crate::vpr::{
     Outcome, cannot_write, chain, counted, decimals, figures, measures, outcome, print, tables,
 };
+
+/// How many steps a disturbance lasts.
+const LENGTHS: [usize; 5] = [10, 20, 30, 45, 60];
+/// How many steps there are before each.
+const CLEAR: RangeInclusive<usize> = 15..=40;
 
 const HEADER: [&str; 9] = [
     "disturbance",
@@ -59,6 +68,29 @@ fn lines(
         }));
     }
     lines
+}
+
+/// Stretches of all lengths among some steps, with clear ones before each.
+fn stretches(steps: &[usize], seed: u64) -> Vec<Range<usize>> {
+    let mut rng = generator(seed, 2);
+    let (mut stretches, mut lengths) = (Vec::new(), Vec::new());
+    for run in steps.chunk_by(|a, b| a + 1 == *b) {
+        let (mut at, end) = (run[0], run[0] + run.len());
+        loop {
+            if lengths.is_empty() {
+                lengths = LENGTHS.to_vec();
+                lengths.shuffle(&mut rng);
+            }
+            at += rng.random_range(CLEAR).min(run.len() / 3);
+            if at + LENGTHS[0] > end {
+                break;
+            }
+            let stretch = at..end.min(at + lengths.pop().unwrap_or(LENGTHS[0]));
+            at = stretch.end;
+            stretches.push(stretch);
+        }
+    }
+    stretches
 }
 
 /// Disturbs the reported steps of a pass by each kind and by all in turn; writes
@@ -119,4 +151,20 @@ pub(crate) fn run(
         );
     }
     Ok(print(&text)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_are_apart_and_of_all_lengths() {
+        let steps: Vec<usize> = (100..1000).chain(1200..1210).chain(1300..1330).collect();
+        let all = stretches(&steps, 1);
+        assert!(all.iter().all(|s| s.len() >= 10 && s.clone().all(|step| steps.contains(&step))));
+        assert!(all.windows(2).all(|pair| pair[0].end + 10 <= pair[1].start));
+        assert!(LENGTHS.iter().all(|length| all.iter().any(|s| s.len() == *length)));
+        assert!(all.last().unwrap().start > 1300 && all != stretches(&steps, 2));
+        assert_eq!((stretches(&steps, 1), stretches(&[1, 2, 3], 1)), (all, vec![]));
+    }
 }
