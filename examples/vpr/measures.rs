@@ -122,12 +122,9 @@ mod tests {
     #[test]
     fn only_the_given_steps_count() {
         let recording = Recording {
-            name: String::new(),
             references: 9,
-            distances: vec![0.0; 54],
             truth: vec![Some(0..=0), Some(3..=4), Some(5..=5), None, None, Some(8..=8)],
-            odometry: None,
-            closed: false,
+            ..Recording::default()
         };
         let answers = Answers {
             method: "any".into(),
@@ -160,24 +157,14 @@ mod tests {
     #[test]
     fn the_worst_minute_is_on_the_map() {
         let truth = |step: usize| (step < 200).then_some(0..=0);
-        let recording = Recording {
-            name: String::new(),
-            references: 9,
-            distances: vec![0.0; 9 * 300],
-            truth: (0..300).map(truth).collect(),
-            odometry: None,
-            closed: false,
-        };
+        let truth = (0..300).map(truth).collect();
+        let recording = Recording { references: 9, truth, ..Recording::default() };
         // Wrong at steps 100 to 129.
         let place = |step: usize| Some(if (100..130).contains(&step) { 5 } else { 0 });
         let answers = Answers {
-            method: "any".into(),
             places: (0..300).map(place).collect(),
             confidence: vec![1.0; 300],
-            probability: None,
-            truth_mass: None,
-            on_map: None,
-            step_ms: None,
+            ..Answers::default()
         };
         let worst = |steps: std::ops::Range<usize>| {
             let steps: Vec<usize> = steps.collect();

@@ -114,7 +114,7 @@ pub(crate) fn compare(
     bar.finish_and_clear();
     let place = |frame: &usize| map.contains(frame).then(|| frame - map.start..=frame - map.start);
     let truth = drive.frames.iter().map(place).collect();
-    Ok(Recording { name, references: map.len(), distances, truth, odometry: None, closed: false })
+    Ok(Recording { name, references: map.len(), distances, truth, ..Recording::default() })
 }
 
 /// What the methods say of a recording, and how good that is.

@@ -76,7 +76,8 @@ impl SeqSlam {
                 let reach = self.contrast.min((n - 1) / 2);
                 i + n - reach..i + n + reach + 1
             } else {
-                i.saturating_sub(self.contrast)..n.min(i.saturating_add(self.contrast) + 1)
+                i.saturating_sub(self.contrast)
+                    ..n.min(i.saturating_add(self.contrast).saturating_add(1))
             };
             let window = window.map(|j| f64::from(row[j % n])).filter(|d| d.is_finite());
             let (count, sum) = window.clone().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
@@ -122,15 +123,7 @@ impl SeqSlam {
             (Some(place), unique)
         });
         let (places, confidence) = answers.unzip();
-        Answers {
-            method: method.into(),
-            places,
-            confidence,
-            probability: None,
-            truth_mass: None,
-            on_map: None,
-            step_ms: None,
-        }
+        Answers { method: method.into(), places, confidence, ..Answers::default() }
     }
 
     /// The lowest of the sums over `count` steps, and how unique it is.
@@ -184,7 +177,7 @@ mod tests {
 
     fn recording(distances: Vec<f32>, references: usize, closed: bool) -> Recording {
         let truth = vec![None; distances.len() / references];
-        Recording { name: String::new(), references, distances, truth, odometry: None, closed }
+        Recording { references, distances, truth, closed, ..Recording::default() }
     }
 
     /// Whole numbers, of which sums are exact; few, so that there are ties.

@@ -41,8 +41,7 @@ pub(crate) fn read(similarity: &Path, truth: &Path, distances: bool) -> Result<R
         references: matrix.columns,
         distances: matrix.values,
         truth,
-        odometry: None,
-        closed: false,
+        ..Recording::default()
     })
 }
 
