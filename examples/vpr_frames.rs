@@ -22,6 +22,7 @@ mod robustness;
 mod similarity;
 
 use std::error::Error;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -30,7 +31,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 use hard::Pass;
-use vpr::arguments::{Common, Span, whole};
+use vpr::arguments::{Common, span, whole};
 use vpr::drive::{Detour, Drive, Leg};
 use vpr::patches::Descriptors;
 use vpr::recording::Recording;
@@ -61,8 +62,8 @@ struct Arguments {
     /// Take only these frames of the reference as the map, as FIRST..END;
     /// places number from FIRST [default: all; of the made-up recording, the
     /// first 300].
-    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
-    reference_range: Option<Span>,
+    #[arg(long, value_name = "RANGE", value_parser = span, allow_hyphen_values = true)]
+    reference_range: Option<Range<usize>>,
     /// Show the query as a drive of so many steps at a speed in frames per
     /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
     /// `--start`, and each step of each leg adds its speed and shows the
@@ -116,7 +117,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         (synthetic::NAME.to_owned(), references, queries)
     };
     let map = match &arguments.reference_range {
-        Some(Span(range)) => range.clone(),
+        Some(range) => range.clone(),
         None if made_up => 0..synthetic::MAPPED,
         None => 0..references.count(),
     };

@@ -3,7 +3,6 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use super::seqslam::SeqSlam;
 
@@ -31,12 +30,12 @@ pub(crate) struct Settings {
 pub(crate) struct Common {
     /// The steps whose places are known and learned from, as FIRST..END,
     /// several separated by commas [default: the first third].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
-    fit_on: Vec<Span>,
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
+    fit_on: Vec<Range<usize>>,
     /// The steps that results are reported on [default: all that are not
     /// learned from].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
-    report_on: Vec<Span>,
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
+    report_on: Vec<Range<usize>>,
     /// How many steps later a fixed-lag answer is due.
     #[arg(long, value_name = "STEPS", default_value_t = 20, value_parser = whole, allow_negative_numbers = true)]
     lag: usize,
@@ -54,14 +53,8 @@ pub(crate) struct Common {
     #[arg(long, value_name = "STEPS", value_parser = count, allow_negative_numbers = true)]
     sequence: Option<NonZeroUsize>,
     /// SeqSLAM: the slopes of a line, in references per step.
-    #[arg(
-        long,
-        allow_hyphen_values = true,
-        value_name = "SPEEDS",
-        default_value = "0.8,0.9,1,1.1,1.2",
-        value_delimiter = ','
-    )]
-    velocities: Vec<Velocity>,
+    #[arg(long, value_name = "SPEEDS", default_value = "0.8,0.9,1,1.1,1.2", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
+    velocities: Vec<f64>,
     /// SeqSLAM: the references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
@@ -74,13 +67,6 @@ pub(crate) struct Common {
     pub(crate) out: Option<PathBuf>,
 }
 
-/// Steps from a first to an end that is excluded; not empty.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Span(pub(crate) Range<usize>);
-
-#[derive(Debug, Clone, Copy)]
-struct Velocity(f64);
-
 /// A whole number, or what was expected.
 pub(crate) fn whole(text: &str) -> Result<usize, String> {
     text.trim().parse().map_err(|_| String::from("expected a whole number of at least 0"))
@@ -90,42 +76,34 @@ fn count(text: &str) -> Result<NonZeroUsize, String> {
     text.parse().map_err(|_| String::from("expected a whole number above 0"))
 }
 
-impl FromStr for Span {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parse = || {
-            let (first, end) = text.trim().split_once("..")?;
-            let range: Range<usize> = first.parse().ok()?..end.parse().ok()?;
-            (!range.is_empty()).then_some(Self(range))
-        };
-        parse()
-            .ok_or_else(|| String::from("expected FIRST..END with FIRST below END, as in 0..600"))
-    }
+/// FIRST..END, the end excluded; not empty.
+pub(crate) fn span(text: &str) -> Result<Range<usize>, String> {
+    let parse = || {
+        let (first, end) = text.trim().split_once("..")?;
+        let range: Range<usize> = first.parse().ok()?..end.parse().ok()?;
+        (!range.is_empty()).then_some(range)
+    };
+    parse().ok_or_else(|| String::from("expected FIRST..END with FIRST below END, as in 0..600"))
 }
 
-impl FromStr for Velocity {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let value = text.trim().parse().ok().filter(|value: &f64| value.is_finite());
-        value.map(Self).ok_or_else(|| String::from("expected a finite number"))
-    }
+fn speed(text: &str) -> Result<f64, String> {
+    let value = text.trim().parse().ok().filter(|value: &f64| value.is_finite());
+    value.ok_or_else(|| String::from("expected a finite number"))
 }
 
 impl Common {
     /// What to learn from, answer with and report on in a recording of so many
     /// steps.
     pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
-        let third = Span(0..steps / 3);
+        let third = 0..steps / 3;
         let fit_on = match &self.fit_on[..] {
-            [] if third.0.len() < 2 => {
+            [] if third.len() < 2 => {
                 return Err(format!(
                     "the first third of a recording of {steps} steps is too short to learn from, \
                      expected --fit-on or at least 6 steps"
                 ));
             }
-            [] => vec![third.0],
+            [] => vec![third],
             spans => joined("--fit-on", spans, steps)?,
         };
         let learned = |step: &usize| fit_on.iter().any(|range| range.contains(step));
@@ -158,14 +136,14 @@ impl Common {
         SeqSlam {
             contrast: self.contrast,
             sequences: self.sequence.map_or(SEQUENCES.to_vec(), |steps| vec![steps.get()]),
-            velocities: self.velocities.iter().map(|velocity| velocity.0).collect(),
+            velocities: self.velocities.clone(),
         }
     }
 }
 
 /// In order, with those that meet as one.
-fn joined(option: &str, spans: &[Span], steps: usize) -> Result<Vec<Range<usize>>, String> {
-    let mut ranges: Vec<Range<usize>> = spans.iter().map(|span| span.0.clone()).collect();
+fn joined(option: &str, spans: &[Range<usize>], steps: usize) -> Result<Vec<Range<usize>>, String> {
+    let mut ranges = spans.to_vec();
     if let Some(Range { start, end }) = ranges.iter().find(|range| range.end > steps) {
         return Err(format!(
             "{option} {start}..{end}: the recording has {steps} steps, expected an end up to \
