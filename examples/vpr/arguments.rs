@@ -5,25 +5,10 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::seqslam::SeqSlam;
+use super::settings::Settings;
 
 /// The lengths of a line that `SeqSLAM` tries unless one is given.
 const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
-
-/// What to learn from, how to answer, and what to report.
-#[derive(Debug, Clone)]
-pub(crate) struct Settings {
-    /// The steps whose truth may be used: in order, apart from each other.
-    pub(crate) fit_on: Vec<Range<usize>>,
-    /// The steps that results are reported on: in order, none learned from.
-    pub(crate) report_on: Vec<usize>,
-    /// How many steps later a fixed-lag answer is due.
-    pub(crate) lag: usize,
-    /// Model places that are not on the map.
-    pub(crate) off_map: bool,
-    /// How far a right answer may lie from the truth, in references; at least
-    /// one, each once. The fit does not depend on them.
-    pub(crate) tolerances: Vec<usize>,
-}
 
 /// How to learn, answer and report.
 #[derive(Debug, clap::Args)]

@@ -11,9 +11,9 @@ use wayfix::{
 };
 
 use super::answers::places;
-use super::arguments::Settings;
 use super::model::{self, Camera, Model, Sighting, Steps};
 use super::recording::{Answers, Recording};
+use super::settings::Settings;
 
 /// The temperatures that are tried, hottest first.
 const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];

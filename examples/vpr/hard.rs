@@ -8,9 +8,9 @@ use rand::RngExt;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::vpr::arguments::Settings;
 use crate::vpr::drive::Drive;
 use crate::vpr::patches::Frames;
+use crate::vpr::settings::Settings;
 use crate::vpr::synthetic::grey;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

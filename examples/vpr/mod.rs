@@ -13,6 +13,7 @@ mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
 mod seqslam;
+pub(crate) mod settings;
 pub(crate) mod style;
 pub(crate) mod synthetic;
 pub(crate) mod tables;
@@ -26,13 +27,14 @@ use std::process::ExitCode;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use arguments::{Common, Settings};
+use arguments::Common;
 use drive::Drive;
 use estimate::Estimates;
 use measures::Measured;
 use patches::{Descriptors, Frames};
 use recording::Recording;
 use seqslam::SeqSlam;
+use settings::Settings;
 
 /// A bar that says what is being counted.
 pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use wayfix::evaluate::{ReliabilityDiagram, RocCurve};
 
-use super::arguments::Settings;
 use super::counted;
 use super::measures::{Measured, Scores};
 use super::recording::{Answers, Recording};
+use super::settings::Settings;
 
 /// The report that is printed: what was located, and how well.
 pub(crate) fn report(
