@@ -5,10 +5,13 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::seqslam::SeqSlam;
-use super::settings::Settings;
+use super::settings::{Offsets, Settings};
 
 /// The lengths of a line that `SeqSLAM` tries unless one is given.
 const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
+
+/// Where the help shows options that `Settings::not_wired` refuses.
+const TO_BE_WIRED: &str = "Options that are not there yet";
 
 /// How to learn, answer and report.
 #[derive(Debug, clap::Args)]
@@ -43,6 +46,25 @@ pub(crate) struct Common {
     /// SeqSLAM: the references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
+    /// Write what was learned into a file.
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with = "fit")]
+    save: Option<PathBuf>,
+    /// Use what was learned before and saved, rather than learn; all steps are
+    /// reported on by default.
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
+    fit: Option<PathBuf>,
+    /// How little the camera is believed: likelihoods are exp(-score / T)
+    /// [default: the best on the labelled part].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
+    temperature: Option<f64>,
+    /// Correct for references that look like everything [default: what is best on
+    /// the labelled part].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "WHICH")]
+    offsets: Option<Offsets>,
+    /// The speeds that the vehicle may have, in references per step; negative ones
+    /// are reverse [default: built in].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "LIST", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
+    speeds: Vec<f64>,
     /// The seed of all that is random.
     #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     pub(crate) seed: u64,
@@ -76,12 +98,29 @@ fn speed(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| String::from("expected a finite number"))
 }
 
+fn temperature(text: &str) -> Result<f64, String> {
+    let value = text.trim().parse().ok().filter(|t: &f64| t.is_normal() && *t > 0.0);
+    value.ok_or_else(|| String::from("expected a finite number above 0"))
+}
+
+/// Each value once, in order of its first place.
+fn distinct<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
+    let mut kept = Vec::new();
+    for value in values {
+        if !kept.contains(value) {
+            kept.push(*value);
+        }
+    }
+    kept
+}
+
 impl Common {
     /// What to learn from, answer with and report on in a recording of so many
     /// steps.
     pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
         let third = 0..steps / 3;
         let fit_on = match &self.fit_on[..] {
+            [] if self.fit.is_some() => Vec::new(),
             [] if third.len() < 2 => {
                 return Err(format!(
                     "the first third of a recording of {steps} steps is too short to learn from, \
@@ -108,13 +147,18 @@ impl Common {
                 "all {steps} steps are learned from, expected --fit-on to leave some to report on"
             ));
         }
-        let mut tolerances = Vec::new();
-        for tolerance in &self.tolerance {
-            if !tolerances.contains(tolerance) {
-                tolerances.push(*tolerance);
-            }
-        }
-        Ok(Settings { fit_on, report_on, lag: self.lag, off_map: self.off_map, tolerances })
+        Ok(Settings {
+            fit_on,
+            report_on,
+            lag: self.lag,
+            off_map: self.off_map,
+            tolerances: distinct(&self.tolerance),
+            save: self.save.clone(),
+            fit: self.fit.clone(),
+            temperature: self.temperature,
+            offsets: self.offsets,
+            speeds: distinct(&self.speeds),
+        })
     }
 
     pub(crate) fn seqslam(&self) -> SeqSlam {
@@ -214,6 +258,34 @@ mod tests {
         assert!(error(10, "--fit-on -1..5").contains("FIRST..END"));
         for wrong in ["--velocities nan", "--velocities=", "--sequence 0", "--tolerance -1"] {
             assert!(error(10, wrong).starts_with("error: "), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn options_of_the_fit() {
+        let given = settings(9, "").unwrap();
+        assert!(given.not_wired().is_none() && given.speeds.is_empty());
+        let given = settings(9, "--save a --temperature 0.5 --offsets hubs").unwrap();
+        assert_eq!((given.save, given.temperature), (Some("a".into()), Some(0.5)));
+        assert_eq!(given.offsets, Some(Offsets::Hubs));
+        let given = settings(9, "--speeds -1,0,0.5,0").unwrap();
+        assert_eq!((given.not_wired(), given.speeds), (Some("--speeds"), vec![-1.0, 0.0, 0.5]));
+        // Nothing is learned from, however short the recording.
+        let given = settings(2, "--fit a").unwrap();
+        assert_eq!(
+            (given.fit, given.fit_on, given.report_on),
+            (Some("a".into()), vec![], vec![0, 1])
+        );
+
+        let error = |line: &str| settings(9, line).unwrap_err();
+        for wrong in ["0", "-1", "inf", "nan", "1e-310", "warm"] {
+            let error = error(&format!("--temperature {wrong}"));
+            assert!(error.contains("a finite number above 0"), "{error}");
+        }
+        assert!(error("--offsets some").contains("[possible values: none, hubs, all]"));
+        assert!(error("--speeds 1,fast").contains("expected a finite number"));
+        for other in ["--fit-on 0..3", "--save b", "--offsets all", "--speeds 1"] {
+            assert!(error(&format!("--fit a {other}")).contains("cannot be used with"), "{other}");
         }
     }
 }

@@ -182,6 +182,8 @@ impl Disturbed {
         Settings {
             fit_on: settings.fit_on.iter().map(|part| now(part.start)..now(part.end)).collect(),
             report_on: (0..self.sources.len()).filter(reported).collect(),
+            // The fit is that of the undisturbed recording.
+            save: None,
             ..settings.clone()
         }
     }
@@ -272,6 +274,7 @@ mod tests {
             lag: 1,
             off_map: false,
             tolerances: vec![1],
+            ..Settings::default()
         };
         let moved = now.settings(&settings);
         assert_eq!(moved.fit_on, [0..20, 70 + more..75 + more]);

@@ -132,6 +132,9 @@ pub(crate) fn outcome(
     seqslam: &SeqSlam,
 ) -> Result<Outcome, Box<dyn Error>> {
     let Settings { report_on, tolerances, .. } = settings;
+    if let Some(option) = settings.not_wired() {
+        return Err(format!("{option} is not there yet").into());
+    }
     if report_on.iter().all(|step| recording.truth[*step].is_none()) {
         let count = report_on.len();
         return Err(format!(
