@@ -12,12 +12,17 @@ mod vpr;
 
 #[path = "vpr/frames.rs"]
 mod frames;
+#[path = "vpr/hard.rs"]
+mod hard;
+#[path = "vpr/robustness.rs"]
+mod robustness;
 // The tests of all modules run here.
 #[cfg(test)]
 #[path = "vpr/similarity.rs"]
 mod similarity;
 
 use std::error::Error;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -25,8 +30,11 @@ use clap::Parser;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Normal};
 
-use vpr::arguments::{Common, Span, whole};
+use hard::Pass;
+use vpr::arguments::{Common, span, whole};
 use vpr::drive::{Detour, Drive, Leg};
+use vpr::patches::Descriptors;
+use vpr::recording::Recording;
 use vpr::synthetic;
 
 /// Locates the frames of a drive by those of a map, with patch-normalised
@@ -54,8 +62,8 @@ struct Arguments {
     /// Take only these frames of the reference as the map, as FIRST..END;
     /// places number from FIRST [default: all; of the made-up recording, the
     /// first 300].
-    #[arg(long, value_name = "RANGE", allow_hyphen_values = true)]
-    reference_range: Option<Span>,
+    #[arg(long, value_name = "RANGE", value_parser = span, allow_hyphen_values = true)]
+    reference_range: Option<Range<usize>>,
     /// Show the query as a drive of so many steps at a speed in frames per
     /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
     /// `--start`, and each step of each leg adds its speed and shows the
@@ -76,6 +84,12 @@ struct Arguments {
     /// this standard deviation.
     #[arg(long, value_name = "SD", value_parser = deviation, allow_negative_numbers = true)]
     odometry: Option<Normal<f64>>,
+    /// Then disturb the steps that are reported on, as real drives do, by each of
+    /// tunnel, fog, night, covered lens, look-alike places, jumps of exposure,
+    /// dropped and repeated frames, and by all in turn. Prints a table, and
+    /// writes it as hard.csv.
+    #[arg(long)]
+    hard: bool,
     #[command(flatten)]
     common: Common,
 }
@@ -103,7 +117,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         (synthetic::NAME.to_owned(), references, queries)
     };
     let map = match &arguments.reference_range {
-        Some(Span(range)) => range.clone(),
+        Some(range) => range.clone(),
         None if made_up => 0..synthetic::MAPPED,
         None => 0..references.count(),
     };
@@ -119,14 +133,29 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         detours => detours.to_vec(),
     };
     let drive = Drive::new(&legs, start, frames)?.with_detours(&detours, frames)?;
-    let mut recording = vpr::compare(name, &references, map, &queries, &drive, arguments.patch)?;
-    recording.closed = common.closed;
-    recording.odometry = arguments.odometry.map(|noise| {
-        let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
-        rng.set_stream(1);
-        let measured = |distance: &f64| distance + noise.sample(&mut rng);
-        std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
-    });
+    let pass = Pass { references: &references, map, queries: &queries, drive };
+    let places = vpr::places(&references, &pass.map, arguments.patch)?;
+    // What is seen at each step, and the drive that it is seen on.
+    let record = |shown: &Descriptors, drive: &Drive| -> Result<Recording, String> {
+        let mut recording = vpr::compare(name.clone(), &places, &pass.map, shown, drive)?;
+        recording.closed = common.closed;
+        recording.odometry = arguments.odometry.map(|noise| {
+            let mut rng = ChaCha8Rng::seed_from_u64(common.seed);
+            rng.set_stream(1);
+            let measured = |distance: &f64| distance + noise.sample(&mut rng);
+            std::iter::once(0.0).chain(drive.distances[1..].iter().map(measured)).collect()
+        });
+        Ok(recording)
+    };
+    let shown = queries.descriptors(pass.drive.frames.iter().copied(), arguments.patch)?;
+    let recording = record(&shown, &pass.drive)?;
     let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_frames"));
-    vpr::run(&recording, common, &out)
+    let undisturbed = vpr::run(&recording, common, &out)?;
+    if arguments.hard {
+        robustness::run(&pass, (&recording, &undisturbed), common, &out, |disturbed| {
+            let frames = 0..disturbed.drive.frames.len();
+            record(&disturbed.shown.descriptors(frames, arguments.patch)?, &disturbed.drive)
+        })?;
+    }
+    Ok(())
 }

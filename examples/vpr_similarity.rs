@@ -21,7 +21,6 @@ use clap::Parser;
 
 use vpr::arguments::Common;
 use vpr::drive::Drive;
-use vpr::recording::Recording;
 use vpr::synthetic;
 
 /// Locates the images of a drive by their similarities to those of a map, and
@@ -53,21 +52,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let common = &arguments.common;
     let files = arguments.similarity.as_ref().zip(arguments.truth.as_ref());
     let mut recording = if let Some((similarity, truth)) = files {
-        let name = vpr::file_name(similarity);
-        let similarity::Matrix { columns, mut values } =
-            similarity::read_matrix(similarity, arguments.distances)?;
-        if !arguments.distances {
-            values.iter_mut().for_each(|value| *value = -*value);
-        }
-        let truth = similarity::read_truth(truth, values.len() / columns, columns)?;
-        Recording {
-            name,
-            references: columns,
-            distances: values,
-            truth,
-            odometry: None,
-            closed: false,
-        }
+        similarity::read(similarity, truth, arguments.distances)?
     } else {
         let (references, queries) = synthetic::frames(common.seed, common.closed);
         let frames = queries.count();
@@ -75,9 +60,13 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         let drive = Drive::new(&synthetic::legs(), synthetic::START, frames)?;
         let drive = drive.with_detours(&detours, frames)?;
         let name = synthetic::NAME.to_owned();
-        vpr::compare(name, &references, 0..synthetic::MAPPED, &queries, &drive, 8)?
+        let map = 0..synthetic::MAPPED;
+        let places = vpr::places(&references, &map, 8)?;
+        let sightings = queries.descriptors(drive.frames.iter().copied(), 8)?;
+        vpr::compare(name, &places, &map, &sightings, &drive)?
     };
     recording.closed = common.closed;
     let out = common.out.clone().unwrap_or_else(|| PathBuf::from("target/vpr_similarity"));
-    vpr::run(&recording, common, &out)
+    vpr::run(&recording, common, &out)?;
+    Ok(())
 }

@@ -78,9 +78,8 @@ impl Task<'_> {
             method: method.into(),
             confidence: probability[0].clone(),
             probability: Some(probability),
-            truth_mass: None,
-            on_map: None,
             places,
+            ..Answers::default()
         }
     }
 }

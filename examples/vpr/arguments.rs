@@ -3,24 +3,27 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::str::FromStr;
 
-use thiserror::Error;
-
-use super::estimate::Settings;
 use super::seqslam::SeqSlam;
+use super::settings::{Offsets, Settings};
+
+/// The lengths of a line that `SeqSLAM` tries unless one is given.
+const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
+
+/// Where the help shows options that `Settings::not_wired` refuses.
+const TO_BE_WIRED: &str = "Options that are not there yet";
 
 /// How to learn, answer and report.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Common {
     /// The steps whose places are known and learned from, as FIRST..END,
     /// several separated by commas [default: the first third].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
-    fit_on: Vec<Span>,
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
+    fit_on: Vec<Range<usize>>,
     /// The steps that results are reported on [default: all that are not
     /// learned from].
-    #[arg(long, value_name = "RANGES", value_delimiter = ',', allow_hyphen_values = true)]
-    report_on: Vec<Span>,
+    #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
+    report_on: Vec<Range<usize>>,
     /// How many steps later a fixed-lag answer is due.
     #[arg(long, value_name = "STEPS", default_value_t = 20, value_parser = whole, allow_negative_numbers = true)]
     lag: usize,
@@ -33,21 +36,35 @@ pub(crate) struct Common {
     /// The references form a closed route.
     #[arg(long = "loop")]
     pub(crate) closed: bool,
-    /// SeqSLAM: the length of a line, in steps.
-    #[arg(long, value_name = "STEPS", default_value = "50", value_parser = count, allow_negative_numbers = true)]
-    sequence: NonZeroUsize,
+    /// SeqSLAM: the length of a line, in steps [default: of 10, 20, 50 and 100,
+    /// the one of most recall on the steps reported on, which favours SeqSLAM].
+    #[arg(long, value_name = "STEPS", value_parser = count, allow_negative_numbers = true)]
+    sequence: Option<NonZeroUsize>,
     /// SeqSLAM: the slopes of a line, in references per step.
-    #[arg(
-        long,
-        allow_hyphen_values = true,
-        value_name = "SPEEDS",
-        default_value = "0.8,0.9,1,1.1,1.2",
-        value_delimiter = ','
-    )]
-    velocities: Vec<Velocity>,
+    #[arg(long, value_name = "SPEEDS", default_value = "0.8,0.9,1,1.1,1.2", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
+    velocities: Vec<f64>,
     /// SeqSLAM: the references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
+    /// Write what was learned into a file.
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with = "fit")]
+    save: Option<PathBuf>,
+    /// Use what was learned before and saved, rather than learn; all steps are
+    /// reported on by default.
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
+    fit: Option<PathBuf>,
+    /// How little the camera is believed: likelihoods are exp(-score / T)
+    /// [default: the best on the labelled part].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
+    temperature: Option<f64>,
+    /// Correct for references that look like everything [default: what is best on
+    /// the labelled part].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "WHICH")]
+    offsets: Option<Offsets>,
+    /// The speeds that the vehicle may have, in references per step; negative ones
+    /// are reverse [default: built in].
+    #[arg(long, help_heading = TO_BE_WIRED, value_name = "LIST", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
+    speeds: Vec<f64>,
     /// The seed of all that is random.
     #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     pub(crate) seed: u64,
@@ -55,30 +72,6 @@ pub(crate) struct Common {
     /// name].
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-}
-
-/// Steps from a first to an end that is excluded; not empty.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Span(pub(crate) Range<usize>);
-
-#[derive(Debug, Clone, Copy)]
-struct Velocity(f64);
-
-/// Why ranges do not suit a recording.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub(crate) enum StepsError {
-    #[error("{option} {}..{end}: the recording has {steps} steps, expected an end up to {steps}", range.start, end = range.end)]
-    Beyond { option: &'static str, range: Range<usize>, steps: usize },
-    #[error(
-        "the first third of a recording of {steps} steps is too short to learn from, expected --fit-on or at least 6 steps"
-    )]
-    Short { steps: usize },
-    #[error(
-        "--report-on has step {step}, which is learned from, expected steps outside of --fit-on"
-    )]
-    Learned { step: usize },
-    #[error("all {steps} steps are learned from, expected --fit-on to leave some to report on")]
-    NothingLeft { steps: usize },
 }
 
 /// A whole number, or what was expected.
@@ -90,36 +83,51 @@ fn count(text: &str) -> Result<NonZeroUsize, String> {
     text.parse().map_err(|_| String::from("expected a whole number above 0"))
 }
 
-impl FromStr for Span {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parse = || {
-            let (first, end) = text.trim().split_once("..")?;
-            let range: Range<usize> = first.parse().ok()?..end.parse().ok()?;
-            (!range.is_empty()).then_some(Self(range))
-        };
-        parse()
-            .ok_or_else(|| String::from("expected FIRST..END with FIRST below END, as in 0..600"))
-    }
+/// FIRST..END, the end excluded; not empty.
+pub(crate) fn span(text: &str) -> Result<Range<usize>, String> {
+    let parse = || {
+        let (first, end) = text.trim().split_once("..")?;
+        let range: Range<usize> = first.parse().ok()?..end.parse().ok()?;
+        (!range.is_empty()).then_some(range)
+    };
+    parse().ok_or_else(|| String::from("expected FIRST..END with FIRST below END, as in 0..600"))
 }
 
-impl FromStr for Velocity {
-    type Err = String;
+fn speed(text: &str) -> Result<f64, String> {
+    let value = text.trim().parse().ok().filter(|value: &f64| value.is_finite());
+    value.ok_or_else(|| String::from("expected a finite number"))
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let value = text.trim().parse().ok().filter(|value: &f64| value.is_finite());
-        value.map(Self).ok_or_else(|| String::from("expected a finite number"))
+fn temperature(text: &str) -> Result<f64, String> {
+    let value = text.trim().parse().ok().filter(|t: &f64| t.is_normal() && *t > 0.0);
+    value.ok_or_else(|| String::from("expected a finite number above 0"))
+}
+
+/// Each value once, in order of its first place.
+fn distinct<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
+    let mut kept = Vec::new();
+    for value in values {
+        if !kept.contains(value) {
+            kept.push(*value);
+        }
     }
+    kept
 }
 
 impl Common {
-    /// What to learn from and answer with, and the steps to report on.
-    pub(crate) fn settings(&self, steps: usize) -> Result<(Settings, Vec<usize>), StepsError> {
-        let third = Span(0..steps / 3);
+    /// What to learn from, answer with and report on in a recording of so many
+    /// steps.
+    pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
+        let third = 0..steps / 3;
         let fit_on = match &self.fit_on[..] {
-            [] if third.0.len() < 2 => return Err(StepsError::Short { steps }),
-            [] => vec![third.0],
+            [] if self.fit.is_some() => Vec::new(),
+            [] if third.len() < 2 => {
+                return Err(format!(
+                    "the first third of a recording of {steps} steps is too short to learn from, \
+                     expected --fit-on or at least 6 steps"
+                ));
+            }
+            [] => vec![third],
             spans => joined("--fit-on", spans, steps)?,
         };
         let learned = |step: &usize| fit_on.iter().any(|range| range.contains(step));
@@ -128,39 +136,48 @@ impl Common {
         } else {
             joined("--report-on", &self.report_on, steps)?.into_iter().flatten().collect()
         };
-        if let Some(&step) = report_on.iter().find(|step| learned(step)) {
-            return Err(StepsError::Learned { step });
+        if let Some(step) = report_on.iter().find(|step| learned(step)) {
+            return Err(format!(
+                "--report-on has step {step}, which is learned from, expected steps outside of \
+                 --fit-on"
+            ));
         }
         if report_on.is_empty() {
-            return Err(StepsError::NothingLeft { steps });
+            return Err(format!(
+                "all {steps} steps are learned from, expected --fit-on to leave some to report on"
+            ));
         }
-        let mut tolerances = Vec::new();
-        for tolerance in &self.tolerance {
-            if !tolerances.contains(tolerance) {
-                tolerances.push(*tolerance);
-            }
-        }
-        Ok((Settings { fit_on, lag: self.lag, off_map: self.off_map, tolerances }, report_on))
+        Ok(Settings {
+            fit_on,
+            report_on,
+            lag: self.lag,
+            off_map: self.off_map,
+            tolerances: distinct(&self.tolerance),
+            save: self.save.clone(),
+            fit: self.fit.clone(),
+            temperature: self.temperature,
+            offsets: self.offsets,
+            speeds: distinct(&self.speeds),
+        })
     }
 
     pub(crate) fn seqslam(&self) -> SeqSlam {
         SeqSlam {
             contrast: self.contrast,
-            sequence: self.sequence.get(),
-            velocities: self.velocities.iter().map(|velocity| velocity.0).collect(),
+            sequences: self.sequence.map_or(SEQUENCES.to_vec(), |steps| vec![steps.get()]),
+            velocities: self.velocities.clone(),
         }
     }
 }
 
 /// In order, with those that meet as one.
-fn joined(
-    option: &'static str,
-    spans: &[Span],
-    steps: usize,
-) -> Result<Vec<Range<usize>>, StepsError> {
-    let mut ranges: Vec<Range<usize>> = spans.iter().map(|span| span.0.clone()).collect();
-    if let Some(range) = ranges.iter().find(|range| range.end > steps) {
-        return Err(StepsError::Beyond { option, range: range.clone(), steps });
+fn joined(option: &str, spans: &[Range<usize>], steps: usize) -> Result<Vec<Range<usize>>, String> {
+    let mut ranges = spans.to_vec();
+    if let Some(Range { start, end }) = ranges.iter().find(|range| range.end > steps) {
+        return Err(format!(
+            "{option} {start}..{end}: the recording has {steps} steps, expected an end up to \
+             {steps}"
+        ));
     }
     ranges.sort_by_key(|range| range.start);
     ranges.dedup_by(|next, kept| {
@@ -185,26 +202,25 @@ mod tests {
         common: Common,
     }
 
-    fn settings(steps: usize, line: &str) -> Result<(Settings, Vec<usize>), String> {
+    fn settings(steps: usize, line: &str) -> Result<Settings, String> {
         let line = Line::try_parse_from(std::iter::once("example").chain(line.split_whitespace()));
-        let common = line.map_err(|error| error.to_string())?.common;
-        common.settings(steps).map_err(|error| error.to_string())
+        line.map_err(|error| error.to_string())?.common.settings(steps)
     }
 
     #[test]
     fn ranges_are_joined_and_the_rest_is_reported() {
-        let (settings, report) = settings(12, "--fit-on 5..7,0..2,6..9,9..10").unwrap();
+        let settings = settings(12, "--fit-on 5..7,0..2,6..9,9..10").unwrap();
         assert_eq!(settings.fit_on, [0..2, 5..10]);
-        assert_eq!(report, [2, 3, 4, 10, 11]);
+        assert_eq!(settings.report_on, [2, 3, 4, 10, 11]);
         assert_eq!((settings.lag, settings.off_map), (20, false));
         assert_eq!(settings.tolerances, [1, 10]);
     }
 
     #[test]
     fn the_first_third_is_learned_from() {
-        let (settings, report) = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
+        let settings = settings(11, "--report-on 9..11,4..6 --tolerance 3,0,3").unwrap();
         assert_eq!(settings.fit_on, vec![0..3; 1]);
-        assert_eq!(report, [4, 5, 9, 10]);
+        assert_eq!(settings.report_on, [4, 5, 9, 10]);
         assert_eq!(settings.tolerances, [3, 0]);
     }
 
@@ -242,6 +258,34 @@ mod tests {
         assert!(error(10, "--fit-on -1..5").contains("FIRST..END"));
         for wrong in ["--velocities nan", "--velocities=", "--sequence 0", "--tolerance -1"] {
             assert!(error(10, wrong).starts_with("error: "), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn options_of_the_fit() {
+        let given = settings(9, "").unwrap();
+        assert!(given.not_wired().is_none() && given.speeds.is_empty());
+        let given = settings(9, "--save a --temperature 0.5 --offsets hubs").unwrap();
+        assert_eq!((given.save, given.temperature), (Some("a".into()), Some(0.5)));
+        assert_eq!(given.offsets, Some(Offsets::Hubs));
+        let given = settings(9, "--speeds -1,0,0.5,0").unwrap();
+        assert_eq!((given.not_wired(), given.speeds), (Some("--speeds"), vec![-1.0, 0.0, 0.5]));
+        // Nothing is learned from, however short the recording.
+        let given = settings(2, "--fit a").unwrap();
+        assert_eq!(
+            (given.fit, given.fit_on, given.report_on),
+            (Some("a".into()), vec![], vec![0, 1])
+        );
+
+        let error = |line: &str| settings(9, line).unwrap_err();
+        for wrong in ["0", "-1", "inf", "nan", "1e-310", "warm"] {
+            let error = error(&format!("--temperature {wrong}"));
+            assert!(error.contains("a finite number above 0"), "{error}");
+        }
+        assert!(error("--offsets some").contains("[possible values: none, hubs, all]"));
+        assert!(error("--speeds 1,fast").contains("expected a finite number"));
+        for other in ["--fit-on 0..3", "--save b", "--offsets all", "--speeds 1"] {
+            assert!(error(&format!("--fit a {other}")).contains("cannot be used with"), "{other}");
         }
     }
 }

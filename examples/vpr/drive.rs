@@ -4,41 +4,6 @@
 use std::ops::Range;
 use std::str::FromStr;
 
-use thiserror::Error;
-
-/// Why a recording cannot be shown as a drive.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub(crate) enum DriveError {
-    #[error("--start {start} is not in the recording, expected frames 0 to {}", frames - 1)]
-    Start { start: usize, frames: usize },
-    #[error(
-        "--drive: step {of_leg} of leg {leg} ({steps}@{}), step {step} of the drive, would \
-         show frame {}, expected frames 0 to {last} (-0.5 to below {last}.5)",
-        short(*speed), short(*position), last = frames - 1
-    )]
-    Leaves {
-        /// From 1.
-        leg: usize,
-        steps: usize,
-        speed: f64,
-        /// From 1.
-        of_leg: usize,
-        step: usize,
-        position: f64,
-        frames: usize,
-    },
-    #[error(
-        "--detour {}..{}@{at}: frame {} is not in the recording, expected frames 0 to {}",
-        detour.start, detour.end, detour.end - 1, frames - 1
-    )]
-    DetourFrames { detour: Range<usize>, at: usize, frames: usize },
-    #[error(
-        "--detour {}..{}@{at}: expected a step of 1 to {steps}, as the drive has {steps} steps",
-        detour.start, detour.end
-    )]
-    DetourStep { detour: Range<usize>, at: usize, steps: usize },
-}
-
 /// So many steps at a speed in frames per step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Leg {
@@ -100,9 +65,12 @@ impl FromStr for Detour {
 impl Drive {
     /// Shows frame `start`, then a frame for each step of the legs: the one
     /// nearest to where the vehicle is, halves up.
-    pub(crate) fn new(legs: &[Leg], start: usize, frames: usize) -> Result<Self, DriveError> {
-        if start >= frames {
-            return Err(DriveError::Start { start, frames });
+    pub(crate) fn new(legs: &[Leg], start: usize, frames: usize) -> Result<Self, String> {
+        let last = frames - 1;
+        if start > last {
+            return Err(format!(
+                "--start {start} is not in the recording, expected frames 0 to {last}"
+            ));
         }
         let mut drive = Self { frames: vec![start], distances: vec![0.0] };
         let mut position = start as f64;
@@ -111,16 +79,13 @@ impl Drive {
                 position += speed;
                 let nearest = (position + 0.5).floor();
                 if !(0.0..frames as f64).contains(&nearest) {
-                    let step = drive.frames.len();
-                    return Err(DriveError::Leaves {
-                        leg,
-                        steps,
-                        speed,
-                        of_leg,
-                        step,
-                        position,
-                        frames,
-                    });
+                    return Err(format!(
+                        "--drive: step {of_leg} of leg {leg} ({steps}@{}), step {} of the drive, \
+                         would show frame {}, expected frames 0 to {last} (-0.5 to below {last}.5)",
+                        short(speed),
+                        drive.frames.len(),
+                        short(position),
+                    ));
                 }
                 #[expect(clippy::cast_sign_loss, reason = "it was just compared with 0")]
                 drive.frames.push(nearest as usize);
@@ -132,19 +97,22 @@ impl Drive {
 
     /// Puts the frames of each detour before its step. They are driven at speed
     /// 1, and the step after them has the distance that it has without them.
-    pub(crate) fn with_detours(
-        self,
-        detours: &[Detour],
-        frames: usize,
-    ) -> Result<Self, DriveError> {
+    pub(crate) fn with_detours(self, detours: &[Detour], frames: usize) -> Result<Self, String> {
         let steps = self.frames.len();
-        for Detour { frames: detour, at } in detours {
-            let (detour, at) = (detour.clone(), *at);
-            if detour.end > frames {
-                return Err(DriveError::DetourFrames { detour, at, frames });
+        for Detour { frames: Range { start, end }, at } in detours {
+            if *end > frames {
+                return Err(format!(
+                    "--detour {start}..{end}@{at}: frame {} is not in the recording, expected \
+                     frames 0 to {}",
+                    end - 1,
+                    frames - 1
+                ));
             }
-            if at == 0 || at > steps {
-                return Err(DriveError::DetourStep { detour, at, steps });
+            if *at == 0 || *at > steps {
+                return Err(format!(
+                    "--detour {start}..{end}@{at}: expected a step of 1 to {steps}, as the drive \
+                     has {steps} steps"
+                ));
             }
         }
         let mut drive = Self { frames: Vec::new(), distances: Vec::new() };
@@ -191,21 +159,18 @@ mod tests {
     fn a_drive_that_leaves_says_where() {
         let error = Drive::new(&legs("3@1,60@0,4@-2"), 2, 20).unwrap_err();
         assert_eq!(
-            error.to_string(),
+            error,
             "--drive: step 3 of leg 3 (4@-2), step 66 of the drive, would show frame -1, expected \
              frames 0 to 19 (-0.5 to below 19.5)"
         );
         let error = Drive::new(&legs("3@1e300,3@1e300"), 2, 20).unwrap_err();
         assert_eq!(
-            error.to_string(),
+            error,
             "--drive: step 1 of leg 1 (3@1e300), step 1 of the drive, would show frame 1e300, \
              expected frames 0 to 19 (-0.5 to below 19.5)"
         );
         let error = Drive::new(&[], 20, 20).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "--start 20 is not in the recording, expected frames 0 to 19"
-        );
+        assert_eq!(error, "--start 20 is not in the recording, expected frames 0 to 19");
     }
 
     #[test]
@@ -217,7 +182,7 @@ mod tests {
         assert_eq!(with.frames, [0, 2, 10, 11, 18, 4, 6, 15]);
         assert_eq!(with.distances, [0.0, 2.0, 1.0, 1.0, 1.0, 2.0, 2.0, 1.0]);
 
-        let error = |text| drive.clone().with_detours(&[detour(text)], 20).unwrap_err().to_string();
+        let error = |text| drive.clone().with_detours(&[detour(text)], 20).unwrap_err();
         assert_eq!(
             error("18..21@2"),
             "--detour 18..21@2: frame 20 is not in the recording, expected frames 0 to 19"

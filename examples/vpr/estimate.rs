@@ -13,26 +13,18 @@ use wayfix::{
 use super::answers::places;
 use super::model::{self, Camera, Model, Sighting, Steps};
 use super::recording::{Answers, Recording};
+use super::settings::Settings;
 
 /// The temperatures that are tried, hottest first.
 const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];
 
 /// Differences of log scores that are not worth a colder temperature.
 const WORTH: f64 = 0.01;
+/// How far from the truth a probability still counts in the fit, in references.
+/// It does not depend on what is reported.
+const TOLERANCE: usize = 1;
 /// How many steps a filter has to find its place.
 const LOCALISE: usize = 100;
-
-/// What to learn from, and how to answer.
-pub(crate) struct Settings {
-    /// The steps whose truth may be used: in order, apart from each other.
-    pub(crate) fit_on: Vec<Range<usize>>,
-    /// How many steps later a fixed-lag answer is due.
-    pub(crate) lag: usize,
-    /// Model places that are not on the map.
-    pub(crate) off_map: bool,
-    /// In references.
-    pub(crate) tolerances: Vec<usize>,
-}
 
 /// What the methods say.
 pub(crate) struct Estimates {
@@ -178,14 +170,13 @@ impl Task<'_> {
         candidates: &[(usize, f64)],
     ) -> Result<Calibration, Box<dyn Error>> {
         let bar = super::bar("fitting", candidates.len());
-        let tolerance = self.settings.tolerances.iter().copied().min().unwrap_or(0);
         let fitted = calibrate(candidates, WORTH, |(at, temperature)| {
             let hmm = model.hmm(self.cameras[*at].1.clone().with_temperature(*temperature)?)?;
             let mut scores = Vec::new();
             for range in &self.settings.fit_on {
                 for beliefs in self.beliefs(&hmm, &model.groups, range)? {
                     let masses = beliefs.iter().zip(range.clone());
-                    let masses = masses.map(|(p, step)| self.true_mass(p, step, tolerance));
+                    let masses = masses.map(|(p, step)| self.true_mass(p, step, TOLERANCE));
                     scores.extend(masses.map(f64::ln));
                 }
             }

@@ -6,14 +6,19 @@ use std::path::Path;
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
-use wayfix::evaluate::{PrecisionRecallPoint, ReliabilityBin, ReliabilityDiagram};
+use wayfix::evaluate::{PrecisionRecallPoint, ReliabilityBin};
 
 use super::measures::Measured;
 use super::style::{self, Area, Drawn, GREY, Look, PALE, Pixel, anchored, font, shortened};
 
-const PANEL: i32 = 450;
+const PANEL: i32 = 425;
 const HEAD: i32 = 62;
-const LEGEND: i32 = 220;
+const LEGEND: i32 = 250;
+const GAP: i32 = 16;
+/// Pictures are at most so wide, so that they can be read on a page.
+const WIDTH: i32 = 1100;
+/// Bins of fewer steps are drawn pale.
+const FEW: usize = 10;
 
 /// A line of a chart.
 struct Curve {
@@ -22,43 +27,53 @@ struct Curve {
     points: Vec<(f64, f64)>,
 }
 
-/// What the axes of a panel are.
-struct Axes<'a> {
+/// What the axes of a panel are; unless said otherwise, both from 0 to 1.
+struct Axes {
     title: String,
+    /// Of the panel, in pixels.
+    side: i32,
     /// Pixels between the title and the plot.
     space: i32,
-    x: &'a str,
-    y: &'a str,
-    x_range: (f64, f64),
-    y_range: (f64, f64),
+    labels: [&'static str; 2],
+    /// The end of the first axis.
+    x_end: f64,
+    /// The start of the second.
+    y_start: f64,
+    diagonal: bool,
 }
 
-fn picture(file: &Path, size: Pixel, with: impl Fn(&Area<'_>) -> Drawn) -> Drawn {
-    let size = (size.0.unsigned_abs(), size.1.unsigned_abs());
+impl Axes {
+    fn new(title: String, x: &'static str, y: &'static str) -> Self {
+        let labels = [x, y];
+        Self { title, side: PANEL, space: 6, labels, x_end: 1.0, y_start: 0.0, diagonal: false }
+    }
+}
+
+fn picture(
+    file: &Path,
+    (width, height): Pixel,
+    [title, name]: [&str; 2],
+    with: impl Fn(&Area<'_>) -> Drawn,
+) -> Drawn {
+    let size = (width.unsigned_abs(), height.unsigned_abs());
     let area = SVGBackend::new(file, size).into_drawing_area();
     area.fill(&WHITE)?;
-    with(&area)?;
-    area.present()?;
-    Ok(())
-}
-
-fn head(area: &Area<'_>, title: &str, name: &str) -> Drawn {
     area.draw(&Text::new(title.to_owned(), (20, 14), font(20)))?;
-    let (width, _) = area.dim_in_pixel();
-    let name = shortened(name, width as usize / 8);
+    let name = shortened(name, size.0 as usize / 8);
     area.draw(&Text::new(name, (20, 40), font(14).color(&GREY)))?;
-    Ok(())
+    with(&area)?;
+    Ok(area.present()?)
 }
 
 /// A square panel with its upper left corner at a pixel; returns where values
 /// lie in the picture.
 fn panel(
     area: &Area<'_>,
-    (left, top): Pixel,
-    axes: &Axes<'_>,
+    corner: Pixel,
+    axes: &Axes,
 ) -> Result<impl Fn((f64, f64)) -> Pixel, Box<dyn std::error::Error>> {
-    let part = area.clone().shrink((left, top), (PANEL, PANEL));
-    let title = Text::new(axes.title.clone(), (PANEL / 2 + 24, 8), anchored(15, HPos::Center));
+    let part = area.clone().shrink(corner, (axes.side, axes.side));
+    let title = Text::new(axes.title.clone(), (axes.side / 2 + 24, 8), anchored(15, HPos::Center));
     part.draw(&title)?;
     let mut chart = ChartBuilder::on(&part)
         .margin_top(18 + axes.space)
@@ -66,17 +81,13 @@ fn panel(
         .margin_left(4)
         .x_label_area_size(44)
         .y_label_area_size(58)
-        .build_cartesian_2d(axes.x_range.0..axes.x_range.1, axes.y_range.0..axes.y_range.1)?;
-    let digits = |range: (f64, f64)| match range.1 - range.0 {
-        wide if wide > 5.0 => 0,
-        wide if wide > 0.45 => 1,
-        _ => 2,
-    };
-    let (x_digits, y_digits) = (digits(axes.x_range), digits(axes.y_range));
+        .build_cartesian_2d(0.0..axes.x_end, axes.y_start..1.0)?;
+    let x_digits = usize::from(axes.x_end <= 5.0);
+    let y_digits = if axes.y_start < 0.55 { 1 } else { 2 };
     chart
         .configure_mesh()
-        .x_desc(axes.x)
-        .y_desc(axes.y)
+        .x_desc(axes.labels[0])
+        .y_desc(axes.labels[1])
         .x_labels(6)
         .y_labels(6)
         .x_label_formatter(&|x| format!("{x:.x_digits$}"))
@@ -87,22 +98,37 @@ fn panel(
         .bold_line_style(PALE)
         .draw()?;
     let plot = chart.plotting_area().clone();
-    Ok(move |at| plot.map_coordinate(&at))
-}
-
-/// Draws curves into a panel, one pixel a point at most.
-fn draw(area: &Area<'_>, curves: &[Curve], at: impl Fn((f64, f64)) -> Pixel) -> Drawn {
-    for (n, Curve { look, points, .. }) in curves.iter().enumerate() {
-        let mut pixels: Vec<Pixel> = points.iter().map(|point| at(*point)).collect();
-        pixels.dedup();
-        look.line(area, &pixels, n)?;
+    let at = move |point| plot.map_coordinate(&point);
+    if axes.diagonal {
+        area.draw(&PathElement::new([at((0.0, 0.0)), at((1.0, 1.0))], GREY))?;
     }
-    Ok(())
+    Ok(at)
 }
 
-fn legend(area: &Area<'_>, x: i32, curves: &[Curve]) -> Drawn {
-    (0..).zip(curves).try_for_each(|(n, Curve { name, look, .. })| {
-        look.legend(area, (x, HEAD + 40 + 28 * n), name.clone())
+/// Panels of curves, two in a row, and the legend of the first beside them.
+fn curves(file: &Path, titles: [&str; 2], panels: &[(Axes, Vec<Curve>)]) -> Drawn {
+    let (columns, rows) = (panels.len().clamp(1, 2), panels.len().div_ceil(2) as i32);
+    let width = columns as i32 * PANEL;
+    picture(file, (width + LEGEND, HEAD + rows * (PANEL + GAP)), titles, |area| {
+        for (number, (axes, curves)) in panels.iter().enumerate() {
+            let (column, row) = ((number % columns) as i32, (number / columns) as i32);
+            let at = panel(area, (column * PANEL, HEAD + row * (PANEL + GAP)), axes)?;
+            for (n, Curve { name, look, points }) in curves.iter().enumerate() {
+                let mut pixels: Vec<Pixel> = points.iter().map(|point| at(*point)).collect();
+                pixels.dedup();
+                if pixels.len() < 20 {
+                    look.path(area, &pixels)?;
+                    pixels.iter().try_for_each(|pixel| look.mark(area, *pixel))?;
+                } else {
+                    look.line(area, &pixels, n)?;
+                }
+                if number == 0 {
+                    let place = (width + 10, HEAD + 40 + 28 * n as i32);
+                    look.legend(area, place, name.clone())?;
+                }
+            }
+        }
+        Ok(())
     })
 }
 
@@ -120,70 +146,40 @@ pub(crate) fn within(tolerance: usize) -> String {
 /// A panel for each tolerance, a curve for each method: steps, as the area is
 /// counted.
 pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
-    let panels = measured.first().map_or(0, |method| method.scores.len());
-    let width = panels as i32 * PANEL;
-    picture(file, (width + LEGEND, HEAD + PANEL + 10), |area| {
-        head(area, "Precision and recall", name)?;
-        let precisions = measured.iter().flat_map(|method| &method.scores);
-        let precisions = precisions.flat_map(|score| score.curve.points());
-        let least = below(precisions.map(PrecisionRecallPoint::precision));
-        for number in 0..panels {
-            let curves = measured.iter().map(|method| {
-                let (mut points, mut recall) = (Vec::new(), 0.0);
-                for point in method.scores[number].curve.points() {
-                    points.push((recall, point.precision()));
-                    recall = point.recall();
-                    points.push((recall, point.precision()));
-                }
-                let (name, look) = style::of_method(&method.method);
-                Curve { name: name.to_owned(), look, points }
-            });
-            let curves: Vec<Curve> = curves.collect();
-            let axes = Axes {
-                title: within(measured[0].scores[number].tolerance),
-                space: 6,
-                x: "recall",
-                y: "precision",
-                x_range: (0.0, 1.0),
-                y_range: (least, 1.0),
-            };
-            let at = panel(area, (number as i32 * PANEL, HEAD), &axes)?;
-            draw(area, &curves, at)?;
-            if number == 0 {
-                legend(area, width + 10, &curves)?;
+    let scores = measured.iter().flat_map(|method| &method.scores);
+    let points = scores.flat_map(|score| score.curve.points());
+    let least = below(points.map(PrecisionRecallPoint::precision));
+    let tolerances = measured.first().into_iter().flat_map(|method| &method.scores);
+    let panels = tolerances.enumerate().map(|(number, score)| {
+        let steps = measured.iter().map(|method| {
+            let (mut points, mut recall) = (Vec::new(), 0.0);
+            for point in method.scores[number].curve.points() {
+                points.push((recall, point.precision()));
+                recall = point.recall();
+                points.push((recall, point.precision()));
             }
-        }
-        Ok(())
-    })
+            let (name, look) = style::of_method(&method.method);
+            Curve { name: name.to_owned(), look, points }
+        });
+        let axes = Axes::new(within(score.tolerance), "recall", "precision");
+        (Axes { y_start: least, ..axes }, steps.collect())
+    });
+    curves(file, ["Precision and recall", name], &panels.collect::<Vec<_>>())
 }
 
-/// How well each method knows whether it is on the map; nothing is drawn if no
-/// method has a curve.
+/// How well each method knows whether it is on the map.
 pub(crate) fn roc(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
-    picture(file, (PANEL + LEGEND + 40, HEAD + PANEL + 10), |area| {
-        head(area, "Is it on the map? ROC", name)?;
-        let curves = measured.iter().filter_map(|method| {
-            let (name, look) = style::of_method(&method.method);
-            let roc = method.roc.as_ref()?;
-            let rates =
-                roc.points().iter().map(|p| (p.false_positive_rate(), p.true_positive_rate()));
-            let points = std::iter::once((0.0, 0.0)).chain(rates).collect();
-            Some(Curve { name: format!("{name}, area {:.3}", roc.area()), look, points })
-        });
-        let curves: Vec<Curve> = curves.collect();
-        let axes = Axes {
-            title: String::from("of the steps that are reported on"),
-            space: 6,
-            x: "off the map, but taken for on it",
-            y: "on the map, and taken for it",
-            x_range: (0.0, 1.0),
-            y_range: (0.0, 1.0),
-        };
-        let at = panel(area, (0, HEAD), &axes)?;
-        area.draw(&PathElement::new([at((0.0, 0.0)), at((1.0, 1.0))], PALE))?;
-        draw(area, &curves, at)?;
-        legend(area, PANEL + 10, &curves)
-    })
+    let lines = measured.iter().filter_map(|method| {
+        let (name, look) = style::of_method(&method.method);
+        let roc = method.roc.as_ref()?;
+        let rates = roc.points().iter().map(|p| (p.false_positive_rate(), p.true_positive_rate()));
+        let points = std::iter::once((0.0, 0.0)).chain(rates).collect();
+        Some(Curve { name: format!("{name}: {:.3}", roc.area()), look, points })
+    });
+    let title = String::from("of the steps that are reported on, with areas");
+    let axes = Axes::new(title, "off the map, but taken for on it", "on the map, and taken for it");
+    let axes = Axes { diagonal: true, ..axes };
+    curves(file, ["Is it on the map? ROC", name], &[(axes, lines.collect())])
 }
 
 /// Recall against lag, a line for each tolerance.
@@ -193,74 +189,80 @@ pub(crate) fn lags(
     tolerances: &[usize],
     lags: &[(usize, Vec<f64>)],
 ) -> Drawn {
-    picture(file, (PANEL + LEGEND, HEAD + PANEL + 10), |area| {
-        head(area, "What waiting brings", name)?;
-        let curves = tolerances.iter().enumerate().map(|(n, &tolerance)| Curve {
-            name: within(tolerance),
-            look: style::of_line(n),
-            points: lags.iter().map(|(lag, recalls)| (*lag as f64, recalls[n])).collect(),
-        });
-        let curves: Vec<Curve> = curves.collect();
-        let longest = lags.iter().map(|lag| lag.0).max().unwrap_or(0);
-        let axes = Axes {
-            title: String::from("fixed-lag smoother"),
-            space: 6,
-            x: "lag, in steps",
-            y: "recall",
-            x_range: (0.0, longest.max(1) as f64),
-            y_range: (below(lags.iter().flat_map(|lag| lag.1.iter().copied())), 1.0),
-        };
-        let at = panel(area, (0, HEAD), &axes)?;
-        for Curve { look, points, .. } in &curves {
-            let pixels: Vec<Pixel> = points.iter().map(|point| at(*point)).collect();
-            look.path(area, &pixels)?;
-            pixels.into_iter().try_for_each(|pixel| look.mark(area, pixel))?;
-        }
-        legend(area, PANEL + 10, &curves)
-    })
+    let lines = tolerances.iter().enumerate().map(|(n, &tolerance)| Curve {
+        name: within(tolerance),
+        look: style::of_line(n),
+        points: lags.iter().map(|(lag, recalls)| (*lag as f64, recalls[n])).collect(),
+    });
+    let longest = lags.iter().map(|lag| lag.0).max().unwrap_or(0).max(1);
+    let axes = Axes {
+        x_end: longest as f64,
+        y_start: below(lags.iter().flat_map(|lag| lag.1.iter().copied())),
+        ..Axes::new(String::from("fixed-lag smoother"), "lag, in steps", "recall")
+    };
+    curves(file, ["What waiting brings", name], &[(axes, lines.collect())])
 }
 
-/// How often answers of some probability are right: a row for each tolerance, a
-/// panel for each method that has probabilities.
+/// How often answers of some probability are right: for each tolerance, a panel
+/// for each method that has probabilities.
 pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
-    let with = |m: &&Measured| m.scores.iter().all(|score| score.reliability.is_some());
-    let methods: Vec<&Measured> = measured.iter().filter(with).collect();
-    let Some(first) = methods.first() else { return Ok(()) };
-    let (columns, rows) = (methods.len() as i32, first.scores.len() as i32);
-    let size = ((columns * PANEL).max(460), HEAD + rows * (PANEL + 20));
-    picture(file, size, |area| {
-        head(area, "Reliability, and the steps in each bin", name)?;
-        for (column, method) in (0..).zip(&methods) {
+    let diagrams = |at: usize| {
+        measured.iter().filter_map(move |method| {
+            let score = method.scores.get(at)?;
+            Some((method, score.tolerance, score.reliability.as_ref()?))
+        })
+    };
+    let (columns, side) = (3, WIDTH / 3);
+    let rows = diagrams(0).count().div_ceil(columns);
+    let tolerances = measured.first().map_or(0, |method| method.scores.len());
+    let size = (WIDTH, HEAD + 30 + (rows * tolerances) as i32 * (side + GAP));
+    let title = "Reliability: how often is an answer of some probability right?";
+    picture(file, size, [title, name], |area| {
+        let note = format!(
+            "Marks grow with the steps of a bin, whose number is above; of fewer than {FEW} they \
+             are pale. Bars: 95% intervals, were steps independent."
+        );
+        area.draw(&Text::new(note, (20, 64), font(13)))?;
+        let panels = (0..tolerances).flat_map(|at| {
+            diagrams(at).enumerate().map(move |(number, of)| (at * rows * columns + number, of))
+        });
+        for (number, (method, tolerance, diagram)) in panels {
             let (name, look) = style::of_method(&method.method);
-            for (row, score) in (0..).zip(&method.scores) {
-                let axes = Axes {
-                    title: format!("{name}, {}", within(score.tolerance)),
-                    space: 24,
-                    x: "probability that the answer is right",
-                    y: "fraction that is right",
-                    x_range: (0.0, 1.0),
-                    y_range: (0.0, 1.0),
+            let title = format!("{name}, {}", within(tolerance));
+            let x = "probability that the answer is right";
+            let axes = Axes::new(title, x, "fraction that is right");
+            let axes = Axes { side, space: 24, diagonal: true, ..axes };
+            let (column, row) = ((number % columns) as i32, (number / columns) as i32);
+            let at = panel(area, (column * side, HEAD + 30 + row * (side + GAP)), &axes)?;
+            let mark = |bin: &ReliabilityBin| at((bin.mean_probability(), bin.fraction_true()));
+            look.pale().path(area, &diagram.bins().iter().map(mark).collect::<Vec<_>>())?;
+            let most = diagram.bins().iter().map(ReliabilityBin::count).max().unwrap_or(1);
+            for bin in diagram.bins() {
+                let look = if bin.count() < FEW { look.pale() } else { look };
+                let (low, high) = interval(bin);
+                let p = bin.mean_probability();
+                let bar = [at((p, low)), at((p, high))];
+                area.draw(&PathElement::new(bar, look.colour.stroke_width(1)))?;
+                let radius = 3.0 + 4.0 * (bin.count() as f64 / most as f64).sqrt();
+                look.sized_mark(area, mark(bin), radius)?;
+                let middle = 0.5 * (bin.lower() + bin.upper());
+                let above = (at((middle, 1.0)).0, at((0.0, 1.0)).1 - 14);
+                let count = match bin.count() {
+                    count if count < 10_000 => count.to_string(),
+                    count => format!("{}k", count / 1000),
                 };
-                let (left, top) = (column * PANEL, HEAD + row * (PANEL + 20));
-                let at = panel(area, (left, top), &axes)?;
-                let bins = score.reliability.iter().flat_map(ReliabilityDiagram::bins);
-                let all: usize = bins.clone().map(ReliabilityBin::count).sum();
-                for bin in bins.clone() {
-                    let share = bin.count() as f64 / all as f64;
-                    let bar = [at((bin.lower(), share)), at((bin.upper(), 0.0))];
-                    area.draw(&Rectangle::new(bar, PALE.filled()))?;
-                    area.draw(&Rectangle::new(bar, WHITE))?;
-                    let above = (i32::midpoint(bar[0].0, bar[1].0), at((0.0, 1.0)).1 - 13);
-                    let count = bin.count().to_string();
-                    area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
-                }
-                area.draw(&PathElement::new([at((0.0, 0.0)), at((1.0, 1.0))], GREY))?;
-                let pixels = bins.map(|bin| at((bin.mean_probability(), bin.fraction_true())));
-                let pixels: Vec<Pixel> = pixels.collect();
-                look.path(area, &pixels)?;
-                pixels.into_iter().try_for_each(|pixel| look.mark(area, pixel))?;
+                area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
             }
         }
         Ok(())
     })
+}
+
+/// Wilson's interval of 95% for the fraction of a bin that is right.
+fn interval(bin: &ReliabilityBin) -> (f64, f64) {
+    let (z, n, p) = (1.96, bin.count() as f64, bin.fraction_true());
+    let scale = 1.0 + z * z / n;
+    let middle = (p + z * z / (2.0 * n)) / scale;
+    let half = z / scale * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    ((middle - half).max(0.0), (middle + half).min(1.0))
 }

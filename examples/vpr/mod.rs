@@ -5,17 +5,18 @@ mod answers;
 pub(crate) mod arguments;
 mod belief;
 pub(crate) mod drive;
-mod estimate;
-mod figures;
+pub(crate) mod estimate;
+pub(crate) mod figures;
 mod gears;
-mod measures;
+pub(crate) mod measures;
 mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
 mod seqslam;
+pub(crate) mod settings;
 pub(crate) mod style;
 pub(crate) mod synthetic;
-mod tables;
+pub(crate) mod tables;
 
 use std::error::Error;
 use std::fs;
@@ -28,11 +29,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use arguments::Common;
 use drive::Drive;
-use estimate::{Estimates, Settings};
+use estimate::Estimates;
 use measures::Measured;
-use patches::{Frames, PatchError};
+use patches::{Descriptors, Frames};
 use recording::Recording;
-use seqslam::Alignment;
+use seqslam::SeqSlam;
+use settings::Settings;
 
 /// A bar that says what is being counted.
 pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
@@ -81,40 +83,58 @@ pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Compares the frames that a drive shows with those of a map, of which frame i
-/// shows the place of frame i of the query.
-pub(crate) fn compare(
-    name: String,
+/// The descriptors of the places of a map.
+pub(crate) fn places(
     references: &Frames,
-    map: Range<usize>,
-    queries: &Frames,
-    drive: &Drive,
+    map: &Range<usize>,
     patch: usize,
-) -> Result<Recording, PatchError> {
+) -> Result<Descriptors, String> {
     let frames = references.count();
     if map.end > frames {
-        return Err(PatchError::Range { range: map, frames });
+        return Err(format!(
+            "--reference-range {}..{}: frame {} is not in the recording, expected frames 0 to {}",
+            map.start,
+            map.end,
+            map.end - 1,
+            frames - 1
+        ));
     }
-    let places = references.descriptors(map.clone(), patch)?;
-    let sightings = queries.descriptors(drive.frames.iter().copied(), patch)?;
-    let bar = bar("comparing frames", drive.frames.len());
-    let distances = patches::differences(&sightings, &places, &bar)?;
-    bar.finish_and_clear();
-    let truth = drive
-        .frames
-        .iter()
-        .map(|frame| map.contains(frame).then(|| frame - map.start..=frame - map.start));
-    let truth = truth.collect();
-    Ok(Recording { name, references: map.len(), distances, truth, odometry: None, closed: false })
+    references.descriptors(map.clone(), patch)
 }
 
-/// Estimates, measures, writes and prints.
-pub(crate) fn run(
+/// Compares what is seen at each step of a drive with the places of a map, of
+/// which frame i shows the place of frame i of the query.
+pub(crate) fn compare(
+    name: String,
+    places: &Descriptors,
+    map: &Range<usize>,
+    sightings: &Descriptors,
+    drive: &Drive,
+) -> Result<Recording, String> {
+    let bar = bar("comparing frames", drive.frames.len());
+    let distances = patches::differences(sightings, places, &bar)?;
+    bar.finish_and_clear();
+    let place = |frame: &usize| map.contains(frame).then(|| frame - map.start..=frame - map.start);
+    let truth = drive.frames.iter().map(place).collect();
+    Ok(Recording { name, references: map.len(), distances, truth, ..Recording::default() })
+}
+
+/// What the methods say of a recording, and how good that is.
+pub(crate) struct Outcome {
+    pub(crate) estimates: Estimates,
+    pub(crate) measured: Vec<Measured>,
+}
+
+/// Estimates and measures.
+pub(crate) fn outcome(
     recording: &Recording,
-    common: &Common,
-    out: &Path,
-) -> Result<(), Box<dyn Error>> {
-    let (settings, report_on) = common.settings(recording.steps())?;
+    settings: &Settings,
+    seqslam: &SeqSlam,
+) -> Result<Outcome, Box<dyn Error>> {
+    let Settings { report_on, tolerances, .. } = settings;
+    if let Some(option) = settings.not_wired() {
+        return Err(format!("{option} is not there yet").into());
+    }
     if report_on.iter().all(|step| recording.truth[*step].is_none()) {
         let count = report_on.len();
         return Err(format!(
@@ -130,20 +150,25 @@ pub(crate) fn run(
         )
         .into());
     }
-    fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
-
-    let mut estimates = estimate::estimate(recording, &settings)?;
-    let seqslam = common.seqslam();
-    let enhanced = seqslam.enhance(recording);
-    let bar = bar("SeqSLAM", 2 * recording.steps());
-    for alignment in [Alignment::Trailing, Alignment::Centred] {
-        estimates.answers.push(seqslam.answers(recording, &enhanced, alignment, &bar));
+    let mut estimates = estimate::estimate(recording, settings)?;
+    let recall = |answers: &recording::Answers| {
+        measures::recall(recording, &answers.places, tolerances[0], report_on)
+    };
+    for (sequence, answers) in seqslam.run(recording, recall) {
+        let best = match &seqslam.sequences[..] {
+            [_] => String::new(),
+            tried => format!(
+                "; of {tried:?} the best by recall {} on the steps reported on, which favours SeqSLAM",
+                figures::within(tolerances[0])
+            ),
+        };
+        let lines = counted(sequence, "step");
+        estimates.notes.push(format!("{}: windows of {lines}{best}", answers.method));
+        estimates.answers.push(answers);
     }
-    bar.finish_and_clear();
     estimates.answers.sort_by_key(|answers| style::order(&answers.method));
 
-    let tolerances = &settings.tolerances;
-    let measure = |answers| measures::measure(recording, answers, tolerances, &report_on);
+    let measure = |answers| measures::measure(recording, answers, tolerances, report_on);
     let mut measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
     if !settings.off_map {
         // Nobody was asked whether it is on the map.
@@ -154,48 +179,64 @@ pub(crate) fn run(
             estimates.notes.push(note.to_owned());
         }
     }
-    let recall = |places, tolerance| measures::recall(recording, places, tolerance, &report_on);
-    let lags = estimates.lags.iter().map(|(lag, places)| {
-        (*lag, tolerances.iter().map(|tolerance| recall(places, *tolerance)).collect())
-    });
-    let lags: Vec<(usize, Vec<f64>)> = lags.collect();
+    Ok(Outcome { estimates, measured })
+}
 
-    let report = tables::report(recording, &settings, &report_on, &estimates.notes, &measured);
-    let written = write(recording, &settings, &estimates, &measured, &lags, &report, out);
-    written.map_err(|e| format!("cannot write into {}: {}", out.display(), chain(&*e)))?;
-    print(&format!("{report}\nWrote report, tables and pictures into {}\n", out.display()))
-        .map_err(|e| format!("cannot print: {e}"))?;
-    Ok(())
+/// Estimates, measures, writes and prints.
+pub(crate) fn run(
+    recording: &Recording,
+    common: &Common,
+    out: &Path,
+) -> Result<Outcome, Box<dyn Error>> {
+    let settings = common.settings(recording.steps())?;
+    fs::create_dir_all(out).map_err(|e| format!("cannot create {}: {e}", out.display()))?;
+    let outcome = outcome(recording, &settings, &common.seqslam())?;
+    let report = tables::report(recording, &settings, &outcome.estimates.notes, &outcome.measured);
+    write(recording, &settings, &outcome, &report, out)
+        .map_err(|error| cannot_write(out, &*error))?;
+    print(&format!("{report}\nWrote report, tables and pictures into {}\n", out.display()))?;
+    Ok(outcome)
+}
+
+/// Says where something could not be written, and why.
+pub(crate) fn cannot_write(out: &Path, error: &(dyn Error + 'static)) -> String {
+    format!("cannot write into {}: {}", out.display(), chain(error))
 }
 
 /// Prints; it is no failure if a reader has seen enough.
-fn print(text: &str) -> io::Result<()> {
+pub(crate) fn print(text: &str) -> Result<(), String> {
     let mut out = io::stdout().lock();
     match write!(out, "{text}").and_then(|()| out.flush()) {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        printed => printed,
+        printed => printed.map_err(|error| format!("cannot print: {error}")),
     }
 }
 
 fn write(
     recording: &Recording,
     settings: &Settings,
-    estimates: &Estimates,
-    measured: &[Measured],
-    lags: &[(usize, Vec<f64>)],
+    outcome: &Outcome,
     report: &str,
     out: &Path,
 ) -> Result<(), Box<dyn Error>> {
     let (name, tolerances) = (&recording.name, &settings.tolerances);
+    let Outcome { estimates, measured } = outcome;
+    let recalls = |places: &[Option<usize>]| {
+        let recall =
+            |&tolerance| measures::recall(recording, places, tolerance, &settings.report_on);
+        tolerances.iter().map(recall).collect()
+    };
+    let lags: Vec<(usize, Vec<f64>)> =
+        estimates.lags.iter().map(|(lag, places)| (*lag, recalls(places))).collect();
     fs::write(out.join("report.txt"), report)?;
     tables::write_table(&out.join("table.csv"), measured)?;
     tables::write_answers(&out.join("answers.csv"), recording, tolerances, &estimates.answers)?;
     tables::write_precision_recall(&out.join("precision_recall.csv"), measured)?;
     tables::write_reliability(&out.join("reliability.csv"), measured)?;
-    tables::write_lags(&out.join("lag.csv"), tolerances, lags)?;
+    tables::write_lags(&out.join("lag.csv"), tolerances, &lags)?;
     figures::precision_recall(&out.join("precision_recall.svg"), name, measured)?;
     figures::reliability(&out.join("reliability.svg"), name, measured)?;
-    figures::lags(&out.join("lag.svg"), name, tolerances, lags)?;
+    figures::lags(&out.join("lag.svg"), name, tolerances, &lags)?;
     belief::draw(&out.join("belief.svg"), recording, &estimates.belief, &settings.fit_on)?;
     let [table, picture] = ["roc.csv", "roc.svg"].map(|file| out.join(file));
     if measured.iter().any(|method| method.roc.is_some()) {

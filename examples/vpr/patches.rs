@@ -1,28 +1,7 @@
 //! Grey frames, and the descriptor of `SeqSLAM` (Milford and Wyeth, 2012):
 //! patches brought to the same mean and contrast.
 
-use std::ops::Range;
-
 use indicatif::ProgressBar;
-use thiserror::Error;
-
-/// Why frames have no descriptors.
-#[derive(Debug, PartialEq, Eq, Error)]
-pub(crate) enum PatchError {
-    #[error(
-        "--patch {patch} does not divide frames of {rows} rows × {cols} columns, expected {expected}"
-    )]
-    Side { patch: usize, rows: usize, cols: usize, expected: String },
-    #[error("--patch 1: a patch of one pixel has no contrast, expected {expected}")]
-    Pixel { expected: String },
-    #[error(
-        "--reference-range {}..{}: frame {} is not in the recording, expected frames 0 to {}",
-        range.start, range.end, range.end - 1, frames - 1
-    )]
-    Range { range: Range<usize>, frames: usize },
-    #[error("{queries} × {references} differences do not fit into memory")]
-    Memory { queries: usize, references: usize },
-}
 
 /// Frames of one size, row by row, one after the other; at least one.
 #[derive(Debug)]
@@ -43,6 +22,11 @@ impl Frames {
         self.pixels.len() / (self.rows * self.cols)
     }
 
+    pub(crate) fn frame(&self, frame: usize) -> &[u8] {
+        let size = self.rows * self.cols;
+        &self.pixels[frame * size..][..size]
+    }
+
     /// Splits frames into square patches and brings each patch to mean 0 and
     /// standard deviation 1; a flat patch becomes 0. The pixels of a patch
     /// follow each other, as only differences of the same pixels are taken.
@@ -50,7 +34,7 @@ impl Frames {
         &self,
         frames: impl ExactSizeIterator<Item = usize>,
         patch: usize,
-    ) -> Result<Descriptors, PatchError> {
+    ) -> Result<Descriptors, String> {
         let Self { rows, cols, .. } = *self;
         let fits = |side: usize| rows.is_multiple_of(side) && cols.is_multiple_of(side);
         if patch < 2 || !fits(patch) {
@@ -61,15 +45,19 @@ impl Frames {
             } else {
                 sides.join(" or ")
             };
-            if patch == 1 {
-                return Err(PatchError::Pixel { expected });
-            }
-            return Err(PatchError::Side { patch, rows, cols, expected });
+            return Err(if patch == 1 {
+                format!("--patch 1: a patch of one pixel has no contrast, expected {expected}")
+            } else {
+                format!(
+                    "--patch {patch} does not divide frames of {rows} rows × {cols} columns, \
+                     expected {expected}"
+                )
+            });
         }
         let size = rows * cols;
         let mut values = Vec::with_capacity(frames.len() * size);
         for frame in frames {
-            let frame = &self.pixels[frame * size..][..size];
+            let frame = self.frame(frame);
             for top in (0..rows).step_by(patch) {
                 for left in (0..cols).step_by(patch) {
                     let lines = (top..top + patch).map(|row| &frame[row * cols + left..][..patch]);
@@ -96,16 +84,15 @@ pub(crate) fn differences(
     queries: &Descriptors,
     references: &Descriptors,
     bar: &ProgressBar,
-) -> Result<Vec<f32>, PatchError> {
+) -> Result<Vec<f32>, String> {
     /// So many queries stay in the cache while the references pass by.
     const BLOCK: usize = 8;
     let size = queries.size;
     let (rows, columns) = (queries.values.len() / size, references.values.len() / size);
-    let memory = PatchError::Memory { queries: rows, references: columns };
     let mut all = Vec::new();
     let cells = rows.checked_mul(columns);
     if cells.is_none_or(|cells| all.try_reserve_exact(cells).is_err()) {
-        return Err(memory);
+        return Err(format!("{rows} × {columns} differences do not fit into memory"));
     }
     all.resize(rows * columns, 0.0);
     bar.set_length(rows as u64);
@@ -217,9 +204,7 @@ mod tests {
     #[test]
     fn a_patch_must_divide() {
         let frames = |rows, cols| Frames { rows, cols, pixels: vec![0; rows * cols] };
-        let error = |rows, cols, patch| {
-            frames(rows, cols).descriptors(0..1, patch).err().map(|error| error.to_string())
-        };
+        let error = |rows, cols, patch| frames(rows, cols).descriptors(0..1, patch).err();
         assert_eq!(
             error(16, 32, 5).unwrap(),
             "--patch 5 does not divide frames of 16 rows × 32 columns, expected 2 or 4 or 8 or 16"

@@ -22,20 +22,19 @@ use indicatif::ProgressBar;
 use super::recording::{Answers, Recording};
 
 /// The parameters of the method.
-#[derive(Debug, Clone)]
 pub(crate) struct SeqSlam {
     /// References on either side that contrast is relative to, and that do not
     /// count as another place.
     pub(crate) contrast: usize,
-    /// The length of a line, in steps.
-    pub(crate) sequence: usize,
+    /// The lengths of a line that are tried, in steps; at least one.
+    pub(crate) sequences: Vec<usize>,
     /// References per step.
     pub(crate) velocities: Vec<f64>,
 }
 
 /// Which steps a line goes through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Alignment {
+#[derive(Clone, Copy)]
+enum Alignment {
     /// Those up to the answered one, as a live vehicle must.
     Trailing,
     /// As many on both sides; of an even number, the extra one is before.
@@ -43,98 +42,88 @@ pub(crate) enum Alignment {
 }
 
 impl SeqSlam {
+    /// Answers of both alignments, each with the length of a line that is best by
+    /// a measure, the shortest of equals.
+    pub(crate) fn run(
+        &self,
+        recording: &Recording,
+        measure: impl Fn(&Answers) -> f64,
+    ) -> Vec<(usize, Answers)> {
+        let enhanced = self.enhance(recording);
+        let bar = super::bar("SeqSLAM", 2 * self.sequences.len() * recording.steps());
+        let best = [Alignment::Trailing, Alignment::Centred].map(|alignment| {
+            let tried = self.sequences.iter().map(|&sequence| {
+                let answers = self.answers(recording, &enhanced, sequence, alignment, &bar);
+                (measure(&answers), sequence, answers)
+            });
+            tried.reduce(|best, next| if next.0 > best.0 { next } else { best })
+        });
+        bar.finish_and_clear();
+        best.into_iter().flatten().map(|(_, sequence, answers)| (sequence, answers)).collect()
+    }
+
     /// Each difference relative to those at the references around it: minus
     /// their mean, by their standard deviation (of a sample). Infinite ones stay
     /// so and do not count. O(T × n × window).
-    pub(crate) fn enhance(&self, recording: &Recording) -> Vec<f32> {
+    fn enhance(&self, recording: &Recording) -> Vec<f32> {
         let n = recording.references;
-        let mut enhanced = Vec::with_capacity(recording.distances.len());
-        let mut padded: Vec<f64> = Vec::new();
-        // On a closed route no reference is in a window twice.
-        let reach = self.contrast.min((n - 1) / 2);
-        for row in recording.distances.chunks_exact(n) {
-            let row = row.iter().map(|d| f64::from(*d));
-            padded.clear();
-            if recording.closed {
-                padded.extend(row.clone().skip(n - reach).chain(row.clone()));
-                padded.extend(row.clone().take(reach));
-            } else {
-                padded.extend(row.clone());
+        let enhanced = |row: &[f32], i: usize| {
+            if row[i] == f32::INFINITY {
+                return f32::INFINITY;
             }
-            enhanced.extend(row.enumerate().map(|(i, value)| {
-                let window = if recording.closed {
-                    i..i + 2 * reach + 1
-                } else {
-                    i.saturating_sub(self.contrast)..n.min(i.saturating_add(self.contrast + 1))
-                };
-                if value == f64::INFINITY {
-                    return f32::INFINITY;
-                }
-                let window = padded[window].iter().filter(|d| d.is_finite());
-                let count = window.clone().count() as f64;
-                let mean = window.clone().sum::<f64>() / count;
-                let squares: f64 = window.clone().map(|d| (d - mean).powi(2)).sum();
-                let flat = window.clone().all(|d| *d == value);
-                let deviation = (squares / (count - 1.0)).sqrt();
-                if flat { 0.0 } else { ((value - mean) / deviation) as f32 }
-            }));
-        }
-        enhanced
+            let window = if recording.closed {
+                // No reference is in a window twice.
+                let reach = self.contrast.min((n - 1) / 2);
+                i + n - reach..i + n + reach + 1
+            } else {
+                i.saturating_sub(self.contrast)
+                    ..n.min(i.saturating_add(self.contrast).saturating_add(1))
+            };
+            let window = window.map(|j| f64::from(row[j % n])).filter(|d| d.is_finite());
+            let (count, sum) = window.clone().fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
+            let (value, mean) = (f64::from(row[i]), sum / count);
+            let squares: f64 = window.clone().map(|d| (d - mean).powi(2)).sum();
+            let flat = window.clone().all(|d| d == value);
+            if flat { 0.0 } else { ((value - mean) / (squares / (count - 1.0)).sqrt()) as f32 }
+        };
+        let rows = recording.distances.chunks_exact(n);
+        rows.flat_map(|row| (0..n).map(move |i| enhanced(row, i))).collect()
     }
 
     /// Names the place at the end or in the middle of the best line, for each
     /// step. O(T × n × velocities × sequence).
-    pub(crate) fn answers(
+    fn answers(
         &self,
         recording: &Recording,
         enhanced: &[f32],
+        sequence: usize,
         alignment: Alignment,
         bar: &ProgressBar,
     ) -> Answers {
         let (n, steps) = (recording.references, recording.steps());
-        let mut places = Vec::with_capacity(steps);
-        let mut confidence = Vec::with_capacity(steps);
-        let mut scores = vec![0.0; n];
-        let mut line = vec![0.0; n];
-        for step in 0..steps {
-            let first = match alignment {
-                Alignment::Trailing => (step + 1).saturating_sub(self.sequence),
-                Alignment::Centred => step.saturating_sub(self.sequence / 2),
-            };
-            let end = match alignment {
-                Alignment::Trailing => step + 1,
-                Alignment::Centred => {
-                    steps.min(step.saturating_add(self.sequence - self.sequence / 2))
-                }
-            };
+        let (method, after) = match alignment {
+            Alignment::Trailing => ("seqslam_trailing", 1),
+            Alignment::Centred => ("seqslam_centred", sequence - sequence / 2),
+        };
+        let (mut scores, mut line) = (vec![0.0; n], vec![0.0; n]);
+        let answers = (0..steps).map(|step| {
+            let on = (step + after).saturating_sub(sequence)..steps.min(step.saturating_add(after));
             scores.fill(f32::INFINITY);
             for &velocity in &self.velocities {
                 line.fill(0.0);
-                for other in first..end {
+                for other in on.clone() {
                     let row = &enhanced[other * n..][..n];
                     let ahead = velocity * (other as f64 - step as f64);
                     add_shifted(row, (ahead + 0.5).floor() as isize, recording.closed, &mut line);
                 }
                 scores.iter_mut().zip(&line).for_each(|(score, sum)| *score = score.min(*sum));
             }
-            let count = (end - first) as f64;
-            let (place, unique) = self.best(&scores, count, recording.closed);
-            places.push(Some(place));
-            confidence.push(unique);
             bar.inc(1);
-        }
-        let method = match alignment {
-            Alignment::Trailing => "seqslam_trailing",
-            Alignment::Centred => "seqslam_centred",
-        };
-        Answers {
-            method: method.into(),
-            places,
-            confidence,
-            probability: None,
-            truth_mass: None,
-            on_map: None,
-        }
+            let (place, unique) = self.best(&scores, on.len() as f64, recording.closed);
+            (Some(place), unique)
+        });
+        let (places, confidence) = answers.unzip();
+        Answers { method: method.into(), places, confidence, ..Answers::default() }
     }
 
     /// The lowest of the sums over `count` steps, and how unique it is.
@@ -188,7 +177,7 @@ mod tests {
 
     fn recording(distances: Vec<f32>, references: usize, closed: bool) -> Recording {
         let truth = vec![None; distances.len() / references];
-        Recording { name: String::new(), references, distances, truth, odometry: None, closed }
+        Recording { references, distances, truth, closed, ..Recording::default() }
     }
 
     /// Whole numbers, of which sums are exact; few, so that there are ties.
@@ -209,9 +198,8 @@ mod tests {
     proptest! {
         #[test]
         fn contrast_is_that_of_the_window(recording in recordings(), contrast in 0_usize..5) {
-            let seqslam = SeqSlam { contrast, sequence: 1, velocities: vec![1.0] };
+            let seqslam = SeqSlam { contrast, sequences: vec![1], velocities: vec![1.0] };
             let enhanced = seqslam.enhance(&recording);
-            prop_assert_eq!(enhanced.len(), recording.distances.len());
             let n = recording.references;
             for (at, found) in enhanced.iter().enumerate() {
                 let (step, place) = (at / n, at % n);
@@ -229,8 +217,7 @@ mod tests {
                     (f64::from(recording.row(step)[place]) - mean) / (square / (count - 1.0)).sqrt()
                 };
                 prop_assert!((expected - f64::from(*found)).abs() < 1e-5);
-                let bound = (count - 1.0) / count.sqrt();
-                prop_assert!(f64::from(found.abs()) <= bound + 1e-5);
+                prop_assert!(f64::from(found.abs()) <= (count - 1.0) / count.sqrt() + 1e-5);
             }
         }
 
@@ -244,10 +231,11 @@ mod tests {
             centred in any::<bool>(),
         ) {
             let (n, steps) = (recording.references, recording.steps());
-            let seqslam = SeqSlam { contrast, sequence, velocities: velocities.clone() };
+            let seqslam = SeqSlam { contrast, sequences: vec![sequence], velocities: velocities.clone() };
             let alignment = if centred { Alignment::Centred } else { Alignment::Trailing };
             let bar = ProgressBar::hidden();
-            let answers = seqslam.answers(&recording, &recording.distances, alignment, &bar);
+            let answers =
+                seqslam.answers(&recording, &recording.distances, sequence, alignment, &bar);
             for step in 0..steps {
                 let back = if centred { sequence / 2 } else { sequence - 1 };
                 let all = (0..sequence).map(|i| step as i64 - back as i64 + i as i64);
@@ -293,11 +281,10 @@ mod tests {
         let cells = (0..steps).flat_map(|step| (0..references).map(move |i| (step, i)));
         let distances = cells.map(|(step, i)| if i == 5 + step { 0.0 } else { other(step, i) });
         let recording = recording(distances.collect(), references, false);
-        let seqslam = SeqSlam { contrast: 5, sequence: 10, velocities: vec![0.8, 1.0, 1.2] };
-        let enhanced = seqslam.enhance(&recording);
-        for alignment in [Alignment::Trailing, Alignment::Centred] {
-            let bar = ProgressBar::hidden();
-            let answers = seqslam.answers(&recording, &enhanced, alignment, &bar);
+        let velocities = vec![0.8, 1.0, 1.2];
+        let seqslam = SeqSlam { contrast: 5, sequences: vec![10, 12], velocities };
+        for (sequence, answers) in seqslam.run(&recording, |_| 1.0) {
+            assert_eq!(sequence, 10); // the shorter of equals
             assert_eq!(answers.places, (5..5 + steps).map(Some).collect::<Vec<_>>());
             assert!(answers.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
         }

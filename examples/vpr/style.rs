@@ -29,32 +29,38 @@ pub(crate) struct Look {
     /// The length of dashes and of the gaps between them; 0: none.
     dash: u32,
     mark: Mark,
-    /// Is the mark filled?
-    solid: bool,
 }
 
+/// The corners of a shape, or the ends of strokes through its middle.
 #[derive(Clone, Copy)]
 enum Mark {
-    Cross,
+    Filled(&'static [(f64, f64)]),
+    Strokes(&'static [(f64, f64)]),
     Circle,
-    Square,
-    Triangle,
 }
 
-const fn look(colour: RGBColor, dash: u32, mark: Mark, solid: bool) -> Look {
-    Look { colour, dash, mark, solid }
+const CROSS: Mark = Mark::Strokes(&[(1.0, 1.0), (1.0, -1.0)]);
+const PLUS: Mark = Mark::Strokes(&[(1.2, 0.0), (0.0, 1.2)]);
+const STAR: Mark = Mark::Strokes(&[(1.2, 0.0), (0.6, 1.0), (0.6, -1.0)]);
+const UP: Mark = Mark::Filled(&[(0.0, -1.3), (1.2, 0.9), (-1.2, 0.9)]);
+const DOWN: Mark = Mark::Filled(&[(0.0, 1.3), (1.2, -0.9), (-1.2, -0.9)]);
+const SQUARE: Mark = Mark::Filled(&[(0.9, 0.9), (0.9, -0.9), (-0.9, -0.9), (-0.9, 0.9)]);
+const DIAMOND: Mark = Mark::Filled(&[(0.0, 1.4), (1.4, 0.0), (0.0, -1.4), (-1.4, 0.0)]);
+
+const fn look(colour: RGBColor, dash: u32, mark: Mark) -> Look {
+    Look { colour, dash, mark }
 }
 
 /// Methods in the order in which they are shown.
 const METHODS: [(&str, &str, Look); 8] = [
-    ("single", "single image", look(GREY, 3, Mark::Cross, false)),
-    ("seqslam_trailing", "SeqSLAM, trailing", look(SKY, 7, Mark::Triangle, false)),
-    ("seqslam_centred", "SeqSLAM, centred", look(BLUE, 7, Mark::Triangle, true)),
-    ("filter", "filter", look(VERMILLION, 0, Mark::Circle, false)),
-    ("fixed_lag", "fixed lag", look(ORANGE, 0, Mark::Square, false)),
-    ("smoother", "smoother", look(GREEN, 0, Mark::Circle, true)),
-    ("viterbi", "Viterbi", look(PURPLE, 14, Mark::Square, true)),
-    ("smoother_untempered", "smoother, untempered", look(BLACK, 0, Mark::Cross, false)),
+    ("single", "single image", look(GREY, 3, CROSS)),
+    ("seqslam_trailing", "SeqSLAM, trailing", look(SKY, 7, DOWN)),
+    ("seqslam_centred", "SeqSLAM, centred", look(BLUE, 7, UP)),
+    ("filter", "filter", look(VERMILLION, 0, Mark::Circle)),
+    ("fixed_lag", "fixed lag", look(ORANGE, 0, SQUARE)),
+    ("smoother", "smoother", look(GREEN, 0, DIAMOND)),
+    ("viterbi", "Viterbi", look(PURPLE, 14, PLUS)),
+    ("smoother_untempered", "smoother, untempered", look(BLACK, 0, STAR)),
 ];
 
 /// Where a method stands in that order; others come last.
@@ -65,7 +71,7 @@ pub(crate) fn order(method: &str) -> usize {
 /// What pictures call a method, and how it looks.
 pub(crate) fn of_method(method: &str) -> (&str, Look) {
     let known = METHODS.get(order(method));
-    known.map_or((method, look(BLACK, 0, Mark::Cross, false)), |known| (known.1, known.2))
+    known.map_or((method, look(BLACK, 0, CROSS)), |known| (known.1, known.2))
 }
 
 /// The n-th of several lines that are no methods.
@@ -121,27 +127,37 @@ impl Look {
         Ok(area.draw(&dashes)?)
     }
 
-    pub(crate) fn mark(&self, area: &Area<'_>, (x, y): Pixel) -> Drawn {
-        let fill = if self.solid { self.colour } else { WHITE };
-        let outline = self.colour.stroke_width(1);
+    pub(crate) fn mark(&self, area: &Area<'_>, at: Pixel) -> Drawn {
+        self.sized_mark(area, at, 4.0)
+    }
+
+    /// A mark so many pixels in radius.
+    #[expect(clippy::cast_possible_truncation, reason = "pixels are small numbers")]
+    pub(crate) fn sized_mark(&self, area: &Area<'_>, (x, y): Pixel, radius: f64) -> Drawn {
+        let at = |(across, down): (f64, f64)| {
+            (x + (radius * across).round() as i32, y + (radius * down).round() as i32)
+        };
         match self.mark {
-            Mark::Cross => area.draw(&Cross::new((x, y), 4, self.colour.stroke_width(2)))?,
-            Mark::Circle => {
-                area.draw(&Circle::new((x, y), 4, fill.filled()))?;
-                area.draw(&Circle::new((x, y), 4, outline))?;
+            Mark::Circle => area.draw(&Circle::new((x, y), radius, self.colour.filled()))?,
+            Mark::Filled(corners) => {
+                let corners: Vec<Pixel> = corners.iter().copied().map(at).collect();
+                area.draw(&Polygon::new(corners, self.colour.filled()))?;
             }
-            Mark::Square => {
-                let corners = [(x - 4, y - 4), (x + 4, y + 4)];
-                area.draw(&Rectangle::new(corners, fill.filled()))?;
-                area.draw(&Rectangle::new(corners, outline))?;
-            }
-            Mark::Triangle => {
-                let corners = [(x, y - 5), (x + 5, y + 4), (x - 5, y + 4), (x, y - 5)];
-                area.draw(&Polygon::new(corners, fill.filled()))?;
-                area.draw(&PathElement::new(corners, outline))?;
+            Mark::Strokes(ends) => {
+                for &(across, down) in ends {
+                    let ends = [at((across, down)), at((-across, -down))];
+                    area.draw(&PathElement::new(ends, self.colour.stroke_width(2)))?;
+                }
             }
         }
         Ok(())
+    }
+
+    /// The same with less contrast to white.
+    pub(crate) fn pale(self) -> Self {
+        let pale = |part: u8| 255 - (255 - part) / 2;
+        let RGBColor(red, green, blue) = self.colour;
+        Self { colour: RGBColor(pale(red), pale(green), pale(blue)), ..self }
     }
 
     /// A short line with its mark, and what it stands for.

@@ -65,8 +65,9 @@ pub(crate) fn frames(seed: u64, closed: bool) -> (Frames, Frames) {
     (references, queries)
 }
 
+/// The nearest value that a pixel has.
 #[expect(clippy::cast_sign_loss, reason = "it is clamped, as a camera's is")]
-fn grey(value: f64) -> u8 {
+pub(crate) fn grey(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
