@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 
 use crate::belief::Belief;
 
@@ -80,6 +81,35 @@ pub struct Groups {
     /// The states, group after group; group g ends before `ends[g]`.
     states: Vec<usize>,
     ends: Vec<usize>,
+    /// Runs of states whose groups follow each other, or are the same.
+    runs: Vec<Run>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Run {
+    states: Range<usize>,
+    /// The group of the first.
+    group: usize,
+    same: bool,
+}
+
+impl Run {
+    fn all(of: &[usize]) -> Vec<Self> {
+        let mut runs: Vec<Self> = Vec::new();
+        for (state, &group) in of.iter().enumerate() {
+            if let Some(run) = runs.last_mut() {
+                let count = run.states.len();
+                let (same, next) = (group == run.group, group == run.group + count);
+                if (same && (run.same || count == 1)) || (next && !run.same) {
+                    run.same = same;
+                    run.states.end = state + 1;
+                    continue;
+                }
+            }
+            runs.push(Self { states: state..state + 1, group, same: false });
+        }
+        runs
+    }
 }
 
 impl Groups {
@@ -117,7 +147,8 @@ impl Groups {
             states[ends[group]] = state;
             ends[group] += 1;
         }
-        Self { of, states, ends }
+        let runs = Run::all(&of);
+        Self { of, states, ends, runs }
     }
 
     /// The number of groups.
@@ -157,8 +188,33 @@ impl Groups {
             return Err(GroupError::Belief { found, expected });
         }
         let mut sums = vec![0.0; self.count()];
-        self.of.iter().zip(belief.values()).for_each(|(&group, p)| sums[group] += p);
+        self.add_up(belief.values(), &mut sums);
         Ok(Belief::known(sums))
+    }
+
+    /// `sums[group] += Σ` of the values of its states, in the order of the states.
+    pub(crate) fn add_up(&self, values: &[f64], sums: &mut [f64]) {
+        for Run { states, group, same } in &self.runs {
+            let values = &values[states.clone()];
+            if *same {
+                values.iter().for_each(|value| sums[*group] += value);
+            } else {
+                let sums = sums[*group..].iter_mut();
+                sums.zip(values).for_each(|(sum, value)| *sum += value);
+            }
+        }
+    }
+
+    /// `out[state] =` the value of its group.
+    pub(crate) fn expand(&self, groups: &[f64], out: &mut [f64]) {
+        for Run { states, group, same } in &self.runs {
+            let out = &mut out[states.clone()];
+            if *same {
+                out.fill(groups[*group]);
+            } else {
+                out.copy_from_slice(&groups[*group..][..out.len()]);
+            }
+        }
     }
 
     /// The groups that a path leads through, one a step.

@@ -180,6 +180,7 @@ mod transition;
 pub mod canberra;
 pub mod evaluate;
 pub mod map;
+pub mod motion;
 pub mod observation;
 #[cfg(feature = "serde")]
 pub mod persistence;

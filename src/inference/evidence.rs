@@ -91,9 +91,17 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Option<(f64, Form)>, InferenceError> {
         let lifted = lifted.values(before.linear);
         self.predict(lifted, results.predicted);
-        let Some(sum) = self.evidence_sum(results.predicted)? else { return Ok(None) };
+        // A NaN or an infinite value makes the sum one; what is negative the update sees.
+        let sum = kernels::sum(results.predicted);
+        if !SUMS.contains(&(sum / LIFT)) {
+            self.evidence_sum(results.predicted)?;
+            return Ok(None);
+        }
         let prediction = Made(results.predicted);
         let updated = kernels::update(likelihoods.update(prediction, sum, results.lifted));
+        if updated.negative_predicted {
+            self.evidence_sum(results.predicted)?;
+        }
         if !holds(&updated, sum) {
             return Ok(None);
         }

@@ -10,6 +10,7 @@
 mod abreast;
 mod aligned;
 mod blocks;
+mod combine;
 mod dense;
 mod dense_max;
 mod lanes;
@@ -32,6 +33,7 @@ mod value;
 mod every_instruction_set;
 
 pub(crate) use aligned::Aligned;
+pub(crate) use combine::{add_combined, combine};
 pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
 pub(crate) use lanes::{Eight, Kernel, LANES, Lanes, run};

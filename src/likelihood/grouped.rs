@@ -79,9 +79,7 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         if found != expected {
             return Err(LikelihoodError::WrongLength { found, expected });
         }
-        let expand = |groups: &[f64], out: &mut [f64]| {
-            out.iter_mut().zip(self.groups.as_slice()).for_each(|(out, &g)| *out = groups[g]);
-        };
+        let expand = |groups: &[f64], out: &mut [f64]| self.groups.expand(groups, out);
         let values = match diagonal.values {
             Values::Linear(groups) | Values::Log(groups) => {
                 expand(groups, states);

@@ -9,7 +9,7 @@ thread_local! {
 }
 
 /// What buffers hold: numbers, or states as 32-bit indices.
-pub(super) trait Pooled: Copy + Default + 'static {
+pub(crate) trait Pooled: Copy + Default + 'static {
     fn pool() -> &'static LocalKey<RefCell<Vec<Vec<Self>>>>;
 }
 
@@ -29,7 +29,7 @@ impl Pooled for u32 {
 ///
 /// Buffers are kept for each thread, last in first out: the same calls, however
 /// they nest, get the same buffers again, and allocate only the first time.
-pub(super) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
+pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
     let mut buffer = take(count);
     let result = work(&mut buffer);
     put_back(buffer);
@@ -50,7 +50,7 @@ fn put_back<T: Pooled>(buffer: Vec<T>) {
 }
 
 /// As [`with`], two of the same size.
-pub(super) fn with_two<T: Pooled, R>(
+pub(crate) fn with_two<T: Pooled, R>(
     count: usize,
     work: impl FnOnce(&mut [T], &mut [T]) -> R,
 ) -> R {

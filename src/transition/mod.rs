@@ -1,7 +1,7 @@
 //! Transition operators: linear maps on distributions, with columns that sum
 //! to one (paper eq. 6).
 
-mod buffers;
+pub(crate) mod buffers;
 mod compressed;
 mod dense;
 mod distance;
@@ -373,7 +373,7 @@ fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
 }
 
 /// n as an index of 32 bits.
-fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
+pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
     if u32::try_from(count).is_err() {
         return Err(TransitionError::TooMany { what, count });
     }
@@ -381,7 +381,7 @@ fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> 
 }
 
 /// Values that are probabilities and sum to one; errors call the sum `whole`.
-fn check_sum(
+pub(crate) fn check_sum(
     values: &[f64],
     whole: String,
     name: impl Fn(usize) -> String,
@@ -424,7 +424,7 @@ pub(crate) fn check_probability(
 }
 
 /// Inference keeps this; whoever calls a product directly has to.
-fn check_slices(states: usize, x: &[f64], out: &[f64]) {
+pub(crate) fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");
 }

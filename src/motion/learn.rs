@@ -1,0 +1,128 @@
+//! Learning how speeds are used, from labelled moves.
+
+use super::Speeds;
+use crate::error::TransitionError;
+use crate::hmm::{Hmm, Prior};
+use crate::likelihood::LikelihoodVector;
+use crate::transition::DenseTransition;
+use crate::{Belief, InferenceError};
+
+/// For how many steps the probabilities of a change count that are there before.
+const CHANGE_COUNT: f64 = 30.0;
+/// For how many steps the shares count.
+const SHARE_COUNT: f64 = 20.0;
+/// Rounds of expectation and maximisation.
+const ROUNDS: usize = 10;
+
+impl Speeds {
+    /// How the speeds are used and change, from drives of labelled steps: how many places
+    /// on each step led (halves, say, where a label is a range).
+    ///
+    /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone.
+    /// What is there before counts as 30 steps of changes and 20 of shares: a speed that
+    /// was never seen stays possible, and so does a change. A move that no speed makes says
+    /// nothing. O(steps k²) for k speeds.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a move that is not finite.
+    pub fn learned<M: AsRef<[f64]>>(&self, drives: &[M]) -> Result<Self, TransitionError> {
+        let mut learned = self.clone();
+        let mut seen = Vec::new();
+        for drive in drives {
+            let mut likelihoods = Vec::new();
+            for &value in drive.as_ref() {
+                if !value.is_finite() {
+                    let (what, expected) = ("a move".into(), "a finite number of places");
+                    return Err(TransitionError::Parameter { what, value, expected });
+                }
+                likelihoods.push(self.likelihoods(value));
+            }
+            seen.push(likelihoods);
+        }
+        for _ in 0..ROUNDS {
+            // A model of probabilities, and likelihoods that are not all 0: no error.
+            match learned.relearned(self, &seen) {
+                Ok(next) => learned = next,
+                Err(_) => break,
+            }
+        }
+        Ok(learned)
+    }
+
+    /// The likelihood of each speed, given how many places on a step led.
+    fn likelihoods(&self, places: f64) -> Vec<f64> {
+        let share = places - places.floor();
+        let of = |window: &super::speeds::Window| {
+            let weight = |places: f64| {
+                let at = places - window.first as f64;
+                let inside = (0.0..window.weights.len() as f64).contains(&at);
+                #[expect(clippy::cast_sign_loss, reason = "it was just compared with 0")]
+                if inside { window.weights[at as usize] } else { 0.0 }
+            };
+            (1.0 - share) * weight(places.floor()) + share * weight(places.floor() + 1.0)
+        };
+        let likelihoods: Vec<f64> = self.windows.iter().map(of).collect();
+        if likelihoods.iter().all(|p| *p == 0.0) { vec![1.0; likelihoods.len()] } else { likelihoods }
+    }
+
+    fn relearned(&self, before: &Self, seen: &[Vec<Vec<f64>>]) -> Result<Self, InferenceError> {
+        let k = self.values().len();
+        let failed = |source| InferenceError::Control { step: 0, source };
+        let matrix = DenseTransition::from_rows(k, &self.switching()).map_err(failed)?;
+        let shares = Belief::from_weights(self.shares().to_vec());
+        let Ok(shares) = shares else { return Ok(self.clone()) };
+        let hmm = Hmm::new(Prior::AtFirstObservation(shares), matrix, LikelihoodVector::linear(k).owned());
+        let Ok(hmm) = hmm else { return Ok(self.clone()) };
+        let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
+        (nearby, anywhere) = (nearby * steps, anywhere * steps);
+        let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
+        for drive in seen.iter().filter(|drive| !drive.is_empty()) {
+            let smoothing = hmm.smooth(drive)?;
+            for belief in smoothing.posteriors().iter().skip(1) {
+                used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
+            }
+            for moved in hmm.expected_moves(drive)?.moves() {
+                steps += moved.weight;
+                match moved.to.abs_diff(moved.from) {
+                    0 => {}
+                    1 => nearby += moved.weight,
+                    _ => anywhere += moved.weight,
+                }
+            }
+        }
+        let sum: f64 = used.iter().sum();
+        used.iter_mut().for_each(|used| *used /= sum);
+        let learned = self.clone().with_changes(nearby / steps, anywhere / steps);
+        learned.and_then(|learned| learned.with_shares(&used)).map_err(failed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steady_drives_have_few_changes() {
+        let speeds = Speeds::default();
+        let steady = speeds.learned(&[vec![1.0; 600]]).unwrap();
+        let (nearby, anywhere) = steady.changes();
+        assert!(nearby < 1e-3 && anywhere < 1e-3, "{nearby} {anywhere}");
+        assert!(steady.shares()[speeds.nearest(1.0)] > 0.9);
+        assert!(steady.shares().iter().all(|p| *p > 0.0));
+        let wild: Vec<f64> = (0..600).map(|k| [1.0, 0.0, 3.0, -1.0][k / 3 % 4]).collect();
+        let wild = speeds.learned(&[wild]).unwrap();
+        assert!(wild.changes().1 > 0.1, "{:?}", wild.changes());
+    }
+
+    #[test]
+    fn nothing_seen_is_nothing_learned() {
+        let speeds = Speeds::default();
+        let none: [Vec<f64>; 0] = [];
+        let same = speeds.learned(&none).unwrap();
+        assert!((same.changes().0 - speeds.changes().0).abs() < 1e-15);
+        let jumps = speeds.learned(&[vec![500.0; 10]]).unwrap();
+        assert!(jumps.shares().iter().zip(speeds.shares()).all(|(a, b)| (a - b).abs() < 0.1));
+        assert!(speeds.learned(&[[f64::NAN]]).is_err());
+    }
+}

@@ -1,0 +1,12 @@
+//! How a vehicle moves: speeds along a route, odometry, places off the map.
+
+mod learn;
+mod odometry;
+mod route;
+mod speeds;
+
+pub use odometry::OdometryModel;
+pub use route::{
+    OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates,
+};
+pub use speeds::Speeds;

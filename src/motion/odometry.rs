@@ -1,0 +1,209 @@
+//! What odometry says of a speed.
+
+use crate::error::TransitionError;
+
+/// Odometry as a measurement: what the wheels say of a step, in places, at a speed of v
+/// places a step, is scale · v + bias, with an error that has heavier tails than a
+/// Gaussian (Student's t with four degrees of freedom, Lange, Little and Taylor 1989): a
+/// wheel that slips once should not rule out where the vehicle is. Where there is no
+/// reading, give `None`.
+///
+/// ```
+/// use wayfix::motion::OdometryModel;
+///
+/// // Labelled steps: places on, and what the wheels said: 4% too much.
+/// let moves: Vec<f64> = (0..300).map(|k| f64::from(k / 50 % 3)).collect();
+/// let read: Vec<f64> = moves.iter().zip(0..).map(|(m, k)| 1.04 * m + [0.1, -0.1][k % 2]).collect();
+/// let learned = OdometryModel::learned(&[(moves, read)])?;
+/// assert!((learned.scale - 1.04).abs() < 0.01 && learned.bias.abs() < 0.02);
+/// assert!(learned.deviation > 0.04 && learned.deviation < 0.2);
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct OdometryModel {
+    /// Places read for each place driven.
+    pub scale: f64,
+    /// Places read while standing.
+    pub bias: f64,
+    /// The scale of the error, in places: two thirds of errors are within about 1.1 of it.
+    pub deviation: f64,
+}
+
+impl Default for OdometryModel {
+    /// Exact on average, with an error of 0.3 places.
+    fn default() -> Self {
+        Self { scale: 1.0, bias: 0.0, deviation: 0.3 }
+    }
+}
+
+/// The density of Student's t with four degrees of freedom at 0.
+const PEAK: f64 = 0.375;
+/// Readings up to this are taken.
+const FARTHEST: f64 = 1e6;
+
+/// By how much scale and bias may be expected to be off; readings of one speed alone
+/// could not tell them apart.
+const SCALE_OFF: f64 = 0.1;
+const BIAS_OFF: f64 = 0.02;
+/// Deviations are not believed below this.
+const LEAST_DEVIATION: f64 = 0.05;
+/// Readings are compared with places over so many steps, since within a few the place
+/// counts in whole references.
+const SPAN: usize = 10;
+
+impl OdometryModel {
+    /// From drives of labelled steps: how many places on each step led, and what was
+    /// read. Scale and bias by least squares over spans of ten steps, held near 1 and 0
+    /// by priors (deviations 0.1 and 0.02); the deviation from the errors, less what
+    /// comes from counting in whole places. O(steps).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::PartStates`] for a drive with more moves than readings or fewer,
+    /// or [`TransitionError::Parameter`] for a number that is not finite, or beyond 1e6.
+    pub fn learned<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
+    where
+        M: AsRef<[f64]>,
+        R: AsRef<[f64]>,
+    {
+        let mut spans = Vec::new();
+        for (moves, read) in drives {
+            let (moves, read) = (moves.as_ref(), read.as_ref());
+            let (found, expected) = (read.len(), moves.len());
+            if found != expected {
+                return Err(TransitionError::PartStates { part: "readings", found, expected });
+            }
+            if let Some(&value) = moves.iter().chain(read).find(|x| !(x.abs() <= FARTHEST)) {
+                let what = "a move or a reading".into();
+                let expected = "a value from -1e6 to 1e6";
+                return Err(TransitionError::Parameter { what, value, expected });
+            }
+            let sum = |x: &[f64]| x.iter().sum::<f64>();
+            let pairs = moves.chunks(SPAN).zip(read.chunks(SPAN));
+            spans.extend(pairs.map(|(m, r)| (m.len() as f64, sum(m), sum(r))));
+        }
+        let mut model = Self::default();
+        // The weight of the priors depends on the deviation, and that on the rest.
+        for _ in 0..4 {
+            let prior = [SCALE_OFF, BIAS_OFF].map(|off| (model.deviation / off).powi(2));
+            let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
+            let (mut mr, mut nr) = (prior[0], 0.0);
+            for &(n, m, r) in &spans {
+                let weight = 1.0 / n;
+                (mm, mn, nn) = (mm + weight * m * m, mn + weight * m * n, nn + weight * n * n);
+                (mr, nr) = (mr + weight * m * r, nr + weight * n * r);
+            }
+            let determinant = mm * nn - mn * mn;
+            model.scale = (mr * nn - nr * mn) / determinant;
+            model.bias = (nr * mm - mr * mn) / determinant;
+            model.deviation = model.deviation_of(drives);
+        }
+        Ok(model)
+    }
+
+    /// By the moments of the errors: counting in whole places makes those of successive
+    /// steps go against each other, and adds to the variance twice what it takes from
+    /// their covariance.
+    fn deviation_of<M: AsRef<[f64]>, R: AsRef<[f64]>>(&self, drives: &[(M, R)]) -> f64 {
+        let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
+        for (moves, read) in drives {
+            let pairs = moves.as_ref().iter().zip(read.as_ref());
+            let errors: Vec<f64> = pairs.map(|(m, r)| r - self.scale * m - self.bias).collect();
+            // As robust as the density: a slip counts little.
+            let bound = 4.0 * median(errors.iter().map(|e| e.abs()).collect()).max(0.05);
+            let errors: Vec<f64> = errors.iter().map(|e| e.clamp(-bound, bound)).collect();
+            squares += errors.iter().map(|e| e * e).sum::<f64>();
+            products += errors.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
+            count += errors.len() as f64;
+        }
+        if count == 0.0 {
+            return Self::default().deviation;
+        }
+        let (variance, covariance) = (squares / count, products / count);
+        let own = (variance + 2.0 * covariance).clamp(0.25 * variance, variance);
+        // A t with four degrees of freedom has twice the variance of its scale squared,
+        // a Gaussian once: between them.
+        (own / 1.4).sqrt().max(LEAST_DEVIATION)
+    }
+
+    pub(super) fn check(&self) -> Result<(), TransitionError> {
+        let Self { scale, bias, deviation } = *self;
+        let named = [("scale", scale, 0.01..=100.0), ("bias", bias, -FARTHEST..=FARTHEST)];
+        for (name, value, range) in named {
+            if !range.contains(&value) {
+                let what = format!("the {name} of the odometry");
+                let expected = if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
+                return Err(TransitionError::Parameter { what, value, expected });
+            }
+        }
+        if !(1e-3..=1e6).contains(&deviation) {
+            let what = "the deviation of the odometry".into();
+            let expected = "from 0.001 to 1e6";
+            return Err(TransitionError::Parameter { what, value: deviation, expected });
+        }
+        Ok(())
+    }
+
+    pub(super) fn check_reading(reading: f64) -> Result<(), TransitionError> {
+        if reading.abs() <= FARTHEST {
+            return Ok(());
+        }
+        let text = format!("an odometry of {reading} places, expected a value from -1e6 to 1e6");
+        Err(TransitionError::Control(text))
+    }
+
+    /// The density of a reading at a speed known to `spacing`, over the largest that
+    /// there is.
+    pub(super) fn relative(&self, reading: f64, speed: f64, spacing: f64) -> f64 {
+        let width = self.scale * spacing;
+        let s = (self.deviation * self.deviation + width * width / 12.0).sqrt();
+        let r = (reading - self.scale * speed - self.bias) / s;
+        let x = 1.0 + 0.25 * r * r;
+        self.deviation / s / (x * x * x.sqrt())
+    }
+
+    /// ln of the largest density.
+    pub(super) fn log_peak(&self) -> f64 {
+        (PEAK / self.deviation).ln()
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_density_is_one() {
+        let model = OdometryModel { scale: 1.1, bias: 0.2, deviation: 0.4 };
+        let step = 1e-3;
+        let sum: f64 = (-400_000..400_000)
+            .map(|k| step * model.relative(f64::from(k) * step, 1.5, 0.0))
+            .sum();
+        assert!((sum * model.log_peak().exp() - 1.0).abs() < 1e-6, "{sum}");
+    }
+
+    #[test]
+    fn counting_in_whole_places_is_no_error_of_the_wheels() {
+        // 0.7 places a step, read to a tenth.
+        let moves: Vec<f64> =
+            (1..400).map(|k| (0.7 * f64::from(k)).round() - (0.7 * f64::from(k - 1)).round()).collect();
+        let read: Vec<f64> = (1..400).map(|k| 0.7 + [0.1, 0.0, -0.1][k % 3]).collect();
+        let learned = OdometryModel::learned(&[(&moves, &read)]).unwrap();
+        assert!(learned.deviation < 0.3, "{learned:?}");
+        let none: [(Vec<f64>, Vec<f64>); 0] = [];
+        let default = OdometryModel::learned(&none).unwrap();
+        assert!((default.scale - 1.0).abs() < 1e-12 && default.bias == 0.0);
+        assert!(OdometryModel::learned(&[(&moves[1..], &read[..])]).is_err());
+        assert!(OdometryModel::learned(&[([f64::NAN], [0.0])]).is_err());
+    }
+}

@@ -1,0 +1,151 @@
+//! Single entries, and the step of Viterbi.
+
+use super::best::{Best, decoded, encoded};
+use super::step::{Off, Step};
+use super::{RouteControl, RouteTransition};
+use crate::kernels::log2;
+use crate::transition::{TransitionEntries, buffers, check_slices};
+
+impl TransitionEntries for RouteTransition {
+    fn incoming(&self, control: &RouteControl, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        assert!(to < self.count(), "there is no state {to}");
+        let mut entries = Vec::new();
+        self.with_step(control, |step| {
+            step.row(to, |from, parts| entries.push((from, parts.into_iter().product())));
+        });
+        entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > 0.0)
+    }
+
+    fn outgoing(&self, control: &RouteControl, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        assert!(from < self.count(), "there is no state {from}");
+        let mut entries = Vec::new();
+        self.with_step(control, |step| {
+            step.column(from, |to, parts| entries.push((to, parts.into_iter().product())));
+        });
+        entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > 0.0)
+    }
+
+    fn incoming_log2(
+        &self,
+        control: &RouteControl,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        assert!(to < self.count(), "there is no state {to}");
+        let mut entries = Vec::new();
+        self.with_step(control, |step| {
+            step.row(to, |from, parts| entries.push((from, parts.into_iter().map(log2).sum())));
+        });
+        entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > f64::NEG_INFINITY)
+    }
+
+    fn outgoing_log2(
+        &self,
+        control: &RouteControl,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        assert!(from < self.count(), "there is no state {from}");
+        let mut entries = Vec::new();
+        self.with_step(control, |step| {
+            step.column(from, |to, parts| entries.push((to, parts.into_iter().map(log2).sum())));
+        });
+        entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > f64::NEG_INFINITY)
+    }
+
+    fn max_product(&self, control: &RouteControl, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        check_slices(self.count(), x, out);
+        self.with_step(control, |step| step.max_product(x, out, from));
+    }
+}
+
+impl Step<'_> {
+    fn max_product(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        let (n, k) = (self.route.line.places, self.route.k());
+        buffers::with_two(n, |returned, left| {
+            let mut returned = Best { scores: returned, from: left };
+            returned.clear();
+            if let Some(off) = &self.off {
+                self.best_return(off, &x[k * n..], &mut returned);
+            }
+            buffers::with_two(n, |mixed, origin| {
+                let mut mixed = Best { scores: mixed, from: origin };
+                buffers::with(n, |states| {
+                    for new in 0..k {
+                        let mut best = Best { scores: &mut out[new * n..][..n], from: states };
+                        best.clear();
+                        mixed.clear();
+                        for g in 0..k {
+                            let share = log2(self.route.switching[new * k + g]) + log2(self.keep);
+                            let scores = x[g * n..][..n].iter().map(|x| x + share);
+                            mixed.offer(0, scores.zip((g * n..).map(encoded)));
+                        }
+                        self.go(new, &mixed, &mut best);
+                        let share = log2(self.route.speeds.shares()[new]);
+                        let ways = returned.scores.iter().map(|x| x + share);
+                        best.offer(0, ways.zip(returned.from.iter().copied()));
+                        for (from, state) in from[new * n..].iter_mut().zip(&*best.from) {
+                            *from = decoded(*state);
+                        }
+                    }
+                });
+            });
+        });
+        let Some(off) = &self.off else { return };
+        buffers::with(n, |states| {
+            let mut best = Best { scores: &mut out[k * n..], from: states };
+            best.clear();
+            for g in 0..=k {
+                let into = log2(if g < k { off.enter } else { off.stay });
+                let scores = x[g * n..][..n].iter().map(|x| x + into);
+                best.offer(0, scores.zip((g * n..).map(encoded)));
+            }
+            for (from, state) in from[k * n..].iter_mut().zip(&*best.from) {
+                *from = decoded(*state);
+            }
+        });
+    }
+
+    /// Offers to the places of a speed what comes by its window from those with
+    /// these scores.
+    fn go(&self, new: usize, mixed: &Best<'_>, best: &mut Best<'_>) {
+        let (route, window) = (self.route, self.window(new));
+        // Around a short loop, several moves lead the same way.
+        let laps = route.line.closed && window.len() > route.line.places;
+        for (places, taps) in route.stencils[new][0].runs().take(if laps { 0 } else { usize::MAX }) {
+            for (first, weight, class) in taps {
+                let range = first..first + places.len();
+                let added = log2(window[weight]) + log2(self.factors.of(class));
+                let scores = mixed.scores[range.clone()].iter().map(|x| x + added);
+                best.offer(places.start, scores.zip(mixed.from[range].iter().copied()));
+            }
+        }
+        let ends = route.line.ends().chain((0..route.line.places).filter(|_| laps));
+        for end in ends {
+            for i in route.line.sources(route.span_of(new), end) {
+                let way = log2(route.way(new, window, i, end)) + log2(self.seen(i, end));
+                best.offer(end, std::iter::once((mixed.scores[i] + way, mixed.from[i])));
+            }
+        }
+    }
+
+    /// The best ways back to each place, whatever the speed then.
+    fn best_return(&self, off: &Off, x: &[f64], best: &mut Best<'_>) {
+        let (line, first) = (self.route.line, self.route.k() * x.len());
+        let back = log2(off.back);
+        // The best of all, the lowest of several; what it gives to places near where it
+        // left is below what they are offered then.
+        let mut top = 0;
+        for (i, score) in x.iter().enumerate() {
+            if *score > x[top] {
+                top = i;
+            }
+        }
+        let anywhere = (x[top] + back + log2(off.each), encoded(first + top));
+        best.offer(0, std::iter::repeat_n(anywhere, x.len()));
+        for (i, score) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
+            let way = back + log2(self.route.near_shares[i] + off.each);
+            for j in line.near(i, off.within) {
+                best.offer(j, std::iter::once((score + way, encoded(first + i))));
+            }
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! Which places a window reaches from where.
+
+use std::iter::Chain;
+use std::ops::Range;
+
+use super::RouteTransition;
+use crate::kernels;
+use crate::transition::buffers;
+
+/// Places in ascending order: of a closed route, those before the first one are
+/// the last ones.
+pub(super) type Places = Chain<Range<usize>, Range<usize>>;
+
+/// The shape of a route.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Line {
+    pub(super) places: usize,
+    pub(super) closed: bool,
+}
+
+impl Line {
+    /// The places that are reached by some moves; of an open route, what would go
+    /// beyond an end stops there.
+    pub(super) fn targets(self, moves: (isize, isize), from: usize) -> Places {
+        let from = from.cast_signed();
+        let (first, last) = (from + moves.0, from + moves.1);
+        if self.closed {
+            return self.around(first, last);
+        }
+        let most = self.places.cast_signed() - 1;
+        between(first.clamp(0, most), last.clamp(0, most))
+    }
+
+    /// The places from which some moves lead to one.
+    pub(super) fn sources(self, moves: (isize, isize), to: usize) -> Places {
+        let to = to.cast_signed();
+        let (first, last) = (to - moves.1, to - moves.0);
+        if self.closed {
+            return self.around(first, last);
+        }
+        let most = self.places.cast_signed() - 1;
+        between(
+            if to == 0 { 0 } else { first.max(0) },
+            if to == most { most } else { last.min(most) },
+        )
+    }
+
+    /// The places within a distance of one.
+    pub(super) fn near(self, place: usize, within: usize) -> Places {
+        let (place, within) = (place.cast_signed(), within.min(self.places).cast_signed());
+        if self.closed {
+            return self.around(place - within, place + within);
+        }
+        between((place - within).max(0), (place + within).min(self.places.cast_signed() - 1))
+    }
+
+    /// How many places are within a distance of one.
+    pub(super) fn count_near(self, place: usize, within: usize) -> usize {
+        let (a, b) = {
+            let places = self.near(place, within);
+            places.size_hint()
+        };
+        b.unwrap_or(a)
+    }
+
+    /// The places of a closed route from one number to another.
+    fn around(self, first: isize, last: isize) -> Places {
+        let n = self.places;
+        let start = first.rem_euclid(n.cast_signed()).cast_unsigned();
+        let count = (last.abs_diff(first) + 1).min(n);
+        let end = start + count;
+        (0..end.saturating_sub(n)).chain(start..end.min(n))
+    }
+
+    /// The ends of an open route, where several moves may lead; none of a closed
+    /// one.
+    pub(super) fn ends(self) -> impl Iterator<Item = usize> + Clone {
+        let last = self.places - 1;
+        let first = (!self.closed).then_some(0).into_iter();
+        first.chain((!self.closed && last > 0).then_some(last))
+    }
+
+    /// Where a move leads, or `None` if that is beyond an end.
+    pub(super) fn moved(self, from: usize, m: isize) -> Option<usize> {
+        let to = from.cast_signed() + m;
+        if self.closed {
+            return Some(to.rem_euclid(self.places.cast_signed()).cast_unsigned());
+        }
+        usize::try_from(to).ok().filter(|to| *to < self.places)
+    }
+
+    /// `out[j] = Σ` of x over the places within a distance of j, by sums over 1, 2, 4, …
+    /// places: O(n log within), and nothing is subtracted.
+    pub(super) fn sum_near(self, x: &[f64], within: usize, out: &mut [f64]) {
+        let n = self.places;
+        out.fill(0.0);
+        let within = within.min(n);
+        let width = 2 * within + 1;
+        if self.closed && width >= n {
+            return out.fill(kernels::sum(x));
+        }
+        // Around a loop, or with nothing beyond the ends.
+        buffers::with_two(n + width - 1, |sums, next| {
+            sums.fill(0.0);
+            sums[within..within + n].copy_from_slice(x);
+            if self.closed {
+                sums[..within].copy_from_slice(&x[n - within..]);
+                sums[within + n..].copy_from_slice(&x[..within]);
+            }
+            let (mut sums, mut next) = (sums, next);
+            let (mut done, mut size) = (0, 1);
+            while done < width {
+                if width & size != 0 {
+                    kernels::add_combined(out, &[(1.0, &sums[done..done + n])]);
+                    done += size;
+                }
+                if done < width {
+                    let count = sums.len() - size;
+                    kernels::combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
+                    next[count..].fill(0.0);
+                    std::mem::swap(&mut sums, &mut next);
+                    size *= 2;
+                }
+            }
+        });
+    }
+}
+
+impl RouteTransition {
+    /// The moves of a speed.
+    pub(super) fn span_of(&self, speed: usize) -> (isize, isize) {
+        let window = &self.speeds.windows[speed];
+        (window.first, window.last())
+    }
+
+    /// What a speed whose weights are `window` gives to the way between two
+    /// places, in all moves that lead it.
+    pub(super) fn way(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
+        let Line { places, closed } = self.line;
+        let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
+        if closed {
+            let at = at.rem_euclid(places.cast_signed()).cast_unsigned();
+            return window.iter().skip(at).step_by(places).sum();
+        }
+        let cut = |at: isize| at.max(0).cast_unsigned().min(window.len());
+        let start = if to == 0 { 0 } else { cut(at) };
+        let end = if to + 1 == places { window.len() } else { cut(at + 1) };
+        window[start..end].iter().sum()
+    }
+}
+
+/// The places of an open route from one to another, of which only the second
+/// may be below 0.
+fn between(first: isize, last: isize) -> Places {
+    (first.cast_unsigned()..(last.max(-1) + 1).cast_unsigned()).chain(0..0)
+}

@@ -1,0 +1,300 @@
+//! A vehicle at hidden speeds along a route, with what was measured of each step.
+
+mod best;
+mod entries;
+mod geometry;
+mod off_map;
+mod products;
+mod step;
+mod stencil;
+mod views;
+
+use geometry::Line;
+pub use off_map::OffMap;
+pub use views::{View, ViewEvidence, ViewRates};
+use stencil::{Stencil, Way};
+use views::Class;
+
+use super::{OdometryModel, Speeds};
+use crate::belief::Belief;
+use crate::error::TransitionError;
+use crate::groups::Groups;
+use crate::transition::check_count;
+
+/// What was measured between two steps of a [`RouteTransition`]: by default nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct RouteControl {
+    /// How far the vehicle has driven by its wheels, in places; `None` where there is no
+    /// reading.
+    pub odometry: Option<f64>,
+    /// Whether the camera sees what it saw before; of use only
+    /// [with views](RouteTransition::with_views).
+    pub view: Option<ViewEvidence>,
+}
+
+/// A state of a [`RouteTransition`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum RouteState {
+    /// At a place of the route.
+    On {
+        /// The number of the speed on the grid.
+        speed: usize,
+        /// The place.
+        place: usize,
+    },
+    /// Off the map.
+    Off {
+        /// The place where it left.
+        left: usize,
+    },
+}
+
+/// A vehicle that drives along the places of a route, which are reference
+/// images in order, at one of several hidden [speeds](Speeds); what odometry and camera
+/// say of a step is [evidence](crate::Transition::evidence).
+///
+/// State g n + i is the speed g at place i, of n places; [off the map](Self::with_off_map),
+/// there are n states more, for where the vehicle left. In a step, the speed changes to g'
+/// with probability G\[g', g\], and the place by a move m, with the weights w of the
+/// **new** speed. What was measured, u, multiplies this by its likelihood:
+///
+/// A_u\[(g', i + m), (g, i)\] = G\[g', g\] Σ_v w_g'(m, v) p(odometry | v) p(view | i, i + m),
+///
+/// where v goes through the speeds that g' stands for. The columns are not normalised:
+/// what contradicts all moves from a place speaks against the place. On a closed route, a
+/// loop, the first place follows the last. On an open one, what would go beyond an end
+/// stops there; p(view) is then of the place where it stops.
+///
+/// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
+/// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
+/// Memory is O(k (k + w)), with views O(n w). To list what leads out of a state costs
+/// O(k w), and into a state as much; to or from off the map O(n k).
+///
+/// ```
+/// use wayfix::motion::{RouteControl, RouteTransition, Speeds};
+/// use wayfix::{Belief, GroupedLikelihood, Hmm, KnownState, Prior};
+///
+/// // 50 images of a route, which the vehicle starts at the tenth of.
+/// let drive = RouteTransition::new(50, false, Speeds::default())?;
+/// let speed = drive.speeds().nearest(1.0);
+/// let start = drive.index(speed, 10).expect("there is such a place");
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 13, start)?);
+/// let sensor = GroupedLikelihood::new(KnownState::new(50), drive.place_groups())?;
+/// let hmm = Hmm::new(prior, drive, sensor)?;
+///
+/// let mut filter = hmm.filter();
+/// filter.predict_with(&RouteControl { odometry: Some(1.9), view: None })?;
+/// filter.predict_with(&RouteControl { odometry: Some(2.1), view: None })?;
+/// let places = hmm.transition().place_groups().marginal(&filter.belief())?;
+/// assert_eq!(places.mode(), 14);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct RouteTransition {
+    line: Line,
+    speeds: Speeds,
+    odometry: OdometryModel,
+    views: Option<Views>,
+    off_map: Option<OffMap>,
+    /// G, row by row: `switching[to * k + from]`.
+    switching: Vec<f64>,
+    /// Where the weights of each speed start among those of all, and their number.
+    starts: Vec<usize>,
+    /// For each place where the vehicle may leave, the probability of each near it.
+    near_shares: Vec<f64>,
+    /// The moves of each speed, into places and out of them.
+    stencils: Vec<[Stencil; 2]>,
+}
+
+#[derive(Debug, Clone)]
+struct Views {
+    rates: ViewRates,
+    stretches: Vec<usize>,
+}
+
+impl RouteTransition {
+    /// A vehicle on `places` places, of a `closed` route or an open one, at these speeds.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] for no places, or [`TransitionError::TooMany`] for more
+    /// than 2^32 − 1 states.
+    pub fn new(places: usize, closed: bool, speeds: Speeds) -> Result<Self, TransitionError> {
+        let k = speeds.values().len();
+        if places == 0 {
+            return Err(TransitionError::Empty);
+        }
+        check_count("states", places.saturating_mul(k + 1))?;
+        let mut starts = vec![0];
+        starts.extend(speeds.windows.iter().scan(0, |end, window| {
+            *end += window.weights.len();
+            Some(*end)
+        }));
+        let route = Self {
+            line: Line { places, closed },
+            switching: speeds.switching(),
+            speeds,
+            odometry: OdometryModel::default(),
+            views: None,
+            off_map: None,
+            starts,
+            near_shares: Vec::new(),
+            stencils: Vec::new(),
+        };
+        Ok(route.with_stencils())
+    }
+
+    /// With another model of odometry than [the default](OdometryModel::default).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for a scale that is not from 0.01 to 100, a bias
+    /// beyond 1e6, or a deviation that is not from 0.001 to 1e6.
+    pub fn with_odometry(self, odometry: OdometryModel) -> Result<Self, TransitionError> {
+        odometry.check()?;
+        Ok(Self { odometry, ..self })
+    }
+
+    /// With a camera that says whether its view has changed. `stretches[i]` is the stretch
+    /// that place i is in: places of the same one look alike.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::PartStates`] unless there is a stretch for each place, or
+    /// [`TransitionError::Parameter`] for a rate below 1e-30 or not below 1.
+    pub fn with_views(
+        self,
+        stretches: &[usize],
+        rates: ViewRates,
+    ) -> Result<Self, TransitionError> {
+        let (found, expected) = (stretches.len(), self.line.places);
+        if found != expected {
+            return Err(TransitionError::PartStates { part: "stretches", found, expected });
+        }
+        rates.check()?;
+        let views = Views { rates, stretches: stretches.to_vec() };
+        Ok(Self { views: Some(views), ..self }.with_stencils())
+    }
+
+    /// With places off the map.
+    ///
+    /// What is measured there is as likely as on the map at speeds by their shares.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] for rates that are not from 1e-30 to 1.
+    pub fn with_off_map(self, off_map: OffMap) -> Result<Self, TransitionError> {
+        off_map.check()?;
+        let share = |left| off_map.near / self.line.count_near(left, off_map.within) as f64;
+        let near_shares = (0..self.line.places).map(share).collect();
+        Ok(Self { off_map: Some(off_map), near_shares, ..self })
+    }
+
+    /// The number of places, n.
+    #[must_use]
+    pub fn places(&self) -> usize {
+        self.line.places
+    }
+
+    /// Whether the route is a loop.
+    #[must_use]
+    pub fn is_closed(&self) -> bool {
+        self.line.closed
+    }
+
+    /// The speeds.
+    #[must_use]
+    pub fn speeds(&self) -> &Speeds {
+        &self.speeds
+    }
+
+    /// What odometry says of a speed.
+    #[must_use]
+    pub fn odometry(&self) -> &OdometryModel {
+        &self.odometry
+    }
+
+    /// How the vehicle leaves the map, if it does.
+    #[must_use]
+    pub fn off_map(&self) -> Option<&OffMap> {
+        self.off_map.as_ref()
+    }
+
+    /// The state of a speed at a place, or `None` if there is none.
+    #[must_use]
+    pub fn index(&self, speed: usize, place: usize) -> Option<usize> {
+        let n = self.line.places;
+        (speed < self.k() && place < n).then(|| speed * n + place)
+    }
+
+    /// What a state is, or `None` if there is no such state.
+    #[must_use]
+    pub fn state(&self, state: usize) -> Option<RouteState> {
+        let (speed, place) = (state / self.line.places, state % self.line.places);
+        match () {
+            () if state >= self.count() => None,
+            () if speed < self.k() => Some(RouteState::On { speed, place }),
+            () => Some(RouteState::Off { left: place }),
+        }
+    }
+
+    /// The states grouped by place, with a last group for off the map, if there is that:
+    /// for a sensor that sees only places, and for their probabilities.
+    #[must_use]
+    pub fn place_groups(&self) -> Groups {
+        let n = self.line.places;
+        let group = |state| if state / n < self.k() { state % n } else { n };
+        let groups = n + usize::from(self.off_map.is_some());
+        Groups::numbered((0..self.count()).map(group).collect(), groups)
+    }
+
+    /// The states grouped by speed, with a last group for off the map, if there is that.
+    #[must_use]
+    pub fn speed_groups(&self) -> Groups {
+        let groups = self.k() + usize::from(self.off_map.is_some());
+        Groups::numbered((0..self.count()).map(|state| state / self.line.places).collect(), groups)
+    }
+
+    /// A vehicle that may be anywhere: all places alike, at speeds by their shares, and
+    /// off the map by [its share](OffMap::share).
+    #[must_use]
+    pub fn anywhere(&self) -> Belief {
+        let (n, off) = (self.line.places, self.off_map.map_or(0.0, |off_map| off_map.share()));
+        let on = self.speeds.shares().iter().map(|share| share * (1.0 - off) / n as f64);
+        let layers = on.chain(self.off_map.map(|_| off / n as f64));
+        Belief::known(layers.flat_map(|p| std::iter::repeat_n(p, n)).collect())
+    }
+
+    fn with_stencils(self) -> Self {
+        let stencil = |way| {
+            move |window: &super::speeds::Window, route: &Self| {
+                let class = |from, to| route.class(from, to);
+                Stencil::new(route.line, window.first, window.weights.len(), way, class)
+            }
+        };
+        let (into, out_of) = (stencil(Way::Into), stencil(Way::OutOf));
+        let windows = self.speeds.windows.iter();
+        let stencils = windows.map(|window| [into(window, &self), out_of(window, &self)]).collect();
+        Self { stencils, ..self }
+    }
+
+    /// What a view tells of a way.
+    fn class(&self, from: usize, to: usize) -> Class {
+        let alike = |views: &Views| views.stretches[from] == views.stretches[to];
+        match &self.views {
+            _ if from == to => Class::Standing,
+            Some(views) if alike(views) => Class::Alike,
+            _ => Class::Moved,
+        }
+    }
+
+    fn k(&self) -> usize {
+        self.speeds.values().len()
+    }
+
+    fn count(&self) -> usize {
+        self.line.places * (self.k() + usize::from(self.off_map.is_some()))
+    }
+}

@@ -1,0 +1,116 @@
+//! Whether the camera sees what it saw a step before.
+
+use crate::error::TransitionError;
+
+/// How a frame looks beside the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum View {
+    /// Unlike the last new view: the vehicle, or what it sees, has moved.
+    Changed,
+    /// Like the last new view.
+    Unchanged,
+}
+
+/// What a view says of a move, and how much that counts: its likelihood is raised to the
+/// power of `weight`, from 0 (it says nothing) to 1. Views in a row are not independent:
+/// a tunnel shows the same for minutes, though the vehicle moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct ViewEvidence {
+    /// Whether the view has changed.
+    pub view: View,
+    /// How much that counts, from 0 to 1.
+    pub weight: f64,
+}
+
+/// The probabilities of a [`View::Unchanged`] after a step; that of a
+/// [`View::Changed`] is the rest to one. A *stretch* is a run of references that
+/// look alike ([`alike_stretches`](crate::observation::alike_stretches)).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct ViewRates {
+    /// If the vehicle is where it was.
+    pub standing: f64,
+    /// If it is at another place of the same stretch.
+    pub alike: f64,
+    /// If it is elsewhere.
+    pub moved: f64,
+}
+
+impl Default for ViewRates {
+    /// 0.9, 0.8 and 0.05. Views are to be compared with a threshold that noise rarely
+    /// reaches; traffic may pass a vehicle that stands, and walls a vehicle that moves.
+    fn default() -> Self {
+        Self { standing: 0.9, alike: 0.8, moved: 0.05 }
+    }
+}
+
+/// The likelihood of a view for each way of moving, over the largest of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Factors {
+    pub(super) standing: f64,
+    pub(super) alike: f64,
+    pub(super) moved: f64,
+}
+
+/// A way of moving, as far as views tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Class {
+    Standing,
+    Alike,
+    Moved,
+}
+
+impl Factors {
+    pub(super) const NONE: Self = Self { standing: 1.0, alike: 1.0, moved: 1.0 };
+
+    pub(super) fn of(self, class: Class) -> f64 {
+        match class {
+            Class::Standing => self.standing,
+            Class::Alike => self.alike,
+            Class::Moved => self.moved,
+        }
+    }
+}
+
+impl ViewRates {
+    pub(super) fn check(self) -> Result<(), TransitionError> {
+        let Self { standing, alike, moved } = self;
+        let named = [("standing", standing), ("in a stretch", alike), ("elsewhere", moved)];
+        for (name, value) in named {
+            if !(1e-30..1.0).contains(&value) {
+                return Err(TransitionError::Parameter {
+                    what: format!("the probability of an unchanged view {name}"),
+                    value,
+                    expected: "a value of at least 1e-30 and below 1",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The factors of a view, and the logarithm that was divided out.
+    pub(super) fn factors(self, evidence: ViewEvidence) -> (Factors, f64) {
+        let p = [self.standing, self.alike, self.moved].map(|unchanged| match evidence.view {
+            View::Changed => 1.0 - unchanged,
+            View::Unchanged => unchanged,
+        });
+        let largest = p.into_iter().fold(0.0, f64::max);
+        let [standing, alike, moved] = p.map(|p| (p / largest).powf(evidence.weight));
+        (Factors { standing, alike, moved }, evidence.weight * largest.ln())
+    }
+}
+
+impl ViewEvidence {
+    pub(super) fn check(self) -> Result<(), TransitionError> {
+        if (0.0..=1.0).contains(&self.weight) {
+            return Ok(());
+        }
+        let text = format!("a view with a weight of {}, expected a value from 0 to 1", self.weight);
+        Err(TransitionError::Control(text))
+    }
+}

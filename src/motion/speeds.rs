@@ -1,0 +1,292 @@
+//! The speeds of a vehicle along a route, and how they change.
+
+use crate::error::TransitionError;
+use crate::transition::{check_probability, check_sum};
+
+/// So many speeds, evenly over its cell, stand for a speed of the grid.
+const NODES: usize = 8;
+/// The largest speed, in places a step.
+const FASTEST: f64 = 64.0;
+
+/// A grid of speeds, in places a step, and how a speed changes from one step to the
+/// next: to a neighbour on the grid (it accelerates), or to any (it stops, sets off,
+/// turns round). Negative speeds reverse.
+///
+/// A speed of the grid stands for all speeds nearer to it than to its neighbours; 0 for
+/// standing still. So a vehicle at 1.1 places a step, which passes one reference most
+/// times and two in one case of ten, is followed with speeds of 1 and 1.25.
+///
+/// The defaults were chosen by leaving out: on some recordings, with drives of constant
+/// and changing speeds, stops and reversals, and reported on others. A finer grid gains
+/// little; one of −3, −2, −1, 0, ½, 1, 1½, 2, 3 loses.
+///
+/// ```
+/// use wayfix::motion::Speeds;
+///
+/// let speeds = Speeds::default();
+/// assert_eq!(speeds.values().len(), 13);
+/// // From standing, 150 steps at 0.8 places a step and some of a stop.
+/// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 4 / 5 - (k - 1) * 4 / 5)).collect();
+/// let learned = speeds.learned(&[moves, vec![0.0; 20]])?;
+/// let share = |speed: f64| learned.shares()[learned.nearest(speed)];
+/// assert!(share(0.75) > 0.5 && share(0.0) > share(2.0));
+/// # Ok::<(), wayfix::TransitionError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Speeds {
+    values: Vec<f64>,
+    shares: Vec<f64>,
+    nearby: f64,
+    anywhere: f64,
+    slack: f64,
+    /// The nodes of each speed, and how many references they pass.
+    pub(super) windows: Vec<Window>,
+}
+
+/// How many places on a step leads, at a speed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    /// The move of the first weight.
+    pub(super) first: isize,
+    pub(super) weights: Vec<f64>,
+    /// Speeds of the cell, each with the weights of its moves, row by row.
+    pub(super) nodes: Vec<f64>,
+    by_node: Vec<f64>,
+    /// The width of the cell that a node stands for.
+    pub(super) spacing: f64,
+}
+
+impl Default for Speeds {
+    fn default() -> Self {
+        let values = vec![-3.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0];
+        let shares = usual_shares(&values);
+        Self::build(values, shares, [0.01, 0.005, 0.0])
+    }
+}
+
+/// Slow rather than fast, and above all standing and one place a step, which is how a
+/// route is recorded.
+fn usual_shares(values: &[f64]) -> Vec<f64> {
+    let usual = |v: &f64| if *v == 0.0 || *v == 1.0 { 3.0 } else { 1.0 };
+    let weights: Vec<f64> = values.iter().map(|v| usual(v) * (-0.4 * v.abs()).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.into_iter().map(|weight| weight / sum).collect()
+}
+
+impl Speeds {
+    /// These speeds, with the default changes: in a step, to a neighbour with
+    /// probability 0.01, to any with 0.005.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Empty`] for none, or [`TransitionError::Parameter`] unless they
+    /// ascend and are from −64 to 64.
+    pub fn new(values: &[f64]) -> Result<Self, TransitionError> {
+        if values.is_empty() {
+            return Err(TransitionError::Empty);
+        }
+        for (at, &value) in values.iter().enumerate() {
+            let above = at == 0 || value > values[at - 1];
+            if !(value.abs() <= FASTEST && above) {
+                let what = format!("speed {at}");
+                let expected = "a value from -64 to 64, above the one before";
+                return Err(TransitionError::Parameter { what, value, expected });
+            }
+        }
+        Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, 0.0]))
+    }
+
+    /// With other probabilities of a change in a step: to one of the neighbouring speeds,
+    /// and to any, by their [shares](Self::shares).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless both, and their sum, are from 0 to 1.
+    pub fn with_changes(self, nearby: f64, anywhere: f64) -> Result<Self, TransitionError> {
+        check_probability(nearby, || "the probability of a neighbouring speed".into())?;
+        check_probability(anywhere, || "the probability of any speed".into())?;
+        check_probability(nearby + anywhere, || "the probability of another speed".into())?;
+        Ok(Self { nearby, anywhere, ..self })
+    }
+
+    /// With other shares: how often each speed is driven, of which a change to any speed
+    /// makes its choice.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::PartStates`] for another number of them, or
+    /// [`TransitionError::Parameter`] unless they are probabilities that sum to one.
+    pub fn with_shares(self, shares: &[f64]) -> Result<Self, TransitionError> {
+        let (found, expected) = (shares.len(), self.values.len());
+        if found != expected {
+            return Err(TransitionError::PartStates { part: "shares of speeds", found, expected });
+        }
+        check_sum(shares, "the sum of the shares of speeds".into(), |g| {
+            format!("the share of speed {g}")
+        })?;
+        Ok(Self { shares: shares.to_vec(), ..self })
+    }
+
+    /// With another slack: the probability that a step leads one place farther than its
+    /// speed says, and the same for one place less; 0.02 by default. References are not
+    /// quite evenly spaced.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless it is from 0 to 0.5.
+    pub fn with_slack(self, slack: f64) -> Result<Self, TransitionError> {
+        if !(0.0..=0.5).contains(&slack) {
+            let (what, expected) = ("the slack of speeds".into(), "a value from 0 to 0.5");
+            return Err(TransitionError::Parameter { what, value: slack, expected });
+        }
+        Ok(Self::build(self.values, self.shares, [self.nearby, self.anywhere, slack]))
+    }
+
+    fn build(values: Vec<f64>, shares: Vec<f64>, [nearby, anywhere, slack]: [f64; 3]) -> Self {
+        let windows = (0..values.len()).map(|g| Window::new(&values, g, slack)).collect();
+        Self { values, shares, nearby, anywhere, slack, windows }
+    }
+
+    /// The speeds, ascending, in places a step.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// How often each is driven.
+    #[must_use]
+    pub fn shares(&self) -> &[f64] {
+        &self.shares
+    }
+
+    /// The probabilities of a change in a step: to a neighbouring speed, and to any.
+    #[must_use]
+    pub fn changes(&self) -> (f64, f64) {
+        (self.nearby, self.anywhere)
+    }
+
+    /// The probability of a place more than the speed says, and of one less.
+    #[must_use]
+    pub fn slack(&self) -> f64 {
+        self.slack
+    }
+
+    /// The number of the speed nearest to one, the lower of two; 0 for NaN.
+    #[must_use]
+    pub fn nearest(&self, speed: f64) -> usize {
+        let closer = |best: usize, at: usize| {
+            let off = |at: usize| (self.values[at] - speed).abs();
+            if off(at) < off(best) { at } else { best }
+        };
+        (0..self.values.len()).fold(0, closer)
+    }
+
+    /// The probability of each speed after a step, row by row: `[to * k + from]`.
+    pub(super) fn switching(&self) -> Vec<f64> {
+        let k = self.values.len();
+        let mut matrix = Vec::with_capacity(k * k);
+        for to in 0..k {
+            for from in 0..k {
+                let neighbours = usize::from(from > 0) + usize::from(from + 1 < k);
+                let near = if neighbours == 0 { 0.0 } else { self.nearby / neighbours as f64 };
+                let lost = if neighbours == 0 { 0.0 } else { self.nearby };
+                let stay = if to == from { 1.0 - lost - self.anywhere } else { 0.0 };
+                let step = if to.abs_diff(from) == 1 { near } else { 0.0 };
+                matrix.push(stay + step + self.anywhere * self.shares[to]);
+            }
+        }
+        matrix
+    }
+}
+
+impl Window {
+    fn new(values: &[f64], g: usize, slack: f64) -> Self {
+        let half = |a: usize, b: usize| 0.5 * (values[b] - values[a]);
+        let (mut low, mut high) = (values[g], values[g]);
+        // Standing is standing; at the ends, cells are as wide as on their other side.
+        if values[g] != 0.0 && values.len() > 1 {
+            let last = values.len() - 1;
+            low -= if g == 0 { half(0, 1) } else { half(g - 1, g) };
+            high += if g == last { half(last - 1, last) } else { half(g, g + 1) };
+        }
+        let count = if low == high { 1 } else { NODES };
+        let spacing = (high - low) / count as f64;
+        let nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
+        let moves = values[g] != 0.0;
+        let margin = isize::from(moves && slack > 0.0);
+        let first = nodes[0].floor() as isize - margin;
+        let last = nodes[count - 1].ceil() as isize + margin;
+        let width = (last - first + 1).unsigned_abs();
+        let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
+        let mut by_node = Vec::with_capacity(count * width);
+        for &v in &nodes {
+            by_node.extend((first..=last).map(|m| {
+                let beside = triangle(m - 1, v) + triangle(m + 1, v);
+                let slack = if moves { slack } else { 0.0 };
+                (1.0 - 2.0 * slack) * triangle(m, v) + slack * beside
+            }));
+        }
+        let mut window = Self { first, weights: vec![0.0; width], nodes, by_node, spacing };
+        let mut weights = vec![0.0; width];
+        window.weigh(|_| 1.0, &mut weights);
+        window.weights = weights;
+        window
+    }
+
+    pub(super) fn last(&self) -> isize {
+        self.first + self.weights.len().cast_signed() - 1
+    }
+
+    /// The weights of moves where the speeds of the cell have this likelihood; returns
+    /// their sum.
+    pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
+        out.fill(0.0);
+        let (mut total, share) = (0.0, 1.0 / self.nodes.len() as f64);
+        for (&v, weights) in self.nodes.iter().zip(self.by_node.chunks_exact(out.len())) {
+            let p = share * likelihood(v);
+            total += p;
+            out.iter_mut().zip(weights).for_each(|(out, weight)| *out += p * weight);
+        }
+        total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn windows_are_distributions_with_the_mean_of_the_cell() {
+        for slack in [0.0, 0.02, 0.3] {
+            let speeds = Speeds::default().with_slack(slack).unwrap();
+            for (g, window) in speeds.windows.iter().enumerate() {
+                let sum: f64 = window.weights.iter().sum();
+                let moves = window.weights.iter().zip(window.first..);
+                let mean: f64 = moves.map(|(p, m)| p * m as f64).sum();
+                let cell = window.nodes.iter().sum::<f64>() / window.nodes.len() as f64;
+                assert!((sum - 1.0).abs() < 1e-12 && (mean - cell).abs() < 1e-12, "{g}");
+            }
+            let k = speeds.values().len();
+            let switching = speeds.switching();
+            for from in 0..k {
+                let sum: f64 = switching[from..].iter().step_by(k).sum();
+                assert!((sum - 1.0).abs() < 1e-12);
+            }
+        }
+        let alone = Speeds::new(&[1.0]).unwrap();
+        assert_eq!(alone.windows[0].weights, [0.02, 0.96, 0.02]);
+        assert_eq!(alone.switching(), [1.0]);
+    }
+
+    #[test]
+    fn what_is_no_grid() {
+        assert!(Speeds::new(&[]).is_err());
+        for wrong in [[0.0, 0.0], [1.0, 0.0], [0.0, f64::NAN], [0.0, 65.0]] {
+            let error = Speeds::new(&wrong).unwrap_err().to_string();
+            assert!(error.starts_with("speed 1 is"), "{error}");
+        }
+        assert!(Speeds::default().with_changes(0.6, 0.6).is_err());
+        assert!(Speeds::default().with_shares(&[1.0]).is_err());
+        assert!(Speeds::default().with_slack(0.6).is_err());
+    }
+}
