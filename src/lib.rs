@@ -184,6 +184,7 @@ pub mod motion;
 pub mod observation;
 #[cfg(feature = "serde")]
 pub mod persistence;
+pub mod recognition;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{

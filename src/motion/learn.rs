@@ -63,7 +63,11 @@ impl Speeds {
             (1.0 - share) * weight(places.floor()) + share * weight(places.floor() + 1.0)
         };
         let likelihoods: Vec<f64> = self.windows.iter().map(of).collect();
-        if likelihoods.iter().all(|p| *p == 0.0) { vec![1.0; likelihoods.len()] } else { likelihoods }
+        if likelihoods.iter().all(|p| *p == 0.0) {
+            vec![1.0; likelihoods.len()]
+        } else {
+            likelihoods
+        }
     }
 
     fn relearned(&self, before: &Self, seen: &[Vec<Vec<f64>>]) -> Result<Self, InferenceError> {
@@ -72,7 +76,11 @@ impl Speeds {
         let matrix = DenseTransition::from_rows(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
         let Ok(shares) = shares else { return Ok(self.clone()) };
-        let hmm = Hmm::new(Prior::AtFirstObservation(shares), matrix, LikelihoodVector::linear(k).owned());
+        let hmm = Hmm::new(
+            Prior::AtFirstObservation(shares),
+            matrix,
+            LikelihoodVector::linear(k).owned(),
+        );
         let Ok(hmm) = hmm else { return Ok(self.clone()) };
         let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
         (nearby, anywhere) = (nearby * steps, anywhere * steps);

@@ -6,7 +6,5 @@ mod route;
 mod speeds;
 
 pub use odometry::OdometryModel;
-pub use route::{
-    OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates,
-};
+pub use route::{OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates};
 pub use speeds::Speeds;

@@ -134,7 +134,8 @@ impl OdometryModel {
         for (name, value, range) in named {
             if !range.contains(&value) {
                 let what = format!("the {name} of the odometry");
-                let expected = if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
+                let expected =
+                    if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
                 return Err(TransitionError::Parameter { what, value, expected });
             }
         }
@@ -186,17 +187,17 @@ mod tests {
     fn the_density_is_one() {
         let model = OdometryModel { scale: 1.1, bias: 0.2, deviation: 0.4 };
         let step = 1e-3;
-        let sum: f64 = (-400_000..400_000)
-            .map(|k| step * model.relative(f64::from(k) * step, 1.5, 0.0))
-            .sum();
+        let sum: f64 =
+            (-400_000..400_000).map(|k| step * model.relative(f64::from(k) * step, 1.5, 0.0)).sum();
         assert!((sum * model.log_peak().exp() - 1.0).abs() < 1e-6, "{sum}");
     }
 
     #[test]
     fn counting_in_whole_places_is_no_error_of_the_wheels() {
         // 0.7 places a step, read to a tenth.
-        let moves: Vec<f64> =
-            (1..400).map(|k| (0.7 * f64::from(k)).round() - (0.7 * f64::from(k - 1)).round()).collect();
+        let moves: Vec<f64> = (1..400)
+            .map(|k| (0.7 * f64::from(k)).round() - (0.7 * f64::from(k - 1)).round())
+            .collect();
         let read: Vec<f64> = (1..400).map(|k| 0.7 + [0.1, 0.0, -0.1][k % 3]).collect();
         let learned = OdometryModel::learned(&[(&moves, &read)]).unwrap();
         assert!(learned.deviation < 0.3, "{learned:?}");

@@ -1,7 +1,7 @@
 //! Whether the camera sees something new.
 
 use super::ObservationError;
-use crate::transition::View;
+use crate::motion::View;
 
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
@@ -40,12 +40,12 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 ///
 /// A frame that shows what the one before did is no fresh evidence: give the
 /// filter `None` for it ([`OptionalLikelihood`](crate::OptionalLikelihood)), and
-/// say so to the motion ([`RouteControl`](crate::RouteControl)), for which it is
+/// say so to the motion ([`RouteControl`](crate::motion::RouteControl)), for which it is
 /// news. Otherwise a stop at a light makes the filter as sure as can be of
 /// whatever that one image happens to resemble.
 ///
 /// ```
-/// use wayfix::View;
+/// use wayfix::motion::View;
 /// use wayfix::observation::Views;
 ///
 /// let mut views = Views::new(0.1)?;
@@ -111,7 +111,7 @@ impl Views {
 }
 
 /// Which stretch of a route each reference is in, for
-/// [`RouteTransition::with_views`](crate::RouteTransition::with_views):
+/// [`RouteTransition::with_views`](crate::motion::RouteTransition::with_views):
 /// consecutive references share one if no query tells them apart, that is, if
 /// the columns of `rows` are the same, or their [change](view_change) from the
 /// first of the stretch is below a tenth of the median

@@ -110,7 +110,8 @@ impl Step<'_> {
         let (route, window) = (self.route, self.window(new));
         // Around a short loop, several moves lead the same way.
         let laps = route.line.closed && window.len() > route.line.places;
-        for (places, taps) in route.stencils[new][0].runs().take(if laps { 0 } else { usize::MAX }) {
+        for (places, taps) in route.stencils[new][0].runs().take(if laps { 0 } else { usize::MAX })
+        {
             for (first, weight, class) in taps {
                 let range = first..first + places.len();
                 let added = log2(window[weight]) + log2(self.factors.of(class));

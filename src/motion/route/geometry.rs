@@ -116,7 +116,10 @@ impl Line {
                 }
                 if done < width {
                     let count = sums.len() - size;
-                    kernels::combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
+                    kernels::combine(
+                        &mut next[..count],
+                        &[(1.0, &sums[..count]), (1.0, &sums[size..])],
+                    );
                     next[count..].fill(0.0);
                     std::mem::swap(&mut sums, &mut next);
                     size *= 2;

@@ -5,15 +5,15 @@ mod entries;
 mod geometry;
 mod off_map;
 mod products;
-mod step;
 mod stencil;
+mod step;
 mod views;
 
 use geometry::Line;
 pub use off_map::OffMap;
-pub use views::{View, ViewEvidence, ViewRates};
 use stencil::{Stencil, Way};
 use views::Class;
+pub use views::{View, ViewEvidence, ViewRates};
 
 use super::{OdometryModel, Speeds};
 use crate::belief::Belief;

@@ -47,7 +47,11 @@ impl OffMap {
         for (what, value) in [("leaving the map", self.leave), ("coming back", self.back)] {
             if !(LEAST_RATE..=1.0).contains(&value) {
                 let what = format!("the probability of {what}");
-                return Err(TransitionError::Parameter { what, value, expected: "from 1e-30 to 1" });
+                return Err(TransitionError::Parameter {
+                    what,
+                    value,
+                    expected: "from 1e-30 to 1",
+                });
             }
         }
         Ok(())

@@ -1,8 +1,8 @@
 //! Products with vectors, in loops along the places.
 
 use super::super::OdometryModel;
-use super::step::{Off, Step};
 use super::stencil::Stencil;
+use super::step::{Off, Step};
 use super::views::ViewEvidence;
 use super::{RouteControl, RouteTransition};
 use crate::error::TransitionError;
@@ -33,7 +33,11 @@ impl Step<'_> {
             let out = &mut out[places];
             for (first, weight, class) in taps {
                 if count == TERMS {
-                    if some { kernels::add_combined(out, &terms) } else { kernels::combine(out, &terms) }
+                    if some {
+                        kernels::add_combined(out, &terms)
+                    } else {
+                        kernels::combine(out, &terms)
+                    }
                     (count, some) = (0, true);
                 }
                 let factor = window[weight] * self.factors.of(class);

@@ -44,7 +44,8 @@ impl RouteTransition {
             match control.odometry {
                 None => {
                     for (g, window) in self.speeds.windows.iter().enumerate() {
-                        windows[self.starts[g]..self.starts[g + 1]].copy_from_slice(&window.weights);
+                        windows[self.starts[g]..self.starts[g + 1]]
+                            .copy_from_slice(&window.weights);
                     }
                 }
                 Some(reading) => {
@@ -60,8 +61,7 @@ impl RouteTransition {
             let seen = self.views.as_ref().zip(control.view);
             let factors = seen.map_or(Factors::NONE, |(views, view)| views.rates.factors(view).0);
             let standing = self.standing_share();
-            let driven =
-                driven * (standing * factors.standing + (1.0 - standing) * factors.moved);
+            let driven = driven * (standing * factors.standing + (1.0 - standing) * factors.moved);
             let off = self.off_map.map(|off| Off {
                 enter: off.leave * driven,
                 stay: (1.0 - off.back) * driven,

@@ -1,0 +1,159 @@
+//! How much a score speaks for a place.
+
+use super::ObservationError;
+
+/// The odds that a reference with some [score](super::Standardizer) is the right one,
+/// against a wrong one, as
+///
+/// o(z) = ((1 − e) min(exp(−s (z − z₀)), exp(t)) + e)^(1/τ).
+///
+/// Scores in standard deviations of each reference have much the same odds whatever the
+/// descriptor and the season: on eleven recordings and descriptors, from 16 × 32 pixels to
+/// networks, they fell by two nats for each unit from −3 to 0, were even near −1.15, and
+/// levelled off below −3 and above 0. So they need no labels. With probability e a frame
+/// says nothing (it is of the inside of a tunnel, or of a lorry), so that no frame speaks
+/// against a place by more than ln e.
+///
+/// The **temperature** τ is for frames in sequence, which err together: of five frames in
+/// a row hardly two are independent. Places off the map have odds of 1: all references are
+/// wrong ones.
+///
+/// ```
+/// use wayfix::observation::MatchOdds;
+///
+/// let single = MatchOdds::default().with_temperature(1.0)?;
+/// assert!((single.log_odds(-1.15)).abs() < 1e-12);
+/// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -3.6);
+/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct MatchOdds {
+    slope: f64,
+    even: f64,
+    most: f64,
+    nothing: f64,
+    temperature: f64,
+}
+
+impl Default for MatchOdds {
+    /// s = 2, z₀ = −1.15, t = 6, e = 0.03, and a temperature of 2.5.
+    fn default() -> Self {
+        Self { slope: 2.0, even: -1.15, most: 6.0, nothing: 0.03, temperature: 2.5 }
+    }
+}
+
+impl MatchOdds {
+    /// With another temperature: above 1 for frames in sequence, 1 for single ones.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless it is from 0.01 to 1000.
+    pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
+        if !(0.01..=1000.0).contains(&temperature) {
+            let (what, expected) = ("the temperature", "from 0.01 to 1000");
+            return Err(ObservationError::Parameter { what, value: temperature, expected });
+        }
+        Ok(Self { temperature, ..self })
+    }
+
+    /// With another probability that a frame says nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] unless it is from 1e-12 to 1.
+    pub fn with_nothing(self, nothing: f64) -> Result<Self, ObservationError> {
+        if !(1e-12..=1.0).contains(&nothing) {
+            let (what, expected) = ("the probability that a frame says nothing", "from 1e-12 to 1");
+            return Err(ObservationError::Parameter { what, value: nothing, expected });
+        }
+        Ok(Self { nothing, ..self })
+    }
+
+    /// The temperature.
+    #[must_use]
+    pub fn temperature(&self) -> f64 {
+        self.temperature
+    }
+
+    /// The probability that a frame says nothing.
+    #[must_use]
+    pub fn nothing(&self) -> f64 {
+        self.nothing
+    }
+
+    /// ln of the odds of a score, divided by the temperature; −∞ of an infinite one, which
+    /// is surely wrong.
+    #[must_use]
+    pub fn log_odds(&self, score: f64) -> f64 {
+        if score == f64::INFINITY {
+            return f64::NEG_INFINITY;
+        }
+        let says = (-self.slope * (score - self.even)).min(self.most).exp();
+        ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
+    }
+
+    /// The odds of scores that are close together, to look up.
+    pub(crate) fn table(&self) -> OddsTable {
+        let values = (0..=CELLS).map(|at| self.log_odds(LOWEST + at as f64 / PER_UNIT).exp());
+        OddsTable { values: values.collect() }
+    }
+}
+
+/// Odds at scores from −8 to 8, 64 for each unit, with straight lines between: within 2e-4
+/// of what they are at a temperature of 1, and nearer at higher ones.
+#[derive(Debug, Clone)]
+pub(crate) struct OddsTable {
+    values: Vec<f64>,
+}
+
+const LOWEST: f64 = -8.0;
+const PER_UNIT: f64 = 64.0;
+const CELLS: usize = 1024;
+
+impl OddsTable {
+    /// The odds of a score; those at the ends beyond.
+    #[inline]
+    pub(crate) fn odds(&self, score: f64) -> f64 {
+        if score == f64::INFINITY {
+            return 0.0;
+        }
+        let at = ((score - LOWEST) * PER_UNIT).clamp(0.0, (CELLS - 1) as f64);
+        #[expect(clippy::cast_sign_loss, reason = "clamped to at least 0")]
+        let cell = at as usize;
+        let (low, high) = (self.values[cell], self.values[cell + 1]);
+        low + (at - cell as f64).min(1.0) * (high - low)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_is_close() {
+        for temperature in [0.5, 1.0, 2.5, 10.0] {
+            let odds = MatchOdds::default().with_temperature(temperature).unwrap();
+            let table = odds.table();
+            for k in -900..900 {
+                let score = f64::from(k) * 0.0123;
+                let exact = odds.log_odds(score.clamp(-8.0, 8.0)).exp();
+                let off = (table.odds(score) / exact - 1.0).abs();
+                assert!(
+                    off < 4e-4 / temperature.min(1.0).powi(2) + 0.02 * f64::from(score > 7.9),
+                    "{score} {off}"
+                );
+            }
+        }
+        assert_eq!(MatchOdds::default().table().odds(f64::INFINITY), 0.0);
+        assert_eq!(MatchOdds::default().log_odds(f64::INFINITY), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn what_is_no_temperature() {
+        assert!(MatchOdds::default().with_temperature(0.0).is_err());
+        assert!(MatchOdds::default().with_temperature(f64::NAN).is_err());
+        assert!(MatchOdds::default().with_nothing(0.0).is_err());
+    }
+}

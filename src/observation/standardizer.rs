@@ -1,0 +1,218 @@
+//! Scores of references in units of what each has for other queries.
+
+use super::ObservationError;
+use super::spread::Spread;
+use crate::likelihood::Scratch;
+
+/// For how many queries count what is known of a reference before any are seen: a mean of
+/// 0, and the deviation that all references have together.
+const PRIOR_COUNT: f64 = 10.0;
+
+/// Brings the distances of a query to one scale for all references: first in standard
+/// deviations of the query's own ([`Spread::Query`]), then in those that each reference
+/// has for other queries.
+///
+/// A reference that looks like everything (a dark tunnel, a plain wall) is near to most
+/// queries, and one whose distances hardly vary is never very near to any; both count for
+/// what is usual for them, as in the test-normalisation of speaker recognition
+/// (Auckenthaler, Carey and Lloyd-Thomas 2000). The places of the queries need not be
+/// known, so that it learns as the vehicle drives. Few queries change little: each mean
+/// and each deviation counts what there was before as ten.
+///
+/// ```
+/// use wayfix::observation::Standardizer;
+///
+/// // Reference 0 is near to everything.
+/// let mut references = Standardizer::new(3)?;
+/// for k in 0..30 {
+///     references.observe(&[0.1, 0.8 + 0.01 * (k % 3) as f32, 0.9])?;
+/// }
+/// let mut scores = [0.0; 3];
+/// references.scores(&[0.1, 0.4, 0.9], &mut scores)?;
+/// assert!(scores[1] < scores[0]);
+/// # Ok::<(), wayfix::observation::ObservationError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Standardizer {
+    /// How many queries were seen.
+    count: f64,
+    /// For each reference, the sum of its scores for these, and of their squares.
+    sums: Vec<f64>,
+    squares: Vec<f64>,
+}
+
+impl Standardizer {
+    /// For this many references, of which nothing is known.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError::Parameter`] if there are none.
+    pub fn new(references: usize) -> Result<Self, ObservationError> {
+        if references == 0 {
+            let (what, expected) = ("the number of references", "at least 1");
+            return Err(ObservationError::Parameter { what, value: 0.0, expected });
+        }
+        Ok(Self { count: 0.0, sums: vec![0.0; references], squares: vec![0.0; references] })
+    }
+
+    /// The number of references.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.sums.len()
+    }
+
+    /// How many queries were seen.
+    #[must_use]
+    pub fn count(&self) -> f64 {
+        self.count
+    }
+
+    /// Learns from a query, whose place need not be known. Those of a vehicle that stands
+    /// still show one place again and again: leave them out. O(n).
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] for a row of another length, or with NaN or −∞.
+    pub fn observe(&mut self, distances: &[f32]) -> Result<(), ObservationError> {
+        let mut scores = vec![0.0; distances.len()];
+        self.query_scores(distances, &mut scores)?;
+        self.count_in(&scores);
+        Ok(())
+    }
+
+    /// The score of each reference, smaller for more alike: of wrong ones, around 0 with a
+    /// deviation of about 1. Infinite distances are infinite scores. O(n), and no
+    /// allocation.
+    ///
+    /// # Errors
+    ///
+    /// As [`observe`](Self::observe), which it does not do.
+    ///
+    /// # Panics
+    ///
+    /// If `out` has not a value for each distance.
+    pub fn scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
+        self.query_scores(distances, out)?;
+        self.standardize(out);
+        Ok(())
+    }
+
+    /// [`observe`](Self::observe), then [`scores`](Self::scores).
+    ///
+    /// # Errors
+    ///
+    /// As these; then nothing was learned.
+    ///
+    /// # Panics
+    ///
+    /// If `out` has not a value for each distance.
+    pub fn observed_scores(
+        &mut self,
+        distances: &[f32],
+        out: &mut [f64],
+    ) -> Result<(), ObservationError> {
+        self.query_scores(distances, out)?;
+        self.count_in(out);
+        self.standardize(out);
+        Ok(())
+    }
+
+    /// In deviations of the query's own.
+    fn query_scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
+        let (found, expected) = (distances.len(), self.references());
+        if found != expected {
+            return Err(ObservationError::Distances { found, expected });
+        }
+        assert_eq!(out.len(), expected, "out must have one value per reference");
+        let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
+        if let Some(reference) = distances.iter().position(invalid) {
+            return Err(ObservationError::Distance { reference, value: distances[reference] });
+        }
+        Spread::Query.apply(distances, out, &mut Scratch::default());
+        Ok(())
+    }
+
+    fn count_in(&mut self, scores: &[f64]) {
+        self.count += 1.0;
+        let sums = self.sums.iter_mut().zip(&mut self.squares);
+        for ((sum, square), &score) in sums.zip(scores) {
+            // What is infinitely far was not compared; it counts as usual.
+            let score = if score.is_finite() { score } else { 0.0 };
+            *sum += score;
+            *square += score * score;
+        }
+    }
+
+    fn standardize(&self, scores: &mut [f64]) {
+        let (n, known) = (self.count, self.count + PRIOR_COUNT);
+        let squares = |sum: f64, square: f64| {
+            let mean = sum / known;
+            (square - 2.0 * mean * sum + n * mean * mean).max(0.0)
+        };
+        let sums = self.sums.iter().zip(&self.squares);
+        let total: f64 = sums.clone().map(|(sum, square)| squares(*sum, *square)).sum();
+        // Before any are seen, a deviation of 1.
+        let pooled = (total / scores.len() as f64 + 1.0) / (n + 1.0);
+        for (score, (&sum, &square)) in scores.iter_mut().zip(sums) {
+            let variance = (squares(sum, square) + PRIOR_COUNT * pooled) / known;
+            *score = (*score - sum / known) / variance.sqrt();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_seen_changes_only_the_scale_of_the_query() {
+        let none = Standardizer::new(4).unwrap();
+        let mut scores = [0.0; 4];
+        none.scores(&[1.0, 2.0, 3.0, 4.0], &mut scores).unwrap();
+        let expected = [-3.0, -1.0, 1.0, 3.0].map(|x: f64| x / 5_f64.sqrt());
+        let prior = ((1.0 * PRIOR_COUNT) / PRIOR_COUNT).sqrt();
+        assert!(scores.iter().zip(expected).all(|(a, b)| (a - b / prior).abs() < 1e-12));
+    }
+
+    #[test]
+    fn references_come_to_the_same_mean_and_deviation() {
+        let rows = |k: u32| {
+            let hub = 0.1 + 0.001 * (k % 7) as f32;
+            [
+                hub,
+                0.5 + 0.3 * ((k * 5) % 11) as f32 / 11.0,
+                0.9 - 0.4 * ((k * 3) % 13) as f32 / 13.0,
+            ]
+        };
+        let mut standard = Standardizer::new(3).unwrap();
+        (0..2000).for_each(|k| standard.observe(&rows(k)).unwrap());
+        let (mut sums, mut squares, mut scores) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        for k in 0..2000 {
+            standard.scores(&rows(k), &mut scores).unwrap();
+            for i in 0..3 {
+                sums[i] += scores[i] / 2000.0;
+                squares[i] += scores[i] * scores[i] / 2000.0;
+            }
+        }
+        assert!(sums.iter().all(|mean| mean.abs() < 0.05), "{sums:?}");
+        assert!(squares.iter().all(|square| (square - 1.0).abs() < 0.05), "{squares:?}");
+    }
+
+    #[test]
+    fn what_is_no_row() {
+        let mut standard = Standardizer::new(2).unwrap();
+        let before = standard.clone();
+        assert!(standard.observe(&[1.0]).is_err());
+        assert!(standard.observed_scores(&[1.0, f32::NAN], &mut [0.0; 2]).is_err());
+        assert!(standard.observe(&[1.0, f32::NEG_INFINITY]).is_err());
+        assert_eq!(standard, before);
+        let mut scores = [0.0; 2];
+        standard.observed_scores(&[1.0, f32::INFINITY], &mut scores).unwrap();
+        assert!(scores[0].is_finite() && scores[1] == f64::INFINITY);
+        standard.observed_scores(&[2.0, 2.0], &mut scores).unwrap();
+        assert!(scores.iter().all(|score| score.is_finite()));
+        assert!(Standardizer::new(0).is_err());
+    }
+}

@@ -1,0 +1,103 @@
+//! Choosing the temperature in a way that cannot fool itself.
+
+use super::fit::LabelledPart;
+use super::warning::Warning;
+use super::{Options, RecognitionError, Recognizer};
+
+/// How a temperature was chosen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// The temperatures that were tried, hottest first.
+    pub temperatures: Vec<f64>,
+    /// For each, the mean log score of the filter in each block of the labelled part:
+    /// of the probability that it gave to the places that are right, or next to them.
+    pub scores: Vec<Vec<f64>>,
+    /// Which one was chosen.
+    pub chosen: usize,
+}
+
+/// What the temperature is multiplied by.
+const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
+const AS_IT_IS: usize = 2;
+/// Into so many blocks labelled steps are cut, if each has as many steps as below.
+const BLOCKS: usize = 4;
+const BLOCK: usize = 25;
+/// A gain in every block that is worth another temperature, in nats a step.
+const WORTH: f64 = 0.02;
+/// Steps at the beginning of a part in which the vehicle is still being found.
+const FINDING: usize = 10;
+/// Places next to those of a label that are right, too.
+const BESIDE: usize = 1;
+
+impl Recognizer {
+    /// Leaves the temperature as it is unless another is better in **every** block of the
+    /// labelled part: easy parts score all alike, and are no reason to be colder. Of those
+    /// that are, the one with the largest gain in its worst block.
+    #[expect(clippy::type_complexity, reason = "the caller takes them apart")]
+    pub(super) fn calibrate<Q: AsRef<[f32]>>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<(Options, Option<Calibrated>, Option<Warning>), RecognitionError> {
+        let before = self.options().clone();
+        let steps: usize = parts.iter().map(|part| part.places.len().saturating_sub(FINDING)).sum();
+        let blocks = (steps / BLOCK).min(BLOCKS);
+        if blocks < 2 {
+            return Ok((before, None, None));
+        }
+        let mut options = Vec::new();
+        for factor in FACTORS {
+            let temperature = before.odds.temperature() * factor;
+            let Ok(odds) = before.odds.with_temperature(temperature) else {
+                return Ok((before, None, None));
+            };
+            options.push(Options { odds, ..before.clone() });
+        }
+        let mut scores = Vec::new();
+        for options in &options {
+            let all = self.log_scores(options, parts)?;
+            let cut = |block: usize| block * all.len() / blocks;
+            let mean = |block: usize| {
+                let block = &all[cut(block)..cut(block + 1)];
+                block.iter().sum::<f64>() / block.len() as f64
+            };
+            scores.push((0..blocks).map(mean).collect::<Vec<f64>>());
+        }
+        let gain = |at: usize| {
+            let pairs = scores[at].iter().zip(&scores[AS_IT_IS]);
+            pairs.map(|(a, b)| a - b).fold(f64::INFINITY, f64::min)
+        };
+        let better = |best: usize, at: usize| {
+            let least = if best == AS_IT_IS { WORTH } else { gain(best) };
+            if gain(at) > least { at } else { best }
+        };
+        let chosen = (0..FACTORS.len()).fold(AS_IT_IS, better);
+        let temperatures: Vec<f64> =
+            options.iter().map(|options| options.odds.temperature()).collect();
+        let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();
+        let edge = at_edge.then(|| Warning::Edge { temperature: temperatures[chosen] });
+        let calibrated = Calibrated { temperatures, scores, chosen };
+        Ok((options.swap_remove(chosen), Some(calibrated), edge))
+    }
+
+    /// ln of the probability that the filter gives to the truth, at each step after the
+    /// first ones of each part.
+    fn log_scores<Q: AsRef<[f32]>>(
+        &self,
+        options: &Options,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<Vec<f64>, RecognitionError> {
+        let recognizer = self.with_fit(self.fit().clone().with_options(options.clone()))?;
+        let mut scores = Vec::new();
+        for part in parts {
+            let beliefs = recognizer.recording(part.queries, part.odometry)?.filtered()?;
+            for (at, places) in part.places.iter().enumerate().skip(FINDING) {
+                let beside = |range: &std::ops::RangeInclusive<usize>| {
+                    range.start().saturating_sub(BESIDE)..=range.end().saturating_add(BESIDE)
+                };
+                let mass = beliefs.mass(at, places.as_ref().map(beside).as_ref());
+                scores.push(mass.max(f64::MIN_POSITIVE).ln());
+            }
+        }
+        Ok(scores)
+    }
+}

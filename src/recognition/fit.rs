@@ -1,0 +1,268 @@
+//! What is learned from a labelled part of a drive.
+
+use std::ops::RangeInclusive;
+
+use super::calibrate::Calibrated;
+use super::warning::Warning;
+use super::{Options, RecognitionError, Recognizer};
+use crate::motion::{OdometryModel, OffMap};
+use crate::observation::{ObservationError, Standardizer, Views, alike_stretches};
+
+/// Steps of a drive whose places are known: consecutive ones.
+#[derive(Debug, Clone, Copy)]
+pub struct LabelledPart<'a, Q> {
+    /// The queries, as [`Recognizer::recording`] takes them.
+    pub queries: &'a [Q],
+    /// For each, the references that show its place, or `None` if it is off the map.
+    pub places: &'a [Option<RangeInclusive<usize>>],
+    /// What odometry said of the way before each; empty if there is none.
+    pub odometry: &'a [Option<f64>],
+}
+
+/// What a [`Recognizer`] has learned: its options, and what it knows of single references.
+/// With the feature `serde` it can be stored.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Fit {
+    pub(super) options: Options,
+    standardizer: Option<Standardizer>,
+    stretches: Option<Vec<usize>>,
+    /// The mean and the deviation of the best score of a query.
+    pub(super) best_scores: Option<[f64; 2]>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    warnings: Vec<Warning>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    calibrated: Option<Calibrated>,
+}
+
+/// For how many steps the rates of leaving the map and coming back count that are there
+/// before.
+const LEAVE_COUNT: f64 = 500.0;
+const BACK_COUNT: f64 = 67.0;
+
+impl Fit {
+    pub(super) fn new(options: Options) -> Self {
+        Self {
+            options,
+            standardizer: None,
+            stretches: None,
+            best_scores: None,
+            warnings: Vec::new(),
+            calibrated: None,
+        }
+    }
+
+    /// The options, with what was learned.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// The same with other options.
+    #[must_use]
+    pub fn with_options(self, options: Options) -> Self {
+        Self { options, ..self }
+    }
+
+    /// The same without what it knows of single references: for another map.
+    #[must_use]
+    pub fn without_references(self) -> Self {
+        Self { standardizer: None, stretches: None, best_scores: None, ..self }
+    }
+
+    /// What should make one doubt it. Empty after it was stored.
+    #[must_use]
+    pub fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    /// How the temperature was chosen, if it was; `None` after it was stored.
+    #[must_use]
+    pub fn calibrated(&self) -> Option<&Calibrated> {
+        self.calibrated.as_ref()
+    }
+
+    /// The stretch of each reference, if it is known: those of one look alike.
+    #[must_use]
+    pub fn stretches(&self) -> Option<&[usize]> {
+        self.stretches.as_deref()
+    }
+
+    pub(super) fn standardizer(&self) -> Option<&Standardizer> {
+        self.standardizer.as_ref()
+    }
+
+    /// Valid, and for this many references.
+    pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
+        self.options.check()?;
+        if references == 0 {
+            return Err(RecognitionError::Count { what: "references", found: 0, expected: 1 });
+        }
+        let other = |count: usize| count != references;
+        let known = self.standardizer.as_ref().is_some_and(|s| other(s.references()))
+            || self.stretches.as_ref().is_some_and(|s| other(s.len()));
+        Ok(if known { self.without_references() } else { self })
+    }
+}
+
+/// What is read off the labels of a part.
+struct Labels {
+    /// Places on at each step between two that are labelled on the map, and what odometry
+    /// said of it.
+    moves: Vec<f64>,
+    read: Vec<(f64, f64)>,
+}
+
+impl Recognizer {
+    /// Learns from labelled parts: how speeds are used and change, odometry, how often the
+    /// vehicle leaves the map, what counts as a change of view, which references look
+    /// alike, and how each compares with queries; and whether another
+    /// [temperature](crate::observation::MatchOdds) is better. What was learned before is
+    /// replaced, but for the options, which are where learning starts.
+    ///
+    /// [`Fit::warnings`] tells what should make one doubt it. O(steps n k) time, and a
+    /// few times that for the temperature; O(steps n) memory.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for queries or labels that are not valid, or fewer than two
+    /// steps in a row on the map.
+    pub fn fitted<Q: AsRef<[f32]>>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<Self, RecognitionError> {
+        self.check_labels(parts)?;
+        let mut rows = Vec::new();
+        for part in parts {
+            rows.push(self.compare(part.queries)?);
+        }
+        let mut fit = Fit::new(self.options().clone());
+        let wrong = |source| RecognitionError::Query { step: 0, source };
+        self.fit_camera(&rows, &mut fit).map_err(wrong)?;
+        let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
+        let drives: Vec<&[f64]> = labels.iter().map(|part| &part.moves[..]).collect();
+        fit.options.speeds = fit.options.speeds.learned(&drives)?;
+        let (moves, read): (Vec<f64>, Vec<f64>) =
+            labels.iter().flat_map(|part| part.read.iter().copied()).unzip();
+        if moves.len() > 1 {
+            fit.options.odometry = OdometryModel::learned(&[(moves, read)])?;
+        }
+        fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
+        let fitted = self.with_fit(fit.clone())?;
+        (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
+        let (options, calibrated, edge) = fitted.calibrate(parts)?;
+        fit.options = options;
+        fit.calibrated = calibrated;
+        fit.warnings.extend(edge);
+        self.with_fit(fit)
+    }
+
+    fn check_labels<Q>(&self, parts: &[LabelledPart<'_, Q>]) -> Result<(), RecognitionError> {
+        let references = self.references();
+        let (mut found, mut pairs) = (0, 0);
+        for (number, part) in parts.iter().enumerate() {
+            let expected = part.queries.len();
+            let counts = [
+                ("labels", part.places.len(), true),
+                ("odometry readings", part.odometry.len(), !part.odometry.is_empty()),
+            ];
+            for (what, count, needed) in counts {
+                if needed && count != expected {
+                    return Err(RecognitionError::Count { what, found: count, expected });
+                }
+            }
+            for (step, places) in part.places.iter().enumerate() {
+                let Some(places) = places else { continue };
+                let place = *places.end();
+                if place >= references || places.is_empty() {
+                    let part = number;
+                    return Err(RecognitionError::Label { part, step, place, references });
+                }
+                found += 1;
+                pairs += usize::from(step > 0 && part.places[step - 1].is_some());
+            }
+        }
+        if pairs == 0 { Err(RecognitionError::FewLabels { found }) } else { Ok(()) }
+    }
+
+    /// The distances of queries to each reference.
+    fn compare<Q: AsRef<[f32]>>(&self, queries: &[Q]) -> Result<Vec<Vec<f32>>, RecognitionError> {
+        let (mut rows, mut more) = (Vec::new(), Vec::new());
+        for (at, query) in queries.iter().enumerate() {
+            let mut row = Vec::new();
+            self.shared_references().distances(at + 1, query.as_ref(), &mut row, &mut more)?;
+            rows.push(row);
+        }
+        Ok(rows)
+    }
+
+    fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
+        let longest = rows.iter().max_by_key(|rows| rows.len());
+        let threshold = longest.map_or(Ok(0.0), |rows| Views::threshold_of(rows))?;
+        // Where nothing changes, or labels are too few to tell, what was there before.
+        if threshold > 0.0 {
+            fit.options.view_threshold = threshold;
+        }
+        let mut standardizer = Standardizer::new(self.references())?;
+        let mut new = Vec::new();
+        for part in rows {
+            let mut views = Views::new(fit.options.view_threshold)?;
+            for row in part {
+                if views.next(row)? == crate::motion::View::Changed {
+                    standardizer.observe(row)?;
+                    new.push(row);
+                }
+            }
+        }
+        fit.stretches = Some(alike_stretches(&new)?);
+        fit.standardizer = fit.options.standardize.then_some(standardizer);
+        Ok(())
+    }
+
+    fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
+        let n = self.references() as f64;
+        let middle = |at: usize| {
+            let places = part.places[at].as_ref()?;
+            Some(0.5 * (*places.start() as f64 + *places.end() as f64))
+        };
+        let mut labels = Labels { moves: Vec::new(), read: Vec::new() };
+        for at in 1..part.places.len() {
+            let (Some(before), Some(after)) = (middle(at - 1), middle(at)) else { continue };
+            let ahead = after - before;
+            let moved = if self.options().closed {
+                (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n
+            } else {
+                ahead
+            };
+            labels.moves.push(moved);
+            if let Some(reading) = part.odometry.get(at).copied().flatten() {
+                labels.read.push((moved, reading));
+            }
+        }
+        labels
+    }
+}
+
+/// The rates of leaving the map and coming back, where labels show them.
+fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
+    let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
+    let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
+    for part in parts {
+        for pair in part.places.windows(2) {
+            match (&pair[0], &pair[1]) {
+                (Some(_), after) => {
+                    on += 1.0;
+                    left += f64::from(u8::from(after.is_none()));
+                }
+                (None, after) => {
+                    off += 1.0;
+                    returned += f64::from(u8::from(after.is_some()));
+                }
+            }
+        }
+    }
+    // That it never left is no sign that it never does.
+    let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
+    if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
+}

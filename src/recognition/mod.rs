@@ -1,0 +1,61 @@
+//! Recognising places by images, from references and queries to answers: which of the
+//! places of a route the vehicle is at, how probably, or that it is at none of them.
+//!
+//! ```
+//! use wayfix::recognition::{LabelledPart, Options, Recognizer};
+//!
+//! # let row = |place: usize| -> Vec<f32> {
+//! #     (0..60).map(|i| 0.4 + 0.02 * ((i * 7 + place * 3) % 11) as f32 - 0.3 * f32::from(u8::from(i == place))).collect()
+//! # };
+//! // Rows of distances, from a query to each of 60 references, however they were compared.
+//! let queries: Vec<Vec<f32>> = (5..55).map(row).collect();
+//! let recognizer = Recognizer::from_distances(60, Options::default())?;
+//!
+//! // Where the first of them were taken, if that is known.
+//! let places: Vec<_> = (5..25).map(|place| Some(place..=place)).collect();
+//! let part = LabelledPart { queries: &queries[..20], places: &places, odometry: &[] };
+//! let recognizer = recognizer.fitted(&[part])?;
+//! for warning in recognizer.fit().warnings() {
+//!     eprintln!("{warning}"); // few steps are labelled
+//! }
+//!
+//! // Live,
+//! let mut track = recognizer.track();
+//! for query in &queries {
+//!     let answer = track.step(query, None)?;
+//!     println!("{:?} {:.3} {:?}", answer.place, answer.probability, answer.around);
+//! }
+//! // or afterwards.
+//! let recording = recognizer.recording(&queries, &[])?;
+//! let answers = recording.smoothed()?.answers();
+//! assert_eq!(answers[49].place, Some(54));
+//! # Ok::<(), wayfix::recognition::RecognitionError>(())
+//! ```
+//!
+//! What it is made of can be had one by one: [motion](crate::motion) along the route, at
+//! hidden speeds, with odometry and changes of the view as evidence; a
+//! [`Standardizer`](crate::observation::Standardizer) that makes the scores of references
+//! comparable, and [`MatchOdds`](crate::observation::MatchOdds) that say what they are
+//! worth.
+
+mod answer;
+mod calibrate;
+mod error;
+mod fit;
+mod options;
+mod recognizer;
+mod recording;
+mod references;
+mod sensor;
+mod track;
+mod warning;
+
+pub use answer::Answer;
+pub use calibrate::Calibrated;
+pub use error::RecognitionError;
+pub use fit::{Fit, LabelledPart};
+pub use options::Options;
+pub use recognizer::Recognizer;
+pub use recording::{PlaceBeliefs, Recording};
+pub use track::Track;
+pub use warning::Warning;

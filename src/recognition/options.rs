@@ -1,0 +1,85 @@
+//! Every choice, with its default and the reason.
+
+use super::RecognitionError;
+use crate::motion::{OdometryModel, OffMap, Speeds, ViewRates};
+use crate::observation::MatchOdds;
+
+/// The choices of a [`Recognizer`](super::Recognizer). The defaults were found by leaving
+/// out: chosen on some recordings, descriptors and drives, and reported on others; most of
+/// them hold, within a per cent of recall, over a range of twice either way.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+#[non_exhaustive]
+pub struct Options {
+    /// Whether the references form a loop; not so by default.
+    pub closed: bool,
+    /// The speeds of the vehicle, in references a step, and how they change. From −3 to 3
+    /// by default; [fitting](super::Recognizer::fitted) learns how they are used.
+    pub speeds: Speeds,
+    /// What odometry says of a speed. Fitting learns it.
+    pub odometry: OdometryModel,
+    /// How the vehicle leaves the map, or `None`, by default, if it never does. Where the
+    /// labelled part leaves it, fitting learns the rates.
+    pub off_map: Option<OffMap>,
+    /// What a score says. Its temperature, 2.5 by default, is for frames in sequence;
+    /// fitting changes it only where each block of the labelled part agrees.
+    pub odds: MatchOdds,
+    /// Whether each reference's mean and deviation are learned from the queries, by
+    /// default so: references that look like everything then do not win.
+    pub standardize: bool,
+    /// How often a view stays as it is; see [`ViewRates`].
+    pub views: ViewRates,
+    /// Whether what the camera sees counts as evidence of moving or standing; by default
+    /// so.
+    pub use_views: bool,
+    /// How fast a run of unchanged views loses weight: the k-th counts 1 / (1 + (k − 1) f).
+    /// By default 1, so that all of them together grow as ln k: a dark tunnel must not be
+    /// taken for a stop.
+    pub unchanged_fades: f64,
+    /// The same of a run of changed views; 0.1 by default: that everything changes while
+    /// the vehicle stands is rarer.
+    pub changed_fades: f64,
+    /// Changes of a view below this do not count as changes, in deviations of a query's
+    /// distances. Fitting takes a tenth of the median change; before that, 0.02.
+    pub view_threshold: f64,
+    /// How many places on either side of an answer count as the same place: the answer is
+    /// the middle of the most probable such window. 1 by default.
+    pub window: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            closed: false,
+            speeds: Speeds::default(),
+            odometry: OdometryModel::default(),
+            off_map: None,
+            odds: MatchOdds::default(),
+            standardize: true,
+            views: ViewRates::default(),
+            use_views: true,
+            unchanged_fades: 1.0,
+            changed_fades: 0.1,
+            view_threshold: 0.02,
+            window: 1,
+        }
+    }
+}
+
+impl Options {
+    pub(super) fn check(&self) -> Result<(), RecognitionError> {
+        let fades =
+            [("unchanged_fades", self.unchanged_fades), ("changed_fades", self.changed_fades)];
+        for (what, value) in fades {
+            if !(0.0..=1e6).contains(&value) {
+                return Err(RecognitionError::Parameter { what, value, expected: "from 0 to 1e6" });
+            }
+        }
+        if !(self.view_threshold >= 0.0 && self.view_threshold.is_finite()) {
+            let (what, expected) = ("view_threshold", "a finite value of at least 0");
+            return Err(RecognitionError::Parameter { what, value: self.view_threshold, expected });
+        }
+        Ok(())
+    }
+}

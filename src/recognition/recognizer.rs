@@ -1,0 +1,206 @@
+//! The model: references, motion and camera.
+
+use std::sync::Arc;
+
+use super::fit::Fit;
+use super::references::References;
+use super::sensor::{Seeing, Sensor};
+use super::{Options, RecognitionError, Recording, Track};
+use crate::hmm::{Hmm, Prior};
+use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
+use crate::motion::RouteTransition;
+use crate::observation::{Distance, Standardizer};
+
+/// The hidden Markov model: a vehicle along a route, and likelihoods of its places.
+pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
+
+/// Recognises places along a route by images of an earlier pass.
+///
+/// Made from the references, and from a labelled part of a drive, or none; then
+/// [`track`](Self::track) follows a vehicle live, and [`recording`](Self::recording) takes
+/// a whole drive at once. Cheap to clone: what is large is shared.
+///
+/// ```
+/// use wayfix::observation::Distance;
+/// use wayfix::recognition::{Options, Recognizer};
+///
+/// // Descriptors of 40 references, and a drive past some of them.
+/// let image = |place: usize| -> Vec<f32> {
+///     (0..8).map(|k| ((place * 37 + k * k * 11) as f32).sin()).collect()
+/// };
+/// let references: Vec<Vec<f32>> = (0..40).map(image).collect();
+/// let recognizer = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default())?;
+///
+/// let mut track = recognizer.track();
+/// for place in 12..30 {
+///     let answer = track.step(&image(place), None)?;
+///     if place > 20 {
+///         assert_eq!(answer.place, Some(place));
+///         assert!(answer.probability > 0.9);
+///     }
+/// }
+/// # Ok::<(), wayfix::recognition::RecognitionError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Recognizer {
+    references: Arc<References>,
+    fit: Fit,
+    sensor: Sensor,
+    model: Arc<Model>,
+}
+
+impl Recognizer {
+    /// For queries that are descriptors, as those of the references: a row each.
+    /// [`Distance::Cosine`] suits networks, [`Distance::Euclidean`] pixels.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for references or options that are not valid.
+    pub fn from_descriptors<R: AsRef<[f32]>>(
+        references: &[R],
+        distance: Distance,
+        options: Options,
+    ) -> Result<Self, RecognitionError> {
+        Self::from_traverses(&[references], distance, options)
+    }
+
+    /// The same with several passes along the route, in other seasons or weather:
+    /// reference i of each shows place i. A query is as far from a place as from the most
+    /// alike of them.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for references or options that are not valid, for no traverse,
+    /// or traverses of different lengths.
+    pub fn from_traverses<R: AsRef<[f32]>>(
+        traverses: &[&[R]],
+        distance: Distance,
+        options: Options,
+    ) -> Result<Self, RecognitionError> {
+        Self::build(References::from_traverses(traverses, distance)?, Fit::new(options))
+    }
+
+    /// For queries that come as rows of distances to so many references, smaller for more
+    /// alike, however they were compared. For similarities take their negatives.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for no references or options that are not valid.
+    pub fn from_distances(references: usize, options: Options) -> Result<Self, RecognitionError> {
+        Self::build(References::Compared(references), Fit::new(options))
+    }
+
+    /// The same references with a fit, such as one that was saved. What it knows of single
+    /// references is left out if it was of another number of them.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the fit is not valid.
+    pub fn with_fit(&self, fit: Fit) -> Result<Self, RecognitionError> {
+        Self::make(Arc::clone(&self.references), fit)
+    }
+
+    fn build(references: References, fit: Fit) -> Result<Self, RecognitionError> {
+        Self::make(Arc::new(references), fit)
+    }
+
+    fn make(references: Arc<References>, fit: Fit) -> Result<Self, RecognitionError> {
+        let fit = fit.checked(references.count())?;
+        let options = &fit.options;
+        let n = references.count();
+        let motion = RouteTransition::new(n, options.closed, options.speeds.clone())?
+            .with_odometry(options.odometry)?;
+        let own: Vec<usize> = (0..n).collect();
+        let stretches = fit.stretches().unwrap_or(&own);
+        let motion = motion.with_views(stretches, options.views)?;
+        let motion = match options.off_map {
+            Some(off_map) => motion.with_off_map(off_map)?,
+            None => motion,
+        };
+        let groups = motion.place_groups();
+        let prior = Prior::AtFirstObservation(motion.anywhere());
+        let wrong = |_| RecognitionError::Count {
+            what: "groups of states",
+            found: groups.count(),
+            expected: n,
+        };
+        let sensor = LikelihoodVector::linear(groups.count()).owned();
+        let camera = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;
+        let model = Arc::new(Hmm::new(prior, motion, camera).map_err(wrong)?);
+        let invalid = |source| RecognitionError::Query { step: 0, source };
+        let standardizer = match fit.standardizer() {
+            Some(known) => known.clone(),
+            None => Standardizer::new(n).map_err(invalid)?,
+        };
+        let sensor = Sensor::new(standardizer, options).map_err(invalid)?;
+        Ok(Self { references, fit, sensor, model })
+    }
+
+    /// The number of references, n.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.references.count()
+    }
+
+    /// Every choice, as it was given or fit.
+    #[must_use]
+    pub fn options(&self) -> &Options {
+        &self.fit.options
+    }
+
+    /// What was learned.
+    #[must_use]
+    pub fn fit(&self) -> &Fit {
+        &self.fit
+    }
+
+    /// The model of motion.
+    #[must_use]
+    pub fn motion(&self) -> &RouteTransition {
+        self.model.transition()
+    }
+
+    /// Follows a vehicle from here on. It may be anywhere to begin with.
+    #[must_use]
+    pub fn track(&self) -> Track {
+        Track::new(self.clone())
+    }
+
+    /// Takes a whole drive: a query for each step, and what odometry said of the way
+    /// before it, in references; empty if there is none. O(steps × n) memory, with 8
+    /// bytes for each.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a query that is not valid, with its step, or another
+    /// number of odometry readings than of queries.
+    pub fn recording<Q: AsRef<[f32]>>(
+        &self,
+        queries: &[Q],
+        odometry: &[Option<f64>],
+    ) -> Result<Recording, RecognitionError> {
+        Recording::new(self, queries, odometry)
+    }
+
+    pub(super) fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    pub(super) fn shared_references(&self) -> &References {
+        &self.references
+    }
+
+    /// How many likelihoods a step has: one of each place, and one off the map.
+    pub(super) fn places(&self) -> usize {
+        self.references() + usize::from(self.options().off_map.is_some())
+    }
+
+    pub(super) fn seeing(&self) -> Seeing<'_> {
+        Seeing { options: self.options(), references: &self.references }
+    }
+
+    /// The camera before it has seen anything but what was learned from.
+    pub(super) fn sensor_of_fit(&self) -> Sensor {
+        self.sensor.clone()
+    }
+}

@@ -1,0 +1,245 @@
+//! A whole drive.
+
+use std::ops::RangeInclusive;
+
+use super::{Answer, RecognitionError, Recognizer};
+use crate::belief::{Belief, BeliefView};
+use crate::inference::Order;
+use crate::motion::{RouteControl, RouteState};
+use crate::sequence::Sequence;
+
+/// A drive that was compared with the references, to be looked at in several ways.
+///
+/// Step k, from 1, is that of query k − 1. Everything is as it was known at the time: the
+/// camera learns of the references as it drives, and the smoother takes what it knew then.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    recognizer: Recognizer,
+    controls: Vec<RouteControl>,
+    likelihoods: Vec<Vec<f64>>,
+    best_scores: Vec<f64>,
+}
+
+/// Beliefs in places, one for each step of a recording.
+#[derive(Debug, Clone)]
+pub struct PlaceBeliefs {
+    recognizer: Recognizer,
+    rows: Vec<f64>,
+    log_likelihoods: Vec<f64>,
+}
+
+impl Recording {
+    pub(super) fn new<Q: AsRef<[f32]>>(
+        recognizer: &Recognizer,
+        queries: &[Q],
+        odometry: &[Option<f64>],
+    ) -> Result<Self, RecognitionError> {
+        if !(odometry.is_empty() || odometry.len() == queries.len()) {
+            let (found, expected) = (odometry.len(), queries.len());
+            return Err(RecognitionError::Count { what: "odometry readings", found, expected });
+        }
+        let mut sensor = recognizer.sensor_of_fit();
+        let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
+        let mut best_scores = Vec::new();
+        for (at, query) in queries.iter().enumerate() {
+            let mut row = vec![0.0; recognizer.places()];
+            let reading = odometry.get(at).copied().flatten();
+            let (seeing, query) = (recognizer.seeing(), query.as_ref());
+            controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
+            likelihoods.push(row);
+            best_scores.extend(Some(sensor.best_score()).filter(|best| best.is_finite()));
+        }
+        Ok(Self { recognizer: recognizer.clone(), controls, likelihoods, best_scores })
+    }
+
+    /// The number of steps.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.controls.len()
+    }
+
+    /// The belief of each step given what was seen until then. O(n k) a step.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn filtered(&self) -> Result<PlaceBeliefs, RecognitionError> {
+        let mut filter = self.recognizer.model().filter();
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        for (at, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
+        {
+            let log = filter.step_with(control, likelihoods)?;
+            beliefs.set(at, filter.belief(), log);
+        }
+        Ok(beliefs)
+    }
+
+    /// The belief of each step given all of them. O(n k √steps) memory beside the result.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn smoothed(&self) -> Result<PlaceBeliefs, RecognitionError> {
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        self.recognizer.model().smooth_each(self, Order::Backward, |step| {
+            if let Some(at) = step.step().checked_sub(1) {
+                beliefs.set(at, step.smoothed(), 0.0);
+            }
+        })?;
+        Ok(beliefs)
+    }
+
+    /// The belief of each step given what was seen until so many steps later, at each of
+    /// several lags: an entry for each. A step costs O(n k) for each step of the longest
+    /// lag, which is held in memory.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn lagged(&self, lags: &[usize]) -> Result<Vec<PlaceBeliefs>, RecognitionError> {
+        let count = self.steps();
+        let mut all = vec![PlaceBeliefs::new(&self.recognizer, count); lags.len()];
+        let longest = lags.iter().copied().max().unwrap_or(0).min(count.saturating_sub(1));
+        let mut stream = self.recognizer.model().fixed_lag(longest);
+        for (now, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
+        {
+            let log = stream.step_with(control, likelihoods)?;
+            for (lag, beliefs) in lags.iter().zip(&mut all) {
+                // At the end, what is still due is answered with what there is.
+                let oldest = now.saturating_sub(*lag);
+                let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
+                for at in due.filter(|at| now + 1 == count || at + *lag == now) {
+                    if let Some(belief) = stream.get(at + 1) {
+                        beliefs.set(at, belief, log);
+                    }
+                }
+            }
+        }
+        Ok(all)
+    }
+
+    /// The most probable path: the place of each step, or `None` off the map. 4 n k bytes a
+    /// step for the way back.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn decoded(&self) -> Result<Vec<Option<usize>>, RecognitionError> {
+        let path = self.recognizer.model().viterbi(self)?;
+        let place = |state: &usize| match self.recognizer.motion().state(*state) {
+            Some(RouteState::On { place, .. }) => Some(place),
+            _ => None,
+        };
+        Ok(path.states().iter().map(place).collect())
+    }
+
+    /// The belief of each step given its query alone, all places alike before, at the
+    /// temperature of single images. O(n) a step.
+    #[must_use]
+    pub fn single(&self) -> PlaceBeliefs {
+        let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
+        let temperature = self.recognizer.options().odds.temperature();
+        let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
+        let n = self.recognizer.references();
+        for at in 0..self.steps() {
+            // A view that has not changed shows what the last new one did.
+            let same = (0..=at).rev().find(|at| self.likelihoods[*at].iter().any(|b| *b != 1.0));
+            let row = &self.likelihoods[same.unwrap_or(at)];
+            let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
+            let odds = row.iter().enumerate().map(|(i, b)| prior(i) * b.powf(temperature));
+            let odds: Vec<f64> = odds.collect();
+            let sum: f64 = odds.iter().sum();
+            let own = beliefs.row_mut(at);
+            own.iter_mut().zip(odds).for_each(|(own, odds)| *own = odds / sum);
+            beliefs.log_likelihoods[at] = sum.ln();
+        }
+        beliefs
+    }
+
+    pub(super) fn best_scores(&self) -> &[f64] {
+        &self.best_scores
+    }
+
+    pub(super) fn recognizer(&self) -> &Recognizer {
+        &self.recognizer
+    }
+}
+
+impl Sequence<RouteControl, Vec<f64>> for Recording {
+    fn steps(&self) -> usize {
+        self.controls.len()
+    }
+
+    fn control(&self, step: usize) -> &RouteControl {
+        &self.controls[step - 1]
+    }
+
+    fn observation(&self, step: usize) -> &Vec<f64> {
+        &self.likelihoods[step - 1]
+    }
+}
+
+impl PlaceBeliefs {
+    fn new(recognizer: &Recognizer, steps: usize) -> Self {
+        let rows = vec![0.0; recognizer.places() * steps];
+        Self { recognizer: recognizer.clone(), rows, log_likelihoods: vec![0.0; steps] }
+    }
+
+    fn row_mut(&mut self, at: usize) -> &mut [f64] {
+        let width = self.recognizer.places();
+        &mut self.rows[at * width..][..width]
+    }
+
+    fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
+        let recognizer = self.recognizer.clone();
+        let row = self.row_mut(at);
+        row.fill(0.0);
+        recognizer.model().likelihood().groups().add_up(belief.as_slice(), row);
+        self.log_likelihoods[at] = log_likelihood;
+    }
+
+    /// The number of steps.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.log_likelihoods.len()
+    }
+
+    /// The belief in places of a step, from 0, with one off the map behind them if that is
+    /// modelled; `None` beyond the last.
+    #[must_use]
+    pub fn get(&self, at: usize) -> Option<BeliefView<'_>> {
+        let width = self.recognizer.places();
+        let start = at.checked_mul(width)?;
+        Some(Belief::view(self.rows.get(start..start.checked_add(width)?)?))
+    }
+
+    /// The beliefs, one after the other.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = BeliefView<'_>> {
+        self.rows.chunks_exact(self.recognizer.places()).map(Belief::view)
+    }
+
+    /// The answer of each step. Its log-likelihood is that of the filter's step, 0 of
+    /// smoothed beliefs.
+    #[must_use]
+    pub fn answers(&self) -> Vec<Answer> {
+        let beliefs = self.rows.chunks_exact(self.recognizer.places());
+        let pairs = beliefs.zip(&self.log_likelihoods);
+        pairs.map(|(places, log)| self.recognizer.answer(places, *log)).collect()
+    }
+
+    /// The probability of some places at a step, from 0; or of off the map. 0 beyond the
+    /// last step.
+    #[must_use]
+    pub fn mass(&self, at: usize, places: Option<&RangeInclusive<usize>>) -> f64 {
+        let Some(belief) = self.get(at) else { return 0.0 };
+        let (belief, n) = (belief.as_slice(), self.recognizer.references());
+        let sum: f64 = match places {
+            None => belief.get(n).copied().unwrap_or(0.0),
+            Some(places) => {
+                let end = places.end().saturating_add(1).min(n);
+                belief[(*places.start()).min(end)..end].iter().sum()
+            }
+        };
+        sum.min(1.0)
+    }
+}

@@ -1,0 +1,76 @@
+//! What queries are compared with.
+
+use super::RecognitionError;
+use crate::observation::{Distance, ReferenceDescriptors};
+
+/// The references of a route: descriptors of one traverse or of several, or none, where
+/// queries come as distances.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum References {
+    /// Queries are rows of so many distances.
+    Compared(usize),
+    /// Queries are descriptors. Reference i of each traverse shows place i.
+    Descriptors(Vec<ReferenceDescriptors>),
+}
+
+impl References {
+    /// From the descriptors of some traverses of the same places.
+    pub(super) fn from_traverses<R: AsRef<[f32]>>(
+        traverses: &[&[R]],
+        distance: Distance,
+    ) -> Result<Self, RecognitionError> {
+        let mut all = Vec::new();
+        for (traverse, rows) in traverses.iter().enumerate() {
+            let failed = |source| RecognitionError::References { traverse, source };
+            all.push(ReferenceDescriptors::from_rows(rows, distance).map_err(failed)?);
+        }
+        let Some(first) = all.first() else {
+            return Err(RecognitionError::Count { what: "traverses", found: 0, expected: 1 });
+        };
+        for other in &all[1..] {
+            let counts = [
+                ("references of a traverse", other.count(), first.count()),
+                ("numbers of a descriptor", other.dimension(), first.dimension()),
+            ];
+            if let Some(&(what, found, expected)) = counts.iter().find(|(_, a, b)| a != b) {
+                return Err(RecognitionError::Count { what, found, expected });
+            }
+        }
+        Ok(Self::Descriptors(all))
+    }
+
+    pub(super) fn count(&self) -> usize {
+        match self {
+            Self::Compared(count) => *count,
+            Self::Descriptors(traverses) => traverses[0].count(),
+        }
+    }
+
+    /// The distances of a query to each place: of several traverses, the least, since a
+    /// place that looks right in one season is right. `more` is memory.
+    pub(super) fn distances(
+        &self,
+        step: usize,
+        query: &[f32],
+        out: &mut Vec<f32>,
+        more: &mut Vec<f32>,
+    ) -> Result<(), RecognitionError> {
+        let failed = |source| RecognitionError::Descriptor { step, source };
+        match self {
+            Self::Compared(_) => {
+                out.clear();
+                out.extend_from_slice(query);
+            }
+            Self::Descriptors(traverses) => {
+                out.resize(self.count(), 0.0);
+                traverses[0].distances_into(query, out).map_err(failed)?;
+                for traverse in &traverses[1..] {
+                    more.resize(out.len(), 0.0);
+                    traverse.distances_into(query, more).map_err(failed)?;
+                    out.iter_mut().zip(&*more).for_each(|(a, b)| *a = a.min(*b));
+                }
+            }
+        }
+        Ok(())
+    }
+}

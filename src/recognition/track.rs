@@ -1,0 +1,108 @@
+//! Following a vehicle live.
+
+use std::sync::Arc;
+
+use super::recognizer::Model;
+use super::sensor::Sensor;
+use super::{Answer, RecognitionError, Recognizer};
+use crate::belief::{Belief, BeliefView};
+use crate::inference::Filter;
+
+/// A vehicle that is followed, step by step.
+///
+/// A step costs O(n k) for n references and k speeds, and the comparison with the
+/// references; it allocates nothing after the first two. Sends and clones as any value.
+#[derive(Debug, Clone)]
+pub struct Track {
+    recognizer: Recognizer,
+    filter: Filter<Arc<Model>>,
+    sensor: Sensor,
+    likelihoods: Vec<f64>,
+    places: Vec<f64>,
+    before: Sensor,
+}
+
+impl Track {
+    pub(super) fn new(recognizer: Recognizer) -> Self {
+        let places = recognizer.places();
+        let filter = Filter::new(Arc::clone(recognizer.model()));
+        let sensor = recognizer.sensor_of_fit();
+        let mut track = Self {
+            filter,
+            before: sensor.clone(),
+            sensor,
+            likelihoods: vec![1.0; places],
+            places: vec![0.0; places],
+            recognizer,
+        };
+        track.add_up();
+        track
+    }
+
+    /// Takes the next query, a descriptor or a row of distances as the recogniser was made
+    /// for, and how far the vehicle has driven by its wheels since the last one, in
+    /// references, if that is known.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the query or the reading is not valid, or impossible; the
+    /// track is then as before.
+    pub fn step(
+        &mut self,
+        query: &[f32],
+        odometry: Option<f64>,
+    ) -> Result<Answer, RecognitionError> {
+        let Self { recognizer, filter, sensor, likelihoods, before, .. } = self;
+        before.clone_from(sensor);
+        let step = filter.steps() + 1;
+        let taken = sensor
+            .sense(recognizer.seeing(), step, query, odometry, likelihoods)
+            .and_then(|control| Ok(filter.step_with(&control, likelihoods)?));
+        match taken {
+            Ok(log_likelihood) => {
+                self.add_up();
+                Ok(self.recognizer.answer(&self.places, log_likelihood))
+            }
+            Err(error) => {
+                std::mem::swap(sensor, before);
+                Err(error)
+            }
+        }
+    }
+
+    /// The belief in places, with one off the map behind them if that is modelled.
+    #[must_use]
+    pub fn places(&self) -> BeliefView<'_> {
+        Belief::view(&self.places)
+    }
+
+    /// The number of steps taken.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.filter.steps()
+    }
+
+    /// ln p of all that was seen and measured.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.filter.log_likelihood()
+    }
+
+    /// The recogniser.
+    #[must_use]
+    pub fn recognizer(&self) -> &Recognizer {
+        &self.recognizer
+    }
+
+    /// Forgets where the vehicle is, but not what was learned of the references.
+    pub fn relocate(&mut self) {
+        self.filter.restart();
+        self.add_up();
+    }
+
+    fn add_up(&mut self) {
+        self.places.fill(0.0);
+        let groups = self.recognizer.model().likelihood().groups();
+        groups.add_up(self.filter.belief().as_slice(), &mut self.places);
+    }
+}
