@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use wayfix::{
     Belief, Controlled, EvidenceTransition, Hmm, InferenceError, LikelihoodVector, Order, Prior,
-    SparseTransition, TransitionEntries,
+    Pruning, SparseTransition, TransitionEntries,
 };
 
 use crate::kit::{
@@ -138,8 +138,68 @@ fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
     Ok(())
 }
 
+/// What is proven of a pruned belief holds for the exact one.
+fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
+    let hmm = model.hmm(model.measured());
+    let answer = model.enumerate();
+    let mut pruned = hmm.pruned_filter(pruning);
+    for k in 1..=model.steps() {
+        let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
+        let result = match &model.logs[k - 1] {
+            None => pruned.predict_with(&(k - 1)),
+            seen => pruned.step_with(&(k - 1), seen),
+        };
+        match result {
+            Ok(certificate) => {
+                prop_assert_ne!(answer.impossible_at, Some(k));
+                let distances = answer.filtered[k].iter().enumerate();
+                let distances = distances.map(|(i, p)| (p - pruned.probability(i).unwrap()).abs());
+                let (distance, bound) = (0.5 * distances.sum::<f64>(), certificate.bound());
+                prop_assert!(distance <= bound + 1e-11, "step {}: {distance:e} > {bound:e}", k);
+                let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
+                let log = part.enumerate().log_likelihood;
+                let (range, rounding) = (pruned.log_likelihood(), 1e-10 + 1e-12 * log.abs());
+                prop_assert!(
+                    range.start() - rounding <= log && log <= range.end() + rounding,
+                    "step {}: {log} in {range:?}",
+                    k
+                );
+            }
+            Err(InferenceError::Pruned { step }) => {
+                prop_assert_eq!(step, k);
+                prop_assert_eq!(pruned.active(), before.0);
+                prop_assert_eq!(pruned.probabilities(), before.1);
+                break;
+            }
+            Err(InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step }) => {
+                prop_assert_eq!(answer.impossible_at, Some(step));
+                break;
+            }
+            Err(error) => prop_assert!(false, "{}", error),
+        }
+    }
+    Ok(())
+}
+
+fn prunings() -> impl Strategy<Value = Pruning> {
+    let tolerance = prop_oneof![Just(0.0), Just(1e-12), Just(1e-3), Just(1.0), Just(1e8)];
+    let most_active = prop_oneof![1 => Just(usize::MAX), 2 => 1..=5_usize];
+    let pruning = |(tolerance, most_active)| Pruning { tolerance, most_active };
+    (tolerance, most_active).prop_map(pruning)
+}
+
 proptest! {
     #![proptest_config(cases())]
+
+    #[test]
+    fn what_is_proven_of_a_pruned_belief_with_evidence_holds(model in measured_models(Kind::Plain, false), pruning in prunings()) {
+        check_pruned(&model, pruning)?;
+    }
+
+    #[test]
+    fn what_is_proven_with_evidence_of_wide_ranges_holds(model in measured_models(Kind::Extreme, true), pruning in prunings()) {
+        check_pruned(&model, pruning)?;
+    }
 
     #[test]
     fn evidence_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {

@@ -44,7 +44,8 @@ impl Model {
         if step == 1 && self.at_first {
             return if to == from { 0.0 } else { NEVER };
         }
-        let evidence = self.measured_at(step).map_or(0.0, |(logs, largest)| logs[to][from] - largest);
+        let evidence =
+            self.measured_at(step).map_or(0.0, |(logs, largest)| logs[to][from] - largest);
         self.matrices[step - 1][to][from].ln() + evidence
     }
 
