@@ -245,7 +245,7 @@ proptest! {
 
     /// What was measured between steps is no part of what is learned.
     #[test]
-    fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, true))) {
+    fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, false))) {
         let base = |a: &SwitchedTransition<EvidenceTransition<_, _, _, _>>, u: usize, to, from| {
             SparseTransition::get(a.operators()[u].base(), to, from)
         };
