@@ -42,8 +42,8 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 
 impl<A: TransitionEntries> Pairs<'_, A> {
     /// The moves that the operator of this step allows, out of state 0 first,
-    /// in ascending order; they sum to one, but for rounding (and for entries that
-    /// a product of operators cannot list, being below 1e-323). Moves out of a
+    /// in ascending order; they sum to one, but for rounding (and for entries below
+    /// 1e-323 that an operator does not list as logarithms either). Moves out of a
     /// state of probability 0 may be left out. O(E) in all.
     pub fn moves(&self) -> impl Iterator<Item = Move> {
         let states = 0..self.ratio.len();

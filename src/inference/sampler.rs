@@ -91,7 +91,7 @@ where
     ///
     /// [`InferenceError::PredictedSum`] if the operator lists no entry into a
     /// state that its product leads to: it breaks its contract, or the entry is
-    /// a product below 1e-323.
+    /// below 1e-323 and not listed as a logarithm either.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut ways = Vec::new();
