@@ -98,11 +98,17 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             )
         }
         2 => {
-            let lengths = [0.0, 1.0, 2.5, 100.0, 1e6];
+            let lengths = [0.0, 1.0, 2.5, 100.0];
             let lengths: Vec<f64> = (0..n * n).map(|_| draw.pick(&lengths)).collect();
             let base = sparse(&matrix(draw, n, range));
             let distance = DistanceTransition::new(base, |to, from| lengths[to * n + from]);
             let distance = distance.expect("valid lengths");
+            // So that no density is below the smallest double.
+            let odometry = |draw: &mut Draw<'_>| {
+                let distance = draw.pick(&[0.0, 1.0, 1.7, -2.0, 90.0, 150.0, 1e-3, 2.0]);
+                let variance = draw.pick(&[30.0, 100.0, 1e4]);
+                (!draw.one_in(4)).then_some(Odometry { distance, variance })
+            };
             let controls: Vec<_> = (0..count).map(|_| odometry(draw)).collect();
             let matrices = controls.iter().map(|u| listed(&distance, u)).collect();
             (Driven::Distance(distance, controls), matrices)

@@ -156,6 +156,14 @@ impl Transition for Driven {
         driven!(self, control, a, u => a.apply_transpose_log(u, x, out));
     }
 
+    fn evidence(&self, control: &usize) -> Option<f64> {
+        driven!(self, control, a, u => a.evidence(u))
+    }
+
+    fn needs_logs(&self, control: &usize) -> bool {
+        driven!(self, control, a, u => a.needs_logs(u))
+    }
+
     fn stored(&self, control: &usize) -> Option<Stored<'_>> {
         driven!(self, control, a, u => a.stored(u))
     }
@@ -184,6 +192,10 @@ impl TransitionEntries for Driven {
 
     fn incoming_log2(&self, control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
         driven!(self, control, a, u => a.incoming_log2(u, to).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn outgoing_log2(&self, control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        driven!(self, control, a, u => a.outgoing_log2(u, from).collect::<Vec<_>>()).into_iter()
     }
 
     fn max_product(&self, control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {

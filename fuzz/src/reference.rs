@@ -19,6 +19,8 @@ pub(crate) struct Chain {
     /// Log-likelihoods of each step, without the largest.
     seen: Vec<Vec<f64>>,
     largest: Vec<f64>,
+    /// What is taken out of the evidence on moves.
+    log_factors: Vec<f64>,
     /// The beliefs of steps 0 to the last possible one, normalised.
     pub(crate) filtered: Vec<Vec<f64>>,
     /// ln p(y_k | y_1 … y_{k-1}).
@@ -50,10 +52,11 @@ fn identity(n: usize) -> Matrix {
 }
 
 impl Chain {
-    /// `moves(k)` is the logarithm of the matrix that leads to step k.
+    /// `moves(k)` is the logarithm of the matrix that leads to step k, with the log factor
+    /// of the evidence on the move, if there is some.
     pub(crate) fn new<'a>(
         scene: &Scene,
-        moves: impl Fn(usize) -> &'a Matrix,
+        moves: impl Fn(usize) -> (&'a Matrix, Option<f64>),
         drive: &[Observation],
     ) -> Self {
         let n = scene.states;
@@ -64,6 +67,7 @@ impl Chain {
             moves: Vec::new(),
             seen: Vec::new(),
             largest: Vec::new(),
+            log_factors: Vec::new(),
             steps: Vec::new(),
             stop: None,
         };
@@ -77,8 +81,20 @@ impl Chain {
                 seen.iter_mut().for_each(|log| *log -= largest);
             }
             let still = step == 1 && scene.at_first;
-            let matrix = if still { identity(n) } else { moves(step).clone() };
-            let predicted = normalised(&product(&matrix, &chain.filtered[step - 1]));
+            let (matrix, evidence) = if still {
+                (identity(n), None)
+            } else {
+                let (matrix, evidence) = moves(step);
+                (matrix.clone(), evidence)
+            };
+            let predicted = product(&matrix, &chain.filtered[step - 1]);
+            let log_factor = evidence.unwrap_or(0.0);
+            let evidence = evidence.map_or(0.0, |log_factor| sum(&predicted) + log_factor);
+            if evidence == f64::NEG_INFINITY {
+                chain.stop = Some(Stop::Impossible(step));
+                break;
+            }
+            let predicted = normalised(&predicted);
             let joint: Vec<f64> = predicted.iter().zip(&seen).map(|(p, b)| p + b).collect();
             let normaliser = sum(&joint);
             if normaliser == f64::NEG_INFINITY {
@@ -86,7 +102,8 @@ impl Chain {
                 break;
             }
             chain.filtered.push(normalised(&joint));
-            chain.steps.push(normaliser + largest);
+            chain.steps.push(normaliser + largest + evidence);
+            chain.log_factors.push(log_factor);
             chain.moves.push(matrix);
             chain.seen.push(seen);
             chain.largest.push(largest);
@@ -100,6 +117,11 @@ impl Chain {
 
     pub(crate) fn log_likelihood(&self) -> f64 {
         self.steps.iter().sum()
+    }
+
+    /// What is left out of the logarithms of the first steps.
+    fn left_out(&self, steps: usize) -> f64 {
+        self.largest.iter().zip(&self.log_factors).take(steps).map(|(a, b)| a + b).sum()
     }
 
     /// How large the numbers are that a logarithm is a sum of. Each factor counts a little:
@@ -150,7 +172,7 @@ impl Chain {
             };
             total += self.seen[k][i];
         }
-        total + self.largest[..path.len()].iter().sum::<f64>()
+        total + self.left_out(path.len())
     }
 
     /// The `count` largest of those, over all paths of the first `last` steps.
@@ -171,7 +193,7 @@ impl Chain {
             };
             lists = (0..n).map(into).collect();
         }
-        let sum = self.largest[..last].iter().sum::<f64>();
+        let sum = self.left_out(last);
         largest(lists.concat(), count).iter().map(|score| score + sum).collect()
     }
 

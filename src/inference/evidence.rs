@@ -11,11 +11,12 @@ use crate::kernels::{self, LARGEST_LOG, LIFT, Made, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
 use crate::transition::{SparseTransition, Stored, Transition};
 
-/// Sums of predictions with which a step is taken in linear space, 2^-500 to 2^7:
-/// lifted, and with likelihoods from 2^-300 to 2^16, they and their parts down to the
-/// smallest normal double are doubles.
+/// Sums of predictions with which a step is taken in linear space, 2^-100 to 2^7: lifted,
+/// and with likelihoods from 2^-300 to 2^16, they and their parts down to the smallest
+/// normal double are doubles; and entries that an operator has lost below that are no more
+/// than 2^-922 of the sum.
 const SUMS: RangeInclusive<f64> =
-    f64::from_bits((1023 - 500) << 52)..=f64::from_bits((1023 + 7) << 52);
+    f64::from_bits((1023 - 100) << 52)..=f64::from_bits((1023 + 7) << 52);
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// The log factor of the evidence on the move to this step, if there is evidence;

@@ -110,7 +110,7 @@ where
     /// One time step: prediction under `control`, then update with
     /// `observation`. The control drives the transition that leads here.
     /// Returns ln p(y_k | y_1 … y_{k-1}), how well the observation was
-    /// predicted.
+    /// predicted; with evidence on the move, how well both were, ln p(u_k, y_k | …).
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
     /// first step has no transition, and its control is not looked at.
@@ -145,11 +145,14 @@ where
     }
 
     /// Prediction under `control` alone: one time step without an
-    /// observation. The log-likelihood stays.
+    /// observation. The log-likelihood stays, unless the control is
+    /// [evidence on the move](crate::Transition::evidence): then the belief is that given
+    /// the evidence, whose log-likelihood is added.
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the control is not valid.
+    /// [`InferenceError`] if the control is not valid, or if it is evidence that is
+    /// [impossible](InferenceError::ImpossibleMove).
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
         let number = self.next_step()?;
         let control = self.model.prior().moves_at(number).then_some(control);
@@ -201,7 +204,9 @@ where
     }
 
     /// The distribution `controls.len()` steps ahead, without observations,
-    /// under one control a step. The filter stays where it is. (From a fresh
+    /// under one control a step. If these are evidence on moves, it is that given what
+    /// they say was measured; for a forecast that knows of nothing measured, give
+    /// controls that say so. The filter stays where it is. (From a fresh
     /// filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
     /// the first step is to X_1, which is distributed as the prior.)
     ///
@@ -222,7 +227,7 @@ where
         Belief::view(&self.belief)
     }
 
-    /// ln p(y_1 … y_k), over the observations made.
+    /// ln p(y_1 … y_k), over the observations made, and over evidence on moves.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()

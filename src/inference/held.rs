@@ -38,7 +38,8 @@ impl Held<'_> {
             let incoming = transition.incoming(control, to);
             ways.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
             let total: f64 = ways.iter().map(|way| way.1).sum();
-            let nothing = || ways.iter().all(|way| self.linear[way.0] == 0.0);
+            // (Of no entries at all, some may be too small to be listed so.)
+            let nothing = || !ways.is_empty() && ways.iter().all(|way| self.linear[way.0] == 0.0);
             if (1.0 / LIFT..=f64::MAX).contains(&total) || nothing() {
                 return;
             }

@@ -42,24 +42,27 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 
 impl<A: TransitionEntries> Pairs<'_, A> {
     /// The moves that the operator of this step allows, out of state 0 first,
-    /// in ascending order; they sum to one, but for rounding (and for entries that
-    /// a product of operators cannot list, being below 1e-323). Moves out of a
+    /// in ascending order; they sum to one, but for rounding (and for entries below
+    /// 1e-323 that an operator does not list as logarithms either). Moves out of a
     /// state of probability 0 may be left out. O(E) in all.
     pub fn moves(&self) -> impl Iterator<Item = Move> {
-        (0..self.ratio.len())
-            .filter(|&from| self.alpha.linear[from] > 0.0 || self.in_logs)
-            .flat_map(move |from| {
-                let (linear, logs) = if self.in_logs { (None, Some(())) } else { (Some(()), None) };
-                let linear = linear.map(|()| self.transition.outgoing(self.control, from));
-                let linear = linear.into_iter().flatten().map(move |(to, p)| {
-                    (to, self.alpha.linear[from] * (p * self.ratio[to]) * self.scale)
-                });
-                let logs = logs.map(|()| self.transition.outgoing_log2(self.control, from));
-                let logs = logs.into_iter().flatten().map(move |(to, log2)| {
-                    (to, (self.alpha.log(from) + log2 * LN_2 + self.ratio[to]).exp())
-                });
-                linear.chain(logs).map(move |(to, weight)| Move { from, to, weight })
+        let states = 0..self.ratio.len();
+        let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
+        let linear = linear.filter(|&from| self.alpha.linear[from] > 0.0).flat_map(move |from| {
+            let outgoing = self.transition.outgoing(self.control, from);
+            outgoing.map(move |(to, p)| {
+                let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
+                Move { from, to, weight }
             })
+        });
+        let logs = logs.flat_map(move |from| {
+            let outgoing = self.transition.outgoing_log2(self.control, from);
+            outgoing.map(move |(to, log2)| {
+                let log = self.alpha.log(from) + log2 * LN_2 + self.ratio[to];
+                Move { from, to, weight: log.exp() }
+            })
+        });
+        linear.chain(logs)
     }
 }
 

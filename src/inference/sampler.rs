@@ -21,8 +21,8 @@ pub struct PathSampler<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     block: Block,
-    /// Whether the step after each row needs logarithms.
-    in_logs: Vec<bool>,
+    /// The steps that need logarithms, in order.
+    in_logs: Vec<usize>,
 }
 
 impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
@@ -67,11 +67,13 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     {
         let mut block = Block::new(self.states(), sequence.steps());
         block.fill(&mut self.filter(), sequence, sequence.steps(), |_| ())?;
-        let in_logs = (1..=sequence.steps()).map(|number| {
+        let mut in_logs = Vec::new();
+        for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
-            Ok(step.evidence()?.is_some() && step.needs_logs())
-        });
-        let in_logs = in_logs.collect::<Result<_, InferenceError>>()?;
+            if step.evidence()?.is_some() && step.needs_logs() {
+                in_logs.push(number);
+            }
+        }
         Ok(PathSampler { hmm: self, sequence, block, in_logs })
     }
 }
@@ -89,7 +91,7 @@ where
     ///
     /// [`InferenceError::PredictedSum`] if the operator lists no entry into a
     /// state that its product leads to: it breaks its contract, or the entry is
-    /// a product below 1e-323.
+    /// below 1e-323 and not listed as a logarithm either.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut ways = Vec::new();
@@ -101,7 +103,8 @@ where
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
-                    alpha.ways(self.hmm.transition(), control, to, self.in_logs[row], &mut ways);
+                    let in_logs = self.in_logs.binary_search(&(row + 1)).is_ok();
+                    alpha.ways(self.hmm.transition(), control, to, in_logs, &mut ways);
                 }
             }
             let total: f64 = ways.iter().map(|way| way.1).sum();

@@ -141,6 +141,11 @@ impl Unlisted {
         self.is_log
     }
 
+    /// Whether a likelihood of this size, in the form of the bound, is not that of 0.
+    pub(crate) fn is_possible(&self, likelihood: f64) -> bool {
+        likelihood > if self.is_log { f64::NEG_INFINITY } else { 0.0 }
+    }
+
     /// The logarithm of what was taken out of all likelihoods.
     #[must_use]
     pub fn log_factor(&self) -> f64 {

@@ -75,9 +75,8 @@ where
 
 impl<A, U, F, G> EvidenceTransition<A, U, F, G> {
     /// The same, with a logarithm that is taken out of all likelihoods of a step, such
-    /// as the largest that there can be; 0 by default. It changes no result. It makes
-    /// steps faster whose likelihoods are all above 1e300 or below 1e-300, which
-    /// without it are taken in logarithms.
+    /// as the largest that there can be; 0 by default. It changes no result, but the steps
+    /// are faster whose likelihoods without it are far from 1 and taken in logarithms.
     #[must_use]
     pub fn with_log_factor<H: Fn(&U) -> f64>(
         self,

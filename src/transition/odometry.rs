@@ -10,7 +10,8 @@ use crate::error::TransitionError;
 /// [`DistanceTransition`](crate::DistanceTransition), and **places** for a
 /// [`RouteTransition`](crate::RouteTransition): a distance of 1.5 is one and a
 /// half times the way from one reference image to the next, and negative if the
-/// vehicle reverses. A variance of 0 is a distance without error.
+/// vehicle reverses. A variance of 0 is a distance without error, which is for routes
+/// alone.
 ///
 /// # What it says of moves along a route
 ///

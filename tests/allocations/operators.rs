@@ -1,10 +1,11 @@
 //! Products of structured operators allocate nothing after the first.
 
 use wayfix::{
-    Belief, DistanceTransition, DwellTransition, Ends, FusedLikelihood, Gear, GroupedLikelihood,
-    Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry, OffMapTransition,
-    PooledLikelihood, PowerTransition, Prior, RestartTransition, RouteControl, RouteTransition,
-    SparseTransition, TableLikelihood, TransitionEntries, View, ViewRates, WindowTransition,
+    Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood, Gear,
+    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry,
+    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition, RouteControl,
+    RouteTransition, SparseTransition, TableLikelihood, TransitionEntries, View, ViewRates,
+    WindowTransition,
 };
 
 use crate::allocations;
@@ -43,6 +44,13 @@ fn products_allocate_nothing_after_the_first() {
     let stored = SparseTransition::from_operator(&route()).unwrap();
     let on_map = DistanceTransition::new(stored, metres).unwrap();
     check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
+    let near = |metres: &f64, to: usize, from: usize| {
+        -0.5 * ((metres - 50.0 * (from.abs_diff(to) as f64)) / 10.0).powi(2)
+    };
+    let measured = EvidenceTransition::new(route(), near).unwrap();
+    check_with("evidence", &measured, &60.0);
+    let off = OffMapTransition::new(measured.clone(), 0.1, 0.1, Belief::uniform(20).unwrap());
+    check_with("evidence off the map", &off.unwrap(), &60.0);
     check("power", &PowerTransition::new(lost(), 3));
     check("dwell", &dwell());
     let pairs = || KroneckerTransition::new(dwell(), gears()).unwrap();
@@ -80,6 +88,20 @@ fn products_allocate_nothing_after_the_first() {
         filter.step(&(0, Some(filter.belief().mode()))).unwrap();
     });
     assert_eq!(found, 0, "filter");
+
+    // One with evidence on moves, near and far beyond doubles.
+    let prior = Prior::AtFirstObservation(Belief::uniform(20).unwrap());
+    let hmm = Hmm::new(prior, measured, LikelihoodVector::linear(20)).unwrap();
+    let mut filter = hmm.filter();
+    filter.step_with(&50.0, &[0.5; 20]).unwrap();
+    let found = allocations(|| {
+        for k in 0..100 {
+            filter.step_with(&[45.0, 700.0, 2.0][k % 3], &[0.5; 20]).unwrap();
+            filter.predict_with(&30.0).unwrap();
+        }
+        assert!(filter.log_likelihood() < -1e4);
+    });
+    assert_eq!(found, 0, "evidence");
 
     // One of images, as numbers and as logarithms.
     let images = Groups::new((0..40).map(|image| image % 20).collect()).unwrap();

@@ -184,8 +184,11 @@ fn check_one_step<A: LearnTransition<Control = usize> + Clone + Sync>(
         for from in 0..n {
             let column = |m: &Vec<Vec<f64>>| m.iter().map(|row| row[from]).collect::<Vec<f64>>();
             let expected = share(&column(matrix), &column(&counts.moves[u]), case.pseudo_counts[1]);
+            // Digits of a count of less than 2.2e-308 are lost, also as a share of few.
+            let seen: f64 = column(&counts.moves[u]).iter().sum::<f64>() + case.pseudo_counts[1];
+            let floor = f64::max(1e-200, 1e-290 / seen);
             for (to, expected) in expected.into_iter().enumerate() {
-                close(entry(learned.model().transition(), u, to, from), expected, 1e-10, 1e-200)?;
+                close(entry(learned.model().transition(), u, to, from), expected, 1e-10, floor)?;
             }
         }
     }
@@ -242,7 +245,7 @@ proptest! {
 
     /// What was measured between steps is no part of what is learned.
     #[test]
-    fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, true))) {
+    fn one_step_with_evidence_on_moves_equals_enumeration(case in instances_of(measured_models(Kind::Plain, false))) {
         let base = |a: &SwitchedTransition<EvidenceTransition<_, _, _, _>>, u: usize, to, from| {
             SparseTransition::get(a.operators()[u].base(), to, from)
         };

@@ -87,7 +87,7 @@ fn symbols(
         .iter()
         .map(|drive| {
             let seen: Vec<_> = drive.iter().map(|y| column(*y)).collect();
-            Chain::new(&linear, |_| &logs, &seen)
+            Chain::new(&linear, |_| (&logs, None), &seen)
         })
         .collect();
     let failed: Vec<usize> =

@@ -9,7 +9,7 @@ mod pruned;
 mod streams;
 mod whole;
 
-use wayfix::{Controlled, Hmm, InferenceError, Sequence, TransitionEntries};
+use wayfix::{Controlled, Hmm, InferenceError, Sequence, Transition, TransitionEntries};
 
 use crate::counts::Counts;
 use crate::draw::Draw;
@@ -37,7 +37,7 @@ fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let logs = logarithms(&matrix);
     let hmm = scene.hmm(operator.clone());
     let chains: Vec<Chain> =
-        scene.drives.iter().map(|drive| Chain::new(scene, |_| &logs, drive)).collect();
+        scene.drives.iter().map(|drive| Chain::new(scene, |_| (&logs, None), drive)).collect();
     let controls = vec![(); scene.drives.iter().map(Vec::len).max().unwrap_or(0)];
     for (drive, chain) in scene.drives.iter().zip(&chains).take(3) {
         one(draw, &hmm, &controls[..drive.len()], drive, chain, counts);
@@ -58,7 +58,11 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let hmm = scene.hmm(operator);
     for drive in scene.drives.iter().take(4) {
         let controls: Vec<usize> = drive.iter().map(|_| draw.below(logs.len())).collect();
-        let chain = Chain::new(scene, |step| &logs[controls[step - 1]], drive);
+        let moves = |step: usize| {
+            let control = controls[step - 1];
+            (&logs[control], hmm.transition().evidence(&control))
+        };
+        let chain = Chain::new(scene, moves, drive);
         one(draw, &hmm, &controls, drive, &chain, counts);
         beam(draw, &hmm, &controls, drive, &chain, counts);
     }
@@ -101,7 +105,10 @@ fn expect<R>(
 ) -> Option<R> {
     match (result, chain.stop) {
         (Ok(result), None) => Some(result),
-        (Err(InferenceError::Impossible { step }), Some(Stop::Impossible(expected)))
+        (
+            Err(InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step }),
+            Some(Stop::Impossible(expected)),
+        )
         | (Err(InferenceError::Likelihood { step, .. }), Some(Stop::Invalid(expected)))
             if step == expected =>
         {

@@ -63,7 +63,9 @@ fn filter<B: LocalLikelihood<Observation: Sized>>(
             Ok(certificate) => certificate.bound(),
             Err(error) => {
                 let expected = match error {
-                    InferenceError::Impossible { .. } => Some(Stop::Impossible(step)),
+                    InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. } => {
+                        Some(Stop::Impossible(step))
+                    }
                     InferenceError::Likelihood { .. } => Some(Stop::Invalid(step)),
                     InferenceError::Pruned { .. } => None,
                     other => panic!("pruned_filter: {other}"),
@@ -134,7 +136,9 @@ fn say(
         Ok(found) => found,
         Err(error) => {
             let expected = match error {
-                InferenceError::Impossible { step } => Some(Stop::Impossible(step)),
+                InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
+                    Some(Stop::Impossible(step))
+                }
                 InferenceError::Likelihood { step, .. } => Some(Stop::Invalid(step)),
                 InferenceError::Pruned { .. } if width < f64::INFINITY => None,
                 other => panic!("beam_viterbi, width {width}: {other}"),

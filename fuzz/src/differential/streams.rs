@@ -32,10 +32,13 @@ pub(super) fn check<A: TransitionEntries<Control: Clone + PartialEq>>(
             assert!(smoother.snapshot() == before.1, "the smoother after an error");
             return;
         }
-        // In one step or two: the second leaves the log-likelihood to the update.
+        // In one step or two: the second leaves the log-likelihood to the update, but for
+        // that of evidence on the move.
         let log = if draw.one_in(4) {
+            let before = filter.log_likelihood();
             filter.predict_with(control).expect("a prediction");
-            filter.update(observation).expect("a possible update")
+            let evidence = filter.log_likelihood() - before;
+            evidence + filter.update(observation).expect("a possible update")
         } else {
             filter.step_with(control, observation).expect("a possible step")
         };

@@ -179,7 +179,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 next.weigh(&values, others.largest(), largest)
             };
             factors.add(taken_out + others.log_factor() + evidence.unwrap_or(0.0));
-            if nothing {
+            if nothing && others.is_possible(largest) {
                 return Err(InferenceError::ImpossibleMove { step });
             }
             // A whole number is taken out, and then what is too far from the best.

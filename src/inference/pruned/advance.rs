@@ -2,6 +2,7 @@
 
 use super::super::frontier::Frontier;
 use super::envelope::{Envelope, LIFT, LOST};
+use super::moves::Moves;
 use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
 
@@ -9,33 +10,6 @@ use crate::transition::TransitionEntries;
 const SMALL: f64 = 1e-270;
 /// For what a bound may lose by a dozen roundings.
 const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
-/// How far columns may be off one.
-const COLUMN: f64 = 1.0 + 1.1e-9;
-
-/// The largest entry of A, and the largest sum of a row.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rows {
-    entry: f64,
-    sum: f64,
-}
-
-impl Rows {
-    /// O(E).
-    pub(super) fn of<A: TransitionEntries<Control = ()>>(transition: &A) -> Self {
-        let mut largest = Self { entry: 0.0, sum: 0.0 };
-        for i in 0..transition.states() {
-            let (mut sum, mut terms) = (0.0, 0_u32);
-            for (_, a) in transition.incoming(&(), i) {
-                largest.entry = f64::max(largest.entry, a);
-                sum += a;
-                terms += 1;
-            }
-            largest.sum = f64::max(largest.sum, sum * (1.0 + f64::from(terms) * f64::EPSILON));
-        }
-        largest
-    }
-}
-
 /// The sums of a prediction.
 pub(super) struct Predicted {
     /// Σ of the predicted estimates.
@@ -58,19 +32,19 @@ pub(super) struct Raw {
 
 impl Envelope {
     /// Predicts all candidates from `before`; lifted.
-    pub(super) fn predict<A: TransitionEntries<Control = ()>>(
+    pub(super) fn predict<A: TransitionEntries>(
         &mut self,
         before: &Self,
-        transition: Option<(&A, Rows)>,
+        moves: Option<&Moves<'_, A>>,
         frontier: &Frontier,
     ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
         // What comes to a state from outside only.
-        let (each, all) = match transition {
-            Some((_, rows)) => {
-                let by_row = rows.sum * before.elsewhere;
-                (by_row.min(rows.entry * before.outside), COLUMN * before.outside)
+        let (each, all) = match moves {
+            Some(Moves { bounds, .. }) => {
+                let by_row = bounds.row * before.elsewhere;
+                (by_row.min(bounds.entry * before.outside), bounds.column * before.outside)
             }
             None => (before.elsewhere, before.outside),
         };
@@ -83,19 +57,27 @@ impl Envelope {
             }
             let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
             let (mut beyond, mut terms) = (0.0, 0);
-            let mut add = |j: usize, a: f64| {
+            let mut add = |j: usize, a: f64, off: f64| {
                 terms += 1;
                 if let Some(at) = frontier.place(j) {
                     estimate += a * (before.estimate[at] * LIFT);
-                    lower += a * (before.lower[at] * LIFT);
-                    excess += a * (before.excess[at] * LIFT);
+                    let least = before.lower[at] * LIFT;
+                    lower += a * (1.0 - off) * least;
+                    excess += a * (1.0 + off) * (before.excess[at] * LIFT);
+                    if off > 0.0 {
+                        // (What is beyond doubles is 0, but for so much.)
+                        let tiny = 2.0 * f64::MIN_POSITIVE;
+                        excess += 2.0 * off * (a * least) * ROUNDED_UP;
+                        excess += tiny * (least + before.excess[at] * LIFT);
+                    }
                 } else {
-                    beyond += a;
+                    let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
+                    beyond += a * (1.0 + off) + most;
                 }
             };
-            match transition {
-                Some((a, _)) => a.incoming(&(), i).for_each(|(j, a)| add(j, a)),
-                None => add(i, 1.0),
+            match moves {
+                Some(moves) => moves.incoming(i, add),
+                None => add(i, 1.0, 0.0),
             }
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / LIFT;

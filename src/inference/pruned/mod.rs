@@ -4,6 +4,7 @@
 mod advance;
 mod certificate;
 mod envelope;
+mod moves;
 mod step;
 mod weights;
 
@@ -19,8 +20,8 @@ use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::transition::TransitionEntries;
 pub use certificate::{Certificate, Pruning};
 
-use advance::Rows;
 use envelope::Envelope;
+use moves::Bounds;
 use step::LARGEST_SHARE;
 
 /// A streaming filter for very large models, which follows only the states that
@@ -84,7 +85,8 @@ use step::LARGEST_SHARE;
 pub struct PrunedFilter<M> {
     model: M,
     pruning: Pruning,
-    rows: Rows,
+    /// Those of an operator that is the same at all steps.
+    bounds: Option<Bounds>,
     steps: usize,
     belief: Envelope,
     bound: f64,
@@ -104,7 +106,7 @@ pub struct PrunedFilter<M> {
 }
 
 /// # Streams
-impl<A: TransitionEntries<Control = ()>, B: LocalLikelihood> Hmm<A, B> {
+impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     /// A streaming filter for very large models at the prior, which follows only
     /// the states that matter and proves how far it is from the exact one; it
     /// borrows the model. O(n + E), to look through the entries once.
@@ -117,7 +119,7 @@ impl<A: TransitionEntries<Control = ()>, B: LocalLikelihood> Hmm<A, B> {
 impl<M, A, B> PrunedFilter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries<Control = ()>,
+    A: TransitionEntries,
     B: LocalLikelihood,
 {
     /// A filter at the prior. O(n + E), to look through the entries once.
@@ -125,7 +127,7 @@ where
     pub fn new(model: M, pruning: Pruning) -> Self {
         let mut filter = Self {
             pruning,
-            rows: Rows::of(model.transition()),
+            bounds: Bounds::constant(model.transition()),
             steps: 0,
             belief: Envelope::default(),
             bound: 0.0,
@@ -175,11 +177,15 @@ where
         Ok(())
     }
 
-    /// One time step: prediction, then update with `observation`. Says what is
-    /// proven of the belief.
+    /// One time step: prediction under `control`, then update with `observation`. Says
+    /// what is proven of the belief.
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
-    /// first step has no transition.
+    /// first step has no transition, and its control is not looked at.
+    ///
+    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once
+    /// something has been dropped, for bounds on its entries; from then on it is no faster
+    /// than that of a [`Filter`](crate::Filter).
     ///
     /// # Errors
     ///
@@ -187,20 +193,23 @@ where
     /// [`Impossible`](InferenceError::Impossible) if the model rules the
     /// observation out, [`Pruned`](InferenceError::Pruned) if it is ruled out in
     /// all active states, but perhaps not in one that was dropped.
-    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
-        let number = self.steps + 1;
-        self.advance(number, self.model.prior().moves_at(number), Some(observation))
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<Certificate, InferenceError> {
+        self.advance(control, Some(observation))
     }
 
-    /// Prediction alone: one time step without an observation. The log-likelihood
-    /// stays.
+    /// Prediction under `control` alone: one time step without an observation. The
+    /// log-likelihood stays, but for evidence on the move.
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] if the operator does not give a distribution.
-    pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
-        let number = self.steps + 1;
-        self.advance(number, self.model.prior().moves_at(number), None)
+    /// [`InferenceError`] if the operator does not give a distribution, or if the control
+    /// is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
+        self.advance(control, None)
     }
 
     /// What is proven of the present belief.
@@ -264,5 +273,32 @@ where
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
+    }
+}
+
+impl<M, A, B> PrunedFilter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: LocalLikelihood,
+{
+    /// One time step: prediction, then update with `observation`. Says what is
+    /// proven of the belief.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+        self.step_with(&(), observation)
+    }
+
+    /// Prediction alone: one time step without an observation. The log-likelihood
+    /// stays.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict_with`](Self::predict_with).
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
+        self.predict_with(&())
     }
 }

@@ -3,8 +3,9 @@
 use std::mem;
 use std::ops::Deref;
 
-use super::super::step::is_one;
+use super::super::step::{Step, is_one};
 use super::envelope::LEAST_KEPT;
+use super::moves::Moves;
 use super::weights::Weights;
 use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
@@ -16,6 +17,8 @@ use crate::transition::TransitionEntries;
 /// small because an observation that contradicts the belief multiplies what was
 /// dropped, and because ten times as small a part takes hardly more states.
 pub(super) const LARGEST_SHARE: f64 = 1e-8;
+/// Sums of predictions with evidence that doubles hold, lifted and weighed.
+const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
 /// The least part.
 const LEAST_SHARE: f64 = 1e-30;
 /// Where the bound is above this part of the tolerance, less is dropped…
@@ -27,24 +30,26 @@ const MORE: f64 = 1.01;
 impl<M, A, B> PrunedFilter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries<Control = ()>,
+    A: TransitionEntries,
     B: LocalLikelihood,
 {
     /// Only its last part changes the filter, so that it is as before after an
     /// error.
     pub(super) fn advance(
         &mut self,
-        number: usize,
-        moves: bool,
+        control: &A::Control,
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
+        let number = self.steps + 1;
         let Self { model, belief, next, frontier, wanted, values, scratch, .. } = self;
-        let transition = moves.then(|| (model.transition(), self.rows));
+        let control = model.prior().moves_at(number).then_some(control);
+        let step = Step { hmm: &**model, number, control };
+        let evidence = step.evidence()?;
         wanted.clear();
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().standing_out(observation, wanted);
         }
-        frontier.list(&belief.states, transition.map(|part| (part.0, &())), wanted);
+        frontier.list(&belief.states, control.map(|control| (model.transition(), control)), wanted);
         let candidates = frontier.candidates();
         values.clear();
         values.resize(candidates.len(), 1.0);
@@ -55,10 +60,35 @@ where
             unlisted = local.map_err(wrap)?;
             largest = unlisted.check(candidates, values).map_err(wrap)?;
         }
-        let predicted = next.predict(belief, transition, frontier);
-        if !is_one(predicted.sum) {
+        let is_open = belief.is_open();
+        let nothing = candidates.is_empty() && !is_open && unlisted.is_possible(largest);
+        if evidence.is_some() && nothing {
+            return Err(InferenceError::ImpossibleMove { step: number });
+        }
+        let mut moves = control.map(|control| {
+            Moves::new(
+                model.transition(),
+                control,
+                evidence,
+                self.bounds,
+                (&belief.states, is_open),
+            )
+        });
+        let mut predicted = next.predict(belief, moves.as_ref(), frontier);
+        if evidence.is_none() {
+            if !is_one(predicted.sum) {
+                return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
+            }
+        } else if !SUMS.contains(&predicted.sum)
+            && moves.as_ref().is_some_and(|moves| !moves.is_in_powers_of_two())
+        {
+            moves = moves.map(|moves| moves.in_powers_of_two(&belief.states, is_open));
+            predicted = next.predict(belief, moves.as_ref(), frontier);
+        }
+        if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
+        let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
         let none = if unlisted.is_log() { f64::NEG_INFINITY } else { 0.0 };
         let weights = Weights::new(&unlisted, largest, likely.map(|b| *b.0).fold(none, f64::max));
@@ -80,7 +110,7 @@ where
         frontier.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         self.steps = number;
-        self.log.add(log + weights.log_factor);
+        self.log.add(log + weights.log_factor + log_factor);
         self.log.add(rescaled);
         self.log_excess.add(unknown);
         self.log_lost |= !self.belief.is_known();

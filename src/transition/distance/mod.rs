@@ -2,45 +2,42 @@
 
 mod weights;
 
-use super::restart::log2_bound;
-use super::{
-    Odometry, SparseTransition, Transition, TransitionEntries, buffers, check_slices, log,
-};
+use super::{Odometry, SparseTransition, Transition, TransitionEntries, check_slices, log};
 use crate::error::TransitionError;
 use crate::kernels::log2;
 use crate::map::RoadMap;
-use weights::{Way, Weights, share};
+use weights::{Way, Weights, nearest};
 
 /// A sparse operator each of whose moves has a length, and which knows by
 /// odometry how far a step has led: on a junction a vehicle that has driven
 /// 200 m took the road of that length.
 ///
-/// The control of a step is an `Option<Odometry>`, a distance d with its
-/// variance s², in the unit of the lengths (metres, on a map). With B for the
+/// The control of a step is an `Option<Odometry>`: a distance d with its
+/// variance s², in the unit of the lengths (metres, on a map), which is
+/// [evidence on the move](Transition::evidence). With B for the
 /// operator that is given as a base, and L for the lengths,
 ///
 /// ```text
-/// A[i, j] ∝ B[i, j] exp(−(d − L[i, j])² / 2 s²),   columns sum to one
+/// A[i, j] = B[i, j] p(d | L[i, j])     p(d | L) = exp(−(d − L)² / 2 s²) / √(2π s²)
 /// ```
 ///
-/// and A = B where it is `None`. A variance of 0 leaves the moves of the nearest
-/// length, in proportion to B. Only the moves of B are there: where a step may
-/// pass several places, B needs entries for all that it may come to. One that
-/// stays has the length 0.
+/// and A = B where it is `None`. Columns do not sum to one: a distance also speaks against
+/// a place none of whose ways is as long. Only the moves of B are
+/// there: where a step may pass several places, B needs entries for all that it may come
+/// to. One that stays has the length 0.
 ///
-/// **The variance** is that of d − L for the right move. Beside the odometer's
+/// **The variance** is that of d − L for the right move, and above 0. Beside the odometer's
 /// own error, such as (0.02 d)², it holds where on the road the vehicle was when
 /// it was taken for at the place: for sightings within ±r metres, evenly, r² / 3
-/// for either end, 2 r² / 3 together.
+/// for either end, 2 r² / 3 together. A density with heavier tails, for an odometer that
+/// is sometimes wrong altogether, is for an
+/// [`EvidenceTransition`](crate::EvidenceTransition).
 ///
-/// Since columns sum to one, odometry chooses among the ways out of a place, and
-/// does not speak against a place none of whose ways is as long.
-///
-/// Products and a step of Viterbi cost O(E), with an exponential for each of E
-/// entries; to list what leads into a state costs as much as the columns of the
-/// states where it comes from. Probabilities below 2.2e-308, the smallest normal
-/// double, are 0. Memory: that of the base, 24 bytes an entry and 8 bytes a
-/// state.
+/// Densities are taken relative to that of the length of the whole map which is nearest to
+/// the distance. Products and a step of Viterbi cost O(E), with an exponential for each of E
+/// entries in products. Entries below 2.2e-308, the smallest normal double, are 0 in
+/// products, but not in those in logarithms. Memory: that of the base, 32 bytes an entry and
+/// 8 bytes a state.
 ///
 /// ```
 /// use wayfix::{DistanceTransition, Odometry, SparseTransition, Transition};
@@ -54,7 +51,7 @@ use weights::{Way, Weights, share};
 /// assert_eq!(out, [0.0, 0.5, 0.5]);
 /// let driven = Odometry { distance: 190.0, variance: 900.0 };
 /// a.apply(&Some(driven), &[1.0, 0.0, 0.0], &mut out);
-/// assert!(out[2] > 0.98);
+/// assert!(out[2] > 50.0 * out[1]);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -64,8 +61,8 @@ pub struct DistanceTransition {
     /// `starts[j]..starts[j + 1]`.
     pub(crate) ways: Vec<Way>,
     starts: Vec<usize>,
-    /// The most entries that a column has.
-    most: usize,
+    /// The lengths that there are, in ascending order.
+    lengths: Vec<f64>,
 }
 
 impl DistanceTransition {
@@ -137,7 +134,6 @@ impl DistanceTransition {
         mut length: impl FnMut(usize, usize) -> Result<f64, TransitionError>,
     ) -> Result<Self, TransitionError> {
         let (mut ways, mut starts) = (Vec::with_capacity(base.entries()), vec![0]);
-        let mut most = 0;
         for from in 0..base.states() {
             for (to, p) in base.outgoing(&(), from) {
                 let value = length(to, from)?;
@@ -147,31 +143,35 @@ impl DistanceTransition {
                     let expected = "a finite value of at least 0";
                     return Err(TransitionError::Parameter { what, value, expected });
                 }
-                ways.push(Way { to: to as u32, length: value, log: p.ln() });
+                ways.push(Way { to: to as u32, length: value, p, log2: log2(p) });
             }
-            most = most.max(ways.len() - starts[from]);
             starts.push(ways.len());
         }
-        Ok(Self { base, ways, starts, most })
+        let mut lengths: Vec<f64> = ways.iter().map(|way| way.length).collect();
+        lengths.sort_unstable_by(f64::total_cmp);
+        lengths.dedup();
+        lengths.shrink_to_fit();
+        Ok(Self { base, ways, starts, lengths })
     }
 
     fn column(&self, from: usize) -> &[Way] {
         &self.ways[self.starts[from]..self.starts[from + 1]]
     }
 
-    /// Hands over each column, with its probabilities.
-    fn visit(&self, odometry: Odometry, mut visit: impl FnMut(usize, &[Way], &[f64])) {
-        buffers::with(self.most, |buffer: &mut [f64]| {
-            for from in 0..self.states() {
-                let ways = self.column(from);
-                let p = &mut buffer[..ways.len()];
-                let weights = Weights::new(ways, odometry);
-                p.iter_mut().zip(ways).for_each(|(p, way)| *p = weights.of(way));
-                let sum = p.iter().sum();
-                p.iter_mut().for_each(|p| *p = share(*p, sum));
-                visit(from, ways, p);
-            }
-        });
+    fn weights(&self, odometry: Odometry) -> Weights {
+        Weights::new(nearest(&self.lengths, odometry.distance), odometry)
+    }
+
+    /// The columns, each with its state.
+    fn columns(&self) -> impl Iterator<Item = (usize, &[Way])> {
+        (0..self.states()).map(|from| (from, self.column(from)))
+    }
+
+    /// The way of an entry of the base.
+    fn way(&self, to: usize, from: usize) -> Option<&Way> {
+        let column = self.column(from);
+        let at = column.binary_search_by_key(&to, |way| way.to as usize).ok()?;
+        Some(&column[at])
     }
 }
 
@@ -185,80 +185,112 @@ impl Transition for DistanceTransition {
     fn apply(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply(&(), x, out) };
         check_slices(self.states(), x, out);
+        let weights = self.weights(odometry);
         out.fill(0.0);
-        self.visit(odometry, |from, ways, p| {
-            ways.iter().zip(p).for_each(|(way, p)| out[way.to as usize] += p * x[from]);
-        });
+        for (from, ways) in self.columns().filter(|column| x[column.0] != 0.0) {
+            ways.iter().for_each(|way| out[way.to as usize] += weights.of(way) * x[from]);
+        }
     }
 
     fn apply_transpose(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_transpose(&(), x, out) };
         check_slices(self.states(), x, out);
-        self.visit(odometry, |from, ways, p| {
-            out[from] = ways.iter().zip(p).map(|(way, p)| p * x[way.to as usize]).sum();
-        });
+        let weights = self.weights(odometry);
+        for (from, ways) in self.columns() {
+            out[from] = ways.iter().map(|way| weights.of(way) * x[way.to as usize]).sum();
+        }
     }
 
     fn apply_log(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_log(&(), x, out) };
         check_slices(self.states(), x, out);
+        let weights = self.weights(odometry);
         out.fill(f64::NEG_INFINITY);
-        self.visit(odometry, |from, ways, p| {
-            for (way, p) in ways.iter().zip(p) {
+        for (from, ways) in self.columns().filter(|column| x[column.0] > f64::NEG_INFINITY) {
+            for way in ways {
                 let out = &mut out[way.to as usize];
-                *out = log::add(*out, p.ln() + x[from]);
+                *out = log::add(*out, way.p.ln() + weights.log(way) + x[from]);
             }
-        });
+        }
     }
 
     fn apply_transpose_log(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_transpose_log(&(), x, out) };
         check_slices(self.states(), x, out);
-        self.visit(odometry, |from, ways, p| {
-            out[from] = log::sum(ways.iter().map(|way| way.to as usize).zip(p.iter().copied()), x);
-        });
+        let weights = self.weights(odometry);
+        for (from, ways) in self.columns() {
+            let terms = ways.iter().map(|way| way.p.ln() + weights.log(way) + x[way.to as usize]);
+            out[from] = terms.fold(f64::NEG_INFINITY, log::add);
+        }
+    }
+
+    fn evidence(&self, control: &Option<Odometry>) -> Option<f64> {
+        control.map(|odometry| self.weights(odometry).log_factor())
     }
 
     fn check_control(&self, control: &Option<Odometry>) -> Result<(), TransitionError> {
-        control.as_ref().map_or(Ok(()), Odometry::check)
+        let Some(odometry) = control else { return Ok(()) };
+        odometry.check()?;
+        if odometry.variance == 0.0 {
+            let text = "an odometry variance of 0, expected a value above 0: a distance that is exact is that of no road";
+            return Err(TransitionError::Control(text.to_owned()));
+        }
+        Ok(())
     }
 }
 
 impl TransitionEntries for DistanceTransition {
     fn incoming(
         &self,
-        &control: &Option<Odometry>,
+        control: &Option<Odometry>,
         to: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
+        let weights = control.map(|odometry| self.weights(odometry));
         let entries = self.base.incoming(&(), to).map(move |(from, p)| {
-            let Some(odometry) = control else { return (from, p) };
-            let ways = self.column(from);
-            let weights = Weights::new(ways, odometry);
-            let (mut sum, mut weight) = (0.0, 0.0);
-            for way in ways {
-                let of = weights.of(way);
-                sum += of;
-                weight = if way.to as usize == to { of } else { weight };
-            }
-            (from, share(weight, sum))
+            let weight = |weights: Weights| self.way(to, from).map_or(0.0, |way| weights.of(way));
+            (from, weights.map_or(p, weight))
         });
         entries.filter(|entry| entry.1 > 0.0)
     }
 
     fn outgoing(
         &self,
-        &control: &Option<Odometry>,
+        control: &Option<Odometry>,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let ways = self.column(from);
-        let scaled = control.map(|odometry| {
-            let weights = Weights::new(ways, odometry);
-            (weights, ways.iter().map(|way| weights.of(way)).sum::<f64>())
-        });
-        let entries = self.base.outgoing(&(), from).zip(ways).map(move |((to, p), way)| {
-            (to, scaled.map_or(p, |(weights, sum)| share(weights.of(way), sum)))
-        });
+        let weights = control.map(|odometry| self.weights(odometry));
+        let entries = self
+            .column(from)
+            .iter()
+            .map(move |way| (way.to as usize, weights.map_or(way.p, |weights| weights.of(way))));
         entries.filter(|entry| entry.1 > 0.0)
+    }
+
+    fn incoming_log2(
+        &self,
+        control: &Option<Odometry>,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let weights = control.map(|odometry| self.weights(odometry));
+        let entries = self.base.incoming_log2(&(), to).map(move |(from, log2)| {
+            let weight = |weights: Weights| {
+                self.way(to, from).map_or(f64::NEG_INFINITY, |way| weights.log2(way))
+            };
+            (from, weights.map_or(log2, weight))
+        });
+        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
+    }
+
+    fn outgoing_log2(
+        &self,
+        control: &Option<Odometry>,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let weights = control.map(|odometry| self.weights(odometry));
+        let entries = self.column(from).iter().map(move |way| {
+            (way.to as usize, weights.map_or(way.log2, |weights| weights.log2(way)))
+        });
+        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
     }
 
     fn max_product(
@@ -270,19 +302,17 @@ impl TransitionEntries for DistanceTransition {
     ) {
         let Some(odometry) = *control else { return self.base.max_product(&(), x, out, from) };
         check_slices(self.states(), x, out);
+        let weights = self.weights(odometry);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
         // Predecessors come in ascending order: of equal ones the lowest stays.
-        self.visit(odometry, |j, ways, p| {
-            for (way, p) in ways.iter().zip(p) {
-                let i = way.to as usize;
-                if log2_bound(*p) + x[j] > out[i] {
-                    let value = log2(*p) + x[j];
-                    if value > out[i] {
-                        (out[i], from[i]) = (value, j as u32);
-                    }
+        for (j, ways) in self.columns().filter(|column| x[column.0] > f64::NEG_INFINITY) {
+            for way in ways {
+                let (i, value) = (way.to as usize, weights.log2(way) + x[j]);
+                if value > out[i] {
+                    (out[i], from[i]) = (value, j as u32);
                 }
             }
-        });
+        }
     }
 }

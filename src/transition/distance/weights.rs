@@ -1,5 +1,8 @@
-//! What odometry says of the ways out of a place.
+//! What odometry says of the moves of a map.
 
+use std::f64::consts::{LOG2_E, PI};
+
+use crate::kernels;
 use crate::transition::Odometry;
 
 /// An entry of a column.
@@ -7,52 +10,61 @@ use crate::transition::Odometry;
 pub(crate) struct Way {
     pub(super) to: u32,
     pub(crate) length: f64,
-    /// ln of the entry of the base.
-    pub(super) log: f64,
+    /// The entry of the base.
+    pub(super) p: f64,
+    pub(super) log2: f64,
 }
 
-/// What moves of a column weigh, 1 at most and for one of them.
+/// The densities of a distance, relative to that of the nearest length of all.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weights {
     odometry: Odometry,
-    /// The length nearest to the distance.
     nearest: f64,
-    /// The largest logarithm, which is taken out of all.
-    top: f64,
 }
 
 impl Weights {
-    pub(super) fn new(ways: &[Way], odometry: Odometry) -> Self {
-        let lengths = ways.iter().map(|way| way.length);
-        let nearest = lengths.reduce(|a, b| if excess(odometry, b, a) < 0.0 { b } else { a });
-        let weights = Self { odometry, nearest: nearest.unwrap_or(0.0), top: 0.0 };
-        let top = ways.iter().map(|way| weights.log(way)).fold(f64::NEG_INFINITY, f64::max);
-        Self { top, ..weights }
+    pub(super) fn new(nearest: f64, odometry: Odometry) -> Self {
+        Self { odometry, nearest }
     }
 
-    fn log(&self, way: &Way) -> f64 {
-        way.log - excess(self.odometry, way.length, self.nearest)
+    /// The logarithm of the density at the nearest length.
+    pub(super) fn log_factor(&self) -> f64 {
+        let Odometry { distance, variance } = self.odometry;
+        // Half of it first, which does not overflow.
+        let off = (0.5 * distance - 0.5 * self.nearest) / variance.sqrt();
+        -0.5 * ((2.0 * PI).ln() + variance.ln()) - 2.0 * off * off
     }
 
-    /// What a move weighs.
+    /// The logarithm of what multiplies the entry of a move, at most 0.
+    pub(super) fn log(&self, way: &Way) -> f64 {
+        (-excess(self.odometry, way.length, self.nearest)).min(0.0)
+    }
+
+    /// The entry; 0 below the smallest normal double.
     pub(super) fn of(&self, way: &Way) -> f64 {
-        (self.log(way) - self.top).exp()
+        let p = way.p * self.log(way).exp();
+        if p >= f64::MIN_POSITIVE { p } else { 0.0 }
+    }
+
+    /// Its logarithm to base 2, of any size.
+    pub(super) fn log2(&self, way: &Way) -> f64 {
+        way.log2 + kernels::on_grid(self.log(way) * LOG2_E)
     }
 }
 
 /// [(d − L)² − (d − N)²] / 2 s², from the factors L − N and (L + N) / 2 − d: a
-/// difference of large squares keeps its digits, and with a variance of 0 there
-/// is no 0 / 0. Rounding may make it 0, but does not change its sign: none comes
-/// out nearer than the nearest.
-fn excess(odometry: Odometry, length: f64, other: f64) -> f64 {
-    let gap = length - other;
+/// difference of large squares keeps its digits.
+fn excess(odometry: Odometry, length: f64, nearest: f64) -> f64 {
+    let gap = length - nearest;
     // A half of the factor, which does not overflow.
-    let off = 0.25 * length + 0.25 * other - 0.5 * odometry.distance;
+    let off = 0.25 * length + 0.25 * nearest - 0.5 * odometry.distance;
     if gap == 0.0 || off == 0.0 { 0.0 } else { 2.0 * (gap / odometry.variance) * off }
 }
 
-/// The probability of a weight, where all sum to `sum`.
-pub(super) fn share(weight: f64, sum: f64) -> f64 {
-    let p = weight / sum;
-    if p >= f64::MIN_POSITIVE { p } else { 0.0 }
+/// Of sorted lengths the nearest to a distance.
+pub(super) fn nearest(lengths: &[f64], distance: f64) -> f64 {
+    let above = lengths.partition_point(|length| *length < distance);
+    let near = lengths[above.saturating_sub(1)..].iter().take(2).copied();
+    let far = |length: f64| (0.5 * length - 0.5 * distance).abs();
+    near.fold(f64::INFINITY, |best, length| if far(length) < far(best) { length } else { best })
 }

@@ -3,66 +3,58 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, Controlled, DistanceTransition, DwellTransition, Hmm, KroneckerTransition,
-    LikelihoodVector, Odometry, OffMapTransition, PowerTransition, Prior, RestartTransition,
-    SparseTransition, Transition, TransitionEntries,
+    Belief, Controlled, DistanceTransition, Hmm, InferenceError, KroneckerTransition,
+    LikelihoodVector, Odometry, OffMapTransition, Prior, SparseTransition, Transition,
+    TransitionEntries,
 };
 
+use super::evidence;
 use crate::kit::{
-    Expected, Matrix, NEVER, assert_operator, cases_of, close, dwell, kronecker, log_sum, off_map,
-    power, rate, restart, sparse, still, stochastic, text, transposed,
+    Expected, Matrix, assert_operator, cases_of, kronecker, matrix, off_map, rate, sparse, still,
+    stochastic, text,
 };
 
-/// By the formula, with the least of the exponents taken out of all.
-fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
-    let Some(Odometry { distance, variance }) = odometry else { return m.clone() };
-    let n = m.len();
-    let column = |j: usize| -> Vec<f64> {
-        let squares = (0..n).map(|i| {
-            if m[i][j] > 0.0 { (distance - lengths[i][j]).powi(2) } else { f64::INFINITY }
-        });
-        let squares: Vec<f64> = squares.collect();
-        let least = squares.iter().copied().fold(f64::INFINITY, f64::min);
-        let log = |i: usize| match squares[i] - least {
-            0.0 => m[i][j].ln(),
-            more => m[i][j].ln() - more / (2.0 * variance),
-        };
-        let sum = log_sum((0..n).map(log));
-        let top = (0..n).map(log).fold(NEVER, f64::max);
-        let p = (0..n).map(|i| (log(i) - top).exp() / (sum - top).exp());
-        p.map(|p| if p < f64::MIN_POSITIVE { 0.0 } else { p }).collect()
+/// ln A by the formula.
+fn joint(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
+    let log = |i: usize, j: usize| {
+        odometry.map_or(0.0, |Odometry { distance, variance }| {
+            let square = (distance - lengths[i][j]).powi(2);
+            -0.5 * (2.0 * std::f64::consts::PI * variance).ln() - square / (2.0 * variance)
+        })
     };
-    let columns: Vec<Vec<f64>> = (0..n).map(column).collect();
-    transposed(&columns)
+    matrix(m.len(), |i, j| m[i][j].ln() + log(i, j))
+}
+
+/// The log factor: the density at the nearest length.
+fn log_factor(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Option<f64> {
+    let Odometry { distance, variance } = odometry?;
+    let there = m.iter().flatten().zip(lengths.iter().flatten()).filter(|entry| *entry.0 > 0.0);
+    let squares = there.map(|(_, length)| (distance - length).powi(2));
+    let least = squares.fold(f64::INFINITY, f64::min);
+    Some(-0.5 * (2.0 * std::f64::consts::PI * variance).ln() - least / (2.0 * variance))
+}
+
+/// Entries, with the log factor taken out.
+fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
+    let (logs, log_factor) = (joint(m, lengths, odometry), log_factor(m, lengths, odometry));
+    matrix(m.len(), |i, j| (logs[i][j] - log_factor.unwrap_or(0.0)).exp())
 }
 
 /// A base, the length of each move, and what three steps have driven. Lengths
 /// are whole quarters and variances powers of two, 2^least or more, so that
-/// squares are exact. If it is `exact`, all ways out of a place are alike, and variances are 0.
+/// squares are exact.
 fn road_network(
-    exact: bool,
     most: usize,
     least: i32,
 ) -> impl Strategy<Value = (Matrix, Matrix, Vec<Option<Odometry>>)> {
     let quarters = |n: i32| (0..n).prop_map(|quarters| 0.25 * f64::from(quarters));
-    let variance = move || {
-        let spread = (least..14_i32).prop_map(|power| 2.0_f64.powi(power));
-        if exact { Just(0.0).boxed() } else { prop_oneof![1 => Just(0.0), 5 => spread].boxed() }
-    };
+    let variance = move || (least..14_i32).prop_map(|power| 2.0_f64.powi(power));
     let odometry = move || {
         (quarters(1000), variance())
             .prop_map(|(distance, variance)| Odometry { distance: distance - 25.0, variance })
     };
-    let alike = |mut m: Matrix| {
-        for j in 0..m.len() {
-            let ways = m.iter().filter(|row| row[j] > 0.0).count();
-            m.iter_mut()
-                .for_each(|row| row[j] = if row[j] > 0.0 { 1.0 / ways as f64 } else { 0.0 });
-        }
-        m
-    };
     (1..=most).prop_flat_map(move |n| {
-        let base = stochastic(false, n).prop_map(move |m| if exact { alike(m) } else { m });
+        let base = stochastic(false, n);
         let length = prop_oneof![1 => Just(0.0), 1 => Just(100.0), 2 => quarters(800)];
         let controls = (odometry(), odometry(), any::<bool>());
         let controls =
@@ -79,25 +71,32 @@ proptest! {
     #![proptest_config(cases_of(1000))]
 
     #[test]
-    fn by_distance_is_its_matrix(
-        (exact, (m, lengths, controls)) in
-            any::<bool>().prop_flat_map(|e| (Just(e), road_network(e, 7, -6))),
-    ) {
+    fn by_distance_is_its_matrix((m, lengths, controls) in road_network(7, 9)) {
         let a = on_roads(&m, &lengths);
         for (i, j) in (0..49).map(|at| (at / 7, at % 7)) {
             let there = i < m.len() && j < m.len() && m[i][j] > 0.0;
             prop_assert_eq!(a.length(i, j), there.then(|| lengths[i][j]));
         }
         let expected: Vec<Matrix> = controls.iter().map(|u| by_distance(&m, &lengths, *u)).collect();
-        assert_operator(a, Expected::each(&controls, &expected).with_exact_ties(exact))?;
+        let factors: Vec<_> = controls.iter().map(|u| log_factor(&m, &lengths, *u)).collect();
+        assert_operator(a, Expected::each(&controls, &expected).with_evidence(&factors))?;
+    }
+
+    /// With densities as far apart as a double does not hold.
+    #[test]
+    fn densities_of_any_size_are_known((m, lengths, controls) in road_network(6, -6)) {
+        let a = on_roads(&m, &lengths);
+        for control in controls.into_iter().flatten().map(Some) {
+            evidence::check(&a, control, &joint(&m, &lengths, control), false)?;
+        }
     }
 
     /// Lengths so alike on either side of the distance that rounding decides.
     #[test]
-    fn lengths_that_differ_by_a_bit_give_distributions(
+    fn lengths_that_differ_by_a_bit_have_densities_up_to_the_largest(
         (distance, off) in (0.0..1000.0, prop_oneof![0.0..1e-9, 0.0..500.0]),
         sides in vec((any::<bool>(), -3..4_i64), 1..8),
-        variance in prop_oneof![Just(0.0), Just(5e-324), Just(1e-30), Just(1e-12)],
+        variance in prop_oneof![Just(5e-324), Just(1e-30), Just(1e-12)],
     ) {
         let nudged = |x: f64, bits: i64| f64::from_bits(x.to_bits().saturating_add_signed(bits));
         let length = |(up, bits): &(bool, i64)| {
@@ -105,18 +104,13 @@ proptest! {
         };
         let lengths: Vec<f64> = sides.iter().map(length).collect();
         let found = ways(&fork(&lengths), distance, variance);
-        close(found.iter().map(|way| way.1).sum(), 1.0, 1e-14, 1.0)?;
-        // Whatever is there without variance is the nearest, but for a bit.
-        let far = |length: &f64| (length - distance).abs();
-        let least = lengths.iter().map(far).fold(f64::INFINITY, f64::min);
-        for (to, _) in found.iter().filter(|_| variance == 0.0) {
-            prop_assert!(far(&lengths[to - 1]) <= least + 1e-15 * (distance + off), "{:?}", found);
-        }
+        let most = 1.0 / lengths.len() as f64;
+        prop_assert!(found.iter().all(|way| way.1 > 0.0 && way.1 <= most), "{:?}", found);
     }
 
     /// Its listed entries are those that its products have, to the bit.
     #[test]
-    fn listed_entries_are_those_of_products((m, lengths, controls) in road_network(false, 6, -6)) {
+    fn listed_entries_are_those_of_products((m, lengths, controls) in road_network(6, -6)) {
         let a = on_roads(&m, &lengths);
         let n = m.len();
         for control in &controls {
@@ -136,7 +130,7 @@ proptest! {
 
     #[test]
     fn by_distance_nests(
-        (m, lengths, controls) in road_network(false, 3, 9),
+        (m, lengths, controls) in road_network(3, 9),
         (one, other) in (rate(false), rate(false)),
     ) {
         let n = m.len();
@@ -146,17 +140,14 @@ proptest! {
         let driven: Vec<Matrix> = controls.iter().map(|u| by_distance(&m, &lengths, *u)).collect();
         let over = |map: &dyn Fn(&Matrix) -> Matrix| driven.iter().map(map).collect::<Vec<_>>();
 
+        let factors: Vec<_> = controls.iter().map(|u| log_factor(&m, &lengths, *u)).collect();
         let lost = || OffMapTransition::new(a(), one, other, uniform.clone()).unwrap();
         let off = |m: &Matrix| off_map(m, one, other, &even);
-        assert_operator(lost(), Expected::each(&controls, &over(&off)))?;
-        let towed = RestartTransition::new(a(), one, uniform.clone()).unwrap();
-        assert_operator(towed, Expected::each(&controls, &over(&|m| restart(m, one, &even))))?;
+        assert_operator(lost(), Expected::each(&controls, &over(&off)).with_evidence(&factors))?;
         let pairs = KroneckerTransition::new(a(), lost()).unwrap();
-        assert_operator(pairs, Expected::each(&controls, &over(&|m| kronecker(m, &off(m)))))?;
-        let twice = PowerTransition::new(a(), 2);
-        assert_operator(twice, Expected::each(&controls, &over(&|m| power(m, 2))))?;
-        let slow = DwellTransition::from_leaving(a(), &vec![[other, 1.0]; n]).unwrap();
-        assert_operator(slow, Expected::each(&controls, &over(&|m| dwell(m, &vec![vec![other, 1.0]; m.len()]))))?;
+        let twice: Vec<_> = factors.iter().map(|factor| factor.map(|log| 2.0 * log)).collect();
+        let expected = over(&|m| kronecker(m, &off(m)));
+        assert_operator(pairs, Expected::each(&controls, &expected).with_evidence(&twice))?;
     }
 }
 
@@ -175,15 +166,35 @@ pub(crate) fn ways(a: &DistanceTransition, distance: f64, variance: f64) -> Vec<
 }
 
 #[test]
-fn the_nearest_length_takes_all_without_variance() {
-    let a = fork(&[0.0, 100.0, 100.0, 250.0]);
-    assert_eq!(ways(&a, 0.0, 0.0), [(1, 1.0)]);
-    assert_eq!(ways(&a, -1e300, 0.0), [(1, 1.0)]);
-    assert_eq!(ways(&a, 49.9, 0.0), [(1, 1.0)]);
-    assert_eq!(ways(&a, 50.0, 0.0), [(1, 1.0 / 3.0), (2, 1.0 / 3.0), (3, 1.0 / 3.0)]);
-    assert_eq!(ways(&a, 50.1, 0.0), [(2, 0.5), (3, 0.5)]);
-    assert_eq!(ways(&a, 175.0, 0.0), [(2, 1.0 / 3.0), (3, 1.0 / 3.0), (4, 1.0 / 3.0)]);
-    assert_eq!(ways(&a, 1e300, 0.0), [(4, 1.0)]);
+fn entries_are_densities_over_that_of_the_nearest_length() {
+    let a = fork(&[100.0, 130.0]);
+    let control = Some(Odometry { distance: 130.0, variance: 100.0 });
+    assert_eq!(
+        a.outgoing(&control, 0).collect::<Vec<_>>(),
+        [(1, 0.5 * (-4.5_f64).exp()), (2, 0.5)]
+    );
+    // To stay in state 1 has the length 0, which 130 m speak against as much.
+    assert_eq!(a.outgoing(&control, 1).collect::<Vec<_>>(), [(1, (-84.5_f64).exp())]);
+    let density = -0.5 * (200.0 * std::f64::consts::PI).ln();
+    assert!((a.evidence(&control).unwrap() - density).abs() < 1e-15);
+    let off = Some(Odometry { distance: 150.0, variance: 100.0 });
+    assert!((a.evidence(&off).unwrap() - (density - 2.0)).abs() < 1e-15);
+    assert_eq!(a.evidence(&None), None);
+}
+
+#[test]
+fn a_distance_speaks_against_places_without_such_a_way() {
+    // One of two loops of two places, of 100 m and of 500 m; nothing is seen.
+    let moves = [(1, 0, 1.0), (0, 1, 1.0), (3, 2, 1.0), (2, 3, 1.0)];
+    let base = SparseTransition::from_triplets(4, moves).unwrap();
+    let a = DistanceTransition::new(base, |_, from| if from < 2 { 100.0 } else { 500.0 }).unwrap();
+    let prior = Prior::BeforeFirstTransition(Belief::uniform(4).unwrap());
+    let hmm = Hmm::new(prior, a, LikelihoodVector::linear(4)).unwrap();
+    let mut filter = hmm.filter();
+    filter.predict_with(&Some(Odometry { distance: 500.0, variance: 1600.0 })).unwrap();
+    assert!(filter.belief().mass([2, 3]).unwrap() > 1.0 - 1e-15);
+    let expected = -0.5 * (2.0 * std::f64::consts::PI * 1600.0).ln() - 2.0_f64.ln();
+    assert!((filter.log_likelihood() - expected).abs() < 1e-14);
 }
 
 #[test]
@@ -197,21 +208,40 @@ fn far_off_distances_keep_their_digits() {
 }
 
 #[test]
-fn numbers_at_the_limits_give_distributions() {
+fn numbers_at_the_limits_give_distributions_or_errors() {
     let extremes = [0.0, 5e-324, 1e-308, 1e-160, 1.0, 1e160, 1e300, f64::MAX];
     let a = fork(&extremes);
     let n = a.states();
     let (mut out, mut from) = (vec![0.0; n], vec![0; n]);
+    let prior = || Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
+    let hmm = Hmm::new(prior(), &a, LikelihoodVector::linear(n)).unwrap();
     for distance in extremes.iter().flat_map(|d| [*d, -d]) {
-        for variance in extremes {
+        for &variance in &extremes[1..] {
             let control = Some(Odometry { distance, variance });
             a.check_control(&control).unwrap();
             a.apply_transpose(&control, &vec![1.0; n], &mut out);
-            assert!(out.iter().all(|sum| (sum - 1.0).abs() < 1e-14), "{control:?}: {out:?}");
+            assert!(
+                out.iter().all(|sum| (0.0..=1.0 + 1e-14).contains(sum)),
+                "{control:?}: {out:?}"
+            );
             a.apply(&control, &vec![1.0; n], &mut out);
-            assert!((out.iter().sum::<f64>() - n as f64).abs() < 1e-13, "{control:?}: {out:?}");
+            assert!(out.iter().all(|p| (0.0..=n as f64).contains(p)), "{control:?}: {out:?}");
             a.max_product(&control, &vec![0.0; n], &mut out, &mut from);
             assert!(out.iter().all(|best| *best <= 0.0), "{control:?}: {out:?}");
+            let mut filter = hmm.filter();
+            match filter.predict_with(&control) {
+                Ok(()) => {
+                    let sum: f64 = filter.belief().as_slice().iter().sum();
+                    assert!((sum - 1.0).abs() < 1e-12 && filter.log_likelihood().is_finite());
+                }
+                // The density of a distance that far off is not a number.
+                Err(error) => {
+                    assert!(
+                        matches!(error, InferenceError::EvidenceFactor { step: 1, .. }),
+                        "{error}"
+                    );
+                }
+            }
         }
     }
 }
@@ -272,6 +302,10 @@ fn bad_lengths_and_odometry_are_named() {
     };
     assert_eq!(control(1.0, f64::NAN), variance("NaN"));
     assert_eq!(control(1.0, -0.5), variance("-0.5"));
+    assert_eq!(
+        control(1.0, 0.0),
+        "unknown control: an odometry variance of 0, expected a value above 0: a distance that is exact is that of no road"
+    );
     assert_eq!(control(1.0, f64::INFINITY), variance("inf"));
     assert!(a.check_control(&None).is_ok());
 

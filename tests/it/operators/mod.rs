@@ -4,6 +4,7 @@
 
 pub(crate) mod distance;
 mod dwell;
+mod evidence;
 mod faults;
 mod kronecker;
 mod nested;

@@ -19,7 +19,15 @@ fn off_map() {
     let text = json(&stored(&a));
     assert_eq!(
         text,
-        format!(r#"{{"version":1,"inner":{STILL},"leave":0.25,"stay":0.5,"back":[0.5]}}"#)
+        format!(
+            r#"{{"version":1,"inner":{STILL},"leave":0.25,"stay":0.5,"back":[0.5],"evidence":null}}"#
+        )
+    );
+    let measured = json(&stored(&a.with_evidence(-2.5).unwrap()));
+    assert_eq!(measured, text.replace("null", "-2.5"));
+    refuses::<OffMapTransition<SparseTransition>>(
+        &text.replace("null", "1e999"),
+        "number out of range",
     );
     let bad = |from: &str, to: &str, expected: &str| {
         refuses::<OffMapTransition<SparseTransition>>(&text.replace(from, to), expected);

@@ -8,6 +8,8 @@ use wayfix::{Stored, Transition, TransitionEntries, TransitionError};
 pub(super) trait Steps {
     fn states(&self) -> usize;
     fn check_control(&self, step: usize) -> Result<(), TransitionError>;
+    fn evidence(&self, step: usize) -> Option<f64>;
+    fn needs_logs(&self, step: usize) -> bool;
     fn stored(&self, step: usize) -> Option<Stored<'_>>;
     fn apply(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]);
@@ -16,6 +18,7 @@ pub(super) trait Steps {
     fn incoming(&self, step: usize, to: usize) -> Vec<(usize, f64)>;
     fn outgoing(&self, step: usize, from: usize) -> Vec<(usize, f64)>;
     fn incoming_log2(&self, step: usize, to: usize) -> Vec<(usize, f64)>;
+    fn outgoing_log2(&self, step: usize, from: usize) -> Vec<(usize, f64)>;
     fn max_product(&self, step: usize, x: &[f64], out: &mut [f64], from: &mut [u32]);
 }
 
@@ -31,6 +34,12 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     }
     fn check_control(&self, step: usize) -> Result<(), TransitionError> {
         self.operator.check_control(&self.controls[step])
+    }
+    fn evidence(&self, step: usize) -> Option<f64> {
+        self.operator.evidence(&self.controls[step])
+    }
+    fn needs_logs(&self, step: usize) -> bool {
+        self.operator.needs_logs(&self.controls[step])
     }
     fn stored(&self, step: usize) -> Option<Stored<'_>> {
         self.operator.stored(&self.controls[step])
@@ -55,6 +64,9 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     }
     fn incoming_log2(&self, step: usize, to: usize) -> Vec<(usize, f64)> {
         self.operator.incoming_log2(&self.controls[step], to).collect()
+    }
+    fn outgoing_log2(&self, step: usize, from: usize) -> Vec<(usize, f64)> {
+        self.operator.outgoing_log2(&self.controls[step], from).collect()
     }
     fn max_product(&self, step: usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         self.operator.max_product(&self.controls[step], x, out, from);
@@ -82,6 +94,12 @@ macro_rules! delegate {
             }
             fn check_control(&$self, $u: &$control) -> Result<(), TransitionError> {
                 $operator.check_control($step)
+            }
+            fn evidence(&$self, $u: &$control) -> Option<f64> {
+                $operator.evidence($step)
+            }
+            fn needs_logs(&$self, $u: &$control) -> bool {
+                $operator.needs_logs($step)
             }
             fn stored(&$self, $u: &$control) -> Option<Stored<'_>> {
                 $operator.stored($step)
@@ -112,6 +130,13 @@ macro_rules! delegate {
                 to: usize,
             ) -> impl Iterator<Item = (usize, f64)> {
                 $operator.incoming_log2($step, to).into_iter()
+            }
+            fn outgoing_log2(
+                &$self,
+                $u: &$control,
+                from: usize,
+            ) -> impl Iterator<Item = (usize, f64)> {
+                $operator.outgoing_log2($step, from).into_iter()
             }
             fn max_product(&$self, $u: &$control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
                 $operator.max_product($step, x, out, from);

@@ -13,14 +13,16 @@ use wayfix::{DenseTransition, Hmm, LikelihoodVector, SparseTransition, Transitio
 
 use self::erased::{AtStep, EachStep, Steps, WithControls};
 use self::inputs::Inputs;
-use super::{Matrix, dense, prior};
+use super::{Matrix, Own, OwnMeasured, close_logs, dense, prior};
 
 /// The matrices that an operator must equal, and how nearly.
 #[derive(Debug, Clone)]
 pub(crate) struct Expected<C> {
     controls: Vec<C>,
-    /// For each control, with columns that sum to one.
+    /// For each control, with columns that sum to one, but for evidence.
     matrices: Vec<Matrix>,
+    /// The log factor of the evidence on moves of each, if there is some.
+    evidence: Vec<Option<f64>>,
     /// There is no control: all matrices are the same.
     constant: bool,
     rounding: Rounding,
@@ -52,11 +54,19 @@ impl<C: Clone> Expected<C> {
         assert_eq!(controls.len(), matrices.len());
         let rounding = Rounding { exact: false, entries: 1e-12, least: 0.0 };
         let (controls, matrices) = (controls.to_vec(), matrices.to_vec());
-        Self { controls, matrices, constant: false, rounding }
+        let evidence = vec![None; matrices.len()];
+        Self { controls, matrices, evidence, constant: false, rounding }
     }
 }
 
 impl<C> Expected<C> {
+    /// The controls are evidence on moves, of which these log factors are taken out;
+    /// `None` for those that are not.
+    pub(crate) fn with_evidence(self, log_factors: &[Option<f64>]) -> Self {
+        assert_eq!(log_factors.len(), self.matrices.len());
+        Self { evidence: log_factors.to_vec(), ..self }
+    }
+
     /// Logarithms of the entries are exact, so that ties can be told: of equal
     /// predecessors the lowest must be named.
     pub(crate) fn with_exact_ties(mut self, exact: bool) -> Self {
@@ -111,18 +121,18 @@ pub(crate) fn assert_operator<A>(
 where
     A: TransitionEntries<Control: Debug>,
 {
-    let Expected { controls, matrices, constant, rounding } = expected.into();
+    let Expected { controls, matrices, evidence, constant, rounding } = expected.into();
     let n = matrices[0].len();
     // Of an operator without a control, a model checks the columns.
     let start = prior(&vec![1.0 / n as f64; n], false);
     prop_assert!(Hmm::new(start, &operator, LikelihoodVector::log(n)).is_ok());
-    assert_steps(&WithControls { operator, controls }, &matrices, constant, rounding)
+    assert_steps(&WithControls { operator, controls }, (&matrices, &evidence), constant, rounding)
 }
 
 /// The rest of [`assert_operator`], compiled once for all operators.
 fn assert_steps(
     operator: &dyn Steps,
-    matrices: &[Matrix],
+    (matrices, evidence): (&[Matrix], &[Option<f64>]),
     constant: bool,
     rounding: Rounding,
 ) -> TestCaseResult {
@@ -131,11 +141,27 @@ fn assert_steps(
         let inputs = Inputs::of(m);
         let at_step = AtStep { operator, step };
         methods::check(operator, step, m, &inputs, rounding)?;
+        let log_factor = operator.evidence(step);
+        prop_assert_eq!(log_factor.is_some(), evidence[step].is_some());
+        if let (Some(found), Some(expected)) = (log_factor, evidence[step]) {
+            close_logs(found, expected, rounding.entries)?;
+            continue;
+        }
         let stored = SparseTransition::from_operator(&at_step).unwrap();
         let stored = WithControls { operator: stored, controls: vec![()] };
         methods::check(&stored, 0, m, &inputs, rounding)?;
     }
     let seen: Vec<Inputs> = (1..).zip(matrices).map(|(k, m)| Inputs::nth(k, m)).collect();
+    if !constant && evidence.iter().any(Option::is_some) {
+        let numbers: Vec<usize> = (0..matrices.len()).collect();
+        let own = matrices.iter().zip(evidence).map(|(m, log_factor)| OwnMeasured {
+            entries: Own(m.clone()),
+            log_factor: log_factor.unwrap_or(0.0),
+        });
+        let family = wayfix::SwitchedTransition::new(own.collect()).unwrap();
+        let each = EachStep(operator);
+        return routines::check((&each, &numbers), (&family, &numbers), matrices, &seen, rounding);
+    }
     let dense: Vec<DenseTransition> = matrices.iter().map(dense).collect();
     if constant {
         let at_step = AtStep { operator, step: 0 };

@@ -1,10 +1,12 @@
 //! Evidence on moves: every routine against the enumeration of all paths, and cases by
 //! hand.
 
+mod bounds;
+
 use proptest::prelude::*;
 use wayfix::{
-    Belief, Controlled, EvidenceTransition, Hmm, InferenceError, LikelihoodVector, Order, Prior,
-    SparseTransition, TransitionEntries,
+    Belief, Controlled, EvidenceTransition, Hmm, InferenceError, LikelihoodVector,
+    OptionalLikelihood, Order, Prior, SparseTransition, TransitionEntries,
 };
 
 use crate::kit::{
@@ -104,40 +106,6 @@ fn check<A: TransitionEntries<Control = usize> + Sync>(
     same_results(&hmm.viterbi_all(&drives), 3, |i| hmm.viterbi(each(i)), PartialEq::eq)
 }
 
-/// Along a beam: no path is above the bound, and what is proven is so.
-fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
-    if model.steps() == 0 {
-        return Ok(());
-    }
-    let seen: Vec<Option<Vec<f64>>> = (model.logs.iter())
-        .map(|logs| logs.as_ref().map(|logs| logs.iter().map(|log| log.exp()).collect()))
-        .collect();
-    let sensor = LikelihoodVector::linear(model.states).owned();
-    let sensor = wayfix::OptionalLikelihood::new(sensor);
-    let hmm = Hmm::new(model.prior(), model.measured(), sensor).unwrap();
-    let controls = model.controls();
-    let drive = Controlled::new(&controls, &seen).unwrap();
-    match (hmm.viterbi(&drive), hmm.beam_viterbi(&drive, width)) {
-        (Ok(best), Ok(found)) => {
-            let (log, bound) = (found.path().log_probability(), found.upper_bound());
-            let rounding = 1e-12 * (1.0 + best.log_probability().abs()) + 1e-11;
-            let own = model.log_probability(found.path().states());
-            prop_assert!((log - own).abs() <= rounding, "{log}, expected {own}");
-            prop_assert!(best.log_probability() <= bound + rounding, "{bound}, {best:?}");
-            if found.is_optimal() || width == f64::INFINITY {
-                prop_assert!((log - best.log_probability()).abs() <= rounding);
-            }
-        }
-        (exact, Err(error)) => {
-            let pruned = matches!(error, InferenceError::Pruned { .. });
-            let same = exact.err().map(|error| error.to_string()) == Some(error.to_string());
-            prop_assert!(same || (pruned && width < f64::INFINITY), "{}", error);
-        }
-        (Err(exact), Ok(_)) => prop_assert!(false, "{}", exact),
-    }
-    Ok(())
-}
-
 proptest! {
     #![proptest_config(cases())]
 
@@ -158,16 +126,24 @@ proptest! {
         check(&model, model.measured(), of)?;
     }
 
+    /// The smoother then goes back by the likelihoods, in two products a step.
+    #[test]
+    fn evidence_beside_likelihoods_at_hand_equals_enumeration(mut model in measured_models(Kind::Plain, true)) {
+        let exp = |logs: &Vec<f64>| logs.iter().map(|log| log.exp()).collect::<Vec<_>>();
+        let ys: Vec<_> = model.logs.iter().map(|logs| logs.as_ref().map(exp)).collect();
+        let log = |ys: &Vec<f64>| ys.iter().map(|y| y.ln()).collect();
+        model.logs = ys.iter().map(|ys| ys.as_ref().map(log)).collect();
+        let sensor = OptionalLikelihood::new(LikelihoodVector::linear(model.states).owned());
+        let hmm = Hmm::new(model.prior(), model.measured(), sensor).unwrap();
+        enumeration::check(&model, &hmm, &ys, &model.enumerate())?;
+    }
+
     /// An operator with the required methods alone.
     #[test]
     fn evidence_of_an_own_operator_equals_enumeration(model in measured_models(Kind::Shifted, false), of in (0..8_usize, 0..40_usize, any::<u64>())) {
         check(&model, model.own_measured(), of)?;
     }
 
-    #[test]
-    fn a_beam_with_evidence_proves_what_is_true(model in measured_models(Kind::Plain, true), width in prop_oneof![Just(0.0), 0.1..50.0, Just(f64::INFINITY)]) {
-        check_beam(&model, width)?;
-    }
 }
 
 #[test]

@@ -1,0 +1,199 @@
+//! The moves of a step, and bounds on their entries.
+
+use std::any::Any;
+use std::f64::consts::LN_2;
+
+use crate::transition::{Transition, TransitionEntries};
+
+/// How far columns may be off one.
+const COLUMN: f64 = 1.0 + 1.1e-9;
+/// By how much an entry may be off its logarithm, relative, for being on a grid.
+const GRID: f64 = 4e-14;
+/// The same for each unit of the logarithm, and four more.
+const ROUNDING: f64 = f64::EPSILON;
+/// By how much, as a power of two, entries out of the states followed may be below the
+/// largest.
+const SPREAD: f64 = 500.0;
+/// Where entries are above this, their powers of two are taken out.
+const LARGEST: f64 = 1e30;
+
+/// Bounds on the entries of A: the largest, the largest sum of a row, and that of a
+/// column.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub(super) entry: f64,
+    pub(super) row: f64,
+    pub(super) column: f64,
+}
+
+/// Whether entries are taken as numbers, or as powers of two, of which a whole one is
+/// taken out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Form {
+    Linear,
+    Log2 { taken_out: f64 },
+}
+
+/// The operator of a step.
+pub(super) struct Moves<'a, A: Transition> {
+    pub(super) transition: &'a A,
+    pub(super) control: &'a A::Control,
+    pub(super) bounds: Bounds,
+    /// The log factor of the evidence, if there is some.
+    pub(super) evidence: Option<f64>,
+    form: Form,
+}
+
+impl Bounds {
+    /// Those of an operator without a control and without evidence, the same for all
+    /// steps. O(E).
+    pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
+        let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
+        transition.check_control(control).ok()?;
+        if transition.evidence(control).is_some() {
+            return None;
+        }
+        let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN };
+        for i in 0..transition.states() {
+            let (mut sum, mut terms) = (0.0, 0_u32);
+            for (_, a) in transition.incoming(control, i) {
+                largest.entry = f64::max(largest.entry, a);
+                sum += a;
+                terms += 1;
+            }
+            largest.row = f64::max(largest.row, sum * (1.0 + f64::from(terms) * f64::EPSILON));
+        }
+        Some(largest)
+    }
+}
+
+impl<'a, A: TransitionEntries> Moves<'a, A> {
+    /// The operator of a step; of one whose belief is open the bounds are wanted, which
+    /// for evidence take O(E).
+    pub(super) fn new(
+        transition: &'a A,
+        control: &'a A::Control,
+        evidence: Option<f64>,
+        constant: Option<Bounds>,
+        (followed, is_open): (&[usize], bool),
+    ) -> Self {
+        let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN };
+        let bounds = constant.unwrap_or(unknown);
+        let mut moves = Self { transition, control, bounds, evidence, form: Form::Linear };
+        if evidence.is_some() {
+            if transition.needs_logs(control) {
+                return moves.in_powers_of_two(followed, is_open);
+            }
+            if is_open {
+                moves.bounds = moves.largest();
+                if moves.bounds.entry > LARGEST {
+                    return moves.in_powers_of_two(followed, is_open);
+                }
+            }
+        }
+        moves
+    }
+
+    /// The same with entries as powers of two. The largest is near one; or that out of a
+    /// state that is followed near 2^-500, if it is far below.
+    pub(super) fn in_powers_of_two(mut self, followed: &[usize], is_open: bool) -> Self {
+        let largest = |states: &mut dyn Iterator<Item = usize>| {
+            let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
+            entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let likely = largest(&mut followed.iter().copied());
+        let all = if is_open { largest(&mut (0..self.transition.states())) } else { likely };
+        let near = all.min(if likely.is_finite() { likely + SPREAD } else { all });
+        let taken_out = if near.is_finite() { near.floor() } else { 0.0 };
+        self.form = Form::Log2 { taken_out };
+        if is_open {
+            self.bounds = self.largest();
+        }
+        self
+    }
+
+    /// Whether entries are powers of two already.
+    pub(super) fn is_in_powers_of_two(&self) -> bool {
+        self.form != Form::Linear
+    }
+
+    /// The logarithm of what is taken out of the entries.
+    pub(super) fn log_factor(&self) -> f64 {
+        let taken_out = match self.form {
+            Form::Linear => 0.0,
+            Form::Log2 { taken_out } => taken_out * LN_2,
+        };
+        taken_out + self.evidence.unwrap_or(0.0)
+    }
+
+    /// Hands over the entries into a state, each with the part of itself by which it may
+    /// be off. Those below 2.2e-308 are 0, and may be up to twice that.
+    #[inline]
+    pub(super) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
+        match self.form {
+            Form::Linear => {
+                let entries = self.transition.incoming(self.control, to);
+                entries.for_each(|(j, a)| add(j, a, 0.0));
+            }
+            Form::Log2 { taken_out } => {
+                let entries = self.transition.incoming_log2(self.control, to);
+                entries.for_each(|(j, log2)| add_power(log2 - taken_out, |a, off| add(j, a, off)));
+            }
+        }
+    }
+
+    fn outgoing(&self, from: usize, mut add: impl FnMut(f64, f64)) {
+        match self.form {
+            Form::Linear => {
+                let entries = self.transition.outgoing(self.control, from);
+                entries.for_each(|entry| add(entry.1, 0.0));
+            }
+            Form::Log2 { taken_out } => {
+                let entries = self.transition.outgoing_log2(self.control, from);
+                entries.for_each(|entry| add_power(entry.1 - taken_out, &mut add));
+            }
+        }
+    }
+
+    /// The bounds, by all entries. O(E).
+    fn largest(&self) -> Bounds {
+        let mut bounds = Bounds { entry: 0.0, row: 0.0, column: 0.0 };
+        for state in 0..self.transition.states() {
+            let mut line = Line::default();
+            self.incoming(state, |_, a, off| line.add(a, off));
+            (bounds.entry, bounds.row) =
+                (bounds.entry.max(line.largest), bounds.row.max(line.sum()));
+            let mut line = Line::default();
+            self.outgoing(state, |a, off| line.add(a, off));
+            bounds.column = bounds.column.max(line.sum());
+        }
+        bounds
+    }
+}
+
+fn add_power(log2: f64, mut add: impl FnMut(f64, f64)) {
+    let a = log2.exp2();
+    let a = if a < f64::MIN_POSITIVE { 0.0 } else { a };
+    add(a, GRID + (log2.abs() + 4.0) * ROUNDING);
+}
+
+/// At least the largest entry of a row or column, and its sum.
+#[derive(Default)]
+struct Line {
+    largest: f64,
+    sum: f64,
+    terms: u32,
+}
+
+impl Line {
+    fn add(&mut self, a: f64, off: f64) {
+        let most = if off > 0.0 { a * (1.0 + off) + 2.0 * f64::MIN_POSITIVE } else { a };
+        self.largest = self.largest.max(most);
+        self.sum += most;
+        self.terms += 1;
+    }
+
+    fn sum(&self) -> f64 {
+        self.sum * (1.0 + f64::from(self.terms) * f64::EPSILON)
+    }
+}

@@ -1,0 +1,117 @@
+//! What pruned routines prove, with evidence on moves.
+
+use proptest::prelude::*;
+use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Pruning};
+
+use crate::kit::{Kind, Model, cases, measured_models};
+
+/// Along a beam: no path is above the bound, and what is proven is so.
+fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
+    if model.steps() == 0 {
+        return Ok(());
+    }
+    let seen: Vec<Option<Vec<f64>>> = (model.logs.iter())
+        .map(|logs| logs.as_ref().map(|logs| logs.iter().map(|log| log.exp()).collect()))
+        .collect();
+    let sensor = LikelihoodVector::linear(model.states).owned();
+    let sensor = OptionalLikelihood::new(sensor);
+    let hmm = Hmm::new(model.prior(), model.measured(), sensor).unwrap();
+    let controls = model.controls();
+    let drive = Controlled::new(&controls, &seen).unwrap();
+    match (hmm.viterbi(&drive), hmm.beam_viterbi(&drive, width)) {
+        (Ok(best), Ok(found)) => {
+            let (log, bound) = (found.path().log_probability(), found.upper_bound());
+            let rounding = 1e-12 * (1.0 + best.log_probability().abs()) + 1e-11;
+            let own = model.log_probability(found.path().states());
+            prop_assert!((log - own).abs() <= rounding, "{log}, expected {own}");
+            prop_assert!(best.log_probability() <= bound + rounding, "{bound}, {best:?}");
+            if found.is_optimal() || width == f64::INFINITY {
+                prop_assert!((log - best.log_probability()).abs() <= rounding);
+            }
+        }
+        (exact, Err(error)) => {
+            let pruned = matches!(error, InferenceError::Pruned { .. });
+            // (Where both are, either the move or the observation may be named.)
+            let step = |error: &InferenceError| match error {
+                InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
+                    Some(*step)
+                }
+                _ => None,
+            };
+            let same =
+                step(&error).is_some() && exact.err().as_ref().and_then(step) == step(&error);
+            prop_assert!(same || (pruned && width < f64::INFINITY), "{}", error);
+        }
+        (Err(exact), Ok(_)) => prop_assert!(false, "{}", exact),
+    }
+    Ok(())
+}
+
+/// What is proven of a pruned belief holds for the exact one.
+fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
+    let hmm = model.hmm(model.measured());
+    let answer = model.enumerate();
+    let mut pruned = hmm.pruned_filter(pruning);
+    for k in 1..=model.steps() {
+        let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
+        let result = match &model.logs[k - 1] {
+            None => pruned.predict_with(&(k - 1)),
+            seen => pruned.step_with(&(k - 1), seen),
+        };
+        match result {
+            Ok(certificate) => {
+                prop_assert_ne!(answer.impossible_at, Some(k));
+                let distances = answer.filtered[k].iter().enumerate();
+                let distances = distances.map(|(i, p)| (p - pruned.probability(i).unwrap()).abs());
+                let (distance, bound) = (0.5 * distances.sum::<f64>(), certificate.bound());
+                prop_assert!(distance <= bound + 1e-11, "step {}: {distance:e} > {bound:e}", k);
+                let part = Model { logs: model.logs[..k].to_vec(), ..model.clone() };
+                let log = part.enumerate().log_likelihood;
+                let (range, rounding) = (pruned.log_likelihood(), 1e-10 + 1e-12 * log.abs());
+                prop_assert!(
+                    range.start() - rounding <= log && log <= range.end() + rounding,
+                    "step {}: {log} in {range:?}",
+                    k
+                );
+            }
+            Err(InferenceError::Pruned { step }) => {
+                prop_assert_eq!(step, k);
+                prop_assert_eq!(pruned.active(), before.0);
+                prop_assert_eq!(pruned.probabilities(), before.1);
+                break;
+            }
+            Err(InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step }) => {
+                prop_assert_eq!(answer.impossible_at, Some(step));
+                break;
+            }
+            Err(error) => prop_assert!(false, "{}", error),
+        }
+    }
+    Ok(())
+}
+
+fn prunings() -> impl Strategy<Value = Pruning> {
+    let tolerance = prop_oneof![Just(0.0), Just(1e-12), Just(1e-3), Just(1.0), Just(1e8)];
+    let most_active = prop_oneof![1 => Just(usize::MAX), 2 => 1..=5_usize];
+    let pruning = |(tolerance, most_active)| Pruning { tolerance, most_active };
+    (tolerance, most_active).prop_map(pruning)
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn what_is_proven_of_a_pruned_belief_with_evidence_holds(model in measured_models(Kind::Plain, false), pruning in prunings()) {
+        check_pruned(&model, pruning)?;
+    }
+
+    #[test]
+    fn what_is_proven_with_evidence_of_wide_ranges_holds(model in measured_models(Kind::Extreme, true), pruning in prunings()) {
+        check_pruned(&model, pruning)?;
+    }
+
+    #[test]
+    fn a_beam_with_evidence_proves_what_is_true(model in measured_models(Kind::Plain, true), width in prop_oneof![Just(0.0), 0.1..50.0, Just(f64::INFINITY)]) {
+        check_beam(&model, width)?;
+    }
+}
