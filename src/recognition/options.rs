@@ -22,6 +22,12 @@ pub struct Options {
     /// How the vehicle leaves the map, or `None`, by default, if it never does. Where the
     /// labelled part leaves it, fitting learns the rates.
     pub off_map: Option<OffMap>,
+    /// How the model goes wrong, where [`off_map`](Self::off_map) is `None`: with such a
+    /// probability in a step the vehicle is lost, until it turns up at any place. Answers
+    /// are then of a vehicle that is not lost. Once in 100,000 steps by default, for ten of
+    /// them: so what was ruled out by a tunnel or a look-alike street comes back after some
+    /// twenty good frames.
+    pub lost: OffMap,
     /// What a score says. Its temperature, 2.5 by default, is for frames in sequence;
     /// fitting changes it only where each block of the labelled part agrees.
     pub odds: MatchOdds,
@@ -55,6 +61,7 @@ impl Default for Options {
             speeds: Speeds::default(),
             odometry: OdometryModel::default(),
             off_map: None,
+            lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             odds: MatchOdds::default(),
             standardize: true,
             views: ViewRates::default(),

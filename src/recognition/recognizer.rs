@@ -112,11 +112,9 @@ impl Recognizer {
             .with_odometry(options.odometry)?;
         let own: Vec<usize> = (0..n).collect();
         let stretches = fit.stretches().unwrap_or(&own);
-        let motion = motion.with_views(stretches, options.views)?;
-        let motion = match options.off_map {
-            Some(off_map) => motion.with_off_map(off_map)?,
-            None => motion,
-        };
+        let motion = motion
+            .with_views(stretches, options.views)?
+            .with_off_map(options.off_map.unwrap_or(options.lost))?;
         let groups = motion.place_groups();
         let prior = Prior::AtFirstObservation(motion.anywhere());
         let wrong = |_| RecognitionError::Count {
@@ -190,9 +188,31 @@ impl Recognizer {
         &self.references
     }
 
-    /// How many likelihoods a step has: one of each place, and one off the map.
+    /// How many numbers a belief in places has: one of each, and one off the map, if that
+    /// is modelled.
     pub(super) fn places(&self) -> usize {
         self.references() + usize::from(self.options().off_map.is_some())
+    }
+
+    /// How many likelihoods a step has: one of each place, and one off the map or lost.
+    pub(super) fn likelihoods(&self) -> usize {
+        self.references() + 1
+    }
+
+    /// The belief in places. `memory` is of the length of [`likelihoods`](Self::likelihoods).
+    pub(super) fn add_up(&self, belief: &[f64], memory: &mut [f64], places: &mut [f64]) {
+        memory.fill(0.0);
+        self.model.likelihood().groups().add_up(belief, memory);
+        let (on, lost) = memory.split_at(self.references());
+        let (places, off) = places.split_at_mut(on.len());
+        if let [off] = off {
+            *off = lost[0];
+            places.copy_from_slice(on);
+        } else {
+            // Of a vehicle that is not lost.
+            let found: f64 = on.iter().sum();
+            places.iter_mut().zip(on).for_each(|(place, p)| *place = p / found);
+        }
     }
 
     pub(super) fn seeing(&self) -> Seeing<'_> {

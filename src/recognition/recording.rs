@@ -25,6 +25,7 @@ pub struct Recording {
 pub struct PlaceBeliefs {
     recognizer: Recognizer,
     rows: Vec<f64>,
+    sums: Vec<f64>,
     log_likelihoods: Vec<f64>,
 }
 
@@ -42,7 +43,7 @@ impl Recording {
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let mut best_scores = Vec::new();
         for (at, query) in queries.iter().enumerate() {
-            let mut row = vec![0.0; recognizer.places()];
+            let mut row = vec![0.0; recognizer.likelihoods()];
             let reading = odometry.get(at).copied().flatten();
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
@@ -126,8 +127,10 @@ impl Recording {
     /// [`RecognitionError::Inference`] with the step that is impossible.
     pub fn decoded(&self) -> Result<Vec<Option<usize>>, RecognitionError> {
         let path = self.recognizer.model().viterbi(self)?;
+        let off_map = self.recognizer.options().off_map.is_some();
         let place = |state: &usize| match self.recognizer.motion().state(*state) {
             Some(RouteState::On { place, .. }) => Some(place),
+            Some(RouteState::Off { left }) if !off_map => Some(left),
             _ => None,
         };
         Ok(path.states().iter().map(place).collect())
@@ -146,6 +149,7 @@ impl Recording {
             let same = (0..=at).rev().find(|at| self.likelihoods[*at].iter().any(|b| *b != 1.0));
             let row = &self.likelihoods[same.unwrap_or(at)];
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
+            let row = &row[..self.recognizer.places()];
             let odds = row.iter().enumerate().map(|(i, b)| prior(i) * b.powf(temperature));
             let odds: Vec<f64> = odds.collect();
             let sum: f64 = odds.iter().sum();
@@ -182,7 +186,9 @@ impl Sequence<RouteControl, Vec<f64>> for Recording {
 impl PlaceBeliefs {
     fn new(recognizer: &Recognizer, steps: usize) -> Self {
         let rows = vec![0.0; recognizer.places() * steps];
-        Self { recognizer: recognizer.clone(), rows, log_likelihoods: vec![0.0; steps] }
+        let sums = vec![0.0; recognizer.likelihoods()];
+        let log_likelihoods = vec![0.0; steps];
+        Self { recognizer: recognizer.clone(), rows, sums, log_likelihoods }
     }
 
     fn row_mut(&mut self, at: usize) -> &mut [f64] {
@@ -191,11 +197,10 @@ impl PlaceBeliefs {
     }
 
     fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
-        let recognizer = self.recognizer.clone();
-        let row = self.row_mut(at);
-        row.fill(0.0);
-        recognizer.model().likelihood().groups().add_up(belief.as_slice(), row);
-        self.log_likelihoods[at] = log_likelihood;
+        let Self { recognizer, rows, sums, log_likelihoods } = self;
+        let width = recognizer.places();
+        recognizer.add_up(belief.as_slice(), sums, &mut rows[at * width..][..width]);
+        log_likelihoods[at] = log_likelihood;
     }
 
     /// The number of steps.

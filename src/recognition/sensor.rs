@@ -43,8 +43,8 @@ impl Sensor {
         })
     }
 
-    /// Takes the query of a step: writes the likelihood of each place, and that of a place
-    /// off the map behind them if there is room, and gives the control.
+    /// Takes the query of a step: writes the likelihood of each place, and that of off the
+    /// map behind them, and gives the control.
     pub(super) fn sense(
         &mut self,
         seeing: Seeing<'_>,
@@ -57,9 +57,8 @@ impl Sensor {
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
         let n = references.count();
-        let off_map = out.len() > n;
         let nowhere = self.distances.iter().all(|d| *d == f32::INFINITY);
-        if nowhere && !off_map {
+        if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
         // The scores first: they may be an error, after which nothing has changed.

@@ -18,21 +18,22 @@ pub struct Track {
     filter: Filter<Arc<Model>>,
     sensor: Sensor,
     likelihoods: Vec<f64>,
+    sums: Vec<f64>,
     places: Vec<f64>,
     before: Sensor,
 }
 
 impl Track {
     pub(super) fn new(recognizer: Recognizer) -> Self {
-        let places = recognizer.places();
         let filter = Filter::new(Arc::clone(recognizer.model()));
         let sensor = recognizer.sensor_of_fit();
         let mut track = Self {
             filter,
             before: sensor.clone(),
             sensor,
-            likelihoods: vec![1.0; places],
-            places: vec![0.0; places],
+            likelihoods: vec![1.0; recognizer.likelihoods()],
+            sums: vec![0.0; recognizer.likelihoods()],
+            places: vec![0.0; recognizer.places()],
             recognizer,
         };
         track.add_up();
@@ -101,8 +102,7 @@ impl Track {
     }
 
     fn add_up(&mut self) {
-        self.places.fill(0.0);
-        let groups = self.recognizer.model().likelihood().groups();
-        groups.add_up(self.filter.belief().as_slice(), &mut self.places);
+        let Self { recognizer, filter, sums, places, .. } = self;
+        recognizer.add_up(filter.belief().as_slice(), sums, places);
     }
 }
