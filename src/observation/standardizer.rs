@@ -32,15 +32,26 @@ const PRIOR_COUNT: f64 = 10.0;
 /// assert!(scores[1] < scores[0]);
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+#[derive(Debug, PartialEq)]
 pub struct Standardizer {
     /// How many queries were seen.
-    count: f64,
+    pub(crate) count: f64,
     /// For each reference, the sum of its scores for these, and of their squares.
-    sums: Vec<f64>,
-    squares: Vec<f64>,
+    pub(crate) sums: Vec<f64>,
+    pub(crate) squares: Vec<f64>,
+}
+
+impl Clone for Standardizer {
+    fn clone(&self) -> Self {
+        Self { count: self.count, sums: self.sums.clone(), squares: self.squares.clone() }
+    }
+
+    fn clone_from(&mut self, source: &Self) {
+        let Self { count, sums, squares } = source;
+        self.count = *count;
+        self.sums.clone_from(sums);
+        self.squares.clone_from(squares);
+    }
 }
 
 impl Standardizer {
@@ -55,6 +66,30 @@ impl Standardizer {
             return Err(ObservationError::Parameter { what, value: 0.0, expected });
         }
         Ok(Self { count: 0.0, sums: vec![0.0; references], squares: vec![0.0; references] })
+    }
+
+    /// Itself, if it is what some queries may have left.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, ObservationError> {
+        let Self { count, sums, squares } = &self;
+        let (found, expected) = (squares.len(), sums.len());
+        if found != expected {
+            return Err(ObservationError::Distances { found, expected });
+        }
+        Self::new(expected)?;
+        let parameter =
+            |what, value, expected| Err(ObservationError::Parameter { what, value, expected });
+        // Far beyond what queries leave, and such that no score overflows.
+        if !(0.0..=1e100).contains(count) {
+            return parameter("the number of queries", *count, "from 0 to 1e100");
+        }
+        if let Some(&sum) = sums.iter().find(|sum| !(sum.abs() <= 1e100)) {
+            return parameter("a sum of scores", sum, "from -1e100 to 1e100");
+        }
+        if let Some(&square) = squares.iter().find(|square| !(0.0..=1e100).contains(*square)) {
+            return parameter("a sum of squared scores", square, "from 0 to 1e100");
+        }
+        Ok(self)
     }
 
     /// The number of references.

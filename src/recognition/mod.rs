@@ -57,5 +57,7 @@ pub use fit::{Fit, LabelledPart};
 pub use options::Options;
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
-pub use track::Track;
+#[cfg(feature = "serde")]
+pub(crate) use sensor::SensorState;
+pub use track::{Track, TrackState};
 pub use warning::Warning;
