@@ -72,13 +72,13 @@ impl Standardizer {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { count, sums, squares } = &self;
-        let (found, expected) = (squares.len(), sums.len());
-        if found != expected {
-            return Err(ObservationError::Distances { found, expected });
-        }
-        Self::new(expected)?;
         let parameter =
             |what, value, expected| Err(ObservationError::Parameter { what, value, expected });
+        Self::new(sums.len())?;
+        if squares.len() != sums.len() {
+            let what = "the number of sums of squares";
+            return parameter(what, squares.len() as f64, "as many as sums of scores");
+        }
         // Far beyond what queries leave, and such that no score overflows.
         if !(0.0..=1e100).contains(count) {
             return parameter("the number of queries", *count, "from 0 to 1e100");
