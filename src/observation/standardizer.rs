@@ -83,7 +83,7 @@ impl Standardizer {
         if !(0.0..=1e100).contains(count) {
             return parameter("the number of queries", *count, "from 0 to 1e100");
         }
-        if let Some(&sum) = sums.iter().find(|sum| !(sum.abs() <= 1e100)) {
+        if let Some(&sum) = sums.iter().find(|sum| sum.is_nan() || sum.abs() > 1e100) {
             return parameter("a sum of scores", sum, "from -1e100 to 1e100");
         }
         if let Some(&square) = squares.iter().find(|square| !(0.0..=1e100).contains(*square)) {

@@ -28,7 +28,7 @@ stored! {
         .and_then(|route| optional(route, views, |route, (stretches, rates)| {
             route.with_views(&stretches, rates)
         }))
-        .and_then(|route| optional(route, off_map, |route, off_map| route.with_off_map(off_map)));
+        .and_then(|route| optional(route, off_map, crate::motion::RouteTransition::with_off_map));
 }
 
 /// The route with a part, if it has that.

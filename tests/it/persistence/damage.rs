@@ -58,7 +58,9 @@ impl Damage {
                     })
                     .map(|start| start.0)
                     .collect();
-                let start = starts[at % starts.len()];
+                // Without a number there is none to replace.
+                let Some(at) = at.checked_rem(starts.len()) else { return text.to_owned() };
+                let start = starts[at];
                 let rest = text[start..].trim_start_matches(numeric);
                 [&text[..start], number, rest].concat()
             }
