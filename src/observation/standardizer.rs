@@ -82,6 +82,18 @@ impl Standardizer {
         Ok(())
     }
 
+    /// As if no more queries had been seen than this, in the same proportions: for what is
+    /// known from elsewhere, such as from the references themselves.
+    #[must_use]
+    pub fn discounted(self, count: f64) -> Self {
+        if !(count >= 0.0 && count < self.count) {
+            return self;
+        }
+        let part = count / self.count;
+        let scaled = |values: Vec<f64>| values.into_iter().map(|value| value * part).collect();
+        Self { count, sums: scaled(self.sums), squares: scaled(self.squares) }
+    }
+
     /// The score of each reference, smaller for more alike: of wrong ones, around 0 with a
     /// deviation of about 1. Infinite distances are infinite scores. O(n), and no
     /// allocation.

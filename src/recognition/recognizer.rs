@@ -9,7 +9,7 @@ use super::{Options, RecognitionError, Recording, Track};
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::RouteTransition;
-use crate::observation::{Distance, Standardizer};
+use crate::observation::Distance;
 
 /// The hidden Markov model: a vehicle along a route, and likelihoods of its places.
 pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
@@ -128,7 +128,7 @@ impl Recognizer {
         let invalid = |source| RecognitionError::Query { step: 0, source };
         let standardizer = match fit.standardizer() {
             Some(known) => known.clone(),
-            None => Standardizer::new(n).map_err(invalid)?,
+            None => references.standardizer().map_err(invalid)?,
         };
         let sensor = Sensor::new(standardizer, options).map_err(invalid)?;
         Ok(Self { references, fit, sensor, model })

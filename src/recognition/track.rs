@@ -95,6 +95,20 @@ impl Track {
         &self.recognizer
     }
 
+    /// The same vehicle among more references, the first of which are those of before.
+    pub(super) fn among(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
+        let (before, after) = (self.recognizer.references(), recognizer.references());
+        let mut belief = Vec::new();
+        for layer in self.filter.belief().as_slice().chunks(before) {
+            belief.extend_from_slice(layer);
+            belief.resize(belief.len() + after - before, 0.0);
+        }
+        let mut track = Self::new(recognizer);
+        track.filter.relocate(&Belief::known(belief))?;
+        track.add_up();
+        Ok(track)
+    }
+
     /// Forgets where the vehicle is, but not what was learned of the references.
     pub fn relocate(&mut self) {
         self.filter.restart();
