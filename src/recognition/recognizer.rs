@@ -216,7 +216,7 @@ impl Recognizer {
     }
 
     pub(super) fn seeing(&self) -> Seeing<'_> {
-        Seeing { options: self.options(), references: &self.references }
+        Seeing { options: self.options(), references: &self.references, motion: self.motion() }
     }
 
     /// The camera before it has seen anything but what was learned from.

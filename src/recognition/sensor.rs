@@ -2,8 +2,9 @@
 
 use super::references::References;
 use super::{Options, RecognitionError};
-use crate::motion::{RouteControl, View, ViewEvidence};
+use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
 use crate::observation::{ObservationError, OddsTable, Standardizer, Views};
+use crate::transition::Transition;
 
 /// The camera, with what it has learned of the references so far. Live and afterwards it
 /// sees no more than was seen by then.
@@ -25,6 +26,7 @@ pub(super) struct Sensor {
 pub(super) struct Seeing<'a> {
     pub(super) options: &'a Options,
     pub(super) references: &'a References,
+    pub(super) motion: &'a RouteTransition,
 }
 
 impl Sensor {
@@ -53,7 +55,7 @@ impl Sensor {
         odometry: Option<f64>,
         out: &mut [f64],
     ) -> Result<RouteControl, RecognitionError> {
-        let Seeing { options, references } = seeing;
+        let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
         let n = references.count();
@@ -61,17 +63,22 @@ impl Sensor {
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
-        // The scores first: they may be an error, after which nothing has changed.
         let (places, off) = out.split_at_mut(n);
-        self.standardizer.scores(&self.distances, places).map_err(failed)?;
+        // Checked first: after an error nothing has changed.
+        let control = RouteControl { odometry, view: None };
+        self.standardizer.check(&self.distances).map_err(failed)?;
+        seeing.motion.check_control(&control)?;
         let view = self.views.next(&self.distances).map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
             places.fill(1.0);
         } else {
-            if options.standardize && !nowhere {
-                self.standardizer.observed_scores(&self.distances, places).map_err(failed)?;
-            }
+            let scored = if options.standardize && !nowhere {
+                self.standardizer.observed_scores(&self.distances, places)
+            } else {
+                self.standardizer.scores(&self.distances, places)
+            };
+            scored.map_err(failed)?;
             self.best = places.iter().copied().fold(f64::INFINITY, f64::min);
             places.iter_mut().for_each(|score| *score = self.odds.odds(*score));
         }
@@ -90,7 +97,7 @@ impl Sensor {
         let weight = 1.0 / (1.0 + f64::from(count - 1) * fades);
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
-        Ok(RouteControl { odometry, view })
+        Ok(RouteControl { view, ..control })
     }
 
     /// The best score of the last new query.

@@ -20,7 +20,6 @@ pub struct Track {
     likelihoods: Vec<f64>,
     sums: Vec<f64>,
     places: Vec<f64>,
-    before: Sensor,
 }
 
 impl Track {
@@ -29,7 +28,6 @@ impl Track {
         let sensor = recognizer.sensor_of_fit();
         let mut track = Self {
             filter,
-            before: sensor.clone(),
             sensor,
             likelihoods: vec![1.0; recognizer.likelihoods()],
             sums: vec![0.0; recognizer.likelihoods()],
@@ -53,22 +51,13 @@ impl Track {
         query: &[f32],
         odometry: Option<f64>,
     ) -> Result<Answer, RecognitionError> {
-        let Self { recognizer, filter, sensor, likelihoods, before, .. } = self;
-        before.clone_from(sensor);
+        let Self { recognizer, filter, sensor, likelihoods, .. } = self;
         let step = filter.steps() + 1;
-        let taken = sensor
-            .sense(recognizer.seeing(), step, query, odometry, likelihoods)
-            .and_then(|control| Ok(filter.step_with(&control, likelihoods)?));
-        match taken {
-            Ok(log_likelihood) => {
-                self.add_up();
-                Ok(self.recognizer.answer(&self.places, log_likelihood))
-            }
-            Err(error) => {
-                std::mem::swap(sensor, before);
-                Err(error)
-            }
-        }
+        // A step that was sensed is possible: a vehicle may be lost, which rules out nothing.
+        let control = sensor.sense(recognizer.seeing(), step, query, odometry, likelihoods)?;
+        let log_likelihood = filter.step_with(&control, likelihoods)?;
+        self.add_up();
+        Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
     /// The belief in places, with one off the map behind them if that is modelled.
