@@ -92,18 +92,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Option<(f64, Form)>, InferenceError> {
         let lifted = lifted.values(before.linear);
         self.predict(lifted, results.predicted);
-        // A NaN or an infinite value makes the sum one; what is negative the update sees.
-        let sum = kernels::sum(results.predicted);
-        if !SUMS.contains(&(sum / LIFT)) {
+        let prediction = Made(results.predicted);
+        let updated = kernels::update(likelihoods.update(prediction, LIFT, results.lifted));
+        // A NaN or an infinite value makes the sum one.
+        if updated.negative_predicted || !SUMS.contains(&(updated.predicted / LIFT)) {
             self.evidence_sum(results.predicted)?;
             return Ok(None);
         }
-        let prediction = Made(results.predicted);
-        let updated = kernels::update(likelihoods.update(prediction, sum, results.lifted));
-        if updated.negative_predicted {
-            self.evidence_sum(results.predicted)?;
-        }
-        if !holds(&updated, sum) {
+        if !holds(&updated, updated.predicted) {
             return Ok(None);
         }
         let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);

@@ -6,6 +6,7 @@ use super::diagonal::Values;
 use super::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::error::{HmmError, LikelihoodError};
 use crate::groups::Groups;
+use crate::kernels::{self, Valid};
 
 /// A sensor of groups as one of states: all states of a group have its
 /// likelihood. For a camera that sees the place, but not how long the vehicle
@@ -81,10 +82,17 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         }
         let expand = |groups: &[f64], out: &mut [f64]| self.groups.expand(groups, out);
         let values = match diagonal.values {
-            Values::Linear(groups) | Values::Log(groups) => {
+            // There are fewer groups than states to be checked.
+            Values::Linear(groups) => {
                 expand(groups, states);
-                let log = matches!(diagonal.values, Values::Log(_));
-                if log { Values::Log(states) } else { Values::Linear(states) }
+                match kernels::largest(groups, Valid::Likelihoods) {
+                    Ok(largest) => Values::Checked { linear: states, largest, log2: None },
+                    Err(_) => Values::Linear(states),
+                }
+            }
+            Values::Log(groups) => {
+                expand(groups, states);
+                Values::Log(states)
             }
             // No group is empty, so the largest value stays.
             Values::Checked { linear, largest, log2 } => {

@@ -45,8 +45,8 @@ const FARTHEST: f64 = 1e6;
 
 /// By how much scale and bias may be expected to be off; readings of one speed alone
 /// could not tell them apart.
-const SCALE_OFF: f64 = 0.1;
-const BIAS_OFF: f64 = 0.02;
+const SCALE_OFF: f64 = 0.05;
+const BIAS_OFF: f64 = 0.005;
 /// Deviations are not believed below this.
 const LEAST_DEVIATION: f64 = 0.05;
 /// Readings are compared with places over so many steps, since within a few the place
@@ -56,7 +56,7 @@ const SPAN: usize = 10;
 impl OdometryModel {
     /// From drives of labelled steps: how many places on each step led, and what was
     /// read. Scale and bias by least squares over spans of ten steps, held near 1 and 0
-    /// by priors (deviations 0.1 and 0.02); the deviation from the errors, less what
+    /// by priors (deviations 0.05 and 0.005); the deviation from the errors, less what
     /// comes from counting in whole places. O(steps).
     ///
     /// # Errors

@@ -5,6 +5,9 @@ use crate::transition::{check_probability, check_sum};
 
 /// So many speeds, evenly over its cell, stand for a speed of the grid.
 const NODES: usize = 8;
+/// The probability that a vehicle at a speed of the grid drives it exactly: many do, above
+/// all at the speed at which the route was recorded.
+const EXACT: f64 = 0.5;
 /// The largest speed, in places a step.
 const FASTEST: f64 = 64.0;
 
@@ -12,8 +15,8 @@ const FASTEST: f64 = 64.0;
 /// next: to a neighbour on the grid (it accelerates), or to any (it stops, sets off,
 /// turns round). Negative speeds reverse.
 ///
-/// A speed of the grid stands for all speeds nearer to it than to its neighbours; 0 for
-/// standing still. So a vehicle at 1.1 places a step, which passes one reference most
+/// A speed of the grid stands for itself, half of the time, and for all speeds nearer to it
+/// than to its neighbours; 0 for standing still. So a vehicle at 1.1 places a step, which passes one reference most
 /// times and two in one case of ten, is followed with speeds of 1 and 1.25.
 ///
 /// The defaults were chosen by leaving out: on some recordings, with drives of constant
@@ -52,6 +55,8 @@ pub(super) struct Window {
     /// Speeds of the cell, each with the weights of its moves, row by row.
     pub(super) nodes: Vec<f64>,
     by_node: Vec<f64>,
+    /// The probability of each node.
+    shares: Vec<f64>,
     /// The width of the cell that a node stands for.
     pub(super) spacing: f64,
 }
@@ -212,14 +217,20 @@ impl Window {
         }
         let count = if low == high { 1 } else { NODES };
         let spacing = (high - low) / count as f64;
-        let nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
+        let mut nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
+        let mut shares = vec![1.0 / count as f64; count];
+        if count > 1 {
+            shares.fill((1.0 - EXACT) / count as f64);
+            nodes.push(values[g]);
+            shares.push(EXACT);
+        }
         let moves = values[g] != 0.0;
         let margin = isize::from(moves && slack > 0.0);
         let first = nodes[0].floor() as isize - margin;
-        let last = nodes[count - 1].ceil() as isize + margin;
+        let last = nodes[count - 1].max(values[g]).ceil() as isize + margin;
         let width = (last - first + 1).unsigned_abs();
         let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
-        let mut by_node = Vec::with_capacity(count * width);
+        let mut by_node = Vec::with_capacity(nodes.len() * width);
         for &v in &nodes {
             by_node.extend((first..=last).map(|m| {
                 let beside = triangle(m - 1, v) + triangle(m + 1, v);
@@ -227,7 +238,7 @@ impl Window {
                 (1.0 - 2.0 * slack) * triangle(m, v) + slack * beside
             }));
         }
-        let mut window = Self { first, weights: vec![0.0; width], nodes, by_node, spacing };
+        let mut window = Self { first, weights: vec![0.0; width], nodes, by_node, shares, spacing };
         let mut weights = vec![0.0; width];
         window.weigh(|_| 1.0, &mut weights);
         window.weights = weights;
@@ -242,8 +253,9 @@ impl Window {
     /// their sum.
     pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
         out.fill(0.0);
-        let (mut total, share) = (0.0, 1.0 / self.nodes.len() as f64);
-        for (&v, weights) in self.nodes.iter().zip(self.by_node.chunks_exact(out.len())) {
+        let mut total = 0.0;
+        let nodes = self.nodes.iter().zip(&self.shares);
+        for ((&v, share), weights) in nodes.zip(self.by_node.chunks_exact(out.len())) {
             let p = share * likelihood(v);
             total += p;
             out.iter_mut().zip(weights).for_each(|(out, weight)| *out += p * weight);
@@ -264,7 +276,8 @@ mod tests {
                 let sum: f64 = window.weights.iter().sum();
                 let moves = window.weights.iter().zip(window.first..);
                 let mean: f64 = moves.map(|(p, m)| p * m as f64).sum();
-                let cell = window.nodes.iter().sum::<f64>() / window.nodes.len() as f64;
+                let nodes = window.nodes.iter().zip(&window.shares);
+                let cell: f64 = nodes.map(|(v, share)| v * share).sum();
                 assert!((sum - 1.0).abs() < 1e-12 && (mean - cell).abs() < 1e-12, "{g}");
             }
             let k = speeds.values().len();

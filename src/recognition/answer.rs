@@ -47,16 +47,19 @@ impl Recognizer {
     /// The middle of the window with the most probability; of equal ones, that of the most
     /// probable place.
     fn best_place(&self, places: &[f64]) -> usize {
-        let window = self.options().window;
+        let (n, window) = (places.len(), self.options().window);
         let mut best = (0, f64::NEG_INFINITY, f64::NEG_INFINITY);
-        for (place, &p) in places.iter().enumerate() {
-            let mass = self.mass_near(places, place, window);
+        let mut offer = |place: usize, mass: f64| {
             // Sums in another order differ by rounding.
-            let close = (mass - best.1).abs() <= 1e-12;
-            if (!close && mass > best.1) || (close && p > best.2) {
-                best = (place, mass, p);
+            if mass > best.1 + 1e-12 || (mass > best.1 - 1e-12 && places[place] > best.2) {
+                best = (place, mass, places[place]);
             }
-        }
+        };
+        let edge = window.min(n);
+        let ends = (0..edge).chain(n.saturating_sub(window).max(edge)..n);
+        ends.for_each(|place| offer(place, self.mass_near(places, place, window)));
+        let inner = places.windows(window.saturating_mul(2).saturating_add(1));
+        (window..).zip(inner).for_each(|(place, around)| offer(place, around.iter().sum()));
         best.0
     }
 

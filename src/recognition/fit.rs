@@ -226,7 +226,7 @@ impl Recognizer {
         if threshold > 0.0 {
             fit.options.view_threshold = threshold;
         }
-        let mut standardizer = Standardizer::new(self.references())?;
+        let mut standardizer = self.shared_references().standardizer()?;
         let mut new = Vec::new();
         for part in rows {
             let mut views = Views::new(fit.options.view_threshold)?;

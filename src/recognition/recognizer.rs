@@ -9,7 +9,7 @@ use super::{Options, RecognitionError, Recording, Track};
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::RouteTransition;
-use crate::observation::{Distance, Standardizer};
+use crate::observation::Distance;
 
 /// The hidden Markov model: a vehicle along a route, and likelihoods of its places.
 pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
@@ -128,7 +128,7 @@ impl Recognizer {
         let invalid = |source| RecognitionError::Query { step: 0, source };
         let standardizer = match fit.standardizer() {
             Some(known) => known.clone(),
-            None => Standardizer::new(n).map_err(invalid)?,
+            None => references.standardizer().map_err(invalid)?,
         };
         let sensor = Sensor::new(standardizer, options);
         Ok(Self { references, fit, sensor, model })
@@ -216,7 +216,7 @@ impl Recognizer {
     }
 
     pub(super) fn seeing(&self) -> Seeing<'_> {
-        Seeing { options: self.options(), references: &self.references }
+        Seeing { options: self.options(), references: &self.references, motion: self.motion() }
     }
 
     /// The camera before it has seen anything but what was learned from.

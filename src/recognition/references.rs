@@ -1,10 +1,17 @@
 //! What queries are compared with.
 
 use super::RecognitionError;
-use crate::observation::{Distance, ReferenceDescriptors};
+use crate::observation::{Distance, ObservationError, ReferenceDescriptors, Standardizer};
 
 /// The references of a route: descriptors of one traverse or of several, or none, where
 /// queries come as distances.
+/// So many references, evenly spaced, are compared with all to learn what is usual for each;
+/// that counts as so many queries.
+const SAMPLE: usize = 64;
+const SAMPLE_COUNT: f64 = 10.0;
+/// References this near along the route look alike because they are near.
+const NEAR: usize = 10;
+
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum References {
     /// Queries are rows of so many distances.
@@ -37,6 +44,27 @@ impl References {
             }
         }
         Ok(Self::Descriptors(all))
+    }
+
+    /// What is usual for each reference, as far as references tell: those that look like
+    /// many of their own kind do so to queries, too (on one recording in two seasons, means
+    /// correlate by 0.7 and deviations by 0.8).
+    pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {
+        let count = self.count();
+        let mut standardizer = Standardizer::new(count)?;
+        let (mut row, mut more) = (Vec::new(), Vec::new());
+        let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
+        let sample = SAMPLE.min(count);
+        for at in (0..sample).map(|at| at * count / sample) {
+            let Some(descriptor) = traverses[0].descriptor(at) else { continue };
+            if self.distances(0, &descriptor, &mut row, &mut more).is_ok() {
+                // Infinite distances are left out.
+                let near = at.saturating_sub(NEAR)..(at + NEAR + 1).min(count);
+                row[near].fill(f32::INFINITY);
+                standardizer.observe(&row)?;
+            }
+        }
+        Ok(standardizer.discounted(SAMPLE_COUNT))
     }
 
     pub(super) fn count(&self) -> usize {

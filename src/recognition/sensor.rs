@@ -2,8 +2,9 @@
 
 use super::references::References;
 use super::{Options, RecognitionError};
-use crate::motion::{RouteControl, View, ViewEvidence};
+use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
 use crate::observation::{ObservationError, OddsTable, Standardizer, next_view};
+use crate::transition::Transition;
 
 /// The camera, with what it has learned of the references so far. Live and afterwards it
 /// sees no more than was seen by then.
@@ -16,7 +17,7 @@ pub(super) struct Sensor {
 }
 
 /// What changes with each query.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SensorState {
     pub(crate) standardizer: Standardizer,
     /// The last view that was new.
@@ -27,27 +28,12 @@ pub(crate) struct SensorState {
     pub(crate) best: f64,
 }
 
-impl Clone for SensorState {
-    fn clone(&self) -> Self {
-        let Self { standardizer, last_view, run, best } = self;
-        let (standardizer, last_view) = (standardizer.clone(), last_view.clone());
-        Self { standardizer, last_view, run: *run, best: *best }
-    }
-
-    /// Takes no new memory.
-    fn clone_from(&mut self, source: &Self) {
-        let Self { standardizer, last_view, run, best } = source;
-        self.standardizer.clone_from(standardizer);
-        self.last_view.clone_from(last_view);
-        (self.run, self.best) = (*run, *best);
-    }
-}
-
 /// What a step of the sensor depends on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seeing<'a> {
     pub(super) options: &'a Options,
     pub(super) references: &'a References,
+    pub(super) motion: &'a RouteTransition,
 }
 
 impl Sensor {
@@ -70,26 +56,31 @@ impl Sensor {
         odometry: Option<f64>,
         out: &mut [f64],
     ) -> Result<RouteControl, RecognitionError> {
-        let Seeing { options, references } = seeing;
+        let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
         let Self { state: SensorState { standardizer, last_view, run, best }, .. } = self;
         let n = references.count();
-        // The scores first: they may be an error, after which nothing has changed.
-        let (places, off) = out.split_at_mut(n);
-        standardizer.scores(&self.distances, places).map_err(failed)?;
+        // Checked first: after an error nothing has changed.
+        standardizer.check(&self.distances).map_err(failed)?;
         let nowhere = self.distances.iter().all(|d| *d == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
+        let control = RouteControl { odometry, view: None };
+        seeing.motion.check_control(&control)?;
+        let (places, off) = out.split_at_mut(n);
         let view = next_view(last_view, options.view_threshold, &self.distances).map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
             places.fill(1.0);
         } else {
-            if options.standardize && !nowhere {
-                standardizer.observed_scores(&self.distances, places).map_err(failed)?;
-            }
+            let scored = if options.standardize && !nowhere {
+                standardizer.observed_scores(&self.distances, places)
+            } else {
+                standardizer.scores(&self.distances, places)
+            };
+            scored.map_err(failed)?;
             *best = places.iter().copied().fold(f64::INFINITY, f64::min);
             places.iter_mut().for_each(|score| *score = self.odds.odds(*score));
         }
@@ -108,7 +99,7 @@ impl Sensor {
         let weight = 1.0 / (1.0 + f64::from(count - 1) * fades);
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
-        Ok(RouteControl { odometry, view })
+        Ok(RouteControl { view, ..control })
     }
 
     /// The best score of the last new query.
@@ -124,7 +115,7 @@ impl Sensor {
         &self.state
     }
 
-    pub(super) fn state_mut(&mut self) -> &mut SensorState {
-        &mut self.state
+    pub(super) fn set_state(&mut self, state: SensorState) {
+        self.state = state;
     }
 }

@@ -20,7 +20,6 @@ pub struct Track {
     likelihoods: Vec<f64>,
     sums: Vec<f64>,
     places: Vec<f64>,
-    before: SensorState,
 }
 
 /// All that a [`Track`] knows: plain data, to be kept and restored. With the feature
@@ -51,7 +50,6 @@ impl Track {
         let sensor = recognizer.sensor_of_fit();
         let mut track = Self {
             filter,
-            before: sensor.state().clone(),
             sensor,
             likelihoods: vec![1.0; recognizer.likelihoods()],
             sums: vec![0.0; recognizer.likelihoods()],
@@ -75,22 +73,13 @@ impl Track {
         query: &[f32],
         odometry: Option<f64>,
     ) -> Result<Answer, RecognitionError> {
-        let Self { recognizer, filter, sensor, likelihoods, before, .. } = self;
-        before.clone_from(sensor.state());
+        let Self { recognizer, filter, sensor, likelihoods, .. } = self;
         let step = filter.steps() + 1;
-        let taken = sensor
-            .sense(recognizer.seeing(), step, query, odometry, likelihoods)
-            .and_then(|control| Ok(filter.step_with(&control, likelihoods)?));
-        match taken {
-            Ok(log_likelihood) => {
-                self.add_up();
-                Ok(self.recognizer.answer(&self.places, log_likelihood))
-            }
-            Err(error) => {
-                std::mem::swap(sensor.state_mut(), before);
-                Err(error)
-            }
-        }
+        // A step that was sensed is possible: a vehicle may be lost, which rules out nothing.
+        let control = sensor.sense(recognizer.seeing(), step, query, odometry, likelihoods)?;
+        let log_likelihood = filter.step_with(&control, likelihoods)?;
+        self.add_up();
+        Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
     /// The belief in places, with one off the map behind them if that is modelled.
@@ -141,9 +130,23 @@ impl Track {
             }
         }
         self.filter.restore(filter)?;
-        self.sensor.state_mut().clone_from(sensor);
+        self.sensor.set_state(sensor.clone());
         self.add_up();
         Ok(())
+    }
+
+    /// The same vehicle among more references, the first of which are those of before.
+    pub(super) fn among(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
+        let (before, after) = (self.recognizer.references(), recognizer.references());
+        let mut belief = Vec::new();
+        for layer in self.filter.belief().as_slice().chunks(before) {
+            belief.extend_from_slice(layer);
+            belief.resize(belief.len() + after - before, 0.0);
+        }
+        let mut track = Self::new(recognizer);
+        track.filter.relocate(&Belief::known(belief))?;
+        track.add_up();
+        Ok(track)
     }
 
     /// Forgets where the vehicle is, but not what was learned of the references.

@@ -33,8 +33,6 @@ fn check(name: &str, mut track: Track, queries: &[Vec<f32>]) {
     assert_eq!(allocations(|| drive(&mut track, 60)), 0, "{name}, after an error");
     assert_eq!(allocations(|| track.relocate()), 0, "{name}");
     assert_eq!(allocations(|| drive(&mut track, 90)), 0, "{name}, anew");
-    let state = track.snapshot();
-    assert_eq!(allocations(|| track.restore(&state).unwrap()), 0, "{name}, restored");
 }
 
 #[test]

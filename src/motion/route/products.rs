@@ -76,19 +76,26 @@ impl Step<'_> {
     /// `out[j] =` the probabilities of coming back at j, for x of where vehicles left.
     fn come_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
+        let anywhere = off.back * off.each * total;
+        if off.is_anywhere {
+            return out.fill(anywhere);
+        }
         buffers::with(x.len(), |shared| {
             for ((shared, x), near) in shared.iter_mut().zip(x).zip(&self.route.near_shares) {
                 *shared = off.back * near * x;
             }
             self.route.line.sum_near(shared, off.within, out);
         });
-        out.iter_mut().for_each(|out| *out += off.back * off.each * total);
+        out.iter_mut().for_each(|out| *out += anywhere);
     }
 
     /// `out[i] +=` the sum of x over places where a vehicle that left at i may come back,
     /// times their probabilities.
     fn leave_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
+        if off.is_anywhere {
+            return out.iter_mut().for_each(|out| *out += off.back * off.each * total);
+        }
         buffers::with(x.len(), |near| {
             self.route.line.sum_near(x, off.within, near);
             for ((out, near), share) in out.iter_mut().zip(&*near).zip(&self.route.near_shares) {

@@ -24,6 +24,8 @@ pub(super) struct Off {
     pub(super) back: f64,
     /// The probability of coming back at each place, near or not.
     pub(super) each: f64,
+    /// Whether it never comes back near.
+    pub(super) is_anywhere: bool,
     pub(super) within: usize,
 }
 
@@ -67,6 +69,7 @@ impl RouteTransition {
                 stay: (1.0 - off.back) * driven,
                 back: off.back * driven,
                 each: (1.0 - off.near) / self.line.places as f64,
+                is_anywhere: off.near == 0.0,
                 within: off.within,
             });
             let keep = self.off_map.map_or(1.0, |off| 1.0 - off.leave);

@@ -138,6 +138,16 @@ impl ReferenceDescriptors {
         self.count
     }
 
+    /// The descriptor of a reference, as it is kept: scaled to length 1 for the cosine.
+    /// `None` if there is no such reference. O(d).
+    #[must_use]
+    pub fn descriptor(&self, reference: usize) -> Option<Vec<f32>> {
+        let start = reference / GROUP * self.dimension;
+        let group = self.groups.get(start..start + self.dimension)?;
+        let values = group.iter().map(|group| group[reference % GROUP]);
+        (reference < self.count).then(|| values.collect())
+    }
+
     /// How many numbers a descriptor has, d.
     #[must_use]
     pub fn dimension(&self) -> usize {

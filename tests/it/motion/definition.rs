@@ -19,17 +19,19 @@ pub(crate) struct Parts {
     pub(crate) off_map: Option<OffMap>,
 }
 
-/// Speeds that one of the grid stands for, evenly over its cell, and their distance.
-fn nodes(values: &[f64], g: usize) -> (Vec<f64>, f64) {
+/// Speeds that one of the grid stands for, with their shares: half of the time itself, else
+/// evenly over its cell; and the distance between these.
+fn nodes(values: &[f64], g: usize) -> (Vec<(f64, f64)>, f64) {
     let (v, last) = (values[g], values.len() - 1);
     if v == 0.0 || last == 0 {
-        return (vec![v], 0.0);
+        return (vec![(v, 1.0)], 0.0);
     }
     let half = |a: usize| 0.5 * (values[a + 1] - values[a]);
     let low = v - half(if g == 0 { 0 } else { g - 1 });
     let high = v + half(if g == last { last - 1 } else { g });
     let spacing = (high - low) / 8.0;
-    ((0..8).map(|q| low + spacing * (f64::from(q) + 0.5)).collect(), spacing)
+    let even = (0..8).map(|q| (low + spacing * (f64::from(q) + 0.5), 0.5 / 8.0));
+    (even.chain([(v, 0.5)]).collect(), spacing)
 }
 
 impl Parts {
@@ -111,8 +113,7 @@ impl Parts {
         // Off the map, what is measured is as likely as at speeds by their shares.
         let mean = |g: usize| {
             let (nodes, spacing) = nodes(values, g);
-            nodes.iter().map(|v| self.driven(control, *v, spacing)).sum::<f64>()
-                / nodes.len() as f64
+            nodes.iter().map(|(v, share)| share * self.driven(control, *v, spacing)).sum::<f64>()
         };
         let standing: f64 = (0..k).filter(|g| values[*g] == 0.0).map(|g| shares[g]).sum();
         let driven = match control.odometry {
@@ -126,9 +127,9 @@ impl Parts {
             for new in 0..k {
                 let (nodes, spacing) = nodes(values, new);
                 let slack = if values[new] == 0.0 { 0.0 } else { self.speeds.slack() };
-                for v in &nodes {
-                    let share = keep * self.change(new, old) * self.driven(control, *v, spacing)
-                        / nodes.len() as f64;
+                for (v, share) in &nodes {
+                    let share =
+                        share * keep * self.change(new, old) * self.driven(control, *v, spacing);
                     let triangle = |m: f64| (1.0 - (m - v).abs()).max(0.0);
                     for m in -8_isize..=8 {
                         let at = m as f64;

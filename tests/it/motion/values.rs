@@ -48,8 +48,8 @@ fn states_are_speeds_and_places() {
 #[test]
 fn the_new_speed_moves_and_ends_stop() {
     let nothing = RouteControl::default();
-    // Speeds of the cell of 1, from 0.5 to 1.5, lead to 0, 1 or 2 places on.
-    let on = [0.125, 0.75, 0.125];
+    // Half of the time 1, else speeds from 0.5 to 1.5, which lead to 0, 1 or 2 places on.
+    let on = [0.0625, 0.875, 0.0625];
     let close = |route: &RouteTransition, from, expected: &[(usize, f64)]| {
         let found = column(route, &nothing, from);
         assert_eq!(found.len(), expected.len(), "{found:?}");

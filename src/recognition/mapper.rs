@@ -1,0 +1,181 @@
+//! Making the map while driving.
+
+use super::{Options, RecognitionError, Recognizer, Track};
+use crate::motion::OffMap;
+use crate::motion::View;
+use crate::observation::{Distance, Views};
+
+/// Makes the references while the vehicle drives: is this a new place, or one that it has
+/// seen before?
+///
+/// Each new view becomes a reference unless the place was seen before. Of what was seen in
+/// the last [`gap`](Self::with_gap) steps nothing counts as before. References are added to
+/// the model in groups; a step costs what a [`Track`] step costs, and every sixteenth
+/// O(n d) for each of 64 references more, of n with d numbers each.
+///
+/// ```
+/// use wayfix::observation::Distance;
+/// use wayfix::recognition::{Mapper, Options, Seen};
+///
+/// // A loop of 120 places, driven one time and a half.
+/// let image = |place: usize| -> Vec<f32> {
+///     (0..16).map(|k| ((place * 37 + k * k * 11) as f32).sin()).collect()
+/// };
+/// let mut mapper = Mapper::new(Distance::Cosine, Options::default())?;
+/// for step in 0..180 {
+///     let seen = mapper.step(&image(step % 120), None)?;
+///     match seen {
+///         Seen::New { reference } => assert!(step < 150 && reference == step),
+///         Seen::Again { reference, .. } => assert_eq!(reference, step % 120),
+///     }
+/// }
+/// assert!(mapper.references().len() < 150);
+/// # Ok::<(), wayfix::recognition::RecognitionError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Mapper {
+    distance: Distance,
+    options: Options,
+    gap: usize,
+    references: Vec<Vec<f32>>,
+    /// The step at which each was added.
+    added: Vec<usize>,
+    steps: usize,
+    views: Option<Views>,
+    track: Option<Track>,
+}
+
+/// What a [`Mapper`] says of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Seen {
+    /// A place that was not seen before, or a view of it that has not changed: its
+    /// reference, the last one.
+    New {
+        /// Its number.
+        reference: usize,
+    },
+    /// One that was.
+    Again {
+        /// Its reference.
+        reference: usize,
+        /// The probability that it is within the window of that.
+        probability: f64,
+    },
+}
+
+/// How many references are added to the model at once.
+const TOGETHER: usize = 16;
+/// A vehicle that maps leaves the known part as often as it comes back to it.
+const MAPPING: OffMap = OffMap { leave: 0.01, back: 0.01, near: 0.3, within: 10 };
+
+impl Mapper {
+    /// With no reference yet. Unless the options say how a vehicle leaves the map, it does
+    /// so, and comes back, every hundred steps.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for options that are not valid.
+    pub fn new(distance: Distance, mut options: Options) -> Result<Self, RecognitionError> {
+        options.check()?;
+        options.off_map = Some(options.off_map.unwrap_or(MAPPING));
+        // It is not known to close until it has.
+        options.closed = false;
+        Ok(Self {
+            distance,
+            options,
+            gap: 30,
+            references: Vec::new(),
+            added: Vec::new(),
+            steps: 0,
+            views: None,
+            track: None,
+        })
+    }
+
+    /// With another number of steps that must lie between two views of the same place; 30
+    /// by default. Views of a few steps before always look alike.
+    #[must_use]
+    pub fn with_gap(self, gap: usize) -> Self {
+        Self { gap, ..self }
+    }
+
+    /// The references so far.
+    #[must_use]
+    pub fn references(&self) -> &[Vec<f32>] {
+        &self.references
+    }
+
+    /// Takes the next descriptor, and how far the vehicle has driven since the last one, in
+    /// references, if that is known.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a descriptor or a reading that is not valid; the mapper is
+    /// then as before.
+    pub fn step(&mut self, query: &[f32], odometry: Option<f64>) -> Result<Seen, RecognitionError> {
+        if let Some(first) = self.references.first()
+            && first.len() != query.len()
+        {
+            let (what, found, expected) = ("numbers of a descriptor", query.len(), first.len());
+            return Err(RecognitionError::Count { what, found, expected });
+        }
+        if query.iter().any(|x| !x.is_finite()) || query.is_empty() {
+            let (what, expected) = ("finite numbers of a descriptor", query.len().max(1));
+            let found = query.iter().filter(|x| x.is_finite()).count();
+            return Err(RecognitionError::Count { what, found, expected });
+        }
+        self.grow()?;
+        let answer = match &mut self.track {
+            Some(track) => Some(track.step(query, odometry)?),
+            None => None,
+        };
+        self.steps += 1;
+        if let Some(answer) = answer
+            && let Some(reference) = answer.place
+        {
+            return Ok(Seen::Again { reference, probability: answer.probability });
+        }
+        if self.is_new_view(query) {
+            self.references.push(query.to_vec());
+            self.added.push(self.steps);
+        }
+        Ok(Seen::New { reference: self.references.len() - 1 })
+    }
+
+    /// A recogniser of what was mapped, for drives to come.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if there are no references, or all are the same.
+    pub fn recognizer(&self, options: Options) -> Result<Recognizer, RecognitionError> {
+        Recognizer::from_descriptors(&self.references, self.distance, options)
+    }
+
+    /// Whether a view differs from the last new one, in the numbers of the descriptor.
+    fn is_new_view(&mut self, query: &[f32]) -> bool {
+        if self.views.is_none() {
+            self.views = Views::new(self.options.view_threshold).ok();
+        }
+        let view = self.views.as_mut().map(|views| views.next(query));
+        self.references.is_empty() || !matches!(view, Some(Ok(View::Unchanged)))
+    }
+
+    /// Adds references that are old enough to the model, if there are enough of them.
+    fn grow(&mut self) -> Result<(), RecognitionError> {
+        let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
+        let old = |added: &usize| added + self.gap <= self.steps;
+        let count = self.added.iter().take_while(|added| old(added)).count();
+        if count < known + TOGETHER {
+            return Ok(());
+        }
+        let references = &self.references[..count];
+        let made = Recognizer::from_descriptors(references, self.distance, self.options.clone());
+        // All may be the same yet.
+        let Ok(recognizer) = made else { return Ok(()) };
+        self.track = Some(match &self.track {
+            Some(track) => track.among(recognizer)?,
+            None => recognizer.track(),
+        });
+        Ok(())
+    }
+}
