@@ -52,6 +52,22 @@ impl Recording {
         &self.distances[step * self.references..][..self.references]
     }
 
+    /// The rows of all steps.
+    pub(crate) fn rows(&self) -> Vec<&[f32]> {
+        self.distances.chunks_exact(self.references).collect()
+    }
+
+    /// How far the vehicle drove before a step, if that was measured.
+    pub(crate) fn reading(&self, step: usize) -> Option<f64> {
+        self.odometry.as_ref()?.get(step).copied().filter(|_| step > 0)
+    }
+
+    /// The readings of all steps; empty if there are none.
+    pub(crate) fn readings(&self) -> Vec<Option<f64>> {
+        let count = self.odometry.as_ref().map_or(0, Vec::len);
+        (0..count).map(|step| self.reading(step)).collect()
+    }
+
     /// Is an answer right, to a tolerance in references?
     pub(crate) fn is_right(&self, step: usize, answer: Option<usize>, tolerance: usize) -> bool {
         let (Some(truth), Some(place)) = (&self.truth[step], answer) else {
