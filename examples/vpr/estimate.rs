@@ -224,3 +224,66 @@ impl Task<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::ops::Range;
+
+    use super::*;
+
+    /// Along a route of 40 references, then off it, then on; two references are right.
+    fn recording(closed: bool) -> Recording {
+        let places = (0..30).map(Some).chain([None; 12]).chain((25..40).map(Some));
+        let truth: Vec<_> = places.map(|place| place.map(|i: usize| i..=(i + 1).min(39))).collect();
+        let seen = |step: usize, i: usize| {
+            let right = truth[step].as_ref().is_some_and(|places| places.contains(&i));
+            ((step * 31 + i * 17) % 13) as f32 / 10.0 - if right { 4.0 } else { 0.0 }
+        };
+        let cells = (0..truth.len()).flat_map(|step| (0..40).map(move |i| (step, i)));
+        let distances = cells.map(|(step, i)| seen(step, i)).collect();
+        Recording { references: 40, distances, truth, closed, ..Recording::default() }
+    }
+
+    fn settings() -> Settings {
+        Settings {
+            fit_on: vec![0..25; 1],
+            report_on: (25..57).collect(),
+            lag: 4,
+            off_map: true,
+            tolerances: vec![1, 3],
+            ..Settings::default()
+        }
+    }
+
+    #[test]
+    fn methods_agree_where_all_is_clear() {
+        for closed in [false, true] {
+            let recording = recording(closed);
+            let found = estimate(&recording, &settings()).unwrap();
+            let methods: Vec<_> = found.answers.iter().map(|of| &of.method[..]).collect();
+            assert_eq!(methods, ["single", "filter", "fixed_lag", "smoother", "viterbi"]);
+            for answers in &found.answers {
+                let right = |step: &usize| recording.is_right(*step, answers.places[*step], 1);
+                let count = |steps: Range<usize>| steps.filter(right).count();
+                assert!(count(5..30) == 25, "{}", answers.method);
+                // What is off the map shows afterwards.
+                if ["smoother", "viterbi"].contains(&&answers.method[..]) {
+                    assert!(count(0..57) >= 55, "{}", answers.method);
+                }
+                let masses = answers.probability.iter().chain(&answers.truth_mass).flatten();
+                assert!(masses.flatten().all(|p| (0.0..=1.0).contains(p)));
+                assert_eq!(answers.on_map.is_some(), answers.method != "viterbi");
+            }
+            assert_eq!(
+                found.lags.iter().map(|lag| lag.0).collect::<Vec<_>>(),
+                [0, 1, 2, 4, 5, 10, 20]
+            );
+            // Waiting for nothing is filtering.
+            assert_eq!(found.lags[0].1, found.answers[1].places);
+            assert_eq!(found.belief.len(), 57 * 40);
+            let masses = |at: usize| found.answers[at].truth_mass.as_ref().unwrap();
+            assert!((0..57).all(|step| masses(3)[0][step] <= masses(3)[1][step]));
+            assert!((0..25).chain(32..40).all(|step| masses(3)[0][step] > 0.5));
+        }
+    }
+}

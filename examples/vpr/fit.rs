@@ -128,3 +128,75 @@ pub(super) fn notes(fit: &Fit, recording: &Recording, settings: &Settings) -> Ve
 pub(super) fn warned(warning: &Warning) -> String {
     format!("WARNING: {warning}")
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ahead on 20 references, with one step off the map.
+    fn recording() -> Recording {
+        let cells = (0..20).flat_map(|step| (0..20).map(move |i| (step, i)));
+        let seen = |(step, i)| if step == i { 0.0 } else { 1.0 + ((step * 3 + i) % 7) as f32 };
+        let truth = (0..20).map(|step| Some(step..=step).filter(|_| step != 18)).collect();
+        let distances = cells.map(seen).collect();
+        Recording { references: 20, distances, truth, ..Recording::default() }
+    }
+
+    fn settings() -> Settings {
+        Settings { fit_on: vec![0..12; 1], ..Settings::default() }
+    }
+
+    #[test]
+    fn what_is_given_is_taken() {
+        let recording = recording();
+        let given = Settings {
+            temperature: Some(4.0),
+            offsets: Some(Offsets::None),
+            speeds: vec![0.0, 1.0],
+            ..settings()
+        };
+        let recognizer = recognizer(&recording, &given).unwrap();
+        let options = recognizer.options();
+        assert_eq!((options.odds.temperature(), options.standardize), (4.0, false));
+        assert_eq!((options.speeds.values(), options.off_map), (&[0.0, 1.0][..], None));
+        let notes = notes(recognizer.fit(), &recording, &given);
+        assert!(notes.iter().any(|note| note == "temperature 4, as given"), "{notes:?}");
+        assert!(notes.iter().any(|note| note.starts_with("WARNING: 12 steps")), "{notes:?}");
+    }
+
+    #[test]
+    fn what_cannot_be_learned_says_which_option() {
+        let error = |settings| recognizer(&recording(), &settings).unwrap_err().to_string();
+        let off = Settings { fit_on: vec![18..20; 1], ..settings() };
+        assert!(error(off).starts_with("--fit-on: 1 labelled steps are on the map"));
+        let fast = Settings { speeds: vec![0.0, 65.0], ..settings() };
+        assert!(error(fast).starts_with("--speeds: speed 1 is 65"));
+    }
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn a_fit_comes_back() {
+        let file = std::env::temp_dir().join(format!("wayfix-fit-{}.json", std::process::id()));
+        let mut recording = recording();
+        let save = Settings { save: Some(file.clone()), off_map: true, ..settings() };
+        let saved = recognizer(&recording, &save).unwrap();
+        let again = Settings { fit: Some(file.clone()), off_map: true, ..Settings::default() };
+        let read = recognizer(&recording, &again).unwrap();
+        assert_eq!(read.options(), saved.options());
+        let beliefs = [saved, read].map(|recognizer| {
+            let recording = recognizer.recording(&recording.rows(), &[]).unwrap();
+            recording.filtered().unwrap().answers()
+        });
+        assert_eq!(beliefs[0], beliefs[1]);
+        let on = Settings { off_map: false, temperature: Some(2.0), ..again.clone() };
+        let read = recognizer(&recording, &on).unwrap();
+        assert_eq!((read.options().off_map, read.options().odds.temperature()), (None, 2.0));
+        recording.closed = true;
+        let error = recognizer(&recording, &again).unwrap_err().to_string();
+        assert!(error.ends_with("was learned without --loop, expected the same here"), "{error}");
+        std::fs::write(&file, "{}").unwrap();
+        let error = recognizer(&recording, &again).unwrap_err().to_string();
+        assert!(error.contains("is not a fit: "), "{error}");
+        std::fs::remove_file(file).unwrap();
+    }
+}

@@ -37,7 +37,7 @@ pub(crate) struct Answers {
     pub(crate) truth_mass: Option<Vec<Vec<f64>>>,
     /// The probability of being on the map.
     pub(crate) on_map: Option<Vec<f64>>,
-    /// How long a step takes, in milliseconds, of methods that go step by step.
+    /// How long a step takes, in milliseconds, once images are compared.
     pub(crate) step_ms: Option<f64>,
 }
 
