@@ -103,6 +103,9 @@ pub(super) fn notes(fit: &Fit, recording: &Recording, settings: &Settings) -> Ve
         ));
     }
     notes.push(format!("views change by {:.4} or more", options.view_threshold));
+    if settings.fit.is_some() && fit.stretches().is_none() {
+        notes.push(String::from("what the fit knew of single references was of another number"));
+    }
     let from = match (settings.temperature, &settings.fit, fit.calibrated()) {
         (Some(_), ..) => "as given",
         (_, Some(_), _) => "as saved",
