@@ -10,9 +10,6 @@ use super::settings::{Offsets, Settings};
 /// The lengths of a line that `SeqSLAM` tries unless one is given.
 const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
 
-/// Where the help shows options that `Settings::not_wired` refuses.
-const TO_BE_WIRED: &str = "Options that are not there yet";
-
 /// How to learn, answer and report.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Common {
@@ -46,24 +43,26 @@ pub(crate) struct Common {
     /// SeqSLAM: the references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
-    /// Write what was learned into a file.
-    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with = "fit")]
+    /// Write what was learned into a file, as JSON (with the feature serde).
+    #[arg(long, value_name = "FILE", conflicts_with = "fit")]
     save: Option<PathBuf>,
     /// Use what was learned before and saved, rather than learn; all steps are
-    /// reported on by default.
-    #[arg(long, help_heading = TO_BE_WIRED, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
+    /// reported on by default (with the feature serde).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
     fit: Option<PathBuf>,
-    /// How little the camera is believed: likelihoods are exp(-score / T)
-    /// [default: the best on the labelled part].
-    #[arg(long, help_heading = TO_BE_WIRED, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
+    /// How little the camera is believed: likelihoods are raised to the power of
+    /// 1 / T. Single images are taken at 1 [default: 2.5, or what is better in each
+    /// part of the labelled steps].
+    #[arg(long, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
     temperature: Option<f64>,
-    /// Correct for references that look like everything [default: what is best on
-    /// the labelled part].
-    #[arg(long, help_heading = TO_BE_WIRED, value_name = "WHICH")]
+    /// Correct for references that look like everything, by the mean and the
+    /// deviation of each. There is no `hubs` any more: `all` does without [default:
+    /// all].
+    #[arg(long, value_name = "WHICH")]
     offsets: Option<Offsets>,
     /// The speeds that the vehicle may have, in references per step; negative ones
-    /// are reverse [default: built in].
-    #[arg(long, help_heading = TO_BE_WIRED, value_name = "LIST", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
+    /// are reverse [default: 13 from -3 to 3].
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
     speeds: Vec<f64>,
     /// The seed of all that is random.
     #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
@@ -99,8 +98,8 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 fn temperature(text: &str) -> Result<f64, String> {
-    let value = text.trim().parse().ok().filter(|t: &f64| t.is_normal() && *t > 0.0);
-    value.ok_or_else(|| String::from("expected a finite number above 0"))
+    let value = text.trim().parse().ok().filter(|t: &f64| (0.01..=1000.0).contains(t));
+    value.ok_or_else(|| String::from("expected a number from 0.01 to 1000"))
 }
 
 /// Each value once, in order of its first place.
@@ -147,6 +146,8 @@ impl Common {
                 "all {steps} steps are learned from, expected --fit-on to leave some to report on"
             ));
         }
+        let mut speeds = distinct(&self.speeds);
+        speeds.sort_by(f64::total_cmp);
         Ok(Settings {
             fit_on,
             report_on,
@@ -157,7 +158,7 @@ impl Common {
             fit: self.fit.clone(),
             temperature: self.temperature,
             offsets: self.offsets,
-            speeds: distinct(&self.speeds),
+            speeds,
         })
     }
 
@@ -264,12 +265,12 @@ mod tests {
     #[test]
     fn options_of_the_fit() {
         let given = settings(9, "").unwrap();
-        assert!(given.not_wired().is_none() && given.speeds.is_empty());
-        let given = settings(9, "--save a --temperature 0.5 --offsets hubs").unwrap();
+        assert!(given.speeds.is_empty() && given.offsets.is_none());
+        let given = settings(9, "--save a --temperature 0.5 --offsets none").unwrap();
         assert_eq!((given.save, given.temperature), (Some("a".into()), Some(0.5)));
-        assert_eq!(given.offsets, Some(Offsets::Hubs));
-        let given = settings(9, "--speeds -1,0,0.5,0").unwrap();
-        assert_eq!((given.not_wired(), given.speeds), (Some("--speeds"), vec![-1.0, 0.0, 0.5]));
+        assert_eq!(given.offsets, Some(Offsets::None));
+        let given = settings(9, "--speeds 0.5,0,-1,0").unwrap();
+        assert_eq!(given.speeds, [-1.0, 0.0, 0.5]);
         // Nothing is learned from, however short the recording.
         let given = settings(2, "--fit a").unwrap();
         assert_eq!(
@@ -278,11 +279,11 @@ mod tests {
         );
 
         let error = |line: &str| settings(9, line).unwrap_err();
-        for wrong in ["0", "-1", "inf", "nan", "1e-310", "warm"] {
+        for wrong in ["0", "-1", "inf", "nan", "1e-3", "warm"] {
             let error = error(&format!("--temperature {wrong}"));
-            assert!(error.contains("a finite number above 0"), "{error}");
+            assert!(error.contains("a number from 0.01 to 1000"), "{error}");
         }
-        assert!(error("--offsets some").contains("[possible values: none, hubs, all]"));
+        assert!(error("--offsets some").contains("[possible values: none, all]"));
         assert!(error("--speeds 1,fast").contains("expected a finite number"));
         for other in ["--fit-on 0..3", "--save b", "--offsets all", "--speeds 1"] {
             assert!(error(&format!("--fit a {other}")).contains("cannot be used with"), "{other}");

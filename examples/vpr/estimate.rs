@@ -2,27 +2,15 @@
 //! smoother and Viterbi.
 
 use std::error::Error;
-use std::ops::Range;
+use std::time::Instant;
 
-use wayfix::observation::{AppearanceLikelihood, Calibration, ObservationError, calibrate};
-use wayfix::{
-    Belief, Controlled, Fixed, Groups, Hmm, Learning, Likelihood, Order, Prior, RouteControl,
-    TransitionEntries, evaluate,
-};
+use wayfix::recognition::{self, PlaceBeliefs, RecognitionError, Recognizer};
+use wayfix::{BeliefView, evaluate};
 
-use super::answers::places;
-use super::model::{self, Camera, Model, Sighting, Steps};
 use super::recording::{Answers, Recording};
 use super::settings::Settings;
+use super::{fit, spinner};
 
-/// The temperatures that are tried, hottest first.
-const TEMPERATURES: [f64; 9] = [4.0, 2.8, 2.0, 1.4, 1.0, 0.7, 0.5, 0.35, 0.25];
-
-/// Differences of log scores that are not worth a colder temperature.
-const WORTH: f64 = 0.01;
-/// How far from the truth a probability still counts in the fit, in references.
-/// It does not depend on what is reported.
-const TOLERANCE: usize = 1;
 /// How many steps a filter has to find its place.
 const LOCALISE: usize = 100;
 
@@ -41,197 +29,126 @@ pub(crate) fn estimate(
     recording: &Recording,
     settings: &Settings,
 ) -> Result<Estimates, Box<dyn Error>> {
-    let fit_on = &settings.fit_on;
-    if !model::shows_motion(recording, fit_on) {
-        let labelled = fit_on.iter().cloned().flatten();
-        let on_map = labelled.clone().filter(|step| recording.truth[*step].is_some()).count();
-        return Err(format!(
-            "{on_map} of {} steps of --fit-on are on the map, expected at least 2 in a row",
-            labelled.count(),
-        )
-        .into());
-    }
-    let steps = Steps::new(recording, fit_on)?;
-    let cameras = model::cameras(recording, &steps, fit_on, settings.off_map)?;
-    let (motion, occupied, note) = model::motion(recording, &steps, fit_on)?;
-    let unchanged = steps.sightings.iter().filter(|sighting| sighting.is_none()).count();
-    let notes = vec![format!("{unchanged} of {} views are unchanged", recording.steps()), note];
-    let width = model::width(recording, fit_on);
-    let task = Task { recording, settings, steps, cameras, width };
-    if settings.off_map {
-        let rates = model::off_map_rates(recording, fit_on);
-        task.run(&model::with_off_map(motion, &occupied, rates)?, notes)
-    } else {
-        task.run(&model::on_map(motion, &occupied)?, notes)
-    }
+    let recognizer = fit::recognizer(recording, settings)?;
+    let width = width(recording, settings);
+    Task { recording, settings, recognizer, width }.run()
 }
 
-#[derive(Clone)]
-pub(super) struct Task<'a> {
-    pub(super) recording: &'a Recording,
-    pub(super) settings: &'a Settings,
-    steps: Steps,
-    cameras: [(&'static str, AppearanceLikelihood); 3],
+/// How many references on either side of the middle are right, too: half the
+/// usual length of the labelled ranges, or of all if none was learned from.
+fn width(recording: &Recording, settings: &Settings) -> usize {
+    let labelled = settings.fit_on.iter().cloned().flatten();
+    let steps: Vec<usize> = match &settings.fit_on[..] {
+        [] => (0..recording.steps()).collect(),
+        _ => labelled.collect(),
+    };
+    let labels = steps.into_iter().filter_map(|step| recording.truth[step].as_ref());
+    let mut lengths: Vec<usize> = labels.map(|range| range.end() - range.start()).collect();
+    lengths.sort_unstable();
+    lengths.get(lengths.len() / 2).map_or(0, |length| length / 2)
+}
+
+struct Task<'a> {
+    recording: &'a Recording,
+    settings: &'a Settings,
+    recognizer: Recognizer,
     /// How far from the middle of the true places is still right.
-    pub(super) width: usize,
+    width: usize,
 }
 
 impl Task<'_> {
-    fn run<A: TransitionEntries<Control = RouteControl> + Sync>(
-        &self,
-        model: &Model<A>,
-        mut notes: Vec<String>,
-    ) -> Result<Estimates, Box<dyn Error>> {
-        let candidates: Vec<(usize, f64)> =
-            (0..self.cameras.len()).flat_map(|at| TEMPERATURES.map(|t| (at, t))).collect();
-        let calibration = if self.settings.off_map {
-            let gap = model::with_a_gap(self.recording, &self.settings.fit_on);
-            let steps = self.steps.with_rows(&gap);
-            Task { recording: &gap, steps, ..self.clone() }.calibrate(model, &candidates)?
-        } else {
-            self.calibrate(model, &candidates)?
-        };
-        let (at, temperature) = candidates[calibration.chosen()];
-        let (offsets, camera) = &self.cameras[at];
-        let (alone, learned) = self.for_single_images(camera);
+    fn run(&self) -> Result<Estimates, Box<dyn Error>> {
+        let Self { recording, settings, recognizer, .. } = self;
+        let n = recording.references;
+        let (seen, to_see) = self.timed("recording", || {
+            recognizer.recording(&recording.rows(), &recording.readings())
+        })?;
+        let mut notes = fit::notes(recognizer.fit(), recording, settings);
+        notes.extend(seen.warning().as_ref().map(fit::warned));
+
+        let mut answers = vec![self.answers("single", &seen.single(), None)];
+        let (filtered, _) = self.timed("filter", || seen.filtered())?;
+        let (log_likelihood, live) = self.timed("filter, live", || self.live())?;
+        answers.push(self.answers("filter", &filtered, Some(live)));
+        let lags = self.lagged(&seen, &mut answers)?;
+        let (smoothed, ms) = self.timed("smoother", || seen.smoothed())?;
+        answers.push(self.answers("smoother", &smoothed, Some(to_see + ms)));
+        let (path, ms) = self.timed("Viterbi", || seen.decoded())?;
+        let path = self.answers_at("viterbi", path, &smoothed, Some(to_see + ms));
+        answers.push(path);
+
         notes.push(format!(
-            "temperature {temperature} in sequence with offsets of {offsets}, {:.3} for single images",
-            alone.temperature(),
+            "a step of the filter takes {live:.3} ms beside the comparison of images; \
+             log-likelihood {log_likelihood:.1}"
         ));
-        if let Err(error) = learned {
-            notes.push(format!(
-                "single images have the temperature of the sensor, as none was learned: {}",
-                super::chain(&error)
-            ));
-        }
-        let tables = self.cameras.iter().zip(calibration.scores().chunks(TEMPERATURES.len()));
-        for ((offsets, _), scores) in tables {
-            let tried = TEMPERATURES.iter().zip(scores);
-            let tried: Vec<String> =
-                tried.map(|(t, score)| format!("{t}: {}", super::decimals(*score, 3))).collect();
-            notes.push(format!(
-                "log scores, offsets of {offsets}, by temperature: {}",
-                tried.join(", ")
-            ));
-        }
-
-        let hmm = model.hmm(camera.clone().with_temperature(temperature)?)?;
-        notes.push(format!("temperature without labels, {}", self.unlabelled(&hmm)?));
-        notes.extend(self.localised(&hmm, &model.groups)?);
-        let all = 0..self.recording.steps();
-        let [filtered, smoothed] = self.beliefs(&hmm, &model.groups, &all)?;
-        let [_, untempered] = self.beliefs(&model.hmm(alone.clone())?, &model.groups, &all)?;
-
-        let path = hmm.viterbi(&self.sequence(&all)?)?;
-        let path = model.groups.map_path(path.states())?;
-        let (lags, lagged) = self.lagged(&hmm, &model.groups)?;
-
-        let n = self.recording.references;
-        let mut answers = vec![self.single(&alone)?];
-        answers.push(self.answers("filter", &filtered));
-        answers.push(self.answers("fixed_lag", &lagged));
-        answers.push(self.answers("smoother", &smoothed));
-        answers.push(self.answers("smoother_untempered", &untempered));
-        answers.push(self.path_answers(&path, &smoothed));
-        let belief = smoothed.iter().flat_map(|belief| belief[..n].iter().map(|p| *p as f32));
-        Ok(Estimates { answers, belief: belief.collect(), lags, notes })
+        notes.extend(self.localised()?);
+        let belief = smoothed.iter();
+        let belief = belief.flat_map(|belief| belief.as_slice()[..n].to_vec());
+        Ok(Estimates { answers, belief: belief.map(|p| p as f32).collect(), lags, notes })
     }
 
-    fn sequence(
+    /// The result of a method, and how many milliseconds it took for each step.
+    fn timed<T>(
         &self,
-        range: &Range<usize>,
-    ) -> Result<Controlled<'_, RouteControl, Sighting>, Box<dyn Error>> {
-        let Steps { controls, sightings } = &self.steps;
-        Ok(Controlled::new(&controls[range.clone()], &sightings[range.clone()])?)
+        what: &'static str,
+        run: impl FnOnce() -> Result<T, RecognitionError>,
+    ) -> Result<(T, f64), RecognitionError> {
+        let spinner = spinner(what);
+        let start = Instant::now();
+        let result = run();
+        let ms = 1e3 * start.elapsed().as_secs_f64() / self.recording.steps() as f64;
+        spinner.finish_and_clear();
+        Ok((result?, ms))
     }
 
-    /// The camera at the temperature that is best for single labelled images;
-    /// as it is, if none is, and why.
-    fn for_single_images(
-        &self,
-        camera: &AppearanceLikelihood,
-    ) -> (AppearanceLikelihood, Result<(), ObservationError>) {
-        let ranges = &self.settings.fit_on;
-        let rows: Vec<&[f32]> =
-            ranges.iter().cloned().flatten().map(|step| self.recording.row(step)).collect();
-        let labels: Vec<Option<usize>> =
-            ranges.iter().flat_map(|range| model::labels(self.recording, range)).collect();
-        match camera.clone().with_learned_temperature(&rows, &labels) {
-            Ok(learned) => (learned, Ok(())),
-            Err(error) => (camera.clone(), Err(error)),
+    /// The recording step by step, as a vehicle would be followed; its
+    /// log-likelihood.
+    fn live(&self) -> Result<f64, RecognitionError> {
+        let mut track = self.recognizer.track();
+        for step in 0..self.recording.steps() {
+            track.step(self.recording.row(step), self.recording.reading(step))?;
         }
+        Ok(track.log_likelihood())
     }
 
-    /// The camera and temperature with which filter and smoother do well on the
-    /// labelled part.
-    fn calibrate<A: TransitionEntries<Control = RouteControl>>(
+    /// The places at several lags; and the answers at the lag asked for.
+    #[expect(clippy::type_complexity, reason = "as `Estimates` has it")]
+    fn lagged(
         &self,
-        model: &Model<A>,
-        candidates: &[(usize, f64)],
-    ) -> Result<Calibration, Box<dyn Error>> {
-        let bar = super::bar("fitting", candidates.len());
-        let fitted = calibrate(candidates, WORTH, |(at, temperature)| {
-            let hmm = model.hmm(self.cameras[*at].1.clone().with_temperature(*temperature)?)?;
-            let mut scores = Vec::new();
-            for range in &self.settings.fit_on {
-                for beliefs in self.beliefs(&hmm, &model.groups, range)? {
-                    let masses = beliefs.iter().zip(range.clone());
-                    let masses = masses.map(|(p, step)| self.true_mass(p, step, TOLERANCE));
-                    scores.extend(masses.map(f64::ln));
-                }
+        seen: &recognition::Recording,
+        answers: &mut Vec<Answers>,
+    ) -> Result<Vec<(usize, Vec<Option<usize>>)>, RecognitionError> {
+        let lag = self.settings.lag;
+        let mut lags = vec![0, 1, 2, 5, 10, 20, lag];
+        lags.sort_unstable();
+        lags.dedup();
+        let (all, _) = self.timed("fixed lag", || seen.lagged(&lags))?;
+        let mut places = Vec::new();
+        for (of, beliefs) in lags.into_iter().zip(all) {
+            let found = self.answers("fixed_lag", &beliefs, None);
+            places.push((of, found.places.clone()));
+            if of == lag {
+                answers.push(found);
             }
-            bar.inc(1);
-            Ok::<_, Box<dyn Error>>(scores)
-        });
-        bar.finish_and_clear();
-        fitted
-    }
-
-    /// The temperature by expectation and maximisation on the labelled part,
-    /// without its labels.
-    fn unlabelled<A: TransitionEntries<Control = RouteControl> + Sync>(
-        &self,
-        hmm: &Hmm<&A, Camera>,
-    ) -> Result<String, Box<dyn Error>> {
-        let (prior, motion, camera) = hmm.clone().into_parts();
-        let hmm = Hmm::new(prior, Fixed(motion), camera)?;
-        let parts: Vec<_> = (self.settings.fit_on.iter())
-            .map(|range| self.sequence(range))
-            .collect::<Result<_, _>>()?;
-        let learning = Learning { iterations: 20, keep_prior: true, ..Learning::default() };
-        let learned = hmm.learn(&parts, &learning)?;
-        let camera = learned.model().likelihood().sensor().sensor();
-        Ok(format!(
-            "{}: {:.3}",
-            super::counted(learned.iterations(), "iteration"),
-            camera.temperature()
-        ))
+        }
+        Ok(places)
     }
 
     /// How soon a filter that starts anywhere has found the place, from starts
     /// all over the recording that are neither learned from nor off the map.
-    fn localised<A: TransitionEntries<Control = RouteControl>>(
-        &self,
-        hmm: &Hmm<&A, Camera>,
-        groups: &Groups,
-    ) -> Result<Option<String>, Box<dyn Error>> {
+    fn localised(&self) -> Result<Option<String>, Box<dyn Error>> {
         let count = self.recording.steps();
         let tolerance = self.settings.tolerances.iter().copied().max().unwrap_or(0);
         let fitted = |step: &usize| self.settings.fit_on.iter().any(|range| range.contains(step));
         let starts = (0..count).step_by(count.div_ceil(40)).filter(|step| !fitted(step));
         let (mut steps, mut tried) = (Vec::new(), 0);
         for start in starts.filter(|step| self.recording.truth[*step].is_some()) {
-            let mut filter = hmm.filter();
+            let mut track = self.recognizer.track();
             let mut masses = Vec::new();
             for step in start..count.min(start + LOCALISE) {
-                let seen = self.recording.row(step).to_vec();
-                let sighting = self.steps.sightings[step].clone();
-                // To a filter that has just begun, every view is new.
-                let sighting = if step == start { Some(seen) } else { sighting };
-                filter.step_with(&self.steps.controls[step], &sighting)?;
-                let belief = places(groups, filter.belief())?;
-                let place = self.place(&belief);
-                let mass = self.mass_near(&belief, place, tolerance);
+                let reading = self.recording.reading(step).filter(|_| step > start);
+                let place = track.step(self.recording.row(step), reading)?.place;
+                let mass = self.mass_near(track.places(), place, tolerance);
                 masses.push((mass, self.recording.is_right(step, place, tolerance)));
             }
             tried += 1;
@@ -250,79 +167,123 @@ impl Task<'_> {
         }))
     }
 
-    /// Filtered and smoothed probabilities of the places (and of off the map).
-    fn beliefs<A: TransitionEntries<Control = RouteControl>>(
-        &self,
-        hmm: &Hmm<&A, Camera>,
-        groups: &Groups,
-        range: &Range<usize>,
-    ) -> Result<[Vec<Vec<f64>>; 2], Box<dyn Error>> {
-        let mut beliefs = [Vec::new(), Vec::new()];
-        hmm.smooth_each(&self.sequence(range)?, Order::Backward, |step| {
-            for (beliefs, belief) in beliefs.iter_mut().zip([step.filtered(), step.smoothed()]) {
-                beliefs.push(places(groups, belief));
-            }
-        })?;
-        // From last to first; the first is step 0.
-        let [filtered, smoothed] = beliefs.map(|beliefs| {
-            let steps = beliefs.into_iter().rev().skip(1);
-            steps.collect::<Result<Vec<Vec<f64>>, _>>()
-        });
-        Ok([filtered?, smoothed?])
+    /// The probability that a place is right to a tolerance, or of off the map.
+    fn mass_near(&self, belief: BeliefView<'_>, place: Option<usize>, tolerance: usize) -> f64 {
+        let belief = belief.as_slice();
+        let within = tolerance.saturating_add(self.width);
+        match place {
+            Some(place) => self.recognizer.mass_near(belief, place, within),
+            None => belief.get(self.recording.references).copied().unwrap_or(0.0).min(1.0),
+        }
     }
 
-    /// One pass of a fixed-lag smoother, read at several lags; and the beliefs
-    /// at the lag asked for.
-    #[expect(clippy::type_complexity, reason = "as `Estimates` has it")]
-    fn lagged<A: TransitionEntries<Control = RouteControl>>(
+    /// The probability of what is true.
+    fn true_mass(&self, beliefs: &PlaceBeliefs, step: usize, tolerance: usize) -> f64 {
+        let (Some(_), Some(belief)) = (&self.recording.truth[step], beliefs.get(step)) else {
+            return beliefs.mass(step, None);
+        };
+        let right = |i: &usize| self.recording.is_right(step, Some(*i), tolerance);
+        let places = belief.as_slice()[..self.recording.references].iter().enumerate();
+        places.filter(|(i, _)| right(i)).map(|(_, p)| p).sum::<f64>().min(1.0)
+    }
+
+    fn answers(&self, method: &str, beliefs: &PlaceBeliefs, step_ms: Option<f64>) -> Answers {
+        let found = beliefs.answers();
+        let truth = |tolerance: &usize| {
+            (0..found.len()).map(|step| self.true_mass(beliefs, step, *tolerance)).collect()
+        };
+        let on_map = || found.iter().map(|answer| 1.0 - answer.off_map).collect();
+        let places = found.iter().map(|answer| answer.place).collect();
+        Answers {
+            truth_mass: Some(self.settings.tolerances.iter().map(truth).collect()),
+            on_map: self.settings.off_map.then(on_map),
+            ..self.answers_at(method, places, beliefs, step_ms)
+        }
+    }
+
+    /// Places, as probable as the beliefs say.
+    fn answers_at(
         &self,
-        hmm: &Hmm<&A, Camera>,
-        groups: &Groups,
-    ) -> Result<(Vec<(usize, Vec<Option<usize>>)>, Vec<Vec<f64>>), Box<dyn Error>> {
-        let (count, lag) = (self.recording.steps(), self.settings.lag);
-        let mut lags = vec![0, 1, 2, 5, 10, 20, lag];
-        lags.sort_unstable();
-        lags.dedup();
-        let longest = lags[lags.len() - 1].min(count - 1);
-        let mut answers: Vec<(usize, Vec<Option<usize>>)> =
-            lags.into_iter().map(|lag| (lag, vec![None; count])).collect();
-        let mut beliefs = vec![Vec::new(); count];
-        let mut stream = hmm.fixed_lag(longest);
-        let bar = super::bar("fixed lag", count);
-        for now in 0..count {
-            let Steps { controls, sightings } = &self.steps;
-            stream.step_with(&controls[now], &sightings[now])?;
-            for (of, answers) in &mut answers {
-                // At the end, what is still due is answered with what there is.
-                let oldest = now.saturating_sub(*of);
-                let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
-                for step in due.filter(|step| now + 1 == count || step + *of == now) {
-                    let belief = stream.get(step + 1).ok_or("beyond the lag")?;
-                    let belief = places(groups, belief)?;
-                    answers[step] = self.place(&belief);
-                    if *of == lag {
-                        beliefs[step] = belief;
-                    }
+        method: &str,
+        places: Vec<Option<usize>>,
+        beliefs: &PlaceBeliefs,
+        step_ms: Option<f64>,
+    ) -> Answers {
+        let near = |tolerance: &usize| {
+            let pairs = beliefs.iter().zip(&places);
+            pairs.map(|(belief, place)| self.mass_near(belief, *place, *tolerance)).collect()
+        };
+        let probability: Vec<Vec<f64>> = self.settings.tolerances.iter().map(near).collect();
+        Answers {
+            method: method.into(),
+            confidence: probability[0].clone(),
+            probability: Some(probability),
+            places,
+            step_ms,
+            ..Answers::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::Range;
+
+    use super::*;
+
+    /// Along a route of 40 references, then off it, then on; two references are right.
+    fn recording(closed: bool) -> Recording {
+        let places = (0..30).map(Some).chain([None; 12]).chain((25..40).map(Some));
+        let truth: Vec<_> = places.map(|place| place.map(|i: usize| i..=(i + 1).min(39))).collect();
+        let seen = |step: usize, i: usize| {
+            let right = truth[step].as_ref().is_some_and(|places| places.contains(&i));
+            ((step * 31 + i * 17) % 13) as f32 / 10.0 - if right { 4.0 } else { 0.0 }
+        };
+        let cells = (0..truth.len()).flat_map(|step| (0..40).map(move |i| (step, i)));
+        let distances = cells.map(|(step, i)| seen(step, i)).collect();
+        Recording { references: 40, distances, truth, closed, ..Recording::default() }
+    }
+
+    fn settings() -> Settings {
+        Settings {
+            fit_on: vec![0..25; 1],
+            report_on: (25..57).collect(),
+            lag: 4,
+            off_map: true,
+            tolerances: vec![1, 3],
+            ..Settings::default()
+        }
+    }
+
+    #[test]
+    fn methods_agree_where_all_is_clear() {
+        for closed in [false, true] {
+            let recording = recording(closed);
+            let found = estimate(&recording, &settings()).unwrap();
+            let methods: Vec<_> = found.answers.iter().map(|of| &of.method[..]).collect();
+            assert_eq!(methods, ["single", "filter", "fixed_lag", "smoother", "viterbi"]);
+            for answers in &found.answers {
+                let right = |step: &usize| recording.is_right(*step, answers.places[*step], 1);
+                let count = |steps: Range<usize>| steps.filter(right).count();
+                assert!(count(5..30) == 25, "{}", answers.method);
+                // What is off the map shows afterwards.
+                if ["smoother", "viterbi"].contains(&&answers.method[..]) {
+                    assert!(count(0..57) >= 55, "{}", answers.method);
                 }
+                let masses = answers.probability.iter().chain(&answers.truth_mass).flatten();
+                assert!(masses.flatten().all(|p| (0.0..=1.0).contains(p)));
+                assert_eq!(answers.on_map.is_some(), answers.method != "viterbi");
             }
-            bar.inc(1);
+            assert_eq!(
+                found.lags.iter().map(|lag| lag.0).collect::<Vec<_>>(),
+                [0, 1, 2, 4, 5, 10, 20]
+            );
+            // Waiting for nothing is filtering.
+            assert_eq!(found.lags[0].1, found.answers[1].places);
+            assert_eq!(found.belief.len(), 57 * 40);
+            let masses = |at: usize| found.answers[at].truth_mass.as_ref().unwrap();
+            assert!((0..57).all(|step| masses(3)[0][step] <= masses(3)[1][step]));
+            assert!((0..25).chain(32..40).all(|step| masses(3)[0][step] > 0.5));
         }
-        bar.finish_and_clear();
-        Ok((answers, beliefs))
-    }
-
-    /// Each image on its own, all places alike before.
-    fn single(&self, camera: &AppearanceLikelihood) -> Result<Answers, Box<dyn Error>> {
-        let prior = Prior::AtFirstObservation(Belief::uniform(camera.states())?);
-        let motion = wayfix::WindowTransition::new(camera.states(), 0, &[1.0], wayfix::Ends::Stop)?;
-        let hmm = Hmm::new(prior, motion, camera)?;
-        let mut filter = hmm.filter();
-        let mut beliefs = Vec::new();
-        for step in 0..self.recording.steps() {
-            filter.restart();
-            filter.step(&self.recording.row(step).to_vec())?;
-            beliefs.push(filter.belief().as_slice().to_vec());
-        }
-        Ok(self.answers("single", &beliefs))
     }
 }

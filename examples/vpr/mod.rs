@@ -1,17 +1,16 @@
 //! What both examples on visual place recognition share: a recording goes in,
 //! answers of several methods, tables and pictures come out.
 
-mod answers;
 pub(crate) mod arguments;
 mod belief;
 pub(crate) mod drive;
 pub(crate) mod estimate;
 pub(crate) mod figures;
-mod gears;
+mod fit;
 pub(crate) mod measures;
-mod model;
 pub(crate) mod patches;
 pub(crate) mod recording;
+mod saved;
 mod seqslam;
 pub(crate) mod settings;
 pub(crate) mod style;
@@ -24,6 +23,7 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -44,6 +44,13 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// Says what is being done, as long as that takes.
+pub(crate) fn spinner(what: &'static str) -> ProgressBar {
+    let spinner = ProgressBar::new_spinner().with_message(what);
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    spinner
 }
 
 /// What went wrong, and why: an error and its causes.
@@ -132,9 +139,6 @@ pub(crate) fn outcome(
     seqslam: &SeqSlam,
 ) -> Result<Outcome, Box<dyn Error>> {
     let Settings { report_on, tolerances, .. } = settings;
-    if let Some(option) = settings.not_wired() {
-        return Err(format!("{option} is not there yet").into());
-    }
     if report_on.iter().all(|step| recording.truth[*step].is_none()) {
         let count = report_on.len();
         return Err(format!(

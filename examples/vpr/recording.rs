@@ -37,7 +37,7 @@ pub(crate) struct Answers {
     pub(crate) truth_mass: Option<Vec<Vec<f64>>>,
     /// The probability of being on the map.
     pub(crate) on_map: Option<Vec<f64>>,
-    /// How long a step takes, in milliseconds, of methods that go step by step.
+    /// How long a step takes, in milliseconds, once images are compared.
     pub(crate) step_ms: Option<f64>,
 }
 
@@ -50,6 +50,22 @@ impl Recording {
     /// How unlike the image of a step is to each place.
     pub(crate) fn row(&self, step: usize) -> &[f32] {
         &self.distances[step * self.references..][..self.references]
+    }
+
+    /// The rows of all steps.
+    pub(crate) fn rows(&self) -> Vec<&[f32]> {
+        self.distances.chunks_exact(self.references).collect()
+    }
+
+    /// How far the vehicle drove before a step, if that was measured.
+    pub(crate) fn reading(&self, step: usize) -> Option<f64> {
+        self.odometry.as_ref()?.get(step).copied().filter(|_| step > 0)
+    }
+
+    /// The readings of all steps; empty if there are none.
+    pub(crate) fn readings(&self) -> Vec<Option<f64>> {
+        let count = self.odometry.as_ref().map_or(0, Vec::len);
+        (0..count).map(|step| self.reading(step)).collect()
     }
 
     /// Is an answer right, to a tolerance in references?

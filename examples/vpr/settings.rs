@@ -3,11 +3,10 @@
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// What references look like everything, and are corrected for.
+/// Which references are corrected for how they compare with anything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Offsets {
     None,
-    Hubs,
     All,
 }
 
@@ -30,27 +29,11 @@ pub(crate) struct Settings {
     pub(crate) save: Option<PathBuf>,
     /// The saved fit to be used.
     pub(crate) fit: Option<PathBuf>,
-    /// The temperature of the camera, rather than one that is fit.
+    /// The temperature of the camera, rather than one that is learned.
     pub(crate) temperature: Option<f64>,
-    /// The offsets of the camera, rather than those that fit best.
+    /// The offsets of the references, rather than those of all.
     pub(crate) offsets: Option<Offsets>,
-    /// The speeds of the vehicle in references per step, each once; none: those
+    /// The speeds of the vehicle in references per step, ascending; none: those
     /// that are built in.
     pub(crate) speeds: Vec<f64>,
-}
-
-impl Settings {
-    /// An option that the estimator does not take yet, if it was given.
-    ///
-    /// TO BE WIRED: goes, option by option, as the estimator learns to take them.
-    pub(crate) fn not_wired(&self) -> Option<&'static str> {
-        let given = [
-            ("--save", self.save.is_some()),
-            ("--fit", self.fit.is_some()),
-            ("--temperature", self.temperature.is_some()),
-            ("--offsets", self.offsets.is_some()),
-            ("--speeds", !self.speeds.is_empty()),
-        ];
-        given.into_iter().find(|option| option.1).map(|option| option.0)
-    }
 }

@@ -41,7 +41,6 @@ enum Mark {
 
 const CROSS: Mark = Mark::Strokes(&[(1.0, 1.0), (1.0, -1.0)]);
 const PLUS: Mark = Mark::Strokes(&[(1.2, 0.0), (0.0, 1.2)]);
-const STAR: Mark = Mark::Strokes(&[(1.2, 0.0), (0.6, 1.0), (0.6, -1.0)]);
 const UP: Mark = Mark::Filled(&[(0.0, -1.3), (1.2, 0.9), (-1.2, 0.9)]);
 const DOWN: Mark = Mark::Filled(&[(0.0, 1.3), (1.2, -0.9), (-1.2, -0.9)]);
 const SQUARE: Mark = Mark::Filled(&[(0.9, 0.9), (0.9, -0.9), (-0.9, -0.9), (-0.9, 0.9)]);
@@ -52,7 +51,7 @@ const fn look(colour: RGBColor, dash: u32, mark: Mark) -> Look {
 }
 
 /// Methods in the order in which they are shown.
-const METHODS: [(&str, &str, Look); 8] = [
+const METHODS: [(&str, &str, Look); 7] = [
     ("single", "single image", look(GREY, 3, CROSS)),
     ("seqslam_trailing", "SeqSLAM, trailing", look(SKY, 7, DOWN)),
     ("seqslam_centred", "SeqSLAM, centred", look(BLUE, 7, UP)),
@@ -60,7 +59,6 @@ const METHODS: [(&str, &str, Look); 8] = [
     ("fixed_lag", "fixed lag", look(ORANGE, 0, SQUARE)),
     ("smoother", "smoother", look(GREEN, 0, DIAMOND)),
     ("viterbi", "Viterbi", look(PURPLE, 14, PLUS)),
-    ("smoother_untempered", "smoother, untempered", look(BLACK, 0, STAR)),
 ];
 
 /// Where a method stands in that order; others come last.

@@ -133,8 +133,8 @@ impl Speeds {
     }
 
     /// With another slack: the probability that a step leads one place farther than its
-    /// speed says, and the same for one place less; 0.02 by default. References are not
-    /// quite evenly spaced.
+    /// speed says, and the same for one place less; 0 by default. For references
+    /// that are unevenly spaced.
     ///
     /// # Errors
     ///
@@ -288,7 +288,7 @@ mod tests {
             }
         }
         let alone = Speeds::new(&[1.0]).unwrap();
-        assert_eq!(alone.windows[0].weights, [0.02, 0.96, 0.02]);
+        assert_eq!(alone.windows[0].weights, [1.0]);
         assert_eq!(alone.switching(), [1.0]);
     }
 
