@@ -22,12 +22,14 @@ use crate::observation::{Distance, Views};
 ///     (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
 /// };
 /// let mut mapper = Mapper::new(Distance::Cosine, Options::default())?;
+/// let mut again = 0;
 /// for step in 0..180 {
-///     let seen = mapper.step(&image(step % 120), None)?;
-///     if let (Seen::Again { reference, .. }, 150..) = (seen, step) {
-///         assert!(reference.abs_diff(step % 120) <= 2);
+///     match mapper.step(&image(step % 120), None)? {
+///         Seen::Again { reference, .. } if reference.abs_diff(step % 120) <= 2 => again += 1,
+///         _ => {}
 ///     }
 /// }
+/// assert!(again > 30);
 /// assert!(mapper.references().len() < 150);
 /// # Ok::<(), wayfix::recognition::RecognitionError>(())
 /// ```
