@@ -2,6 +2,7 @@
 
 use super::references::References;
 use super::{Options, RecognitionError};
+use crate::error::InferenceError;
 use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
 use crate::observation::{ObservationError, OddsTable, Standardizer, next_view};
 use crate::transition::Transition;
@@ -68,7 +69,8 @@ impl Sensor {
             return Err(failed(ObservationError::NoMatch));
         }
         let control = RouteControl { odometry, view: None };
-        seeing.motion.check_control(&control)?;
+        let refused = |source| InferenceError::Control { step, source };
+        seeing.motion.check_control(&control).map_err(refused)?;
         let (places, off) = out.split_at_mut(n);
         let view = next_view(last_view, options.view_threshold, &self.distances).map_err(failed)?;
         if view == View::Unchanged && !nowhere {
