@@ -16,10 +16,12 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
+use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates};
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
+use wayfix::recognition::{Options, Recognizer};
 use wayfix::{
-    Belief, Ends, Gear, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, RoundedTails,
-    RouteControl, RouteTransition, Transition, View, ViewRates, WindowTransition,
+    Belief, Ends, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, RoundedTails,
+    Transition, WindowTransition,
 };
 
 /// Queries of the largest call.
@@ -72,17 +74,21 @@ fn live(criterion: &mut Criterion) {
     let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], Ends::Stop).expect("weights");
     step(criterion, "window of 2, rows, off map", &longer, off_map, &(), &rows);
 
-    let gears = [-1.0, 0.0, 1.0, 2.0].map(|speed| Gear::speed(speed, 0.02).expect("a speed"));
     let stretches: Vec<usize> = (0..PLACES).collect();
-    let route = RouteTransition::new(PLACES, false, gears.to_vec(), 0.9)
-        .and_then(|route| {
-            let rates = ViewRates { standing: 0.95, alike: 0.8, moved: 0.02 };
-            route.with_views(&stretches, rates)
-        })
+    let route = RouteTransition::new(PLACES, false, Speeds::default())
+        .and_then(|route| route.with_views(&stretches, ViewRates::default()))
         .expect("a route");
     let camera = GroupedLikelihood::new(camera, route.place_groups()).expect("a group a place");
-    let control = RouteControl { view: Some(View::Changed), ..RouteControl::default() };
-    step(criterion, "4 gears, rows of distances", &route, camera, &control, &rows);
+    let view = Some(ViewEvidence { view: View::Changed, weight: 1.0 });
+    let control = RouteControl { view, ..RouteControl::default() };
+    step(criterion, "13 speeds, rows of distances", &route, camera, &control, &rows);
+
+    let recognizer = Recognizer::from_distances(PLACES, Options::default()).expect("references");
+    let mut track = recognizer.track();
+    let mut rows = rows.iter().cycle();
+    criterion.bench_function("live step on 3576 references/track, rows of distances", |b| {
+        b.iter(|| track.step(rows.next().expect("there are rows"), Some(1.0)).expect("possible"));
+    });
 }
 
 fn step<A: Transition, B: Likelihood<Observation: Sized>>(

@@ -69,7 +69,7 @@
 //! |---|---|
 //! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
 //! | a route | [`WindowTransition`] |
-//! | a route, with odometry, hidden gears, or a camera that tells whether it moves | [`RouteTransition`] |
+//! | a route, at hidden speeds, with odometry and what the camera says of a step | [`RouteTransition`](motion::RouteTransition) |
 //! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
 //! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
 //! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
@@ -83,6 +83,7 @@
 //! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
 //! | likelihoods of a few states among millions | [`SparseLikelihood`] |
 //! | sightings that may be missing | [`OptionalLikelihood`] |
+//! | images along a route, from references and queries to answers | [`Recognizer`](recognition::Recognizer) |
 //! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
 //! | several sensors | [`FusedLikelihood`] |
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
@@ -96,8 +97,10 @@
 //! [`Hmm::learn`] estimates them, too.
 //!
 //! On top stand [`map`] (places and roads, and the transitions that follow),
+//! [`motion`] (speeds along a route, with odometry and changes of the view as evidence),
 //! [`observation`] (images by their descriptors or distances, and sensors that
-//! take a place for its neighbours), [`evaluate`] (recall, precision and recall,
+//! take a place for its neighbours), [`recognition`] (places by images: the two together,
+//! live and afterwards), [`evaluate`] (recall, precision and recall,
 //! calibration and other scores), and [`canberra`], an instance with
 //! 105 intersections, built from the public parts alone.
 //!
@@ -207,10 +210,10 @@ pub use likelihood::{
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{
-    DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition, Gear,
+    DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition,
     KroneckerTransition, Odometry, OffMapTransition, PowerTransition, RestartTransition,
-    RouteControl, RouteTransition, SparseTransition, Stored, SwitchedTransition, TiedTransition,
-    Transition, TransitionEntries, View, ViewRates, WindowTransition,
+    SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
+    WindowTransition,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -5,10 +5,13 @@ use std::hint::black_box;
 use criterion::Criterion;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
+use wayfix::motion::{
+    OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+};
 use wayfix::{
-    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, Gear, KroneckerTransition,
-    Odometry, OffMapTransition, PowerTransition, RestartTransition, RouteControl, RouteTransition,
-    SparseTransition, TransitionEntries, View, ViewRates, WindowTransition,
+    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, KroneckerTransition,
+    Odometry, OffMapTransition, PowerTransition, RestartTransition, SparseTransition,
+    TransitionEntries, WindowTransition,
 };
 
 use crate::timed::Group;
@@ -39,23 +42,24 @@ pub(crate) fn all(criterion: &mut Criterion) {
     route(criterion, n);
 }
 
-/// Four gears with windows of 1 to 4 weights, and stretches of 1 to 4 places.
+/// The 13 usual speeds, and stretches of 1 to 4 places.
 fn route(criterion: &mut Criterion, n: usize) {
-    let gears = [(0.0, 0.0), (0.5, 0.05), (1.0, 0.05), (2.0, 0.05)];
-    let gears = gears.map(|(speed, slack)| Gear::speed(speed, slack).expect("a gear"));
     let stretches: Vec<_> = (0..n).map(|place| place / (1 + place % 4)).collect();
-    let rates = ViewRates { standing: 0.95, alike: 0.4, moved: 0.02 };
-    let route = RouteTransition::new(n, false, gears.to_vec(), 0.9).expect("few states");
-    let route = route.with_views(&stretches, rates).expect("a stretch for each place");
-    let odometry = Some(Odometry { distance: 0.8, variance: 0.04 });
+    let route = RouteTransition::new(n, false, Speeds::default()).expect("few states");
+    let route = route.with_views(&stretches, ViewRates::default()).expect("a stretch each");
+    let odometry = Some(0.8);
+    let view = Some(ViewEvidence { view: View::Changed, weight: 0.5 });
     for (name, odometry, view) in [
-        ("route with 4 gears", None, None),
+        ("route at 13 speeds", None, None),
         ("route, odometry", odometry, None),
-        ("route, views", None, Some(View::Changed)),
-        ("route, odometry and views", odometry, Some(View::Changed)),
+        ("route, views", None, view),
+        ("route, odometry and views", odometry, view),
     ] {
         operator_with(criterion, name, &route, &RouteControl { odometry, view });
     }
+    let off_map = route.with_off_map(OffMap::default()).expect("valid rates");
+    let control = RouteControl { odometry, view };
+    operator_with(criterion, "route, odometry, views and off the map", &off_map, &control);
 }
 
 fn operator<A: TransitionEntries<Control = ()>>(criterion: &mut Criterion, name: &str, a: &A) {

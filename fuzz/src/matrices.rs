@@ -1,9 +1,11 @@
 //! Random operators with the matrices that they must equal.
 
+use wayfix::motion::{
+    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+};
 use wayfix::{
-    Belief, DenseTransition, DistanceTransition, Ends, Gear, Odometry, RestartTransition,
-    RouteControl, RouteTransition, SparseTransition, SwitchedTransition, TransitionEntries, View,
-    ViewRates, WindowTransition,
+    Belief, DenseTransition, DistanceTransition, Ends, Odometry, RestartTransition,
+    SparseTransition, SwitchedTransition, TransitionEntries, WindowTransition,
 };
 
 use crate::draw::Draw;
@@ -114,10 +116,13 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             (Driven::Distance(distance, controls), matrices)
         }
         _ => {
-            let route = route(draw, n, range);
+            let route = route(draw, n);
             let control = |draw: &mut Draw<'_>| {
-                let odometry = odometry(draw);
+                let odometry = draw.pick(&[None, Some(0.0), Some(1.0), Some(1.7), Some(-2.0)]);
+                let odometry = if draw.one_in(8) { Some(1e6) } else { odometry };
                 let view = draw.pick(&[None, Some(View::Changed), Some(View::Unchanged)]);
+                let weight = draw.pick(&[1.0, 0.5, 0.0, 0.1]);
+                let view = view.map(|view| ViewEvidence { view, weight });
                 RouteControl { odometry, view }
             };
             let controls: Vec<_> = (0..count).map(|_| control(draw)).collect();
@@ -127,38 +132,41 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
     }
 }
 
-fn odometry(draw: &mut Draw<'_>) -> Option<Odometry> {
-    let distance = draw.pick(&[0.0, 1.0, 1.7, -2.0, 90.0, 1e7, 1e-3, 2.0]);
-    let variance = draw.pick(&[0.5, 0.0, 1e-6, 1e4, 1e-300, 1.0]);
-    (!draw.one_in(4)).then_some(Odometry { distance, variance })
-}
-
-/// A route of `n` places, or of half as many in two gears.
-fn route(draw: &mut Draw<'_>, n: usize, range: Range) -> RouteTransition {
-    let gears = if n.is_multiple_of(2) && draw.one_in(2) { 2 } else { 1 };
-    let places = n / gears;
-    // With views, products may be too small to be listed, and are said to be lost.
-    let views = draw.one_in(2);
-    let range = if views { Range::Plain } else { range };
-    let gear = |draw: &mut Draw<'_>| {
-        let count = 1 + draw.below(places.min(4));
-        let first = draw.below(5).cast_signed() - 2;
-        let weights = draw.distribution(count, |draw| match draw.below(12) {
-            11 if range == Range::Wide => draw.pick(&[1e-310, 5e-324, 1e-200, 1e-240]),
-            _ => weight(draw, Range::Plain),
-        });
-        // What is too small may be refused.
-        Gear::new(first, &weights).or_else(|_| Gear::new(first, &[1.0])).expect("a gear")
-    };
-    let list = (0..gears).map(|_| gear(draw)).collect();
-    let keep = draw.pick(&[0.9, 1.0, 0.0, 0.5]);
-    let route = RouteTransition::new(places, draw.one_in(2), list, keep).expect("a valid route");
-    if views {
+/// A route with `n` states: of `n` places at one speed, or of fewer at several, or off the
+/// map.
+fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
+    let fits: Vec<usize> = (1..=3).filter(|layers| n.is_multiple_of(*layers)).collect();
+    let layers = draw.pick(&fits);
+    let (places, off_map) = (n / layers, layers > 1 && draw.one_in(2));
+    let grids: [&[&[f64]]; 3] = [
+        &[&[0.0], &[1.0], &[-0.4]],
+        &[&[0.0, 1.0], &[-1.0, 2.0], &[0.25, 0.5]],
+        &[&[0.0, 0.5, 1.0], &[-1.0, 0.0, 3.0]],
+    ];
+    let grid = draw.pick(grids[layers - usize::from(off_map) - 1]);
+    let (nearby, anywhere) = draw.pick(&[(0.01, 0.005), (0.5, 0.25), (0.0, 0.0), (0.0, 1.0)]);
+    let speeds = Speeds::new(grid)
+        .and_then(|speeds| speeds.with_changes(nearby, anywhere))
+        .and_then(|speeds| speeds.with_slack(draw.pick(&[0.02, 0.0, 0.5])))
+        .expect("valid speeds");
+    let odometry = OdometryModel { scale: 1.1, bias: 0.1, deviation: draw.pick(&[0.3, 0.01, 5.0]) };
+    let route = RouteTransition::new(places, draw.one_in(2), speeds)
+        .and_then(|route| route.with_odometry(odometry))
+        .expect("a valid route");
+    let route = if draw.one_in(2) {
         let stretches: Vec<usize> = (0..places).map(|_| draw.below(3)).collect();
-        let rates = [0.5, 1e-30, 0.999, 0.1];
+        let rates = [0.5, 1e-9, 0.999, 0.1];
         let (standing, alike, moved) = (draw.pick(&rates), draw.pick(&rates), draw.pick(&rates));
         let rates = ViewRates { standing, alike, moved };
-        return route.with_views(&stretches, rates).expect("valid rates");
+        route.with_views(&stretches, rates).expect("valid rates")
+    } else {
+        route
+    };
+    if !off_map {
+        return route;
     }
-    route
+    let rates = [0.1, 0.5, 1.0, 1e-9];
+    let (leave, back) = (draw.pick(&rates), draw.pick(&rates));
+    let (near, within) = (draw.pick(&[0.7, 0.0, 1.0]), draw.below(6));
+    route.with_off_map(OffMap { leave, back, near, within }).expect("valid rates")
 }

@@ -1,10 +1,11 @@
 //! Operators of several kinds as one type, so that inference is compiled once; each
 //! call goes to the operator itself.
 
+use wayfix::motion::{RouteControl, RouteTransition};
 use wayfix::{
     DenseTransition, DistanceTransition, LearnTransition, MoveCounts, Odometry, RestartTransition,
-    RouteControl, RouteTransition, SparseTransition, Stored, SwitchedTransition, Transition,
-    TransitionEntries, TransitionError, WindowTransition,
+    SparseTransition, Stored, SwitchedTransition, Transition, TransitionEntries, TransitionError,
+    WindowTransition,
 };
 
 /// Operators without a control.

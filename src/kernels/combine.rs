@@ -76,13 +76,14 @@ mod tests {
 
     #[test]
     fn sums_are_those_of_the_definition() {
-        for n in 0..40 {
-            let x: Vec<Vec<f64>> =
-                (0..9).map(|t| (0..n).map(|i| f64::from(i * 7 + t) * 0.5).collect()).collect();
+        for n in 0..40_u8 {
+            let x: Vec<Vec<f64>> = (0..9)
+                .map(|t| (0..n).map(|i| f64::from(u16::from(i) * 7 + t) * 0.5).collect())
+                .collect();
             for count in 0..9 {
                 let terms: Vec<(f64, &[f64])> =
                     (1..).map(f64::from).zip(x[..count].iter().map(Vec::as_slice)).collect();
-                let mut out = vec![3.0; n as usize];
+                let mut out = vec![3.0; n.into()];
                 add_combined(&mut out, &terms);
                 let sum = |i: usize| terms.iter().map(|(f, x)| f * x[i]).sum::<f64>();
                 assert!(out.iter().enumerate().all(|(i, out)| *out == 3.0 + sum(i)));

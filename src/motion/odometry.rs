@@ -75,7 +75,9 @@ impl OdometryModel {
             if found != expected {
                 return Err(TransitionError::PartStates { part: "readings", found, expected });
             }
-            if let Some(&value) = moves.iter().chain(read).find(|x| !(x.abs() <= FARTHEST)) {
+            if let Some(&value) =
+                moves.iter().chain(read).find(|x| x.is_nan() || x.abs() > FARTHEST)
+            {
                 let what = "a move or a reading".into();
                 let expected = "a value from -1e6 to 1e6";
                 return Err(TransitionError::Parameter { what, value, expected });

@@ -195,7 +195,8 @@ impl Speeds {
                 let neighbours = usize::from(from > 0) + usize::from(from + 1 < k);
                 let near = if neighbours == 0 { 0.0 } else { self.nearby / neighbours as f64 };
                 let lost = if neighbours == 0 { 0.0 } else { self.nearby };
-                let stay = if to == from { 1.0 - lost - self.anywhere } else { 0.0 };
+                // Rounding may leave less than nothing of 1 − 0.9 − 0.1.
+                let stay = if to == from { (1.0 - lost - self.anywhere).max(0.0) } else { 0.0 };
                 let step = if to.abs_diff(from) == 1 { near } else { 0.0 };
                 matrix.push(stay + step + self.anywhere * self.shares[to]);
             }

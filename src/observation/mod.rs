@@ -44,4 +44,5 @@ pub(crate) use odds::OddsTable;
 pub use spread::Spread;
 pub use standardizer::Standardizer;
 pub use temperature::{Calibration, calibrate};
+pub(crate) use view::next_view;
 pub use view::{Views, alike_stretches, view_change};

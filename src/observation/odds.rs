@@ -29,14 +29,12 @@ use super::ObservationError;
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MatchOdds {
-    slope: f64,
-    even: f64,
-    most: f64,
-    nothing: f64,
-    temperature: f64,
+    pub(crate) slope: f64,
+    pub(crate) even: f64,
+    pub(crate) most: f64,
+    pub(crate) nothing: f64,
+    pub(crate) temperature: f64,
 }
 
 impl Default for MatchOdds {
@@ -71,6 +69,23 @@ impl MatchOdds {
             return Err(ObservationError::Parameter { what, value: nothing, expected });
         }
         Ok(Self { nothing, ..self })
+    }
+
+    /// Itself, if its numbers are ones that give finite odds.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, ObservationError> {
+        let Self { slope, even, most, nothing, temperature } = self;
+        let named = [
+            ("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100"),
+            ("the score with even odds", even, -100.0..=100.0, "from -100 to 100"),
+            ("the logarithm of the highest odds", most, 0.0..=6.0, "from 0 to 6"),
+        ];
+        for (what, value, range, expected) in named {
+            if !range.contains(&value) {
+                return Err(ObservationError::Parameter { what, value, expected });
+            }
+        }
+        self.with_nothing(nothing)?.with_temperature(temperature)
     }
 
     /// The temperature.

@@ -33,14 +33,12 @@ const PRIOR_COUNT: f64 = 10.0;
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Standardizer {
     /// How many queries were seen.
-    count: f64,
+    pub(crate) count: f64,
     /// For each reference, the sum of its scores for these, and of their squares.
-    sums: Vec<f64>,
-    squares: Vec<f64>,
+    pub(crate) sums: Vec<f64>,
+    pub(crate) squares: Vec<f64>,
 }
 
 impl Standardizer {
@@ -55,6 +53,30 @@ impl Standardizer {
             return Err(ObservationError::Parameter { what, value: 0.0, expected });
         }
         Ok(Self { count: 0.0, sums: vec![0.0; references], squares: vec![0.0; references] })
+    }
+
+    /// Itself, if it is what some queries may have left.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, ObservationError> {
+        let Self { count, sums, squares } = &self;
+        let parameter =
+            |what, value, expected| Err(ObservationError::Parameter { what, value, expected });
+        Self::new(sums.len())?;
+        if squares.len() != sums.len() {
+            let what = "the number of sums of squares";
+            return parameter(what, squares.len() as f64, "as many as sums of scores");
+        }
+        // Far beyond what queries leave, and such that no variance overflows 32 bits.
+        if !(0.0..=1e15).contains(count) {
+            return parameter("the number of queries", *count, "from 0 to 1e15");
+        }
+        if let Some(&sum) = sums.iter().find(|sum| !(-1e17..=1e17).contains(*sum)) {
+            return parameter("a sum of scores", sum, "from -1e17 to 1e17");
+        }
+        if let Some(&square) = squares.iter().find(|square| !(0.0..=1e35).contains(*square)) {
+            return parameter("a sum of squared scores", square, "from 0 to 1e35");
+        }
+        Ok(self)
     }
 
     /// The number of references.

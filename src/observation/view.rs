@@ -99,15 +99,22 @@ impl Views {
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
     pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
-        match &mut self.last_new {
-            Some(last) if view_change(last, distances)? < self.threshold => {
-                return Ok(View::Unchanged);
-            }
-            Some(last) => last.copy_from_slice(distances),
-            None => self.last_new = Some(distances.to_vec()),
-        }
-        Ok(View::Changed)
+        next_view(&mut self.last_new, self.threshold, distances)
     }
+}
+
+/// [`Views::next`], with the last new row kept elsewhere.
+pub(crate) fn next_view(
+    last_new: &mut Option<Vec<f32>>,
+    threshold: f64,
+    distances: &[f32],
+) -> Result<View, ObservationError> {
+    match last_new {
+        Some(last) if view_change(last, distances)? < threshold => return Ok(View::Unchanged),
+        Some(last) => last.copy_from_slice(distances),
+        None => *last_new = Some(distances.to_vec()),
+    }
+    Ok(View::Changed)
 }
 
 /// Which stretch of a route each reference is in, for

@@ -5,7 +5,9 @@
 //! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators; all sensors but
 //! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
 //! and the snapshots [`FilterState`](crate::FilterState) and
-//! [`FixedLagState`](crate::FixedLagState).
+//! [`FixedLagState`](crate::FixedLagState); and what a recogniser has learned,
+//! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
+//! [`TrackState`](crate::recognition::TrackState).
 //!
 //! ```
 //! use wayfix::{Belief, FilterState, Hmm, Prior, SparseTransition, TableLikelihood};
@@ -64,7 +66,8 @@
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
 //! | `SwitchedTransition` | `operators` |
 //! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
-//! | `RouteTransition` | `places`, `closed`; `gears`, pairs of the first move and the list of weights; `switching`, row by row; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved` |
+//! | `Speeds` | `values`, ascending; `shares`; `nearby` and `anywhere`, the probabilities of a change; `slack` |
+//! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
 //! | `DistanceTransition` | `base`; `lengths` of its entries, column by column |
 //! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r; `evidence`, a log-likelihood, or null |
@@ -81,15 +84,22 @@
 //! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
+//! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
+//! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
+//! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
+//! | `TrackState` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `best`, a score, or null |
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, and a `RouteControl` an object with
-//! `odometry`, null or its `distance` and `variance`, and `view`, null, `changed`
-//! or `unchanged`.
+//! and `RoundedTails` what they hold, the `Odometry` of a road map an object with `distance`
+//! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
+//! `view`, null or `view` (`changed` or `unchanged`) and `weight`. The `Options` of a
+//! recogniser are an object with a field for each; they are checked when one is made.
 
 mod likelihood;
+mod motion;
+mod recognition;
 mod state;
 mod transition;
 

@@ -7,9 +7,8 @@ use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
 use crate::transition::{
-    DistanceTransition, DwellTransition, Ends, Gear, OffMapTransition, RestartTransition,
-    RouteTransition, SparseTransition, TiedTransition, Transition, TransitionEntries, ViewRates,
-    check_probability,
+    DistanceTransition, DwellTransition, Ends, OffMapTransition, RestartTransition,
+    SparseTransition, TiedTransition, Transition, TransitionEntries, check_probability,
 };
 
 stored! {
@@ -48,15 +47,6 @@ stored! {
         },
         ends: Ends = a.ends,
     } => Self::new(states, first, &weights, ends);
-
-    [] RouteTransition: [], |a| {
-        places: usize = a.places(),
-        closed: bool = a.closed,
-        gears: Vec<(isize, Vec<f64>)> =
-            a.gears.iter().map(|gear| (gear.first(), gear.weights())).collect::<Vec<_>>(),
-        switching: Vec<f64> = a.switching,
-        views: Option<(Vec<usize>, ViewRates)> = a.views.as_ref().map(|views| &views.source),
-    } => route(places, closed, &gears, &switching, views);
 
     [A: Transition] RestartTransition<A>: [A], |a| {
         inner: A = a.inner,
@@ -174,22 +164,6 @@ fn tied(transition: SparseTransition, numbers: &[u32]) -> Result<TiedTransition,
         }
     }
     Ok(TiedTransition { transition, parameters })
-}
-
-fn route(
-    places: usize,
-    closed: bool,
-    gears: &[(isize, Vec<f64>)],
-    switching: &[f64],
-    views: Option<(Vec<usize>, ViewRates)>,
-) -> Result<RouteTransition, TransitionError> {
-    let gears = gears.iter().map(|(first, weights)| Gear::new(*first, weights));
-    let route = RouteTransition::new(places, closed, gears.collect::<Result<_, _>>()?, 1.0)?;
-    let route = route.with_switching(switching)?;
-    match views {
-        Some((stretches, rates)) => route.with_views(&stretches, rates),
-        None => Ok(route),
-    }
 }
 
 fn restarting<A: Transition>(

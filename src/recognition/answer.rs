@@ -69,13 +69,11 @@ impl Recognizer {
         let n = self.references().min(places.len());
         let places = &places[..n];
         let sum: f64 = if self.options().closed && within < n {
-            let last = place + within;
-            let first = place as isize - within as isize;
-            let wrapped = |i: isize| i.rem_euclid(n as isize).cast_unsigned();
             if 2 * within + 1 >= n {
                 places.iter().sum()
             } else {
-                (first..=last.cast_signed()).map(|i| places[wrapped(i)]).sum()
+                let first = place % n + n - within;
+                (first..=first + 2 * within).map(|at| places[at % n]).sum()
             }
         } else {
             let end = place.saturating_add(within).saturating_add(1).min(n);

@@ -33,7 +33,6 @@ impl Recognizer {
     /// Leaves the temperature as it is unless another is better in **every** block of the
     /// labelled part: easy parts score all alike, and are no reason to be colder. Of those
     /// that are, the one with the largest gain in its worst block.
-    #[expect(clippy::type_complexity, reason = "the caller takes them apart")]
     pub(super) fn calibrate<Q: AsRef<[f32]>>(
         &self,
         parts: &[LabelledPart<'_, Q>],

@@ -22,17 +22,13 @@ pub struct LabelledPart<'a, Q> {
 /// What a [`Recognizer`] has learned: its options, and what it knows of single references.
 /// With the feature `serde` it can be stored.
 #[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Fit {
-    pub(super) options: Options,
-    standardizer: Option<Standardizer>,
-    stretches: Option<Vec<usize>>,
+    pub(crate) options: Options,
+    pub(crate) standardizer: Option<Standardizer>,
+    pub(crate) stretches: Option<Vec<usize>>,
     /// The mean and the deviation of the best score of a query.
-    pub(super) best_scores: Option<[f64; 2]>,
-    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(crate) best_scores: Option<[f64; 2]>,
     warnings: Vec<Warning>,
-    #[cfg_attr(feature = "serde", serde(skip))]
     calibrated: Option<Calibrated>,
 }
 
@@ -51,6 +47,32 @@ impl Fit {
             warnings: Vec::new(),
             calibrated: None,
         }
+    }
+
+    /// What was stored of it.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_parts(
+        options: Options,
+        standardizer: Option<Standardizer>,
+        stretches: Option<Vec<usize>>,
+        best_scores: Option<[f64; 2]>,
+    ) -> Result<Self, RecognitionError> {
+        options.check()?;
+        if let Some([mean, deviation]) = best_scores {
+            let named = [
+                ("the mean of the best scores", mean, mean.is_finite(), "a finite value"),
+                (
+                    "the deviation of the best scores",
+                    deviation,
+                    deviation.is_finite() && deviation >= 0.0,
+                    "a finite value of at least 0",
+                ),
+            ];
+            if let Some(&(what, value, _, expected)) = named.iter().find(|named| !named.2) {
+                return Err(RecognitionError::Parameter { what, value, expected });
+            }
+        }
+        Ok(Self { standardizer, stretches, best_scores, ..Self::new(options) })
     }
 
     /// The options, with what was learned.

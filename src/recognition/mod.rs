@@ -59,5 +59,7 @@ pub use mapper::{Mapper, Seen};
 pub use options::Options;
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
-pub use track::Track;
+#[cfg(feature = "serde")]
+pub(crate) use sensor::SensorState;
+pub use track::{Track, TrackState};
 pub use warning::Warning;

@@ -130,7 +130,7 @@ impl Recognizer {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(invalid)?,
         };
-        let sensor = Sensor::new(standardizer, options).map_err(invalid)?;
+        let sensor = Sensor::new(standardizer, options);
         Ok(Self { references, fit, sensor, model })
     }
 

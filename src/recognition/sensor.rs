@@ -3,22 +3,29 @@
 use super::references::References;
 use super::{Options, RecognitionError};
 use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
-use crate::observation::{ObservationError, OddsTable, Standardizer, Views};
+use crate::observation::{ObservationError, OddsTable, Standardizer, next_view};
 use crate::transition::Transition;
 
 /// The camera, with what it has learned of the references so far. Live and afterwards it
 /// sees no more than was seen by then.
 #[derive(Debug, Clone)]
 pub(super) struct Sensor {
-    standardizer: Standardizer,
-    views: Views,
+    state: SensorState,
     odds: OddsTable,
-    /// How many views in a row have been the same as the last, changed or not.
-    run: Option<(View, u32)>,
-    /// The best score of the last query.
-    best: f64,
     distances: Vec<f32>,
     more: Vec<f32>,
+}
+
+/// What changes with each query.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SensorState {
+    pub(crate) standardizer: Standardizer,
+    /// The last view that was new.
+    pub(crate) last_view: Option<Vec<f32>>,
+    /// How many views in a row have been the same as the last, changed or not.
+    pub(crate) run: Option<(View, u32)>,
+    /// The best score of the last new query.
+    pub(crate) best: f64,
 }
 
 /// What a step of the sensor depends on.
@@ -30,19 +37,13 @@ pub(super) struct Seeing<'a> {
 }
 
 impl Sensor {
-    pub(super) fn new(
-        standardizer: Standardizer,
-        options: &Options,
-    ) -> Result<Self, ObservationError> {
-        Ok(Self {
-            standardizer,
-            views: Views::new(options.view_threshold)?,
+    pub(super) fn new(standardizer: Standardizer, options: &Options) -> Self {
+        Self {
+            state: SensorState { standardizer, last_view: None, run: None, best: f64::INFINITY },
             odds: options.odds.table(),
-            run: None,
-            best: f64::INFINITY,
             distances: Vec::new(),
             more: Vec::new(),
-        })
+        }
     }
 
     /// Takes the query of a step: writes the likelihood of each place, and that of off the
@@ -58,38 +59,39 @@ impl Sensor {
         let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
+        let Self { state: SensorState { standardizer, last_view, run, best }, .. } = self;
         let n = references.count();
+        // Checked first: after an error nothing has changed.
+        standardizer.check(&self.distances).map_err(failed)?;
         let nowhere = self.distances.iter().all(|d| *d == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
-        let (places, off) = out.split_at_mut(n);
-        // Checked first: after an error nothing has changed.
         let control = RouteControl { odometry, view: None };
-        self.standardizer.check(&self.distances).map_err(failed)?;
         seeing.motion.check_control(&control)?;
-        let view = self.views.next(&self.distances).map_err(failed)?;
+        let (places, off) = out.split_at_mut(n);
+        let view = next_view(last_view, options.view_threshold, &self.distances).map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
             places.fill(1.0);
         } else {
             let scored = if options.standardize && !nowhere {
-                self.standardizer.observed_scores(&self.distances, places)
+                standardizer.observed_scores(&self.distances, places)
             } else {
-                self.standardizer.scores(&self.distances, places)
+                standardizer.scores(&self.distances, places)
             };
             scored.map_err(failed)?;
-            self.best = places.iter().copied().fold(f64::INFINITY, f64::min);
+            *best = places.iter().copied().fold(f64::INFINITY, f64::min);
             places.iter_mut().for_each(|score| *score = self.odds.odds(*score));
         }
         off.fill(1.0);
-        let count = match self.run {
+        let count = match *run {
             Some((before, count)) if before == view => count.saturating_add(1),
             _ => 1,
         };
         // The first view of all has nothing before it.
-        let first = self.run.is_none();
-        self.run = Some((view, count));
+        let first = run.is_none();
+        *run = Some((view, count));
         let fades = match view {
             View::Changed => options.changed_fades,
             View::Unchanged => options.unchanged_fades,
@@ -102,10 +104,18 @@ impl Sensor {
 
     /// The best score of the last new query.
     pub(super) fn best_score(&self) -> f64 {
-        self.best
+        self.state.best
     }
 
     pub(super) fn standardizer(&self) -> &Standardizer {
-        &self.standardizer
+        &self.state.standardizer
+    }
+
+    pub(super) fn state(&self) -> &SensorState {
+        &self.state
+    }
+
+    pub(super) fn set_state(&mut self, state: SensorState) {
+        self.state = state;
     }
 }

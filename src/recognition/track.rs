@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use super::recognizer::Model;
-use super::sensor::Sensor;
+use super::sensor::{Sensor, SensorState};
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
-use crate::inference::Filter;
+use crate::inference::{Filter, FilterState};
 
 /// A vehicle that is followed, step by step.
 ///
@@ -20,6 +20,28 @@ pub struct Track {
     likelihoods: Vec<f64>,
     sums: Vec<f64>,
     places: Vec<f64>,
+}
+
+/// All that a [`Track`] knows: plain data, to be kept and restored. With the feature
+/// `serde` it can be stored, so that a position survives a restart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackState {
+    pub(crate) filter: FilterState,
+    pub(crate) sensor: SensorState,
+}
+
+impl TrackState {
+    /// The number of steps taken.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.filter.steps()
+    }
+
+    /// The number of references that it is for.
+    #[must_use]
+    pub fn references(&self) -> usize {
+        self.sensor.standardizer.references()
+    }
 }
 
 impl Track {
@@ -82,6 +104,35 @@ impl Track {
     #[must_use]
     pub fn recognizer(&self) -> &Recognizer {
         &self.recognizer
+    }
+
+    /// What it knows. O(n k).
+    #[must_use]
+    pub fn snapshot(&self) -> TrackState {
+        TrackState { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }
+    }
+
+    /// Continues from what a track knew, of this recogniser or one that was fitted alike:
+    /// the next answers are then the same, to the bit.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a state of another number of references or speeds; the
+    /// track is then as before.
+    pub fn restore(&mut self, state: &TrackState) -> Result<(), RecognitionError> {
+        let TrackState { filter, sensor } = state;
+        let expected = self.recognizer.references();
+        let rows = sensor.last_view.as_ref().map(Vec::len);
+        for found in [Some(state.references()), rows].into_iter().flatten() {
+            if found != expected {
+                let what = "references of the state of a track";
+                return Err(RecognitionError::Count { what, found, expected });
+            }
+        }
+        self.filter.restore(filter)?;
+        self.sensor.set_state(sensor.clone());
+        self.add_up();
+        Ok(())
     }
 
     /// The same vehicle among more references, the first of which are those of before.

@@ -72,7 +72,6 @@ const APART: f64 = 1.0;
 
 impl Recognizer {
     /// What the scores of labelled queries say; and the mean and deviation of the best.
-    #[expect(clippy::type_complexity, reason = "the caller takes them apart")]
     pub(super) fn examine<Q>(
         &self,
         parts: &[LabelledPart<'_, Q>],

@@ -1,5 +1,6 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
+use super::buffers;
 use crate::kernels::LIFT;
 
 /// How far below the largest a number may lie to share a product with it, as a
@@ -10,25 +11,25 @@ const BAND: f64 = 600.0;
 /// of numbers of about the same size.
 pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
     let lift = LIFT.ln();
-    let mut band = vec![0.0; x.len()];
-    let mut sums = vec![0.0; x.len()];
     out.fill(f64::NEG_INFINITY);
-    let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    while top.is_finite() {
-        let mut next = f64::NEG_INFINITY;
-        for (out, &log) in band.iter_mut().zip(x) {
-            let inside = log <= top && log > top - BAND;
-            *out = if inside { (log - top + lift).exp() } else { 0.0 };
-            if log <= top - BAND {
-                next = next.max(log);
+    buffers::with_two(x.len(), |band, sums| {
+        let mut top = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        while top.is_finite() {
+            let mut next = f64::NEG_INFINITY;
+            for (out, &log) in band.iter_mut().zip(x) {
+                let inside = log <= top && log > top - BAND;
+                *out = if inside { (log - top + lift).exp() } else { 0.0 };
+                if log <= top - BAND {
+                    next = next.max(log);
+                }
             }
+            product(band, sums);
+            for (out, sum) in out.iter_mut().zip(&*sums) {
+                *out = add(*out, sum.ln() - lift + top);
+            }
+            top = next;
         }
-        product(&band, &mut sums);
-        for (out, sum) in out.iter_mut().zip(&sums) {
-            *out = add(*out, sum.ln() - lift + top);
-        }
-        top = next;
-    }
+    });
 }
 
 /// ln Σ of value · exp(x\[index\]) over entries (index, value).

@@ -9,6 +9,8 @@ mod descriptors;
 mod memory;
 mod operators;
 mod pruned;
+mod recognition;
+mod route;
 mod streams;
 
 /// How often this thread asks for memory meanwhile.

@@ -1,11 +1,10 @@
 //! Products of structured operators allocate nothing after the first.
 
 use wayfix::{
-    Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood, Gear,
+    Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood,
     GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry,
-    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition, RouteControl,
-    RouteTransition, SparseTransition, TableLikelihood, TransitionEntries, View, ViewRates,
-    WindowTransition,
+    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition,
+    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
 };
 
 use crate::allocations;
@@ -14,7 +13,7 @@ fn check(name: &str, a: &impl TransitionEntries<Control = ()>) {
     check_with(name, a, &());
 }
 
-fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
+pub(crate) fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::Control) {
     let n = a.states();
     let (x, mut out, mut from) = (vec![1.0 / n as f64; n], vec![0.0; n], vec![0; n]);
     let mut products = || {
@@ -57,19 +56,6 @@ fn products_allocate_nothing_after_the_first() {
     check("kronecker", &pairs());
     let power = PowerTransition::new(pairs(), 2);
     check("nested", &KroneckerTransition::new(gears(), power).unwrap());
-    let gears = [0.0, 0.5, 1.0].map(|speed| Gear::speed(speed, 0.1).unwrap());
-    let rates = ViewRates { standing: 0.9, alike: 0.5, moved: 0.1 };
-    for closed in [false, true] {
-        let drive = RouteTransition::new(20, closed, gears.to_vec(), 0.9).unwrap();
-        let stretches: Vec<_> = (0..20).map(|place| place / 3).collect();
-        let drive = drive.with_views(&stretches, rates).unwrap();
-        for distance in [None, Some(0.7), Some(-9.0)] {
-            for view in [None, Some(View::Changed), Some(View::Unchanged)] {
-                let odometry = distance.map(|distance| Odometry { distance, variance: 0.0 });
-                check_with("route", &drive, &RouteControl { odometry, view });
-            }
-        }
-    }
 
     // A filter on them, with a sensor of places.
     let rows = (0..20).map(|i| [0.25 + f64::from(i) / 40.0, 0.75 - f64::from(i) / 40.0]);

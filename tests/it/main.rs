@@ -24,11 +24,13 @@ mod lockstep;
 mod long_sequences;
 mod many;
 mod map;
+mod motion;
 mod operators;
 #[cfg(feature = "serde")]
 mod persistence;
 mod place_recognition;
 mod pruned;
+mod recognition;
 mod reference_cases;
 mod routines;
 mod sensors;

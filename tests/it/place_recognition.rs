@@ -2,11 +2,11 @@
 //! from anywhere, kidnapped vehicles, and places that are not on the map.
 
 use rand_distr::{Distribution, StandardNormal};
+use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates};
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors, Views};
 use wayfix::{
-    Belief, Ends, Filter, Gear, GroupedLikelihood, Hmm, Likelihood, OffMapTransition,
-    OptionalLikelihood, Prior, RestartTransition, RouteControl, RouteTransition, Transition, View,
-    ViewRates, WindowTransition, evaluate,
+    Belief, Ends, Filter, GroupedLikelihood, Hmm, Likelihood, OffMapTransition, OptionalLikelihood,
+    Prior, RestartTransition, Transition, WindowTransition, evaluate,
 };
 
 use crate::kit::rng;
@@ -148,8 +148,8 @@ fn a_stop_does_not_count_one_image_again_and_again() {
     let stop = rows[20].clone();
     rows[20..120].fill(stop);
 
-    let gears = vec![Gear::speed(0.0, 0.0).unwrap(), Gear::speed(1.0, 0.05).unwrap()];
-    let motion = RouteTransition::new(PLACES, true, gears, 0.95)
+    let speeds = Speeds::new(&[0.0, 1.0]).and_then(|speeds| speeds.with_changes(0.0, 0.1));
+    let motion = RouteTransition::new(PLACES, true, speeds.unwrap())
         .unwrap()
         .with_views(
             &(0..PLACES).collect::<Vec<_>>(),
@@ -166,7 +166,8 @@ fn a_stop_does_not_count_one_image_again_and_again() {
     for row in &rows[..120] {
         let view = views.next(row).unwrap();
         let seen = (view == View::Changed).then(|| row.clone());
-        wise.step_with(&RouteControl { view: Some(view), odometry: None }, &seen).unwrap();
+        let view = Some(ViewEvidence { view, weight: 1.0 });
+        wise.step_with(&RouteControl { view, odometry: None }, &seen).unwrap();
         naive.step_with(&RouteControl::default(), &Some(row.clone())).unwrap();
     }
     let place = |filter: &Filter<_>| groups.marginal(&filter.belief()).unwrap().mode();

@@ -10,6 +10,7 @@ use wayfix::{
     TiedTransition, Transition, TransitionEntries,
 };
 
+use super::json_recognition::recognition;
 use super::read;
 use crate::counts::Counts;
 use crate::draw::Draw;
@@ -27,7 +28,8 @@ pub fn json_models(bytes: &[u8], counts: &mut Counts) {
     let draw = &mut draw;
     let range = draw.pick(&[Range::Plain, Range::Wide]);
     let belief = Belief::new(draw.distribution(n, |draw| weight(draw, range))).expect("a belief");
-    match draw.below(5) {
+    match draw.below(6) {
+        5 => recognition(draw, n, counts),
         0 => sensors(draw, n, counts),
         1 => driven(draw, n, range, counts),
         2 => parts(draw, n, belief, counts),

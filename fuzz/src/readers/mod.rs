@@ -3,6 +3,7 @@
 
 mod damage;
 mod json_models;
+mod json_recognition;
 mod json_snapshots;
 mod map;
 

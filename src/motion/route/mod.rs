@@ -12,7 +12,7 @@ mod views;
 use geometry::Line;
 pub use off_map::OffMap;
 use stencil::{Stencil, Way};
-use views::Class;
+use views::{Class, Views};
 pub use views::{View, ViewEvidence, ViewRates};
 
 use super::{OdometryModel, Speeds};
@@ -106,12 +106,6 @@ pub struct RouteTransition {
     near_shares: Vec<f64>,
     /// The moves of each speed, into places and out of them.
     stencils: Vec<[Stencil; 2]>,
-}
-
-#[derive(Debug, Clone)]
-struct Views {
-    rates: ViewRates,
-    stretches: Vec<usize>,
 }
 
 impl RouteTransition {

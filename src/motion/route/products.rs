@@ -34,9 +34,9 @@ impl Step<'_> {
             for (first, weight, class) in taps {
                 if count == TERMS {
                     if some {
-                        kernels::add_combined(out, &terms)
+                        kernels::add_combined(out, &terms);
                     } else {
-                        kernels::combine(out, &terms)
+                        kernels::combine(out, &terms);
                     }
                     (count, some) = (0, true);
                 }

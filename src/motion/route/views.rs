@@ -49,6 +49,22 @@ impl Default for ViewRates {
     }
 }
 
+/// What a route knows of views.
+#[derive(Debug, Clone)]
+pub(super) struct Views {
+    pub(super) rates: ViewRates,
+    /// The stretch of each place.
+    pub(super) stretches: Vec<usize>,
+}
+
+#[cfg(feature = "serde")]
+impl super::RouteTransition {
+    /// The stretch of each place, and how often views stay as they are.
+    pub(crate) fn views(&self) -> Option<(&[usize], ViewRates)> {
+        self.views.as_ref().map(|views| (&views.stretches[..], views.rates))
+    }
+}
+
 /// The likelihood of a view for each way of moving, over the largest of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factors {

@@ -229,13 +229,7 @@ impl Transition for DistanceTransition {
     }
 
     fn check_control(&self, control: &Option<Odometry>) -> Result<(), TransitionError> {
-        let Some(odometry) = control else { return Ok(()) };
-        odometry.check()?;
-        if odometry.variance == 0.0 {
-            let text = "an odometry variance of 0, expected a value above 0: a distance that is exact is that of no road";
-            return Err(TransitionError::Control(text.to_owned()));
-        }
-        Ok(())
+        control.as_ref().map_or(Ok(()), Odometry::check)
     }
 }
 

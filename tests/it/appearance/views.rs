@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::View;
+use wayfix::motion::View;
 use wayfix::observation::{Views, alike_stretches, view_change};
 
 use super::definition::*;

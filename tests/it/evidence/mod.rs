@@ -80,7 +80,7 @@ fn check_online<A: TransitionEntries<Control = usize>>(
 }
 
 /// All routines of models with this operator.
-fn check<A: TransitionEntries<Control = usize> + Sync>(
+pub(crate) fn check<A: TransitionEntries<Control = usize> + Sync>(
     model: &Model,
     transition: A,
     (lag, count, seed): (usize, usize, u64),

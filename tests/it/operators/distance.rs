@@ -296,16 +296,11 @@ fn bad_lengths_and_odometry_are_named() {
     assert_eq!(control(f64::NAN, 1.0), distance("NaN"));
     assert_eq!(control(f64::NEG_INFINITY, 1.0), distance("-inf"));
     let variance = |value: &str| {
-        format!(
-            "unknown control: an odometry variance of {value}, expected a finite value of at least 0"
-        )
+        format!("unknown control: an odometry variance of {value}, expected a finite value above 0")
     };
     assert_eq!(control(1.0, f64::NAN), variance("NaN"));
     assert_eq!(control(1.0, -0.5), variance("-0.5"));
-    assert_eq!(
-        control(1.0, 0.0),
-        "unknown control: an odometry variance of 0, expected a value above 0: a distance that is exact is that of no road"
-    );
+    assert_eq!(control(1.0, 0.0), variance("0"));
     assert_eq!(control(1.0, f64::INFINITY), variance("inf"));
     assert!(a.check_control(&None).is_ok());
 

@@ -11,5 +11,4 @@ mod nested;
 mod off_map;
 mod power;
 mod restart;
-mod route;
 mod window;

@@ -85,7 +85,7 @@ proptest! {
         assert_operator(a, Expected::each(&controls, &expected))?;
     }
 
-    /// Gear × place, of which the camera sees the place, or that it is none.
+    /// Two things at once, of which the camera sees the place, or that it is none.
     #[test]
     fn a_camera_sees_place_or_none(
         (gears, places) in (stochastic(false, 2), stochastic(false, 3)),

@@ -1,19 +1,23 @@
 //! What is stored comes back to the bit, and what is no model is refused.
 
+mod damage;
+mod motion;
 mod places;
+mod recognition;
 mod refused;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood, Gear,
-    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector, Odometry,
-    OptionalLikelihood, PowerTransition, Prior, RestartTransition, RouteControl, RouteTransition,
-    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, Transition,
-    TransitionEntries, View, ViewRates, WindowTransition,
+    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood,
+    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector,
+    OptionalLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition,
+    SwitchedTransition, TableLikelihood, TiedTransition, Transition, TransitionEntries,
+    WindowTransition,
 };
 
+use self::damage::damage;
 use crate::kit::{Kind, Model, bits, cases, ends, models, weighted};
 
 fn json<T: Serialize>(value: &T) -> String {
@@ -115,24 +119,6 @@ impl Parts {
         WindowTransition::new(self.model.states, self.first, &self.weights, self.ends).ok()
     }
 
-    /// Gears of the window and of dwell times, which switch as the matrix says.
-    fn route(&self) -> Option<RouteTransition> {
-        let n = self.model.states;
-        let gears = (0..n).map(|g| match g {
-            0 => Gear::new(self.first, &self.weights),
-            _ => Gear::new(-1, &self.dwell[g]),
-        });
-        let gears = gears.collect::<Result<_, _>>().unwrap();
-        let route = RouteTransition::new(5, self.ends == Ends::Loop, gears, self.rate).ok()?;
-        let route = route.with_switching(&self.model.matrices[0].concat()).unwrap();
-        if self.exponent == 0 {
-            return Some(route);
-        }
-        let rate = self.rate.clamp(1e-30, 0.999);
-        let rates = ViewRates { standing: rate, alike: 0.25, moved: 0.125 };
-        Some(route.with_views(&[9, 9, 3, 3, usize::MAX], rates).unwrap())
-    }
-
     fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {
         let restart = RestartTransition::new(Fixed(self.tied()), self.rate, self.belief()).unwrap();
         DwellTransition::new(restart, &self.dwell[..self.model.states]).unwrap()
@@ -177,13 +163,6 @@ proptest! {
         let leaving = DwellTransition::from_leaving(parts.model.sparse(), &leaving).unwrap();
         operator(&RestartTransition::new(
             leaving.clone(), parts.rate, leaving.arriving(&parts.belief()).unwrap()).unwrap(), &0);
-        if let Some(route) = parts.route() {
-            let odometry = Some(Odometry { distance: parts.rate, variance: 0.5 });
-            for view in [None, Some(View::Changed), Some(View::Unchanged)] {
-                operator(&route, &RouteControl { odometry: None, view });
-                operator(&route, &stored(&RouteControl { odometry, view }));
-            }
-        }
         if let Some(window) = parts.window() {
             operator(&window, &());
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
@@ -281,15 +260,6 @@ proptest! {
                 let _ = hmm.viterbi(&[vec![0.0; n * n], vec![-1.0; n * n]]);
             }
         }
-        // A number put in may make a valid route of billions of places.
-        if let Some(route) = parts.route()
-            && let Ok(route) = serde_json::from_str::<RouteTransition>(&damage.of(&json(&route)))
-            && route.states() < 1_000_000
-        {
-            let odometry = Some(Odometry { distance: 0.5, variance: 0.5 });
-            let view = Some(View::Unchanged);
-            check_columns(&route, &RouteControl { odometry, view })?;
-        }
         let dense = damage.of(&json(&parts.model.dense()));
         if let Ok(dense) = serde_json::from_str::<SwitchedTransition<DenseTransition>>(&dense) {
             check_columns(&dense, &0)?;
@@ -321,68 +291,4 @@ fn check_columns<A: Transition>(a: &A, u: &A::Control) -> Result<(), TestCaseErr
     a.apply_transpose(u, &vec![1.0; a.states()], &mut sums);
     prop_assert!(sums.iter().all(|sum| (sum - 1.0).abs() < 1e-8), "{sums:?}");
     Ok(())
-}
-
-/// What is done to a text: at some place in it a character is removed, or one
-/// put in its place, or a number is replaced.
-#[derive(Debug, Clone)]
-enum Damage {
-    Remove(usize),
-    Put(usize, char),
-    Number(usize, &'static str),
-}
-
-fn damage() -> impl Strategy<Value = Damage> {
-    let characters = proptest::sample::select("0123456789.-e[]{},:\"n".chars().collect::<Vec<_>>());
-    let numbers = proptest::sample::select(vec![
-        "-1",
-        "0",
-        "2",
-        "0.1",
-        "-0.0",
-        "1e308",
-        "1e999",
-        "null",
-        "NaN",
-        "4294967295",
-        "\"1\"",
-        "9007199254740993",
-        "18446744073709551615",
-        "-9223372036854775808",
-        "[]",
-        "5e-324",
-    ]);
-    prop_oneof![
-        1 => any::<usize>().prop_map(Damage::Remove),
-        1 => (any::<usize>(), characters).prop_map(|(at, c)| Damage::Put(at, c)),
-        4 => (any::<usize>(), numbers).prop_map(|(at, number)| Damage::Number(at, number)),
-    ]
-}
-
-impl Damage {
-    fn of(&self, text: &str) -> String {
-        let numeric = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
-        match self {
-            Self::Remove(at) => {
-                let at = at % text.len();
-                [&text[..at], &text[at + 1..]].concat()
-            }
-            Self::Put(at, c) => {
-                let at = at % text.len();
-                [&text[..at], &c.to_string(), &text[at + 1..]].concat()
-            }
-            Self::Number(at, number) => {
-                let starts: Vec<usize> = text
-                    .char_indices()
-                    .filter(|(at, c)| {
-                        (c.is_ascii_digit() || *c == '-') && "[,:".contains(&text[at - 1..*at])
-                    })
-                    .map(|start| start.0)
-                    .collect();
-                let start = starts[at % starts.len()];
-                let rest = text[start..].trim_start_matches(numeric);
-                [&text[..start], number, rest].concat()
-            }
-        }
-    }
 }

@@ -4,10 +4,9 @@ use serde::de::value::{Error as ValueError, SeqDeserializer};
 use serde::{Deserialize, de::DeserializeOwned};
 use wayfix::{
     Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
-    FusedLikelihood, Gear, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
-    LikelihoodVector, Odometry, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
-    RouteControl, RouteTransition, SparseTransition, SwitchedTransition, TableLikelihood,
-    TiedTransition, View, ViewRates, WindowTransition,
+    FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
+    LikelihoodVector, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
+    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, WindowTransition,
 };
 
 use super::{json, stored};
@@ -64,21 +63,6 @@ fn the_format_is_as_documented() {
         json(&DwellTransition::new(still.clone(), &[vec![0.5, 0.5]]).unwrap()),
         format!(r#"{{"version":1,"moves":{within},"ages":[[[0.5,0.5],[1.0,0.0]]]}}"#)
     );
-    let gears = vec![Gear::new(-1, &[0.0, 0.25, 0.75]).unwrap(), Gear::speed(2.0, 0.0).unwrap()];
-    let route = RouteTransition::new(3, true, gears, 0.75).unwrap();
-    let start = r#"{"version":1,"places":3,"closed":true,"gears":[[0,[0.25,0.75]],[2,[1.0]]],"switching":[0.75,0.25,0.25,0.75],"views":"#;
-    assert_eq!(json(&route), format!("{start}null}}"));
-    let rates = ViewRates { standing: 0.75, alike: 0.5, moved: 0.25 };
-    assert_eq!(
-        json(&route.with_views(&[7, 7, 8], rates).unwrap()),
-        format!(r#"{start}[[7,7,8],{{"standing":0.75,"alike":0.5,"moved":0.25}}]}}"#)
-    );
-    let odometry = Some(Odometry { distance: 1.5, variance: 0.25 });
-    assert_eq!(
-        json(&RouteControl { odometry, view: Some(View::Unchanged) }),
-        r#"{"odometry":{"distance":1.5,"variance":0.25},"view":"unchanged"}"#
-    );
-    assert_eq!(json(&RouteControl::default()), r#"{"odometry":null,"view":null}"#);
 
     let table = TableLikelihood::from_rows(&[[0.75, 0.25], [0.5, 0.5]]).unwrap();
     let rows = json(&table);
@@ -179,29 +163,6 @@ fn other_versions_and_fields_are_refused() {
 
 #[test]
 fn what_is_no_operator_is_refused() {
-    let route = |gears: &str, switching: &str, views: &str, expected: &str| {
-        refuses::<RouteTransition>(
-            &format!(
-                r#"{{"version":1,"places":2,"closed":true,"gears":{gears},"switching":{switching},"views":{views}}}"#
-            ),
-            expected,
-        );
-    };
-    let views = |rate: f64| format!(r#"[[0,0],{{"standing":{rate},"alike":0.5,"moved":0.5}}]"#);
-    route("[]", "[]", "null", "a transition operator needs at least one state, found none");
-    route("[[0,[1]]]", "[0.9]", "null", "the sum of the ways out of gear 0 is 0.9, expected 1");
-    route(
-        "[[0,[0.5,0.25,0.25]]]",
-        "[1]",
-        "null",
-        "the number of weights of gear 0 is 3, expected at most the number of places of a closed route",
-    );
-    route(
-        "[[0,[1]]]",
-        "[1]",
-        &views(1.0),
-        "the probability of an unchanged view standing is 1, expected a value of at least 1e-30 and below 1",
-    );
     let sparse = |to: &str, from: &str, p: &str, expected: &str| {
         refuses::<SparseTransition>(
             &format!(r#"{{"version":1,"states":2,"to":{to},"from":{from},"probability":{p}}}"#),

@@ -1,0 +1,71 @@
+//! What a recogniser has learned, and what a track knows.
+
+use super::stored;
+use crate::inference::FilterState;
+use crate::motion::View;
+use crate::observation::Standardizer;
+use crate::recognition::{Options, SensorState, TrackState};
+
+stored! {
+    [] MatchOdds in observation: [], |odds| {
+        slope: f64 = odds.slope,
+        even: f64 = odds.even,
+        most: f64 = odds.most,
+        nothing: f64 = odds.nothing,
+        temperature: f64 = odds.temperature,
+    } => Self { slope, even, most, nothing, temperature }.checked();
+
+    [] Standardizer in observation: [], |known| {
+        count: f64 = known.count,
+        sums: Vec<f64> = known.sums,
+        squares: Vec<f64> = known.squares,
+    } => Self { count, sums, squares }.checked();
+
+    [] Fit in recognition: [], |fit| {
+        options: Options = fit.options,
+        standardizer: Option<Standardizer> = fit.standardizer,
+        stretches: Option<Vec<usize>> = fit.stretches,
+        best_scores: Option<[f64; 2]> = fit.best_scores,
+    } => Self::from_parts(options, standardizer, stretches, best_scores);
+
+    [] TrackState in recognition: [], |state| {
+        filter: FilterState = state.filter,
+        standardizer: Standardizer = state.sensor.standardizer,
+        last_view: Option<Vec<Option<f32>>> =
+            state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
+        run: Option<(View, u32)> = state.sensor.run,
+        best: Option<f64> = Some(state.sensor.best).filter(|best| best.is_finite()),
+    } => track_state(filter, standardizer, last_view, run, best);
+}
+
+/// A distance that JSON has, or none for an infinite one.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "an iterator gives it so")]
+fn finite(distance: &f32) -> Option<f32> {
+    Some(*distance).filter(|distance| distance.is_finite())
+}
+
+fn track_state(
+    filter: FilterState,
+    standardizer: Standardizer,
+    last_view: Option<Vec<Option<f32>>>,
+    run: Option<(View, u32)>,
+    best: Option<f64>,
+) -> Result<TrackState, String> {
+    if run.is_some_and(|(_, count)| count == 0) {
+        return Err("a run of 0 views, expected at least 1".into());
+    }
+    if let Some(best) = best.filter(|best| !best.is_finite()) {
+        return Err(format!("a best score of {best}, expected a finite value or null"));
+    }
+    let distance = |distance: Option<f32>| distance.unwrap_or(f32::INFINITY);
+    let last_view: Option<Vec<f32>> = last_view.map(|row| row.into_iter().map(distance).collect());
+    for value in last_view.iter().flatten() {
+        if value.is_nan() || *value == f32::NEG_INFINITY {
+            return Err(format!(
+                "a distance of {value} in the last view, expected a number or null"
+            ));
+        }
+    }
+    let best = best.unwrap_or(f64::INFINITY);
+    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, best } })
+}

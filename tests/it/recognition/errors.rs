@@ -1,0 +1,151 @@
+//! Queries, labels and options that are not valid, and warnings.
+
+use std::ops::RangeInclusive;
+
+use wayfix::observation::Distance;
+use wayfix::recognition::{LabelledPart, Options, RecognitionError, Recognizer, Warning};
+
+use super::{DIMENSION, PLACES, labels, options, recognizer, seen, usual_drive, world};
+use crate::kit::text;
+
+#[test]
+fn bad_queries_are_errors_and_the_track_stays() {
+    let (recognizer, world) = recognizer(50, false);
+    let mut track = recognizer.track();
+    let queries = seen(&world, &[10, 11, 12, 13], 0.5, 51);
+    for query in &queries[..3] {
+        track.step(query, Some(1.0)).unwrap();
+    }
+    let (before, places) = (track.snapshot(), track.places().as_slice().to_vec());
+    let mut other = track.clone();
+    let mut spoilt = queries[3].clone();
+    spoilt[2] = f32::NAN;
+    for query in [&[][..], &[1.0; 3], &[0.0; DIMENSION], &spoilt, &[f32::INFINITY; DIMENSION]] {
+        let error = track.step(query, None).unwrap_err();
+        assert!(matches!(error, RecognitionError::Descriptor { step: 4, .. }), "{error}");
+        assert_eq!(track.snapshot(), before);
+        assert_eq!(track.places().as_slice(), places);
+    }
+    for reading in [f64::NAN, f64::INFINITY, 1e7] {
+        let error = track.step(&queries[3], Some(reading)).unwrap_err();
+        assert!(matches!(error, RecognitionError::Inference(_)), "{error}");
+        assert_eq!(track.snapshot(), before);
+    }
+    assert_eq!(track.step(&queries[3], None).unwrap(), other.step(&queries[3], None).unwrap());
+
+    let rows = Recognizer::from_distances(3, options(false)).unwrap();
+    let mut track = rows.track();
+    track.step(&[0.1, 0.5, 0.9], None).unwrap();
+    let before = track.snapshot();
+    let wrong: [&[f32]; 5] =
+        [&[], &[0.1], &[0.1, f32::NAN, 0.2], &[0.1, 0.2, -f32::INFINITY], &[f32::INFINITY; 3]];
+    for row in wrong {
+        let error = track.step(row, None).unwrap_err();
+        assert!(matches!(error, RecognitionError::Query { step: 2, .. }), "{error}");
+        assert_eq!(track.snapshot(), before);
+        let error = rows.recording(&[&[0.1, 0.5, 0.9][..], row], &[]).unwrap_err();
+        assert!(matches!(error, RecognitionError::Query { step: 2, .. }), "{error}");
+    }
+    assert_eq!(
+        text(track.step(&[0.1], None)),
+        "the query of step 2 is not valid: 1 distances, expected one for each of 3 references"
+    );
+    // Off the map, a query that is like nothing is one of elsewhere.
+    let answer = Recognizer::from_distances(3, options(true)).unwrap().track();
+    let answer = { answer }.step(&[f32::INFINITY; 3], None).unwrap();
+    assert_eq!((answer.place, answer.off_map), (None, 1.0));
+    let error = rows.recording(&[[0.1, 0.5, 0.9]], &[None, None]).unwrap_err();
+    assert!(matches!(error, RecognitionError::Count { found: 2, expected: 1, .. }));
+}
+
+#[test]
+fn labels_that_do_not_fit_are_errors() {
+    let (recognizer, world) = recognizer(60, false);
+    let drive: Vec<usize> = (10..20).collect();
+    let queries = seen(&world, &drive, 0.5, 61);
+    let fit = |places: &[Option<RangeInclusive<usize>>], odometry: &[Option<f64>]| {
+        text(recognizer.fitted(&[LabelledPart { queries: &queries, places, odometry }]))
+    };
+    let good = labels(&drive);
+    assert_eq!(fit(&good[1..], &[]), "9 labels, expected 10");
+    assert_eq!(fit(&good, &[None]), "1 odometry readings, expected 10");
+    let mut wrong = good.clone();
+    wrong[3] = Some(118..=PLACES);
+    assert_eq!(
+        fit(&wrong, &[]),
+        "step 3 of labelled part 0 shows reference 120, expected one from 0 to 119"
+    );
+    #[expect(clippy::reversed_empty_ranges, reason = "that is the error")]
+    let empty = Some(5..=4);
+    wrong[3] = empty;
+    assert!(fit(&wrong, &[]).starts_with("step 3 of labelled part 0"));
+    let few = "0 labelled steps are on the map, expected at least two in a row";
+    assert_eq!(fit(&[const { None }; 10], &[]), few);
+    let every_other =
+        good.iter().enumerate().map(|(k, label)| label.clone().filter(|_| k % 2 == 0));
+    assert!(fit(&every_other.collect::<Vec<_>>(), &[]).starts_with("5 labelled steps"));
+    assert_eq!(text(recognizer.fitted::<Vec<f32>>(&[])), few);
+    let bad = vec![Some(f64::NAN); 10];
+    assert!(fit(&good, &bad).starts_with("the model of motion is not valid"));
+}
+
+#[test]
+fn options_that_do_not_fit_are_errors() {
+    let with = |change: &dyn Fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        text(Recognizer::from_distances(3, options))
+    };
+    assert_eq!(
+        with(&|options| options.changed_fades = f64::NAN),
+        "changed_fades is NaN, expected from 0 to 1e6"
+    );
+    assert!(with(&|options| options.view_threshold = -1.0).starts_with("view_threshold is -1"));
+    assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));
+    assert!(with(&|options| options.lost.leave = 2.0).starts_with("the model of motion"));
+    assert!(with(&|options| options.odometry.scale = 0.0).starts_with("the model of motion"));
+    assert_eq!(text(Recognizer::from_distances(0, options(false))), "0 references, expected 1");
+    let none: [&[Vec<f32>]; 0] = [];
+    let traverses = |all: &[&[Vec<f32>]]| {
+        text(Recognizer::from_traverses(all, Distance::Cosine, options(false)))
+    };
+    assert_eq!(traverses(&none), "0 traverses, expected 1");
+    let world = world(1);
+    assert_eq!(traverses(&[&world[..5], &world[..4]]), "4 references of a traverse, expected 5");
+}
+
+#[test]
+fn warnings_are_given_where_they_should_be() {
+    let (recognizer, world) = recognizer(70, false);
+    let drive = usual_drive();
+    let queries = seen(&world, &drive, 0.5, 71);
+    let places = labels(&drive);
+    let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+    let fitted = recognizer.fitted(&[part]).unwrap();
+    assert!(fitted.fit().warnings().iter().all(|w| matches!(w, Warning::Edge { .. })));
+    assert!(fitted.fit().calibrated().is_some());
+    let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
+    let few = recognizer.fitted(&[part]).unwrap();
+    assert!(few.fit().warnings().contains(&Warning::Short { steps: 12 }));
+
+    // Similarities that were taken for distances.
+    let cosine = |a: &[f32], b: &[f32]| {
+        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
+    };
+    let row = |query: &Vec<f32>| -> Vec<f32> {
+        world[..PLACES].iter().map(|reference| cosine(query, reference)).collect()
+    };
+    let rows: Vec<Vec<f32>> = queries.iter().map(row).collect();
+    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
+    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
+    let wrong = matrix.fitted(&[part]).unwrap();
+    let chance =
+        wrong.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
+    assert!(chance, "{:?}", wrong.fit().warnings());
+    assert!(wrong.fit().warnings()[0].to_string().contains("similarities and distances"));
+    let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
+    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
+    let fine = matrix.fitted(&[part]).unwrap();
+    assert!(!fine.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { .. })));
+}
