@@ -42,6 +42,7 @@ pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub(crate) use odds::OddsTable;
 pub use spread::Spread;
+pub(crate) use spread::nearest;
 pub use standardizer::Standardizer;
 pub use temperature::{Calibration, calibrate};
 pub(crate) use view::next_view;

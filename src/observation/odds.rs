@@ -25,7 +25,7 @@ use super::ObservationError;
 ///
 /// let single = MatchOdds::default().with_temperature(1.0)?;
 /// assert!((single.log_odds(-1.15)).abs() < 1e-12);
-/// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -3.6);
+/// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -2.4);
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,9 +38,9 @@ pub struct MatchOdds {
 }
 
 impl Default for MatchOdds {
-    /// s = 2, z₀ = −1.15, t = 6, e = 0.03, and a temperature of 2.5.
+    /// s = 2, z₀ = −1.15, t = 6, e = 0.1, and a temperature of 2.5.
     fn default() -> Self {
-        Self { slope: 2.0, even: -1.15, most: 6.0, nothing: 0.03, temperature: 2.5 }
+        Self { slope: 2.0, even: -1.15, most: 6.0, nothing: 0.1, temperature: 2.5 }
     }
 }
 
@@ -111,39 +111,78 @@ impl MatchOdds {
         ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
     }
 
-    /// The odds of scores that are close together, to look up.
-    pub(crate) fn table(&self) -> OddsTable {
-        let values = (0..=CELLS).map(|at| self.log_odds(LOWEST + at as f64 / PER_UNIT).exp());
-        OddsTable { values: values.collect() }
+    /// Odds and what takes from them, to look up.
+    pub(crate) fn table(&self, habituation: f64) -> OddsTable {
+        let scores = (0..=CELLS).map(|at| LOWEST + at as f64 / PER_UNIT);
+        let logs: Vec<f64> = scores.map(|score| self.log_odds(score)).collect();
+        let spent = (0..=CELLS).map(|at| (-habituation * at as f64 * self.per_cell()).exp());
+        OddsTable {
+            odds: logs.iter().map(|log| log.exp()).collect(),
+            gains: logs.iter().map(|log| log.max(0.0)).collect(),
+            spent: spent.collect(),
+            cells: 1.0 / self.per_cell(),
+        }
+    }
+
+    /// Log-odds from 0 to the largest, in as many cells as there are of scores.
+    fn per_cell(&self) -> f64 {
+        (self.most / self.temperature).max(1e-3) / CELLS as f64
     }
 }
 
-/// Odds at scores from −8 to 8, 64 for each unit, with straight lines between: within 2e-4
+/// Odds at scores from −8 to 8, 64 for each unit, with straight lines between: within 4e-4
 /// of what they are at a temperature of 1, or 1% next to the bend where they level off, and
 /// nearer at higher ones.
 #[derive(Debug, Clone)]
 pub(crate) struct OddsTable {
-    values: Arc<[f64]>,
+    odds: Arc<[f64]>,
+    /// Log-odds, or 0 if they are below.
+    gains: Arc<[f64]>,
+    /// What is left of odds after gains that count no more.
+    spent: Arc<[f64]>,
+    /// How many cells of `spent` there are for a unit of log-odds.
+    cells: f64,
 }
 
 const LOWEST: f64 = -8.0;
 const PER_UNIT: f64 = 64.0;
 const CELLS: usize = 1024;
+/// For so many frames a reference remembers what it said.
+const REMEMBERED: f64 = 10.0;
 
 impl OddsTable {
-    /// The odds of a score; those at the ends beyond.
+    /// The odds of a score alone (those at the ends beyond), and of a reference that has
+    /// gained by the last frames what `gained` says, a mean of log-odds, which goes on.
     #[inline]
-    pub(crate) fn odds(&self, score: f64) -> f64 {
+    pub(crate) fn odds(&self, score: f64, gained: &mut f32) -> (f64, f64) {
+        let before = f64::from(*gained);
+        let (spent, spent_part) = split(before * self.cells);
+        let left = between(&self.spent, spent, spent_part);
         if score == f64::INFINITY {
-            return 0.0;
+            *gained = (before - before / REMEMBERED) as f32;
+            return (0.0, 0.0);
         }
-        let at = ((score - LOWEST) * PER_UNIT).clamp(0.5, CELLS as f64 - 0.5);
-        // The whole part, in the low bits: a conversion takes longer.
-        let whole = at - 0.5 + WHOLE;
-        let cell = whole.to_bits() as usize & (2 * CELLS - 1);
-        let (low, high) = (self.values[cell], self.values[cell + 1]);
-        low + (at - (whole - WHOLE)) * (high - low)
+        let (cell, part) = split((score - LOWEST) * PER_UNIT);
+        let gain = between(&self.gains, cell, part);
+        *gained = (before + (gain - before) / REMEMBERED) as f32;
+        let odds = between(&self.odds, cell, part);
+        (odds, odds * left)
     }
+}
+
+/// A cell of a table, and how far beyond its beginning.
+#[inline]
+fn split(at: f64) -> (usize, f64) {
+    let at = at.clamp(0.5, CELLS as f64 - 0.5);
+    // The whole part, in the low bits: a conversion takes longer.
+    let whole = at - 0.5 + WHOLE;
+    (whole.to_bits() as usize & (2 * CELLS - 1), at - (whole - WHOLE))
+}
+
+#[inline]
+fn between(values: &[f64], cell: usize, part: f64) -> f64 {
+    let (low, high) = (values[cell], values[cell + 1]);
+    low + part * (high - low)
 }
 
 /// 2^52: doubles from here on are whole numbers.
@@ -157,19 +196,34 @@ mod tests {
     fn the_table_is_close() {
         for temperature in [0.5, 1.0, 2.5, 10.0] {
             let odds = MatchOdds::default().with_temperature(temperature).unwrap();
-            let table = odds.table();
+            let table = odds.table(0.8);
             for k in -900..900 {
                 let score = f64::from(k) * 0.0123;
                 let exact = odds.log_odds(score.clamp(-8.0, 8.0)).exp();
-                let off = (table.odds(score) / exact - 1.0).abs();
+                let off = (table.odds(score, &mut 0.0).0 / exact - 1.0).abs();
                 let bend = (score + 4.15).abs() < 1.0 / PER_UNIT;
                 let rough = 0.02 * f64::from(score > 7.9) + 0.01 / temperature * f64::from(bend);
                 let bound = 4e-4 / f64::min(temperature, 1.0).powi(2) + rough;
                 assert!(off < bound, "{temperature}: {score} {off}");
             }
         }
-        assert_eq!(MatchOdds::default().table().odds(f64::INFINITY), 0.0);
+        assert_eq!(MatchOdds::default().table(0.8).odds(f64::INFINITY, &mut 0.0), (0.0, 0.0));
         assert_eq!(MatchOdds::default().log_odds(f64::INFINITY), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn what_a_reference_says_again_and_again_counts_less() {
+        let odds = MatchOdds::default();
+        let (table, mut gained) = (odds.table(0.8), 0.0);
+        let (alone, first) = table.odds(-3.0, &mut gained);
+        assert!((first / alone - 1.0).abs() < 2e-3, "{first}");
+        for _ in 0..200 {
+            table.odds(-3.0, &mut gained);
+        }
+        let last = table.odds(-3.0, &mut gained).1.ln();
+        assert!((last - 0.2 * odds.log_odds(-3.0)).abs() < 2e-3, "{last}");
+        (0..200).for_each(|_| _ = table.odds(2.0, &mut gained));
+        assert!(gained < 1e-3);
     }
 
     #[test]

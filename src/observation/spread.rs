@@ -90,6 +90,17 @@ impl Spread {
     }
 }
 
+/// The score of the nearest reference, in standard deviations of a query's own distances;
+/// `None` if all are infinite or the same.
+pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
+    let (count, mean) = moments(distances);
+    let finite = distances.iter().filter(|d| d.is_finite());
+    let squares: f64 = finite.clone().map(|&d| (f64::from(d) - mean).powi(2)).sum();
+    let least = finite.copied().fold(f32::INFINITY, f32::min);
+    let score = (f64::from(least) - mean) / (squares / count).sqrt();
+    score.is_finite().then_some(score)
+}
+
 /// An infinite distance stays infinite, even where there is no spread.
 fn scaled(centred: f64, unit: f64) -> f64 {
     if centred.is_finite() { centred * unit } else { centred }

@@ -34,8 +34,8 @@ stored! {
         last_view: Option<Vec<Option<f32>>> =
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
         run: Option<(View, u32)> = state.sensor.run,
-        best: Option<f64> = Some(state.sensor.best).filter(|best| best.is_finite()),
-    } => track_state(filter, standardizer, last_view, run, best);
+        gained: Vec<f32> = state.sensor.gained,
+    } => track_state(filter, standardizer, last_view, run, gained);
 }
 
 /// A distance that JSON has, or none for an infinite one.
@@ -49,13 +49,17 @@ fn track_state(
     standardizer: Standardizer,
     last_view: Option<Vec<Option<f32>>>,
     run: Option<(View, u32)>,
-    best: Option<f64>,
+    gained: Vec<f32>,
 ) -> Result<TrackState, String> {
+    if let Some(value) = gained.iter().find(|value| !(**value >= 0.0 && value.is_finite())) {
+        return Err(format!("a gain of {value}, expected a finite value of at least 0"));
+    }
+    if gained.len() != standardizer.references() {
+        let (found, expected) = (gained.len(), standardizer.references());
+        return Err(format!("{found} gains, expected {expected} as there are references"));
+    }
     if run.is_some_and(|(_, count)| count == 0) {
         return Err("a run of 0 views, expected at least 1".into());
-    }
-    if let Some(best) = best.filter(|best| !best.is_finite()) {
-        return Err(format!("a best score of {best}, expected a finite value or null"));
     }
     let distance = |distance: Option<f32>| distance.unwrap_or(f32::INFINITY);
     let last_view: Option<Vec<f32>> = last_view.map(|row| row.into_iter().map(distance).collect());
@@ -66,6 +70,5 @@ fn track_state(
             ));
         }
     }
-    let best = best.unwrap_or(f64::INFINITY);
-    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, best } })
+    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, gained } })
 }

@@ -22,8 +22,9 @@ const AS_IT_IS: usize = 2;
 /// Into so many blocks labelled steps are cut, if each has as many steps as below.
 const BLOCKS: usize = 4;
 const BLOCK: usize = 25;
-/// A gain in every block that is worth another temperature, in nats a step.
+/// A gain in every block that is worth a hotter temperature, in nats a step; and a colder one.
 const WORTH: f64 = 0.02;
+const WORTH_COLDER: f64 = 0.05;
 /// Steps at the beginning of a part in which the vehicle is still being found.
 const FINDING: usize = 10;
 /// Places next to those of a label that are right, too.
@@ -66,7 +67,8 @@ impl Recognizer {
             pairs.map(|(a, b)| a - b).fold(f64::INFINITY, f64::min)
         };
         let better = |best: usize, at: usize| {
-            let least = if best == AS_IT_IS { WORTH } else { gain(best) };
+            let worth = if at < AS_IT_IS { WORTH } else { WORTH_COLDER };
+            let least = if best == AS_IT_IS { worth } else { worth.max(gain(best)) };
             if gain(at) > least { at } else { best }
         };
         let chosen = (0..FACTORS.len()).fold(AS_IT_IS, better);

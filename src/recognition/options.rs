@@ -28,6 +28,16 @@ pub struct Options {
     /// them: so what was ruled out by a tunnel or a look-alike street comes back after some
     /// twenty good frames.
     pub lost: OffMap,
+    /// The odds of being lost at each step, against those of a wrong place, where
+    /// [`off_map`](Self::off_map) is `None`. 0.6 by default, which is what a frame that says
+    /// nothing gives to the right place, on average: so the vehicle is not taken for lost in
+    /// a tunnel. (Off the map they are 1.)
+    pub lost_odds: f64,
+    /// How much of what a reference has said in the last ten new frames, on average, does not
+    /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
+    /// reference after the other; one that looks like everything says the same for a minute.
+    /// 0.8 by default.
+    pub habituation: f64,
     /// What a score says. Its temperature, 2.5 by default, is for frames in sequence;
     /// fitting changes it only where each block of the labelled part agrees.
     pub odds: MatchOdds,
@@ -62,6 +72,8 @@ impl Default for Options {
             odometry: OdometryModel::default(),
             off_map: None,
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
+            lost_odds: 0.6,
+            habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,
             views: ViewRates::default(),
@@ -81,6 +93,13 @@ impl Options {
         for (what, value) in fades {
             if !(0.0..=1e6).contains(&value) {
                 return Err(RecognitionError::Parameter { what, value, expected: "from 0 to 1e6" });
+            }
+        }
+        let shares = [("lost_odds", self.lost_odds, 1e-6), ("habituation", self.habituation, 0.0)];
+        for (what, value, least) in shares {
+            if !(least..=1.0).contains(&value) {
+                let expected = if least > 0.0 { "from 1e-6 to 1" } else { "from 0 to 1" };
+                return Err(RecognitionError::Parameter { what, value, expected });
             }
         }
         if !(self.view_threshold >= 0.0 && self.view_threshold.is_finite()) {

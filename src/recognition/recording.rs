@@ -6,6 +6,7 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
 use crate::motion::{RouteControl, RouteState};
+use crate::observation::nearest;
 use crate::sequence::Sequence;
 
 /// A drive that was compared with the references, to be looked at in several ways.
@@ -17,6 +18,8 @@ pub struct Recording {
     recognizer: Recognizer,
     controls: Vec<RouteControl>,
     likelihoods: Vec<Vec<f64>>,
+    /// What each frame says alone.
+    alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
 }
 
@@ -41,16 +44,18 @@ impl Recording {
         }
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
-        let mut best_scores = Vec::new();
+        let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
+        sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
             let mut row = vec![0.0; recognizer.likelihoods()];
             let reading = odometry.get(at).copied().flatten();
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
             likelihoods.push(row);
-            best_scores.extend(Some(sensor.best_score()).filter(|best| best.is_finite()));
+            best_scores.extend(nearest(sensor.distances()));
+            alone.push(sensor.alone().to_vec());
         }
-        Ok(Self { recognizer: recognizer.clone(), controls, likelihoods, best_scores })
+        Ok(Self { recognizer: recognizer.clone(), controls, likelihoods, alone, best_scores })
     }
 
     /// The number of steps.
@@ -145,13 +150,10 @@ impl Recording {
         let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
         let n = self.recognizer.references();
         for at in 0..self.steps() {
-            // A view that has not changed shows what the last new one did.
-            let same = (0..=at).rev().find(|at| self.likelihoods[*at].iter().any(|b| *b != 1.0));
-            let row = &self.likelihoods[same.unwrap_or(at)];
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            let row = &row[..self.recognizer.places()];
-            let odds = row.iter().enumerate().map(|(i, b)| prior(i) * b.powf(temperature));
-            let odds: Vec<f64> = odds.collect();
+            let row = self.alone[at].iter().map(|b| f64::from(*b).powf(temperature));
+            let row = row.chain(std::iter::once(1.0)).take(self.recognizer.places());
+            let odds: Vec<f64> = row.enumerate().map(|(i, b)| prior(i) * b).collect();
             let sum: f64 = odds.iter().sum();
             let own = beliefs.row_mut(at);
             own.iter_mut().zip(odds).for_each(|(own, odds)| *own = odds / sum);

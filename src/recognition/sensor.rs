@@ -15,6 +15,8 @@ pub(super) struct Sensor {
     odds: OddsTable,
     distances: Vec<f32>,
     more: Vec<f32>,
+    /// What the last new frame says alone, if that is kept.
+    alone: Vec<f32>,
 }
 
 /// What changes with each query.
@@ -25,8 +27,8 @@ pub(crate) struct SensorState {
     pub(crate) last_view: Option<Vec<f32>>,
     /// How many views in a row have been the same as the last, changed or not.
     pub(crate) run: Option<(View, u32)>,
-    /// The best score of the last new query.
-    pub(crate) best: f64,
+    /// What each reference has gained by the last frames, as a mean of log-odds.
+    pub(crate) gained: Vec<f32>,
 }
 
 /// What a step of the sensor depends on.
@@ -40,10 +42,16 @@ pub(super) struct Seeing<'a> {
 impl Sensor {
     pub(super) fn new(standardizer: Standardizer, options: &Options) -> Self {
         Self {
-            state: SensorState { standardizer, last_view: None, run: None, best: f64::INFINITY },
-            odds: options.odds.table(),
+            state: SensorState {
+                gained: vec![0.0; standardizer.references()],
+                standardizer,
+                last_view: None,
+                run: None,
+            },
+            odds: options.odds.table(options.habituation),
             distances: Vec::new(),
             more: Vec::new(),
+            alone: Vec::new(),
         }
     }
 
@@ -60,7 +68,7 @@ impl Sensor {
         let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
-        let Self { state: SensorState { standardizer, last_view, run, best }, .. } = self;
+        let SensorState { standardizer, last_view, run, gained } = &mut self.state;
         let n = references.count();
         // Checked first: after an error nothing has changed.
         standardizer.check(&self.distances).map_err(failed)?;
@@ -71,22 +79,27 @@ impl Sensor {
         let control = RouteControl { odometry, view: None };
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
-        let (places, off) = out.split_at_mut(n);
         let view = next_view(last_view, options.view_threshold, &self.distances).map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
-            places.fill(1.0);
+            out.fill(1.0);
         } else {
+            let (places, off) = out.split_at_mut(n);
             let scored = if options.standardize && !nowhere {
                 standardizer.observed_scores(&self.distances, places)
             } else {
                 standardizer.scores(&self.distances, places)
             };
             scored.map_err(failed)?;
-            *best = places.iter().copied().fold(f64::INFINITY, f64::min);
-            places.iter_mut().for_each(|score| *score = self.odds.odds(*score));
+            for (at, (score, gained)) in places.iter_mut().zip(gained).enumerate() {
+                let (alone, odds) = self.odds.odds(*score, gained);
+                *score = odds;
+                if let Some(out) = self.alone.get_mut(at) {
+                    *out = alone as f32;
+                }
+            }
+            off.fill(if options.off_map.is_some() { 1.0 } else { options.lost_odds });
         }
-        off.fill(1.0);
         let count = match *run {
             Some((before, count)) if before == view => count.saturating_add(1),
             _ => 1,
@@ -104,9 +117,19 @@ impl Sensor {
         Ok(RouteControl { view, ..control })
     }
 
-    /// The best score of the last new query.
-    pub(super) fn best_score(&self) -> f64 {
-        self.state.best
+    /// Keeps from now on what each frame says alone.
+    pub(super) fn keep_alone(&mut self) {
+        self.alone = vec![1.0; self.state.standardizer.references()];
+    }
+
+    /// The odds of each place by the last new frame alone.
+    pub(super) fn alone(&self) -> &[f32] {
+        &self.alone
+    }
+
+    /// The distances of the last query.
+    pub(super) fn distances(&self) -> &[f32] {
+        &self.distances
     }
 
     pub(super) fn standardizer(&self) -> &Standardizer {

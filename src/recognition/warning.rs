@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::fit::LabelledPart;
 use super::{Recognizer, Recording};
-use crate::observation::ObservationError;
+use crate::observation::{ObservationError, nearest};
 
 /// A reason to doubt what was learned, or that it suits a recording.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,10 +88,7 @@ impl Recognizer {
                 let right = least(&scores[places.clone()]);
                 let nearer = scores.iter().filter(|score| **score < right).count();
                 ranks.push(nearer as f64 / scores.len() as f64);
-                let least = least(&scores);
-                if least.is_finite() {
-                    best.push(least);
-                }
+                best.extend(nearest(row));
             }
         }
         let mut warnings = Vec::new();

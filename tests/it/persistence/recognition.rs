@@ -203,6 +203,13 @@ fn what_was_not_learned_is_refused() {
         "a run of 0 views, expected at least 1",
     );
 
+    let gained = &state[state.find(r#""gained":"#).unwrap()..];
+    let refused = |to: &str, expected: &str| {
+        refuses::<TrackState>(&state.replace(gained, &format!(r#""gained":{to}}}"#)), expected);
+    };
+    refused("[0.5]", "1 gains, expected 30 as there are references");
+    refused("[-0.5]", "a gain of -0.5, expected a finite value of at least 0");
+
     // Rates are checked when a recogniser is made.
     let fit: Fit = serde_json::from_str(
         &fit.replacen(r#""leave":0.00001"#, r#""leave":0"#, 1)
