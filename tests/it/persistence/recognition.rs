@@ -169,8 +169,8 @@ fn what_was_not_learned_is_refused() {
     refused("-1.15", "1e9", "the score with even odds is 1000000000, expected from -100 to 100");
     refused("6.0", "800", "the logarithm of the highest odds is 800, expected from 0 to 6");
     refused(
-        "0.03",
-        "2",
+        r#""nothing":0.1"#,
+        r#""nothing":2"#,
         "the probability that a frame says nothing is 2, expected from 1e-12 to 1",
     );
 
