@@ -26,7 +26,7 @@ pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<
 ///
 /// // Descriptors of 40 references, and a drive past some of them.
 /// let image = |place: usize| -> Vec<f32> {
-///     (0..8).map(|k| ((place * 37 + k * k * 11) as f32).sin()).collect()
+///     (1..9).map(|k| ((place * 8 + k).pow(2) as f32 * 0.37).sin()).collect()
 /// };
 /// let references: Vec<Vec<f32>> = (0..40).map(image).collect();
 /// let recognizer = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default())?;

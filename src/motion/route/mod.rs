@@ -78,7 +78,7 @@ pub enum RouteState {
 ///
 /// // 50 images of a route, which the vehicle starts at the tenth of.
 /// let drive = RouteTransition::new(50, false, Speeds::default())?;
-/// let speed = drive.speeds().nearest(1.0);
+/// let speed = drive.speeds().nearest(2.0);
 /// let start = drive.index(speed, 10).expect("there is such a place");
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 13, start)?);
 /// let sensor = GroupedLikelihood::new(KnownState::new(50), drive.place_groups())?;
