@@ -243,7 +243,6 @@ impl Recognizer {
     }
 
     fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
-        let n = self.references() as f64;
         let middle = |at: usize| {
             let places = part.places[at].as_ref()?;
             Some(0.5 * (*places.start() as f64 + *places.end() as f64))
@@ -251,12 +250,7 @@ impl Recognizer {
         let mut labels = Labels { moves: Vec::new(), read: Vec::new() };
         for at in 1..part.places.len() {
             let (Some(before), Some(after)) = (middle(at - 1), middle(at)) else { continue };
-            let ahead = after - before;
-            let moved = if self.options().closed {
-                (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n
-            } else {
-                ahead
-            };
+            let moved = self.places_between(before, after);
             labels.moves.push(moved);
             if let Some(reading) = part.odometry.get(at).copied().flatten() {
                 labels.read.push((moved, reading));

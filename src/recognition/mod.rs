@@ -38,6 +38,7 @@
 //! comparable, and [`MatchOdds`](crate::observation::MatchOdds) that say what they are
 //! worth.
 
+mod adapt;
 mod answer;
 mod calibrate;
 mod error;

@@ -162,6 +162,11 @@ impl Recording {
         beliefs
     }
 
+    /// What odometry said of a step, from 0.
+    pub(super) fn odometry(&self, at: usize) -> Option<f64> {
+        self.controls[at].odometry
+    }
+
     pub(super) fn best_scores(&self) -> &[f64] {
         &self.best_scores
     }
