@@ -13,6 +13,10 @@ use crate::observation::{Distance, Views};
 /// the model in groups; a step costs what a [`Track`] step costs, and every sixteenth
 /// O(n d) for each of 64 references more, of n with d numbers each.
 ///
+/// On a railway by pixels (16 × 32), first in summer and then in winter, 94% to 99% of the
+/// first pass were taken for new, and of the second 69% to 92% for what they were, 5% to 8%
+/// for another place, and the rest for new.
+///
 /// ```
 /// use wayfix::observation::Distance;
 /// use wayfix::recognition::{Mapper, Options, Seen};
@@ -66,6 +70,8 @@ pub enum Seen {
 
 /// How many references are added to the model at once.
 const TOGETHER: usize = 16;
+/// The first ones: the best of a few says little, as even wrong ones differ.
+const FIRST: usize = 48;
 /// A vehicle that maps leaves the known part as often as it comes back to it.
 const MAPPING: OffMap = OffMap { leave: 0.01, back: 0.01, near: 0.3, within: 10 };
 
@@ -166,7 +172,7 @@ impl Mapper {
         let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
         let old = |added: &usize| added + self.gap <= self.steps;
         let count = self.added.iter().take_while(|added| old(added)).count();
-        if count < known + TOGETHER {
+        if count < (known + TOGETHER).max(FIRST) {
             return Ok(());
         }
         let references = &self.references[..count];
