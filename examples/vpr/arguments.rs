@@ -50,7 +50,7 @@ pub(crate) struct Common {
     /// reported on by default (with the feature serde).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
     fit: Option<PathBuf>,
-    /// How little the camera is believed: likelihoods are raised to the power of
+    /// Temperature of the camera: likelihoods are raised to the power of
     /// 1 / T. Single images are taken at 1 [default: 2.5, or what is better in each
     /// part of the labelled steps].
     #[arg(long, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
@@ -114,7 +114,7 @@ fn distinct<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
 }
 
 impl Common {
-    /// What to learn from, answer with and report on in a recording of so many
+    /// Settings for a recording of so many
     /// steps.
     pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
         let third = 0..steps / 3;

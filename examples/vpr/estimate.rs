@@ -34,7 +34,7 @@ pub(crate) fn estimate(
     Task { recording, settings, recognizer, width }.run()
 }
 
-/// How many references on either side of the middle are right, too: half the
+/// Number of references on either side of the middle that are right, too: half the
 /// usual length of the labelled ranges, or of all if none was learned from.
 fn width(recording: &Recording, settings: &Settings) -> usize {
     let labelled = settings.fit_on.iter().cloned().flatten();

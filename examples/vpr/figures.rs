@@ -27,10 +27,10 @@ struct Curve {
     points: Vec<(f64, f64)>,
 }
 
-/// What the axes of a panel are; unless said otherwise, both from 0 to 1.
+/// Axes of a panel; unless said otherwise, both from 0 to 1.
 struct Axes {
     title: String,
-    /// Of the panel, in pixels.
+    /// Size of the panel, in pixels.
     side: i32,
     /// Pixels between the title and the plot.
     space: i32,
@@ -167,7 +167,7 @@ pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -
     curves(file, ["Precision and recall", name], &panels.collect::<Vec<_>>())
 }
 
-/// How well each method knows whether it is on the map.
+/// ROC curves of each method: on the map or not.
 pub(crate) fn roc(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let lines = measured.iter().filter_map(|method| {
         let (name, look) = style::of_method(&method.method);
@@ -203,7 +203,7 @@ pub(crate) fn lags(
     curves(file, ["What waiting brings", name], &[(axes, lines.collect())])
 }
 
-/// How often answers of some probability are right: for each tolerance, a panel
+/// Reliability diagrams: for each tolerance, a panel
 /// for each method that has probabilities.
 pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let diagrams = |at: usize| {

@@ -177,7 +177,7 @@ pub(crate) fn write_reliability(file: &Path, measured: &[Measured]) -> Result<()
     write(file, &header, lines)
 }
 
-/// How well each method knows whether it is on the map.
+/// ROC curves of each method: on the map or not.
 pub(crate) fn write_roc(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
     let lines = measured.iter().flat_map(|Measured { method, roc, .. }| {
         roc.iter().flat_map(RocCurve::points).map(|point| {

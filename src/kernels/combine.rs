@@ -2,7 +2,7 @@
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
 
-/// How many vectors are gone through side by side.
+/// Number of vectors that are gone through side by side.
 pub(crate) const TERMS: usize = 4;
 
 /// `out = Σ` of factors times vectors, which are as long.
@@ -18,7 +18,7 @@ pub(crate) fn add_combined(out: &mut [f64], terms: &[(f64, &[f64])]) {
 struct Combine<'a> {
     out: &'a mut [f64],
     terms: &'a [(f64, &'a [f64])],
-    /// Whether to add to what is there.
+    /// True to add to what is there.
     keep: bool,
 }
 

@@ -15,11 +15,11 @@ const SHARE_COUNT: f64 = 20.0;
 const ROUNDS: usize = 10;
 
 impl Speeds {
-    /// How the speeds are used and change, from drives of labelled steps: how many places
+    /// Learns the use and the changes of speeds from drives of labelled steps: how many places
     /// on each step led (halves, say, where a label is a range).
     ///
     /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone.
-    /// What is there before counts as 30 steps of changes and 20 of shares: a speed that
+    /// The present ones count as 30 steps of changes and 20 of shares: a speed that
     /// was never seen stays possible, and so does a change. A move that no speed makes says
     /// nothing. O(steps k²) for k speeds.
     ///

@@ -1,4 +1,4 @@
-//! How a vehicle moves: speeds along a route, odometry, places off the map.
+//! Motion of a vehicle: speeds along a route, odometry, places off the map.
 
 mod learn;
 mod odometry;

@@ -1,4 +1,4 @@
-//! What odometry says of a speed.
+//! Likelihood of odometry, given a speed.
 
 use crate::error::TransitionError;
 

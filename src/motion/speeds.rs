@@ -46,7 +46,7 @@ pub struct Speeds {
     pub(super) windows: Vec<Window>,
 }
 
-/// How many places on a step leads, at a speed.
+/// Distribution of the places that a step leads on, at a speed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Window {
     /// The move of the first weight.
@@ -158,7 +158,7 @@ impl Speeds {
         &self.values
     }
 
-    /// How often each is driven.
+    /// Share of the time for which each is driven.
     #[must_use]
     pub fn shares(&self) -> &[f64] {
         &self.shares

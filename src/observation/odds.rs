@@ -1,4 +1,4 @@
-//! How much a score speaks for a place.
+//! Odds of a place, given a score.
 
 use std::sync::Arc;
 
@@ -138,9 +138,9 @@ pub(crate) struct OddsTable {
     odds: Arc<[f64]>,
     /// Log-odds, or 0 if they are below.
     gains: Arc<[f64]>,
-    /// What is left of odds after gains that count no more.
+    /// Factors of odds for gains that count no more.
     spent: Arc<[f64]>,
-    /// How many cells of `spent` there are for a unit of log-odds.
+    /// Number of cells of `spent` for a unit of log-odds.
     cells: f64,
 }
 

@@ -34,7 +34,7 @@ const PRIOR_COUNT: f64 = 10.0;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standardizer {
-    /// How many queries were seen.
+    /// Number of queries that were seen.
     pub(crate) count: f64,
     /// For each reference, the sum of its scores for these, and of their squares.
     pub(crate) sums: Vec<f64>,
@@ -85,7 +85,7 @@ impl Standardizer {
         self.sums.len()
     }
 
-    /// How many queries were seen.
+    /// Number of queries that were seen.
     #[must_use]
     pub fn count(&self) -> f64 {
         self.count

@@ -67,7 +67,7 @@ impl Recognizer {
         self.with_fit(self.fit().clone().with_options(options))
     }
 
-    /// How many places on one is from another; around a loop, the shorter way.
+    /// Number of places from one to another; around a loop, the shorter way.
     pub(super) fn places_between(&self, before: f64, after: f64) -> f64 {
         let (n, ahead) = (self.references() as f64, after - before);
         let around = (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n;

@@ -21,7 +21,7 @@ pub struct Answer {
     pub log_likelihood: f64,
 }
 
-/// How much of the belief [`Answer::around`] holds.
+/// Share of the belief that [`Answer::around`] holds.
 const HELD: f64 = 0.9;
 
 impl Recognizer {

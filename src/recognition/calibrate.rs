@@ -4,7 +4,7 @@ use super::fit::LabelledPart;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
-/// How a temperature was chosen.
+/// Choice of a temperature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
     /// The temperatures that were tried, hottest first.
@@ -16,7 +16,7 @@ pub struct Calibrated {
     pub chosen: usize,
 }
 
-/// What the temperature is multiplied by.
+/// Factors of the temperature that are tried.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
 const AS_IT_IS: usize = 2;
 /// Into so many blocks labelled steps are cut, if each has as many steps as below.

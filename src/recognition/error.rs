@@ -1,4 +1,4 @@
-//! What can be wrong with a recognition.
+//! Errors of recognition.
 
 use std::error::Error;
 use std::fmt;
@@ -62,7 +62,7 @@ pub enum RecognitionError {
     },
     /// Fewer than two steps in a row are labelled with places on the map.
     FewLabels {
-        /// How many steps on the map are labelled.
+        /// Number of labelled steps on the map.
         found: usize,
     },
     /// The model of motion is not valid.

@@ -1,4 +1,4 @@
-//! What is learned from a labelled part of a drive.
+//! Learning from labelled parts of drives.
 
 use std::ops::RangeInclusive;
 
@@ -15,11 +15,11 @@ pub struct LabelledPart<'a, Q> {
     pub queries: &'a [Q],
     /// For each, the references that show its place, or `None` if it is off the map.
     pub places: &'a [Option<RangeInclusive<usize>>],
-    /// What odometry said of the way before each; empty if there is none.
+    /// Readings of odometry for the way before each; empty if there is none.
     pub odometry: &'a [Option<f64>],
 }
 
-/// What a [`Recognizer`] has learned: its options, and what it knows of single references.
+/// Result of learning: the options of a [`Recognizer`], and what it knows of single references.
 /// With the feature `serde` it can be stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
@@ -49,7 +49,7 @@ impl Fit {
         }
     }
 
-    /// What was stored of it.
+    /// The stored part.
     #[cfg(feature = "serde")]
     pub(crate) fn from_parts(
         options: Options,
@@ -93,13 +93,13 @@ impl Fit {
         Self { standardizer: None, stretches: None, best_scores: None, ..self }
     }
 
-    /// What should make one doubt it. Empty after it was stored.
+    /// Reasons to doubt it. Empty after it was stored.
     #[must_use]
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// How the temperature was chosen, if it was; `None` after it was stored.
+    /// Choice of the temperature, if there was one; `None` after it was stored.
     #[must_use]
     pub fn calibrated(&self) -> Option<&Calibrated> {
         self.calibrated.as_ref()
@@ -128,7 +128,7 @@ impl Fit {
     }
 }
 
-/// What is read off the labels of a part.
+/// Moves and readings by the labels of a part.
 struct Labels {
     /// Places on at each step between two that are labelled on the map, and what odometry
     /// said of it.

@@ -50,7 +50,7 @@ pub struct Mapper {
     track: Option<Track>,
 }
 
-/// What a [`Mapper`] says of a step.
+/// Answer of a [`Mapper`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seen {
     /// A place that was not seen before, or a view of it that has not changed: its
@@ -68,7 +68,7 @@ pub enum Seen {
     },
 }
 
-/// How many references are added to the model at once.
+/// Number of references that are added to the model at once.
 const TOGETHER: usize = 16;
 /// The first ones: the best of a few says little, as even wrong ones differ.
 const FIRST: usize = 48;
@@ -158,7 +158,7 @@ impl Mapper {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }
 
-    /// Whether a view differs from the last new one, in the numbers of the descriptor.
+    /// True if a view differs from the last new one, in the numbers of the descriptor.
     fn is_new_view(&mut self, query: &[f32]) -> bool {
         if self.views.is_none() {
             self.views = Views::new(self.options.view_threshold).ok();

@@ -12,17 +12,17 @@ use crate::observation::MatchOdds;
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 #[non_exhaustive]
 pub struct Options {
-    /// Whether the references form a loop; not so by default.
+    /// True if the references form a loop; false by default.
     pub closed: bool,
     /// The speeds of the vehicle, in references a step, and how they change. From −3 to 3
     /// by default; [fitting](super::Recognizer::fitted) learns how they are used.
     pub speeds: Speeds,
-    /// What odometry says of a speed. Fitting learns it.
+    /// Model of odometry. Fitting learns it.
     pub odometry: OdometryModel,
-    /// How the vehicle leaves the map, or `None`, by default, if it never does. Where the
+    /// Rates of leaving the map, or `None`, by default, if it is never left. Where the
     /// labelled part leaves it, fitting learns the rates.
     pub off_map: Option<OffMap>,
-    /// How the model goes wrong, where [`off_map`](Self::off_map) is `None`: with such a
+    /// Rates of losing the vehicle, where [`off_map`](Self::off_map) is `None`: with such a
     /// probability in a step the vehicle is lost, until it turns up at any place. Answers
     /// are then of a vehicle that is not lost. Once in 100,000 steps by default, for ten of
     /// them: so what was ruled out by a tunnel or a look-alike street comes back after some
@@ -33,23 +33,23 @@ pub struct Options {
     /// nothing gives to the right place, on average: so the vehicle is not taken for lost in
     /// a tunnel. (Off the map they are 1.)
     pub lost_odds: f64,
-    /// How much of what a reference has said in the last ten new frames, on average, does not
+    /// Share of what a reference has said in the last ten new frames, on average, that does not
     /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
     /// reference after the other; one that looks like everything says the same for a minute.
     /// 0.8 by default.
     pub habituation: f64,
-    /// What a score says. Its temperature, 2.5 by default, is for frames in sequence;
+    /// Odds of a score. Their temperature, 2.5 by default, is for frames in sequence;
     /// fitting changes it only where each block of the labelled part agrees.
     pub odds: MatchOdds,
-    /// Whether each reference's mean and deviation are learned from the queries, by
+    /// True if each reference's mean and deviation are learned from the queries, by
     /// default so: references that look like everything then do not win.
     pub standardize: bool,
-    /// How often a view stays as it is; see [`ViewRates`].
+    /// Rates of views that do not change; see [`ViewRates`].
     pub views: ViewRates,
-    /// Whether what the camera sees counts as evidence of moving or standing; by default
+    /// True if changes of the view count as evidence of moving or standing; by default
     /// so.
     pub use_views: bool,
-    /// How fast a run of unchanged views loses weight: the k-th counts 1 / (1 + (k − 1) f).
+    /// Rate f at which a run of unchanged views loses weight: the k-th counts 1 / (1 + (k − 1) f).
     /// By default 1, so that all of them together grow as ln k: a dark tunnel must not be
     /// taken for a stop.
     pub unchanged_fades: f64,
@@ -59,7 +59,7 @@ pub struct Options {
     /// Changes of a view below this do not count as changes, in deviations of a query's
     /// distances. Fitting takes a tenth of the median change; before that, 0.02.
     pub view_threshold: f64,
-    /// How many places on either side of an answer count as the same place: the answer is
+    /// Number of places on either side of an answer that count as the same: the answer is
     /// the middle of the most probable such window. 1 by default.
     pub window: usize,
 }

@@ -146,7 +146,7 @@ impl Recognizer {
         &self.fit.options
     }
 
-    /// What was learned.
+    /// The fit.
     #[must_use]
     pub fn fit(&self) -> &Fit {
         &self.fit
@@ -188,13 +188,13 @@ impl Recognizer {
         &self.references
     }
 
-    /// How many numbers a belief in places has: one of each, and one off the map, if that
+    /// Length of a belief in places: one number of each, and one off the map, if that
     /// is modelled.
     pub(super) fn places(&self) -> usize {
         self.references() + usize::from(self.options().off_map.is_some())
     }
 
-    /// How many likelihoods a step has: one of each place, and one off the map or lost.
+    /// Number of likelihoods of a step: one of each place, and one off the map or lost.
     pub(super) fn likelihoods(&self) -> usize {
         self.references() + 1
     }

@@ -18,7 +18,7 @@ pub struct Recording {
     recognizer: Recognizer,
     controls: Vec<RouteControl>,
     likelihoods: Vec<Vec<f64>>,
-    /// What each frame says alone.
+    /// Odds of each place by each frame alone.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
 }
@@ -162,7 +162,7 @@ impl Recording {
         beliefs
     }
 
-    /// What odometry said of a step, from 0.
+    /// Reading of odometry at a step, from 0.
     pub(super) fn odometry(&self, at: usize) -> Option<f64> {
         self.controls[at].odometry
     }

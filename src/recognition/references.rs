@@ -1,4 +1,4 @@
-//! What queries are compared with.
+//! References, and their comparison with queries.
 
 use super::RecognitionError;
 use crate::observation::{Distance, ObservationError, ReferenceDescriptors, Standardizer};
@@ -46,7 +46,7 @@ impl References {
         Ok(Self::Descriptors(all))
     }
 
-    /// What is usual for each reference, as far as references tell: those that look like
+    /// Usual scores of each reference, as far as references tell: those that look like
     /// many of their own kind do so to queries, too (on one recording in two seasons, means
     /// correlate by 0.7 and deviations by 0.8).
     pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {

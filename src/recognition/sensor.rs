@@ -15,23 +15,23 @@ pub(super) struct Sensor {
     odds: OddsTable,
     distances: Vec<f32>,
     more: Vec<f32>,
-    /// What the last new frame says alone, if that is kept.
+    /// Odds of each place by the last new frame alone, if they are kept.
     alone: Vec<f32>,
 }
 
-/// What changes with each query.
+/// The part of a sensor that changes with each query.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SensorState {
     pub(crate) standardizer: Standardizer,
     /// The last view that was new.
     pub(crate) last_view: Option<Vec<f32>>,
-    /// How many views in a row have been the same as the last, changed or not.
+    /// Length of the run of views like the last one, changed or not.
     pub(crate) run: Option<(View, u32)>,
-    /// What each reference has gained by the last frames, as a mean of log-odds.
+    /// Gain of each reference by the last frames, a mean of log-odds.
     pub(crate) gained: Vec<f32>,
 }
 
-/// What a step of the sensor depends on.
+/// Surroundings of a step of the sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seeing<'a> {
     pub(super) options: &'a Options,

@@ -106,7 +106,7 @@ impl Track {
         &self.recognizer
     }
 
-    /// What it knows. O(n k).
+    /// Returns all that it knows. O(n k).
     #[must_use]
     pub fn snapshot(&self) -> TrackState {
         TrackState { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }

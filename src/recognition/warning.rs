@@ -1,4 +1,4 @@
-//! What should make one doubt a fit.
+//! Reasons to doubt a fit.
 
 use std::fmt;
 
@@ -19,7 +19,7 @@ pub enum Warning {
     },
     /// Few steps are labelled.
     Short {
-        /// How many.
+        /// Number of them.
         steps: usize,
     },
     /// The best temperature is the last of those that were tried.
@@ -71,7 +71,7 @@ const CHANCE: f64 = 0.4;
 const APART: f64 = 1.0;
 
 impl Recognizer {
-    /// What the scores of labelled queries say; and the mean and deviation of the best.
+    /// Warnings by the scores of labelled queries; and the mean and deviation of the best.
     pub(super) fn examine<Q>(
         &self,
         parts: &[LabelledPart<'_, Q>],
@@ -104,7 +104,7 @@ impl Recognizer {
 }
 
 impl Recording {
-    /// Whether its queries score other than those that were learned from, by which no
+    /// Warns if its queries score other than those that were learned from, by which no
     /// label is needed; `None` if not, or nothing was learned.
     #[must_use]
     pub fn warning(&self) -> Option<Warning> {

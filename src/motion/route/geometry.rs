@@ -54,7 +54,7 @@ impl Line {
         between((place - within).max(0), (place + within).min(self.places.cast_signed() - 1))
     }
 
-    /// How many places are within a distance of one.
+    /// Number of places within a distance of one.
     pub(super) fn count_near(self, place: usize, within: usize) -> usize {
         let (a, b) = {
             let places = self.near(place, within);
@@ -136,7 +136,7 @@ impl RouteTransition {
         (window.first, window.last())
     }
 
-    /// What a speed whose weights are `window` gives to the way between two
+    /// Weight that a speed with the weights `window` gives to the way between two
     /// places, in all moves that lead it.
     pub(super) fn way(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
         let Line { places, closed } = self.line;

@@ -21,15 +21,15 @@ use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::transition::check_count;
 
-/// What was measured between two steps of a [`RouteTransition`]: by default nothing.
+/// Evidence on a step of a [`RouteTransition`]: by default none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct RouteControl {
-    /// How far the vehicle has driven by its wheels, in places; `None` where there is no
+    /// Distance driven by the wheels, in places; `None` where there is no
     /// reading.
     pub odometry: Option<f64>,
-    /// Whether the camera sees what it saw before; of use only
+    /// Change of the view, or none; of use only
     /// [with views](RouteTransition::with_views).
     pub view: Option<ViewEvidence>,
 }
@@ -174,7 +174,7 @@ impl RouteTransition {
 
     /// With places off the map.
     ///
-    /// What is measured there is as likely as on the map at speeds by their shares.
+    /// A measurement there is as likely as on the map at speeds by their shares.
     ///
     /// # Errors
     ///
@@ -192,7 +192,7 @@ impl RouteTransition {
         self.line.places
     }
 
-    /// Whether the route is a loop.
+    /// True if the route is a loop.
     #[must_use]
     pub fn is_closed(&self) -> bool {
         self.line.closed
@@ -204,13 +204,13 @@ impl RouteTransition {
         &self.speeds
     }
 
-    /// What odometry says of a speed.
+    /// Model of odometry.
     #[must_use]
     pub fn odometry(&self) -> &OdometryModel {
         &self.odometry
     }
 
-    /// How the vehicle leaves the map, if it does.
+    /// Rates of leaving the map, if it may be left.
     #[must_use]
     pub fn off_map(&self) -> Option<&OffMap> {
         self.off_map.as_ref()
@@ -223,7 +223,7 @@ impl RouteTransition {
         (speed < self.k() && place < n).then(|| speed * n + place)
     }
 
-    /// What a state is, or `None` if there is no such state.
+    /// Speed and place of a state, or `None` if there is no such state.
     #[must_use]
     pub fn state(&self, state: usize) -> Option<RouteState> {
         let (speed, place) = (state / self.line.places, state % self.line.places);
@@ -274,7 +274,7 @@ impl RouteTransition {
         Self { stencils, ..self }
     }
 
-    /// What a view tells of a way.
+    /// Class of a way, as far as views tell.
     fn class(&self, from: usize, to: usize) -> Class {
         let alike = |views: &Views| views.stretches[from] == views.stretches[to];
         match &self.views {

@@ -19,7 +19,7 @@ pub struct OffMap {
     pub back: f64,
     /// The probability of coming back near where it left.
     pub near: f64,
-    /// How many places on either side are near.
+    /// Number of places on either side that are near.
     pub within: usize,
 }
 
@@ -36,7 +36,7 @@ impl Default for OffMap {
 const LEAST_RATE: f64 = 1e-30;
 
 impl OffMap {
-    /// How much of the time a vehicle is off the map.
+    /// Share of the time for which a vehicle is off the map.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.leave / (self.leave + self.back)

@@ -104,7 +104,7 @@ impl Step<'_> {
         });
     }
 
-    /// How a speed is mixed of others: the share that stays, of each neighbour, and of
+    /// Shares of which a speed is mixed: the one that stays, of each neighbour, and of
     /// what goes to any speed.
     fn changes(&self, new: usize, mut work: impl FnMut(usize, f64)) -> f64 {
         let (k, switching) = (self.route.k(), &self.route.switching);

@@ -19,7 +19,7 @@ struct Run {
 /// A term of the sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tap {
-    /// How far before or after the place; around a loop, with the whole of it.
+    /// Distance before or after the place; around a loop, with the whole of it.
     offset: isize,
     /// Which of the moves of the window.
     weight: usize,

@@ -24,7 +24,7 @@ pub(super) struct Off {
     pub(super) back: f64,
     /// The probability of coming back at each place, near or not.
     pub(super) each: f64,
-    /// Whether it never comes back near.
+    /// True if it never comes back near.
     pub(super) is_anywhere: bool,
     pub(super) within: usize,
 }
@@ -77,7 +77,7 @@ impl RouteTransition {
         })
     }
 
-    /// How much of the time the vehicle stands.
+    /// Share of the time for which the vehicle stands.
     fn standing_share(&self) -> f64 {
         let speeds = self.speeds.values().iter().zip(self.speeds.shares());
         speeds.filter(|(v, _)| **v == 0.0).map(|(_, share)| share).sum()

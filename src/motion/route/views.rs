@@ -1,8 +1,8 @@
-//! Whether the camera sees what it saw a step before.
+//! Changes of the view as evidence on moves.
 
 use crate::error::TransitionError;
 
-/// How a frame looks beside the one before.
+/// A frame beside the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -13,16 +13,16 @@ pub enum View {
     Unchanged,
 }
 
-/// What a view says of a move, and how much that counts: its likelihood is raised to the
+/// A view as evidence on a move, with its weight: the likelihood is raised to the
 /// power of `weight`, from 0 (it says nothing) to 1. Views in a row are not independent:
 /// a tunnel shows the same for minutes, though the vehicle moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ViewEvidence {
-    /// Whether the view has changed.
+    /// Changed or not.
     pub view: View,
-    /// How much that counts, from 0 to 1.
+    /// Weight of the evidence, from 0 to 1.
     pub weight: f64,
 }
 
@@ -49,7 +49,7 @@ impl Default for ViewRates {
     }
 }
 
-/// What a route knows of views.
+/// Views along a route.
 #[derive(Debug, Clone)]
 pub(super) struct Views {
     pub(super) rates: ViewRates,
