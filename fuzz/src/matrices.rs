@@ -102,7 +102,9 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
         2 => {
             let lengths = [0.0, 1.0, 2.5, 100.0];
             let lengths: Vec<f64> = (0..n * n).map(|_| draw.pick(&lengths)).collect();
-            let base = sparse(&matrix(draw, n, range));
+            // Times a density, entries beyond ordinary ones would be beyond doubles, where
+            // products in logarithms have more than the matrix.
+            let base = sparse(&matrix(draw, n, Range::Plain));
             let distance = DistanceTransition::new(base, |to, from| lengths[to * n + from]);
             let distance = distance.expect("valid lengths");
             // So that no density is below the smallest double.
