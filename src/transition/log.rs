@@ -17,9 +17,10 @@ pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64
         while top.is_finite() {
             let mut next = f64::NEG_INFINITY;
             for (out, &log) in band.iter_mut().zip(x) {
-                let inside = log <= top && log > top - BAND;
+                // Beyond 1e19, neighbouring doubles are farther apart than a band.
+                let inside = log == top || (log < top && log > top - BAND);
                 *out = if inside { (log - top + lift).exp() } else { 0.0 };
-                if log <= top - BAND {
+                if log < top && !inside {
                     next = next.max(log);
                 }
             }
