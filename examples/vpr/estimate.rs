@@ -266,7 +266,7 @@ mod tests {
                 let right = |step: &usize| recording.is_right(*step, answers.places[*step], 1);
                 let count = |steps: Range<usize>| steps.filter(right).count();
                 assert!(count(5..30) == 25, "{}", answers.method);
-                // What is off the map shows afterwards.
+                // The rates off the map show afterwards.
                 if ["smoother", "viterbi"].contains(&&answers.method[..]) {
                     assert!(count(0..57) >= 55, "{}", answers.method);
                 }

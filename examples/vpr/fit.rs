@@ -40,7 +40,7 @@ pub(super) fn recognizer(
     Ok(recognizer)
 }
 
-/// What was learned from the labelled part.
+/// The fit to the labelled part.
 fn learned(
     recognizer: &Recognizer,
     recording: &Recording,
@@ -60,7 +60,7 @@ fn learned(
     Ok(fitted.fit().clone())
 }
 
-/// What was saved, for a route and places off the map as here.
+/// A saved fit, for a route and places off the map as here.
 fn read(file: &Path, recording: &Recording, settings: &Settings) -> Result<Fit, String> {
     let fit = saved::read(file)?;
     let mut options = fit.options().clone();
@@ -75,7 +75,7 @@ fn read(file: &Path, recording: &Recording, settings: &Settings) -> Result<Fit, 
     Ok(fit.with_options(options))
 }
 
-/// What was learned, and what should make one doubt it, a line each.
+/// Lines that tell what was learned, and reasons to doubt it.
 pub(super) fn notes(fit: &Fit, recording: &Recording, settings: &Settings) -> Vec<String> {
     let options = fit.options();
     let speeds = options.speeds.values().iter().zip(options.speeds.shares());

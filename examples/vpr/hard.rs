@@ -1,4 +1,4 @@
-//! What happens to a camera on real drives, spliced into a recording: pixels of
+//! Disturbances of a camera on real drives, spliced into a recording: pixels of
 //! the query are altered before descriptors are made of them, and frames are
 //! lost or come twice.
 
@@ -57,13 +57,13 @@ pub(crate) struct Pass<'a> {
 /// A pass with disturbances.
 #[derive(Debug)]
 pub(crate) struct Disturbed {
-    /// What is seen at each step.
+    /// Frames seen, one for each step.
     pub(crate) shown: Frames,
     /// Where the vehicle truly is.
     pub(crate) drive: Drive,
     /// For each step, that of the undisturbed drive; never falling.
     sources: Vec<usize>,
-    /// Of the undisturbed drive.
+    /// Steps of the undisturbed drive.
     stretches: Vec<Range<usize>>,
 }
 
@@ -267,7 +267,7 @@ mod tests {
         assert!((15..45).contains(&more) && now.steps().len() == 30 + more && shown(&now));
         assert_eq!(now.drive.distances.iter().sum::<f64>(), drive.distances.iter().sum::<f64>());
 
-        // What comes later moves on.
+        // Later ones move on.
         let settings = Settings {
             fit_on: vec![0..20, 70..75],
             report_on: (20..70).chain(75..81).collect(),
