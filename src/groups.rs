@@ -217,6 +217,21 @@ impl Groups {
         }
     }
 
+    /// Goes through runs of some states: those of one group, or of groups that follow each
+    /// other. For each the states, the first group, and whether it is the only one.
+    pub(crate) fn runs(
+        &self,
+        states: Range<usize>,
+    ) -> impl Iterator<Item = (Range<usize>, usize, bool)> {
+        let first = self.runs.partition_point(|run| run.states.end <= states.start);
+        let runs = self.runs[first..].iter().take_while(move |run| run.states.start < states.end);
+        runs.map(move |run| {
+            let start = run.states.start.max(states.start);
+            let group = if run.same { run.group } else { run.group + start - run.states.start };
+            (start..run.states.end.min(states.end), group, run.same)
+        })
+    }
+
     /// The groups that a path leads through, one a step.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ use crate::transition::{SparseTransition, Stored, Transition};
 /// and with likelihoods from 2^-300 to 2^16, they and their parts down to the smallest
 /// normal double are doubles; and entries that an operator has lost below that are no more
 /// than 2^-922 of the sum.
-const SUMS: RangeInclusive<f64> =
+pub(super) const SUMS: RangeInclusive<f64> =
     f64::from_bits((1023 - 100) << 52)..=f64::from_bits((1023 + 7) << 52);
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {

@@ -37,6 +37,7 @@ mod many;
 
 mod backward;
 mod block;
+mod by_blocks;
 mod evidence;
 mod frontier;
 mod held;

@@ -93,6 +93,19 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         work: &mut Workspace,
     ) -> Result<Advanced, InferenceError> {
         let Workspace { scratch, values } = work;
+        if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
+            && let Ok((diagonal, groups)) = found
+            && diagonal.check_shape(groups.count()).is_ok()
+        {
+            let evidence = self.evidence()?;
+            let (has_evidence, likelihoods) = (evidence.is_some(), (&diagonal, groups));
+            let advanced =
+                self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
+            if let Some((normaliser, form)) = advanced {
+                let log = normaliser.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
+                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            }
+        }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
         // Not moved: to copy what has just been written takes as long as some rows.
         let found = self.hmm.likelihood().diagonal(observation, scratch);

@@ -45,6 +45,30 @@ pub(crate) struct Updated {
     pub(crate) small: bool,
 }
 
+impl Updated {
+    /// Of no states.
+    pub(crate) const NONE: Self = Self {
+        products: 0.0,
+        predicted: 0.0,
+        negative_predicted: false,
+        negative_likelihood: false,
+        largest_likelihood: 0.0,
+        small: false,
+    };
+
+    /// Of the states of both.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            products: self.products + other.products,
+            predicted: self.predicted + other.predicted,
+            negative_predicted: self.negative_predicted | other.negative_predicted,
+            negative_likelihood: self.negative_likelihood | other.negative_likelihood,
+            largest_likelihood: self.largest_likelihood.max(other.largest_likelihood),
+            small: self.small | other.small,
+        }
+    }
+}
+
 impl<P: Product> Kernel for Update<'_, Part<P>> {
     type Output = Updated;
 
@@ -94,14 +118,8 @@ impl<P: Product> Blocks for Update<'_, Part<P>> {
     }
 
     fn join(a: Updated, b: Updated) -> Updated {
-        Updated {
-            products: a.products + b.products,
-            predicted: if P::KNOWN { a.predicted } else { a.predicted + b.predicted },
-            negative_predicted: a.negative_predicted | b.negative_predicted,
-            negative_likelihood: a.negative_likelihood | b.negative_likelihood,
-            largest_likelihood: a.largest_likelihood.max(b.largest_likelihood),
-            small: a.small | b.small,
-        }
+        let both = a.and(b);
+        if P::KNOWN { Updated { predicted: a.predicted, ..both } } else { both }
     }
 }
 

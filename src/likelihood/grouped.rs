@@ -108,6 +108,15 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         Ok(Diagonal { values, ..diagonal })
     }
 
+    fn by_groups<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
+        let diagonal = self.sensor.diagonal(observation, scratch);
+        Some(diagonal.map(|diagonal| (diagonal, &self.groups)))
+    }
+
     fn rounds_tails(&self) -> bool {
         self.sensor.rounds_tails()
     }

@@ -32,6 +32,7 @@ pub use vector::LikelihoodVector;
 use rand::Rng;
 
 use crate::error::LikelihoodError;
+use crate::groups::Groups;
 
 /// A likelihood operator B(y): turns one observation into a diagonal with
 /// `b_i` = p(y | `X_k` = i) (paper eq. 7, which means `X_k`).
@@ -95,6 +96,18 @@ pub trait Likelihood {
         observation: &'a Self::Observation,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError>;
+
+    /// The diagonal with one value for each group of states, and the groups, if all states
+    /// of a group have the same likelihood; `None`, as by default, if there are no groups.
+    /// It must equal [`diagonal`](Self::diagonal), and saves writing a value for each state.
+    fn by_groups<'a>(
+        &'a self,
+        observation: &'a Self::Observation,
+        scratch: &'a mut Scratch,
+    ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
+        let _ = (observation, scratch);
+        None
+    }
 
     /// Whether its tails need not be kept, as those of
     /// [`RoundedTails`](crate::RoundedTails): asked where the sensor misses, in

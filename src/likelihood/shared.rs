@@ -8,6 +8,7 @@ use rand::Rng;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 use crate::fixed::Fixed;
+use crate::groups::Groups;
 
 macro_rules! as_target {
     ($([$($generics:tt)*] $type:ty,)*) => {$(
@@ -27,6 +28,14 @@ macro_rules! as_target {
                 scratch: &'a mut Scratch,
             ) -> Result<Diagonal<'a>, LikelihoodError> {
                 (**self).diagonal(observation, scratch)
+            }
+
+            fn by_groups<'a>(
+                &'a self,
+                observation: &'a B::Observation,
+                scratch: &'a mut Scratch,
+            ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
+                (**self).by_groups(observation, scratch)
             }
 
             fn rounds_tails(&self) -> bool {

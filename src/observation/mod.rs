@@ -29,6 +29,7 @@ mod descriptors;
 mod error;
 mod gaussian;
 mod odds;
+mod rows;
 mod spread;
 mod standardizer;
 mod temperature;
@@ -40,7 +41,6 @@ pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptor
 pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
-pub(crate) use odds::OddsTable;
 pub use spread::Spread;
 pub(crate) use spread::nearest;
 pub use standardizer::Standardizer;

@@ -1,8 +1,9 @@
 //! Odds of a place, given a score.
 
-use std::sync::Arc;
+use std::f32::consts::{LN_2, LOG2_E};
 
 use super::ObservationError;
+use crate::kernels::{Kernel, Lanes, run};
 
 /// The odds that a reference with some [score](super::Standardizer) is the right one,
 /// against a wrong one, as
@@ -111,119 +112,158 @@ impl MatchOdds {
         ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
     }
 
-    /// Odds and what takes from them, to look up.
-    pub(crate) fn table(&self, habituation: f64) -> OddsTable {
-        let scores = (0..=CELLS).map(|at| LOWEST + at as f64 / PER_UNIT);
-        let logs: Vec<f64> = scores.map(|score| self.log_odds(score)).collect();
-        let spent = (0..=CELLS).map(|at| (-habituation * at as f64 * self.per_cell()).exp());
-        OddsTable {
-            odds: logs.iter().map(|log| log.exp()).collect(),
-            gains: logs.iter().map(|log| log.max(0.0)).collect(),
-            spent: spent.collect(),
-            cells: 1.0 / self.per_cell(),
+    /// Scores of the references become odds, in place, within 1e-5 of
+    /// [these](Self::log_odds). What a reference has gained by the last frames, a mean of
+    /// log-odds in `gained`, goes on, and counts only in part: `habituation` of it does not.
+    pub(crate) fn habituated(&self, habituation: f64, gained: &mut [f32], scores: &mut [f64]) {
+        let log2_odds = self.log2_odds();
+        run(Habituate { log2_odds, spent: habituation as f32 * LOG2_E, gained, scores });
+    }
+
+    /// log2 of the odds of each score.
+    pub(crate) fn log2_odds_of(&self, scores: &[f64], out: &mut [f32]) {
+        let log2_odds = self.log2_odds();
+        out.iter_mut().zip(scores).for_each(|(out, score)| *out = log2_odds.of(*score));
+    }
+
+    fn log2_odds(&self) -> Log2Odds {
+        let slope = self.slope as f32 * LOG2_E;
+        Log2Odds {
+            slope,
+            even: slope * self.even as f32,
+            most: self.most as f32 * LOG2_E,
+            nothing: self.nothing as f32,
+            cooling: (1.0 / self.temperature) as f32,
         }
     }
-
-    /// Log-odds from 0 to the largest, in as many cells as there are of scores.
-    fn per_cell(&self) -> f64 {
-        (self.most / self.temperature).max(1e-3) / CELLS as f64
-    }
 }
 
-/// Odds at scores from −8 to 8, 64 for each unit, with straight lines between: within 4e-4
-/// of what they are at a temperature of 1, or 1% next to the bend where they level off, and
-/// nearer at higher ones.
-#[derive(Debug, Clone)]
-pub(crate) struct OddsTable {
-    odds: Arc<[f64]>,
-    /// Log-odds, or 0 if they are below.
-    gains: Arc<[f64]>,
-    /// Factors of odds for gains that count no more.
-    spent: Arc<[f64]>,
-    /// Number of cells of `spent` for a unit of log-odds.
-    cells: f64,
-}
-
-const LOWEST: f64 = -8.0;
-const PER_UNIT: f64 = 64.0;
-const CELLS: usize = 1024;
 /// For so many frames a reference remembers what it said.
-const REMEMBERED: f64 = 10.0;
+const REMEMBERED: f32 = 10.0;
 
-impl OddsTable {
-    /// The odds of a score alone (those at the ends beyond), and of a reference that has
-    /// gained by the last frames what `gained` says, a mean of log-odds, which goes on.
-    #[inline]
-    pub(crate) fn odds(&self, score: f64, gained: &mut f32) -> (f64, f64) {
-        let before = f64::from(*gained);
-        let (spent, spent_part) = split(before * self.cells);
-        let left = between(&self.spent, spent, spent_part);
-        if score == f64::INFINITY {
-            *gained = (before - before / REMEMBERED) as f32;
-            return (0.0, 0.0);
-        }
-        let (cell, part) = split((score - LOWEST) * PER_UNIT);
-        let gain = between(&self.gains, cell, part);
-        *gained = (before + (gain - before) / REMEMBERED) as f32;
-        let odds = between(&self.odds, cell, part);
-        (odds, odds * left)
+/// The numbers of odds, for logarithms to base 2.
+#[derive(Clone, Copy)]
+struct Log2Odds {
+    slope: f32,
+    even: f32,
+    most: f32,
+    nothing: f32,
+    cooling: f32,
+}
+
+impl Log2Odds {
+    /// log2 of the odds of a score; −∞ of an infinite one.
+    #[inline(always)]
+    fn of(self, score: f64) -> f32 {
+        let says = (self.even - self.slope * score as f32).min(self.most);
+        let says = single_exp2(says.max(-126.0));
+        let log2 = single_log2((1.0 - self.nothing) * says + self.nothing) * self.cooling;
+        if score == f64::INFINITY { f32::NEG_INFINITY } else { log2 }
     }
 }
 
-/// A cell of a table, and how far beyond its beginning.
-#[inline]
-fn split(at: f64) -> (usize, f64) {
-    let at = at.clamp(0.5, CELLS as f64 - 0.5);
-    // The whole part, in the low bits: a conversion takes longer.
-    let whole = at - 0.5 + WHOLE;
-    (whole.to_bits() as usize & (2 * CELLS - 1), at - (whole - WHOLE))
+struct Habituate<'a> {
+    log2_odds: Log2Odds,
+    /// The part of a gain that does not count, for logarithms to base 2.
+    spent: f32,
+    gained: &'a mut [f32],
+    scores: &'a mut [f64],
 }
 
-#[inline]
-fn between(values: &[f64], cell: usize, part: f64) -> f64 {
-    let (low, high) = (values[cell], values[cell + 1]);
-    low + part * (high - low)
+impl Kernel for Habituate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { log2_odds, spent, gained, scores } = self;
+        for (score, gained) in scores.iter_mut().zip(gained) {
+            let log2 = log2_odds.of(*score);
+            let left = log2 - spent * *gained;
+            *gained += (log2.max(0.0) * LN_2 - *gained) / REMEMBERED;
+            let (power, exponent) = exp2_in_parts(left.max(-1020.0));
+            let scale = f64::from_bits(((i64::from(exponent) + 1023) << 52).cast_unsigned());
+            *score = if log2 == f32::NEG_INFINITY { 0.0 } else { f64::from(power) * scale };
+        }
+    }
 }
 
-/// 2^52: doubles from here on are whole numbers.
-const WHOLE: f64 = (1_u64 << 52) as f64;
+/// 1.5 × 2^23: singles from here on are whole numbers, whose low bits say which.
+const WHOLE: f32 = 12_582_912.0;
+
+/// 2^x as a number from 0.7 to 1.42 and an exponent, for |x| < 2^21: to 2e-7.
+#[inline(always)]
+fn exp2_in_parts(x: f32) -> (f32, i32) {
+    let shifted = x + WHOLE;
+    let exponent = shifted.to_bits().cast_signed() - WHOLE.to_bits().cast_signed();
+    // Taylor's series at (x − exponent) ln 2.
+    let y = (x - (shifted - WHOLE)) * LN_2;
+    let tail = 1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0));
+    (1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * tail))), exponent)
+}
+
+/// 2^x, for x from −126 to 127.
+#[inline(always)]
+fn single_exp2(x: f32) -> f32 {
+    let (power, exponent) = exp2_in_parts(x);
+    power * f32::from_bits(((exponent + 127) << 23).cast_unsigned())
+}
+
+/// log2 of a normal number above 0: to 2e-7, or as much of the result.
+#[inline(always)]
+fn single_log2(x: f32) -> f32 {
+    // The bits of √½, from which on mantissas are taken.
+    const ROOT: i32 = 0x3f35_04f3;
+    let bits = x.to_bits().cast_signed();
+    let exponent = (bits - ROOT) >> 23;
+    let mantissa = f32::from_bits((bits - (exponent << 23)).cast_unsigned());
+    // ln m = 2 artanh((m − 1) / (m + 1)).
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let square = t * t;
+    let series = 1.0 + square * (1.0 / 3.0 + square * (0.2 + square * (1.0 / 7.0)));
+    exponent as f32 + t * series * (2.0 * LOG2_E)
+}
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn the_table_is_close() {
-        for temperature in [0.5, 1.0, 2.5, 10.0] {
+    fn odds_of_rows_are_those_of_the_definition() {
+        for temperature in [0.01, 0.5, 1.0, 2.5, 10.0] {
             let odds = MatchOdds::default().with_temperature(temperature).unwrap();
-            let table = odds.table(0.8);
-            for k in -900..900 {
-                let score = f64::from(k) * 0.0123;
-                let exact = odds.log_odds(score.clamp(-8.0, 8.0)).exp();
-                let off = (table.odds(score, &mut 0.0).0 / exact - 1.0).abs();
-                let bend = (score + 4.15).abs() < 1.0 / PER_UNIT;
-                let rough = 0.02 * f64::from(score > 7.9) + 0.01 / temperature * f64::from(bend);
-                let bound = 4e-4 / f64::min(temperature, 1.0).powi(2) + rough;
-                assert!(off < bound, "{temperature}: {score} {off}");
+            let scores: Vec<f64> = (-900..900).map(|k| f64::from(k) * 0.0123).collect();
+            let (mut row, mut logs) = (scores.clone(), vec![0.0; scores.len()]);
+            odds.log2_odds_of(&scores, &mut logs);
+            odds.habituated(0.8, &mut vec![0.0; scores.len()], &mut row);
+            for ((score, found), log2) in scores.iter().zip(row).zip(logs) {
+                let exact = odds.log_odds(*score);
+                let bound = 1e-6 + 3e-6 / temperature;
+                assert!((found.ln() - exact).abs() < bound, "{temperature}: {score} {found}");
+                assert!((f64::from(log2 * LN_2) - exact).abs() < bound);
             }
         }
-        assert_eq!(MatchOdds::default().table(0.8).odds(f64::INFINITY, &mut 0.0), (0.0, 0.0));
+        let mut row = [f64::INFINITY, 1e30, -1e30];
+        let mut gained = [1.0, 0.0, 0.0];
+        MatchOdds::default().habituated(0.8, &mut gained, &mut row);
+        assert!(row[0] == 0.0 && gained[0] == 0.9);
+        assert!((row[1].ln() - 0.1_f64.ln() / 2.5).abs() < 1e-5 && row[2] > 10.0);
         assert_eq!(MatchOdds::default().log_odds(f64::INFINITY), f64::NEG_INFINITY);
     }
 
     #[test]
     fn what_a_reference_says_again_and_again_counts_less() {
-        let odds = MatchOdds::default();
-        let (table, mut gained) = (odds.table(0.8), 0.0);
-        let (alone, first) = table.odds(-3.0, &mut gained);
-        assert!((first / alone - 1.0).abs() < 2e-3, "{first}");
-        for _ in 0..200 {
-            table.odds(-3.0, &mut gained);
-        }
-        let last = table.odds(-3.0, &mut gained).1.ln();
-        assert!((last - 0.2 * odds.log_odds(-3.0)).abs() < 2e-3, "{last}");
-        (0..200).for_each(|_| _ = table.odds(2.0, &mut gained));
-        assert!(gained < 1e-3);
+        let (odds, mut gained) = (MatchOdds::default(), [0.0]);
+        let mut say = |score: f64| {
+            let mut row = [score];
+            odds.habituated(0.8, &mut gained, &mut row);
+            (row[0].ln(), gained[0])
+        };
+        let alone = odds.log_odds(-3.0);
+        assert!((say(-3.0).0 - alone).abs() < 1e-5);
+        (0..200).for_each(|_| _ = say(-3.0));
+        assert!((say(-3.0).0 - 0.2 * alone).abs() < 1e-4);
+        (0..200).for_each(|_| _ = say(2.0));
+        assert!(say(2.0).1 < 1e-3);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What makes the distances of one query comparable with those of another.
 
 use super::ObservationError;
+use super::rows::RowMoments;
 use crate::likelihood::Scratch;
 
 /// How distances are brought to one scale before they become likelihoods.
@@ -72,14 +73,11 @@ impl Spread {
     /// Infinite ones stay so and take no part in mean and spread; where there is
     /// no spread, all scores are 0.
     pub(super) fn apply(self, distances: &[f32], out: &mut [f64], memory: &mut Scratch) {
-        let (count, mean) = moments(distances);
-        let centred = |d: f32| f64::from(d) - mean;
+        let moments = RowMoments::of(distances);
+        let centred = |d: f32| f64::from(d) - moments.mean;
         match self {
             Self::Query => {
-                let squares =
-                    distances.iter().filter(|d| d.is_finite()).map(|&d| centred(d).powi(2));
-                let deviation = (squares.sum::<f64>() / count).sqrt();
-                let unit = if deviation > 0.0 { 1.0 / deviation } else { 0.0 };
+                let unit = moments.inverse_deviation();
                 out.iter_mut().zip(distances).for_each(|(out, &d)| *out = scaled(centred(d), unit));
             }
             Self::Fixed(unit) => {
@@ -93,24 +91,15 @@ impl Spread {
 /// The score of the nearest reference, in standard deviations of a query's own distances;
 /// `None` if all are infinite or the same.
 pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
-    let (count, mean) = moments(distances);
-    let finite = distances.iter().filter(|d| d.is_finite());
-    let squares: f64 = finite.clone().map(|&d| (f64::from(d) - mean).powi(2)).sum();
-    let least = finite.copied().fold(f32::INFINITY, f32::min);
-    let score = (f64::from(least) - mean) / (squares / count).sqrt();
+    let moments = RowMoments::of(distances);
+    let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
+    let score = (f64::from(least) - moments.mean) / (moments.squares / moments.count).sqrt();
     score.is_finite().then_some(score)
 }
 
 /// An infinite distance stays infinite, even where there is no spread.
-fn scaled(centred: f64, unit: f64) -> f64 {
+pub(super) fn scaled(centred: f64, unit: f64) -> f64 {
     if centred.is_finite() { centred * unit } else { centred }
-}
-
-/// How many distances are finite, and their mean.
-fn moments(distances: &[f32]) -> (f64, f64) {
-    let finite = distances.iter().filter(|d| d.is_finite());
-    let (count, sum) = finite.fold((0.0, 0.0), |(n, sum), &d| (n + 1.0, sum + f64::from(d)));
-    (count, if count > 0.0 { sum / count } else { 0.0 })
 }
 
 /// How many distances are finite, their mean, and the sum of their squared

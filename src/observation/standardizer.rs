@@ -1,8 +1,9 @@
 //! Scores of references in units of what each has for other queries.
 
 use super::ObservationError;
-use super::spread::Spread;
-use crate::likelihood::Scratch;
+use super::rows::RowMoments;
+use super::spread::scaled;
+use crate::kernels::{Kernel, LANES, Lanes, run};
 
 /// For how many queries count what is known of a reference before any are seen: a mean of
 /// 0, and the deviation that all references have together.
@@ -99,9 +100,7 @@ impl Standardizer {
     /// [`ObservationError`] for a row of another length, or with NaN or −∞.
     pub fn observe(&mut self, distances: &[f32]) -> Result<(), ObservationError> {
         let mut scores = vec![0.0; distances.len()];
-        self.query_scores(distances, &mut scores)?;
-        self.count_in(&scores);
-        Ok(())
+        self.observed_scores(distances, &mut scores)
     }
 
     /// As if no more queries had been seen than this, in the same proportions: for what is
@@ -128,8 +127,8 @@ impl Standardizer {
     ///
     /// If `out` has not a value for each distance.
     pub fn scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
-        self.query_scores(distances, out)?;
-        self.standardize(out);
+        let moments = self.moments(distances)?;
+        self.scores_of(distances, &moments, out);
         Ok(())
     }
 
@@ -147,59 +146,122 @@ impl Standardizer {
         distances: &[f32],
         out: &mut [f64],
     ) -> Result<(), ObservationError> {
-        self.query_scores(distances, out)?;
-        self.count_in(out);
-        self.standardize(out);
+        let moments = self.moments(distances)?;
+        self.observed_scores_of(distances, &moments, out);
         Ok(())
     }
 
-    /// As many distances as references, all of them numbers or infinite.
-    pub(crate) fn check(&self, distances: &[f32]) -> Result<(), ObservationError> {
+    /// Moments of a row, which has as many distances as there are references, all of them
+    /// numbers or infinite.
+    pub(crate) fn moments(&self, distances: &[f32]) -> Result<RowMoments, ObservationError> {
         let (found, expected) = (distances.len(), self.references());
         if found != expected {
             return Err(ObservationError::Distances { found, expected });
         }
+        let moments = RowMoments::of(distances);
         let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
         match distances.iter().position(invalid) {
-            Some(reference) => {
+            Some(reference) if !moments.valid => {
                 Err(ObservationError::Distance { reference, value: distances[reference] })
             }
-            None => Ok(()),
+            _ => Ok(moments),
         }
     }
 
-    /// In deviations of the query's own.
-    fn query_scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
-        self.check(distances)?;
+    /// [`scores`](Self::scores) of a row with these [moments](Self::moments).
+    pub(crate) fn scores_of(&self, distances: &[f32], moments: &RowMoments, out: &mut [f64]) {
         assert_eq!(out.len(), distances.len(), "out must have one value per reference");
-        Spread::Query.apply(distances, out, &mut Scratch::default());
-        Ok(())
+        let (mean, unit) = (moments.mean, moments.inverse_deviation());
+        let scores = distances.iter().map(|&d| scaled(f64::from(d) - mean, unit));
+        out.iter_mut().zip(scores).for_each(|(out, score)| *out = score);
+        self.standardize(out);
     }
 
-    fn count_in(&mut self, scores: &[f64]) {
+    /// [`observed_scores`](Self::observed_scores) of a row with these
+    /// [moments](Self::moments).
+    pub(crate) fn observed_scores_of(
+        &mut self,
+        distances: &[f32],
+        moments: &RowMoments,
+        out: &mut [f64],
+    ) {
+        assert_eq!(out.len(), distances.len(), "out must have one value per reference");
         self.count += 1.0;
-        let sums = self.sums.iter_mut().zip(&mut self.squares);
-        for ((sum, square), &score) in sums.zip(scores) {
+        let (mean, unit) = (moments.mean, moments.inverse_deviation());
+        let (sums, squares) = (&mut self.sums, &mut self.squares);
+        run(CountIn { distances, mean, unit, sums, squares, out });
+        self.standardize(out);
+    }
+
+    fn standardize(&self, scores: &mut [f64]) {
+        let (sums, squares) = (&self.sums, &self.squares);
+        run(Standardize { count: self.count, sums, squares, scores });
+    }
+}
+
+/// Scores of a query in its own deviations, which are added to those of before.
+struct CountIn<'a> {
+    distances: &'a [f32],
+    mean: f64,
+    unit: f64,
+    sums: &'a mut [f64],
+    squares: &'a mut [f64],
+    out: &'a mut [f64],
+}
+
+impl Kernel for CountIn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { distances, mean, unit, sums, squares, out } = self;
+        let sums = sums.iter_mut().zip(squares);
+        for (((sum, square), out), &d) in sums.zip(out).zip(distances) {
+            let score = scaled(f64::from(d) - mean, unit);
+            *out = score;
             // What is infinitely far was not compared; it counts as usual.
-            let score = if score.is_finite() { score } else { 0.0 };
+            let score = if d.is_finite() { score } else { 0.0 };
             *sum += score;
             *square += score * score;
         }
     }
+}
 
-    fn standardize(&self, scores: &mut [f64]) {
-        let (n, known) = (self.count, self.count + PRIOR_COUNT);
-        let squares = |sum: f64, square: f64| {
-            let mean = sum * (1.0 / known);
+struct Standardize<'a> {
+    count: f64,
+    sums: &'a [f64],
+    squares: &'a [f64],
+    scores: &'a mut [f64],
+}
+
+impl Kernel for Standardize<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) {
+        let Self { count: n, sums, squares, scores } = self;
+        let known = n + PRIOR_COUNT;
+        let part = 1.0 / known;
+        // About the mean, without what was known before.
+        let about = |sum: f64, square: f64| {
+            let mean = sum * part;
             (square - 2.0 * mean * sum + n * mean * mean).max(0.0)
         };
-        let sums = self.sums.iter().zip(&self.squares);
-        let total: f64 = sums.clone().map(|(sum, square)| squares(*sum, *square)).sum();
+        let mut totals = [0.0; LANES];
+        let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
+        for (sums, squares) in whole.0.iter().zip(rest.0) {
+            for l in 0..LANES {
+                totals[l] += about(sums[l], squares[l]);
+            }
+        }
+        let mut total: f64 = totals.iter().sum();
+        for (sum, square) in whole.1.iter().zip(rest.1) {
+            total += about(*sum, *square);
+        }
         // Before any are seen, a deviation of 1.
         let pooled = (total / scores.len() as f64 + 1.0) / (n + 1.0);
-        let part = 1.0 / known;
-        for (score, (&sum, &square)) in scores.iter_mut().zip(sums) {
-            let variance = (squares(sum, square) + PRIOR_COUNT * pooled) * part;
+        for (score, (&sum, &square)) in scores.iter_mut().zip(sums.iter().zip(squares)) {
+            let variance = (about(sum, square) + PRIOR_COUNT * pooled) * part;
             // Seven digits will do, and take a quarter of the time.
             let inverse = 1.0 / (variance as f32).sqrt();
             *score = (*score - sum * part) * f64::from(inverse);

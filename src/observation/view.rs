@@ -1,6 +1,7 @@
 //! Whether the camera sees something new.
 
 use super::ObservationError;
+use super::rows::{self, RowMoments};
 use crate::motion::View;
 
 /// How much two views differ: the mean absolute difference of their rows of
@@ -20,19 +21,7 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
         let (found, expected) = (now.len(), before.len());
         return Err(ObservationError::Distances { found, expected });
     }
-    let pairs = before.iter().zip(now).map(|(&a, &b)| (f64::from(a), f64::from(b)));
-    let finite = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
-    let sums = finite.clone().fold([0.0; 2], |[n, sum], (_, b)| [n + 1.0, sum + b]);
-    let mean = sums[1] / sums[0];
-    let [moved, squares] = finite.fold([0.0; 2], |[moved, squares], (a, b)| {
-        [moved + (a - b).abs(), squares + (b - mean).powi(2)]
-    });
-    let deviation = (squares / sums[0]).sqrt();
-    Ok(match sums[0] {
-        0.0 => f64::INFINITY,
-        _ if moved == 0.0 => 0.0,
-        count => moved / count / deviation,
-    })
+    Ok(rows::change(before, now, RowMoments::of(now).mean))
 }
 
 /// Tells frame by frame whether the view has changed, against the last one that
@@ -99,18 +88,26 @@ impl Views {
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
     pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
-        next_view(&mut self.last_new, self.threshold, distances)
+        let mean = RowMoments::of(distances).mean;
+        next_view(&mut self.last_new, self.threshold, distances, mean)
     }
 }
 
-/// [`Views::next`], with the last new row kept elsewhere.
+/// [`Views::next`], with the last new row kept elsewhere, for a row of known mean.
 pub(crate) fn next_view(
     last_new: &mut Option<Vec<f32>>,
     threshold: f64,
     distances: &[f32],
+    mean: f64,
 ) -> Result<View, ObservationError> {
     match last_new {
-        Some(last) if view_change(last, distances)? < threshold => return Ok(View::Unchanged),
+        Some(last) if last.len() != distances.len() => {
+            let (found, expected) = (distances.len(), last.len());
+            return Err(ObservationError::Distances { found, expected });
+        }
+        Some(last) if rows::change(last, distances, mean) < threshold => {
+            return Ok(View::Unchanged);
+        }
         Some(last) => last.copy_from_slice(distances),
         None => *last_new = Some(distances.to_vec()),
     }

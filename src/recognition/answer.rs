@@ -23,6 +23,10 @@ pub struct Answer {
 
 /// Share of the belief that [`Answer::around`] holds.
 const HELD: f64 = 0.9;
+/// Sums in another order differ by less.
+const ROUNDING: f64 = 1e-12;
+/// As many windows are compared at a time.
+const TOGETHER: usize = 8;
 
 impl Recognizer {
     /// The answer of a belief in places, with one off the map behind them if there is such.
@@ -49,17 +53,35 @@ impl Recognizer {
     fn best_place(&self, places: &[f64]) -> usize {
         let (n, window) = (places.len(), self.options().window);
         let mut best = (0, f64::NEG_INFINITY, f64::NEG_INFINITY);
-        let mut offer = |place: usize, mass: f64| {
-            // Sums in another order differ by rounding.
-            if mass > best.1 + 1e-12 || (mass > best.1 - 1e-12 && places[place] > best.2) {
-                best = (place, mass, places[place]);
+        let offer = |best: &mut (usize, f64, f64), place: usize, mass: f64| {
+            let more_probable = mass > best.1 - ROUNDING && places[place] > best.2;
+            if mass > best.1 + ROUNDING || more_probable {
+                *best = (place, mass, places[place]);
             }
         };
         let edge = window.min(n);
         let ends = (0..edge).chain(n.saturating_sub(window).max(edge)..n);
-        ends.for_each(|place| offer(place, self.mass_near(places, place, window)));
-        let inner = places.windows(window.saturating_mul(2).saturating_add(1));
-        (window..).zip(inner).for_each(|(place, around)| offer(place, around.iter().sum()));
+        ends.for_each(|place| offer(&mut best, place, self.mass_near(places, place, window)));
+        let width = window.saturating_mul(2).saturating_add(1);
+        let count = (n + 1).saturating_sub(width);
+        // Eight windows at a time, and one by one only where there is a better one.
+        let mut first = 0;
+        while first + TOGETHER <= count {
+            let mut masses = [0.0; TOGETHER];
+            for eight in places[first..].windows(TOGETHER).take(width) {
+                masses.iter_mut().zip(eight).for_each(|(mass, place)| *mass += place);
+            }
+            let above = masses.map(|mass| u8::from(mass > best.1 - ROUNDING));
+            if above != [0; TOGETHER] {
+                let masses = (first + window..).zip(masses);
+                masses.for_each(|(place, mass)| offer(&mut best, place, mass));
+            }
+            first += TOGETHER;
+        }
+        for first in first..count {
+            let mass = places[first..first + width].iter().sum();
+            offer(&mut best, first + window, mass);
+        }
         best.0
     }
 

@@ -7,6 +7,7 @@ use super::references::References;
 use super::sensor::{Seeing, Sensor};
 use super::{Options, RecognitionError, Recording, Track};
 use crate::hmm::{Hmm, Prior};
+use crate::kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::RouteTransition;
 use crate::observation::Distance;
@@ -130,7 +131,7 @@ impl Recognizer {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(invalid)?,
         };
-        let sensor = Sensor::new(standardizer, options);
+        let sensor = Sensor::new(standardizer);
         Ok(Self { references, fit, sensor, model })
     }
 
@@ -199,19 +200,16 @@ impl Recognizer {
         self.references() + 1
     }
 
-    /// The belief in places. `memory` is of the length of [`likelihoods`](Self::likelihoods).
-    pub(super) fn add_up(&self, belief: &[f64], memory: &mut [f64], places: &mut [f64]) {
-        memory.fill(0.0);
-        self.model.likelihood().groups().add_up(belief, memory);
-        let (on, lost) = memory.split_at(self.references());
-        let (places, off) = places.split_at_mut(on.len());
+    /// The belief in places.
+    pub(super) fn add_up(&self, belief: &[f64], places: &mut [f64]) {
+        let (places, off) = places.split_at_mut(self.references());
+        let lost = self.motion().add_up(belief, places);
         if let [off] = off {
-            *off = lost[0];
-            places.copy_from_slice(on);
+            *off = lost;
         } else {
             // Of a vehicle that is not lost.
-            let found: f64 = on.iter().sum();
-            places.iter_mut().zip(on).for_each(|(place, p)| *place = p / found);
+            let found = 1.0 / kernels::sum(places);
+            places.iter_mut().for_each(|place| *place *= found);
         }
     }
 

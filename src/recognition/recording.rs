@@ -18,7 +18,7 @@ pub struct Recording {
     recognizer: Recognizer,
     controls: Vec<RouteControl>,
     likelihoods: Vec<Vec<f64>>,
-    /// Odds of each place by each frame alone.
+    /// log2 of the odds of each place by each frame alone.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
 }
@@ -28,7 +28,6 @@ pub struct Recording {
 pub struct PlaceBeliefs {
     recognizer: Recognizer,
     rows: Vec<f64>,
-    sums: Vec<f64>,
     log_likelihoods: Vec<f64>,
 }
 
@@ -151,7 +150,7 @@ impl Recording {
         let n = self.recognizer.references();
         for at in 0..self.steps() {
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            let row = self.alone[at].iter().map(|b| f64::from(*b).powf(temperature));
+            let row = self.alone[at].iter().map(|log2| (f64::from(*log2) * temperature).exp2());
             let row = row.chain(std::iter::once(1.0)).take(self.recognizer.places());
             let odds: Vec<f64> = row.enumerate().map(|(i, b)| prior(i) * b).collect();
             let sum: f64 = odds.iter().sum();
@@ -193,9 +192,8 @@ impl Sequence<RouteControl, Vec<f64>> for Recording {
 impl PlaceBeliefs {
     fn new(recognizer: &Recognizer, steps: usize) -> Self {
         let rows = vec![0.0; recognizer.places() * steps];
-        let sums = vec![0.0; recognizer.likelihoods()];
         let log_likelihoods = vec![0.0; steps];
-        Self { recognizer: recognizer.clone(), rows, sums, log_likelihoods }
+        Self { recognizer: recognizer.clone(), rows, log_likelihoods }
     }
 
     fn row_mut(&mut self, at: usize) -> &mut [f64] {
@@ -204,9 +202,9 @@ impl PlaceBeliefs {
     }
 
     fn set(&mut self, at: usize, belief: BeliefView<'_>, log_likelihood: f64) {
-        let Self { recognizer, rows, sums, log_likelihoods } = self;
+        let Self { recognizer, rows, log_likelihoods } = self;
         let width = recognizer.places();
-        recognizer.add_up(belief.as_slice(), sums, &mut rows[at * width..][..width]);
+        recognizer.add_up(belief.as_slice(), &mut rows[at * width..][..width]);
         log_likelihoods[at] = log_likelihood;
     }
 

@@ -4,7 +4,7 @@ use super::references::References;
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
 use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
-use crate::observation::{ObservationError, OddsTable, Standardizer, next_view};
+use crate::observation::{ObservationError, Standardizer, next_view};
 use crate::transition::Transition;
 
 /// The camera, with what it has learned of the references so far. Live and afterwards it
@@ -12,10 +12,9 @@ use crate::transition::Transition;
 #[derive(Debug, Clone)]
 pub(super) struct Sensor {
     state: SensorState,
-    odds: OddsTable,
     distances: Vec<f32>,
     more: Vec<f32>,
-    /// Odds of each place by the last new frame alone, if they are kept.
+    /// log2 of the odds of each place by the last new frame alone, if they are kept.
     alone: Vec<f32>,
 }
 
@@ -40,7 +39,7 @@ pub(super) struct Seeing<'a> {
 }
 
 impl Sensor {
-    pub(super) fn new(standardizer: Standardizer, options: &Options) -> Self {
+    pub(super) fn new(standardizer: Standardizer) -> Self {
         Self {
             state: SensorState {
                 gained: vec![0.0; standardizer.references()],
@@ -48,7 +47,6 @@ impl Sensor {
                 last_view: None,
                 run: None,
             },
-            odds: options.odds.table(options.habituation),
             distances: Vec::new(),
             more: Vec::new(),
             alone: Vec::new(),
@@ -71,33 +69,28 @@ impl Sensor {
         let SensorState { standardizer, last_view, run, gained } = &mut self.state;
         let n = references.count();
         // Checked first: after an error nothing has changed.
-        standardizer.check(&self.distances).map_err(failed)?;
-        let nowhere = self.distances.iter().all(|d| *d == f32::INFINITY);
+        let moments = standardizer.moments(&self.distances).map_err(failed)?;
+        let nowhere = moments.count == 0.0;
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
         let control = RouteControl { odometry, view: None };
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
-        let view = next_view(last_view, options.view_threshold, &self.distances).map_err(failed)?;
+        let view = next_view(last_view, options.view_threshold, &self.distances, moments.mean)
+            .map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
             out.fill(1.0);
         } else {
             let (places, off) = out.split_at_mut(n);
-            let scored = if options.standardize && !nowhere {
-                standardizer.observed_scores(&self.distances, places)
+            if options.standardize && !nowhere {
+                standardizer.observed_scores_of(&self.distances, &moments, places);
             } else {
-                standardizer.scores(&self.distances, places)
-            };
-            scored.map_err(failed)?;
-            for (at, (score, gained)) in places.iter_mut().zip(gained).enumerate() {
-                let (alone, odds) = self.odds.odds(*score, gained);
-                *score = odds;
-                if let Some(out) = self.alone.get_mut(at) {
-                    *out = alone as f32;
-                }
+                standardizer.scores_of(&self.distances, &moments, places);
             }
+            options.odds.log2_odds_of(&places[..self.alone.len()], &mut self.alone);
+            options.odds.habituated(options.habituation, gained, places);
             off.fill(if options.off_map.is_some() { 1.0 } else { options.lost_odds });
         }
         let count = match *run {
@@ -119,10 +112,10 @@ impl Sensor {
 
     /// Keeps from now on what each frame says alone.
     pub(super) fn keep_alone(&mut self) {
-        self.alone = vec![1.0; self.state.standardizer.references()];
+        self.alone = vec![0.0; self.state.standardizer.references()];
     }
 
-    /// The odds of each place by the last new frame alone.
+    /// log2 of the odds of each place by the last new frame alone.
     pub(super) fn alone(&self) -> &[f32] {
         &self.alone
     }

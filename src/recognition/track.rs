@@ -18,7 +18,6 @@ pub struct Track {
     filter: Filter<Arc<Model>>,
     sensor: Sensor,
     likelihoods: Vec<f64>,
-    sums: Vec<f64>,
     places: Vec<f64>,
 }
 
@@ -52,7 +51,6 @@ impl Track {
             filter,
             sensor,
             likelihoods: vec![1.0; recognizer.likelihoods()],
-            sums: vec![0.0; recognizer.likelihoods()],
             places: vec![0.0; recognizer.places()],
             recognizer,
         };
@@ -156,7 +154,7 @@ impl Track {
     }
 
     fn add_up(&mut self) {
-        let Self { recognizer, filter, sums, places, .. } = self;
-        recognizer.add_up(filter.belief().as_slice(), sums, places);
+        let Self { recognizer, filter, places, .. } = self;
+        recognizer.add_up(filter.belief().as_slice(), places);
     }
 }

@@ -43,6 +43,19 @@ macro_rules! as_target {
                 (**self).needs_logs(control)
             }
 
+            fn apply_in_blocks(
+                &self,
+                control: &Self::Control,
+                x: &[f64],
+                take: &mut dyn FnMut(usize, &[f64]),
+            ) {
+                (**self).apply_in_blocks(control, x, take);
+            }
+
+            fn smallest_entry(&self, control: &Self::Control) -> f64 {
+                (**self).smallest_entry(control)
+            }
+
             fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
                 (**self).stored(control)
             }

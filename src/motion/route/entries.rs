@@ -110,13 +110,14 @@ impl Step<'_> {
         let (route, window) = (self.route, self.window(new));
         // Around a short loop, several moves lead the same way.
         let laps = route.line.closed && window.len() > route.line.places;
-        for (places, taps) in route.stencils[new][0].runs().take(if laps { 0 } else { usize::MAX })
-        {
+        let alone = if laps { 0..0 } else { 0..route.line.places };
+        for (places, taps) in route.stencils[new][0].runs(alone) {
             for (first, weight, class) in taps {
-                let range = first..first + places.len();
                 let added = log2(window[weight]) + log2(self.factors.of(class));
-                let scores = mixed.scores[range.clone()].iter().map(|x| x + added);
-                best.offer(places.start, scores.zip(mixed.from[range].iter().copied()));
+                for (span, at) in route.line.spans(first, places.len()) {
+                    let scores = mixed.scores[span.clone()].iter().map(|x| x + added);
+                    best.offer(places.start + at, scores.zip(mixed.from[span].iter().copied()));
+                }
             }
         }
         let ends = route.line.ends().chain((0..route.line.places).filter(|_| laps));

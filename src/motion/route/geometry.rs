@@ -89,6 +89,28 @@ impl Line {
         usize::try_from(to).ok().filter(|to| *to < self.places)
     }
 
+    /// The places of the route among some successive ones, which may be beyond its ends: runs
+    /// of them, each with the number of places before it.
+    pub(super) fn spans(
+        self,
+        first: isize,
+        count: usize,
+    ) -> impl Iterator<Item = (Range<usize>, usize)> {
+        let n = self.places;
+        let mut at = if self.closed { 0 } else { (-first).max(0).cast_unsigned() };
+        std::iter::from_fn(move || {
+            let place = first + at.cast_signed();
+            let start = if self.closed { place.rem_euclid(n.cast_signed()) } else { place };
+            let start = start.cast_unsigned();
+            if at >= count || start >= n {
+                return None;
+            }
+            let (before, end) = (at, n.min(start + count - at));
+            at += end - start;
+            Some((start..end, before))
+        })
+    }
+
     /// `out[j] = Σ` of x over the places within a distance of j, by sums over 1, 2, 4, …
     /// places: O(n log within), and nothing is subtracted.
     pub(super) fn sum_near(self, x: &[f64], within: usize, out: &mut [f64]) {
@@ -134,6 +156,14 @@ impl RouteTransition {
     pub(super) fn span_of(&self, speed: usize) -> (isize, isize) {
         let window = &self.speeds.windows[speed];
         (window.first, window.last())
+    }
+
+    /// No move of any speed leads farther; a multiple of eight, so that blocks with as many
+    /// places before them begin where vectors do.
+    pub(super) fn reach(&self) -> usize {
+        let windows = self.speeds.windows.iter();
+        let reach = windows.map(|window| window.last().max(-window.first));
+        reach.max().unwrap_or(0).max(0).cast_unsigned().next_multiple_of(8)
     }
 
     /// Weight that a speed with the weights `window` gives to the way between two

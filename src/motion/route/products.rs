@@ -1,9 +1,11 @@
 //! Products with vectors, in loops along the places.
 
+use std::ops::Range;
+
 use super::super::OdometryModel;
 use super::stencil::Stencil;
 use super::step::{Off, Step};
-use super::views::ViewEvidence;
+use super::views::{Factors, ViewEvidence};
 use super::{RouteControl, RouteTransition};
 use crate::error::TransitionError;
 use crate::kernels;
@@ -12,25 +14,44 @@ use crate::transition::{Transition, buffers, check_slices};
 /// As many vectors as are added in one pass.
 const TERMS: usize = 4;
 
+/// Places that are taken at a time, so that what they need stays in the first cache.
+const BLOCK: usize = 512;
+
+/// Values of successive places; around a loop, also beyond its ends.
+#[derive(Debug, Clone, Copy)]
+struct Stretch<'a> {
+    /// The first place.
+    first: isize,
+    values: &'a [f64],
+}
+
+impl<'a> Stretch<'a> {
+    fn from(self, place: isize) -> &'a [f64] {
+        &self.values[(place - self.first).cast_unsigned()..]
+    }
+}
+
 impl Step<'_> {
-    /// `out =` what a stencil takes from x, and a factor times what else there is.
+    /// `out =` what a stencil takes from x at some places, and a factor times what else
+    /// there is.
     fn take(
         &self,
-        speed: usize,
-        stencil: &Stencil,
-        x: &[f64],
+        (speed, stencil): (usize, &Stencil),
+        places: Range<usize>,
+        x: Stretch<'_>,
         (factor, more): (f64, &[f64]),
         out: &mut [f64],
     ) {
         let window = self.window(speed);
-        for (places, taps) in stencil.runs() {
-            let mut terms = [(0.0, &x[..0]); TERMS];
+        for (run, taps) in stencil.runs(places.clone()) {
+            let inner = run.start - places.start..run.end - places.start;
+            let mut terms = [(0.0, &x.values[..0]); TERMS];
             let (mut count, mut some) = (0, false);
             if !more.is_empty() {
-                terms[0] = (factor, &more[places.clone()]);
+                terms[0] = (factor, &more[inner.clone()]);
                 count = 1;
             }
-            let out = &mut out[places];
+            let out = &mut out[inner];
             for (first, weight, class) in taps {
                 if count == TERMS {
                     if some {
@@ -41,7 +62,7 @@ impl Step<'_> {
                     (count, some) = (0, true);
                 }
                 let factor = window[weight] * self.factors.of(class);
-                terms[count] = (factor, &x[first..first + out.len()]);
+                terms[count] = (factor, &x.from(first)[..out.len()]);
                 count += 1;
             }
             let terms = &terms[..count];
@@ -49,14 +70,22 @@ impl Step<'_> {
         }
     }
 
-    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]`, and a factor times more.
-    fn push(&self, speed: usize, x: &[f64], more: (f64, &[f64]), out: &mut [f64]) {
+    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, and a factor times
+    /// more.
+    fn push(
+        &self,
+        speed: usize,
+        places: Range<usize>,
+        x: Stretch<'_>,
+        more: (f64, &[f64]),
+        out: &mut [f64],
+    ) {
         let route = self.route;
-        self.take(speed, &route.stencils[speed][0], x, more, out);
-        for end in route.line.ends() {
+        self.take((speed, &route.stencils[speed][0]), places.clone(), x, more, out);
+        for end in route.line.ends().filter(|end| places.contains(end)) {
             for i in route.line.sources(route.span_of(speed), end) {
                 let way = route.way(speed, self.window(speed), i, end);
-                out[end] += way * self.seen(i, end) * x[i];
+                out[end - places.start] += way * self.seen(i, end) * x.from(i.cast_signed())[0];
             }
         }
     }
@@ -64,7 +93,20 @@ impl Step<'_> {
     /// `out[i] = Σ` over j of window(i → j) e(i, j) `x[j]`.
     fn pull(&self, speed: usize, x: &[f64], out: &mut [f64]) {
         let route = self.route;
-        self.take(speed, &route.stencils[speed][1], x, (0.0, &[]), out);
+        let stencil = (speed, &route.stencils[speed][1]);
+        let places = 0..route.line.places;
+        if route.line.closed {
+            let reach = route.reach();
+            buffers::with(x.len() + 2 * reach, |values| {
+                let first = -reach.cast_signed();
+                for (span, at) in route.line.spans(first, values.len()) {
+                    values[at..at + span.len()].copy_from_slice(&x[span]);
+                }
+                self.take(stencil, places, Stretch { first, values }, (0.0, &[]), out);
+            });
+        } else {
+            self.take(stencil, places, Stretch { first: 0, values: x }, (0.0, &[]), out);
+        }
         for end in route.line.ends() {
             for i in route.line.sources(route.span_of(speed), end) {
                 let way = route.way(speed, self.window(speed), i, end);
@@ -115,38 +157,77 @@ impl Step<'_> {
         self.keep * anywhere
     }
 
-    /// `out =` the belief at a speed after a change, from that before; of `all`, the sum
-    /// over speeds.
-    fn change(&self, new: usize, x: &[f64], all: &[f64], out: &mut [f64]) {
+    /// `out =` the belief at a speed after a change, from that before, at some places; of
+    /// `all`, the sum over speeds.
+    fn change(&self, new: usize, x: &[f64], all: &[f64], places: Range<usize>, out: &mut [f64]) {
         let n = self.route.line.places;
-        let mut terms = [(0.0, all); TERMS];
+        let mut terms = [(0.0, &all[places.clone()]); TERMS];
         let mut count = 1;
         terms[0].0 = self.changes(new, |g, share| {
-            terms[count] = (share, &x[g * n..][..n]);
+            terms[count] = (share, &x[g * n..][places.clone()]);
             count += 1;
         });
         kernels::combine(out, &terms[..count]);
     }
 
-    fn apply(&self, x: &[f64], out: &mut [f64]) {
+    /// Hands over the product with x, block by block: the first state, and the values.
+    fn apply_in_blocks(&self, x: &[f64], take: &mut dyn FnMut(usize, &[f64])) {
         let (n, k) = (self.route.line.places, self.route.k());
         let (on, left) = x.split_at(k * n);
+        let reach = self.route.reach();
         buffers::with_two(n, |all, returned| {
             add_layers(on, n, |_| 1.0, all);
             if let Some(off) = &self.off {
                 self.come_back(off, left, returned);
-                let out = &mut out[k * n..];
-                kernels::combine(out, &[(off.stay, left), (off.enter, all)]);
             }
-            buffers::with(n, |mixed| {
-                let returned = if self.off.is_some() { &*returned } else { &[] };
-                for (new, out) in out[..k * n].chunks_exact_mut(n).enumerate() {
-                    self.change(new, on, all, mixed);
-                    let share = self.route.speeds.shares()[new];
-                    self.push(new, mixed, (share, returned), out);
+            buffers::with_two(BLOCK.min(n) + 2 * reach, |mixed, out| {
+                for start in (0..n).step_by(BLOCK) {
+                    let places = start..(start + BLOCK).min(n);
+                    let (mixed, out) = (&mut *mixed, &mut out[..places.len()]);
+                    let first = start.cast_signed() - reach.cast_signed();
+                    for new in 0..k {
+                        for (span, at) in self.route.line.spans(first, places.len() + 2 * reach) {
+                            let mixed = &mut mixed[at..at + span.len()];
+                            self.change(new, on, all, span, mixed);
+                        }
+                        let more = match self.off {
+                            Some(_) => &returned[places.clone()],
+                            None => &[],
+                        };
+                        let more = (self.route.speeds.shares()[new], more);
+                        self.push(new, places.clone(), Stretch { first, values: mixed }, more, out);
+                        take(new * n + start, out);
+                    }
+                    if let Some(off) = &self.off {
+                        let (left, all) = (&left[places.clone()], &all[places]);
+                        kernels::combine(out, &[(off.stay, left), (off.enter, all)]);
+                        take(k * n + start, out);
+                    }
                 }
             });
         });
+    }
+
+    /// A bound from below on factors and entries above 0.
+    fn smallest(&self) -> f64 {
+        let least = |values: &mut dyn Iterator<Item = f64>| {
+            values.filter(|value| *value > 0.0).fold(1.0, f64::min)
+        };
+        let speeds = 0..self.route.k();
+        let shares = least(&mut self.route.speeds.shares().iter().copied());
+        let mut changes = 1.0;
+        for new in speeds {
+            let all =
+                self.changes(new, |_, share| changes = least(&mut [changes, share].into_iter()));
+            changes = least(&mut [changes, all].into_iter());
+        }
+        let Factors { standing, alike, moved } = self.factors;
+        let seen = least(&mut [standing, alike, moved].into_iter());
+        let on = changes * seen * least(&mut self.windows.iter().copied());
+        let Some(off) = &self.off else { return on };
+        let near = self.route.off_map.map_or(0.0, |off| off.near / (2 * off.within + 1) as f64);
+        let back = off.back * least(&mut [near, off.each].into_iter()) * shares;
+        least(&mut [on, back, off.enter, off.stay].into_iter())
     }
 
     fn apply_transpose(&self, x: &[f64], out: &mut [f64]) {
@@ -192,6 +273,16 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
     }
 }
 
+impl RouteTransition {
+    /// `out =` the probability of each place, on the map; returns that of off the map.
+    pub(crate) fn add_up(&self, belief: &[f64], out: &mut [f64]) -> f64 {
+        let n = self.line.places;
+        let (on, off) = belief.split_at(self.k() * n);
+        add_layers(on, n, |_| 1.0, out);
+        kernels::sum(off)
+    }
+}
+
 impl Transition for RouteTransition {
     type Control = RouteControl;
 
@@ -201,7 +292,22 @@ impl Transition for RouteTransition {
 
     fn apply(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, |step| step.apply(x, out));
+        self.apply_in_blocks(control, x, &mut |first, values| {
+            out[first..first + values.len()].copy_from_slice(values);
+        });
+    }
+
+    fn apply_in_blocks(
+        &self,
+        control: &RouteControl,
+        x: &[f64],
+        take: &mut dyn FnMut(usize, &[f64]),
+    ) {
+        self.with_step(control, |step| step.apply_in_blocks(x, take));
+    }
+
+    fn smallest_entry(&self, control: &RouteControl) -> f64 {
+        self.with_step(control, |step| step.smallest())
     }
 
     fn apply_transpose(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {

@@ -19,7 +19,7 @@ struct Run {
 /// A term of the sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tap {
-    /// Distance before or after the place; around a loop, with the whole of it.
+    /// Distance from the place; around a loop, it may lead beyond the ends.
     offset: isize,
     /// Which of the moves of the window.
     weight: usize,
@@ -54,8 +54,7 @@ impl Stencil {
                 if line.ends().any(|end| end == to) {
                     continue;
                 }
-                let offset = other.cast_signed() - place.cast_signed();
-                taps.push(Tap { offset, weight, class: class(from, to) });
+                taps.push(Tap { offset: shift, weight, class: class(from, to) });
             }
             match runs.last_mut() {
                 Some(run) if run.taps == taps => run.places.end = place + 1,
@@ -65,17 +64,20 @@ impl Stencil {
         Self(runs)
     }
 
-    /// Goes through the runs: their places, and for each tap the first of the places that
-    /// it takes, its move and its class.
+    /// Goes through the runs of some places: the places, and for each tap the first of those
+    /// that it takes, its move and its class.
     pub(super) fn runs(
         &self,
-    ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (usize, usize, Class)> + Clone)>
+        places: Range<usize>,
+    ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (isize, usize, Class)> + Clone)>
     {
-        self.0.iter().map(|run| {
-            let taps = run.taps.iter().map(|tap| {
-                (run.places.start.wrapping_add_signed(tap.offset), tap.weight, tap.class)
-            });
-            (run.places.clone(), taps)
+        let first = self.0.partition_point(|run| run.places.end <= places.start);
+        let runs = self.0[first..].iter().take_while(move |run| run.places.start < places.end);
+        runs.map(move |run| {
+            let start = run.places.start.max(places.start);
+            let from = start.cast_signed();
+            let taps = run.taps.iter().map(move |tap| (from + tap.offset, tap.weight, tap.class));
+            (start..run.places.end.min(places.end), taps)
         })
     }
 }
