@@ -55,10 +55,10 @@ fn route(criterion: &mut Criterion, n: usize) {
         ("route, views", None, view),
         ("route, odometry and views", odometry, view),
     ] {
-        operator_with(criterion, name, &route, &RouteControl { odometry, view });
+        operator_with(criterion, name, &route, &RouteControl { odometry, view, before: None });
     }
     let off_map = route.with_off_map(OffMap::default()).expect("valid rates");
-    let control = RouteControl { odometry, view };
+    let control = RouteControl { odometry, view, before: None };
     operator_with(criterion, "route, odometry, views and off the map", &off_map, &control);
 }
 

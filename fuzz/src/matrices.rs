@@ -125,7 +125,7 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
                 let view = draw.pick(&[None, Some(View::Changed), Some(View::Unchanged)]);
                 let weight = draw.pick(&[1.0, 0.5, 0.0, 0.1]);
                 let view = view.map(|view| ViewEvidence { view, weight });
-                RouteControl { odometry, view }
+                RouteControl { odometry, view, before: None }
             };
             let controls: Vec<_> = (0..count).map(|_| control(draw)).collect();
             let matrices = controls.iter().map(|u| listed(&route, u)).collect();

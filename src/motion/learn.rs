@@ -82,9 +82,12 @@ impl Speeds {
             LikelihoodVector::linear(k).owned(),
         );
         let Ok(hmm) = hmm else { return Ok(self.clone()) };
-        let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
+        let envf =
+            |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
+        let ((mut nearby, mut anywhere), mut steps) = (before.changes(), envf("CC", CHANGE_COUNT));
         (nearby, anywhere) = (nearby * steps, anywhere * steps);
-        let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
+        let mut used: Vec<f64> =
+            before.shares().iter().map(|p| p * envf("SC", SHARE_COUNT)).collect();
         for drive in seen.iter().filter(|drive| !drive.is_empty()) {
             let smoothing = hmm.smooth(drive)?;
             for belief in smoothing.posteriors().iter().skip(1) {

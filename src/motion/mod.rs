@@ -6,5 +6,7 @@ mod route;
 mod speeds;
 
 pub use odometry::OdometryModel;
-pub use route::{OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates};
+pub use route::{
+    Driven, OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates,
+};
 pub use speeds::Speeds;

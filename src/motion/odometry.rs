@@ -167,6 +167,15 @@ impl OdometryModel {
         self.deviation / s / (x * x * x.sqrt())
     }
 
+    /// The density of a reading after some others of the same speed, of which the mean is
+    /// known, over the largest that there is.
+    pub(super) fn again(&self, reading: f64, mean: f64, count: u32) -> f64 {
+        let width = (1.0 + 1.0 / f64::from(count)).sqrt();
+        let r = (reading - mean) / (width * self.deviation);
+        let x = 1.0 + 0.25 * r * r;
+        1.0 / width / (x * x * x.sqrt())
+    }
+
     /// ln of the largest density.
     pub(super) fn log_peak(&self) -> f64 {
         (PEAK / self.deviation).ln()

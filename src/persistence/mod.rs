@@ -87,14 +87,15 @@
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackState` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `gained`, what each reference has said of late |
+//! | `TrackState` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing` and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
 //! and `RoundedTails` what they hold, the `Odometry` of a road map an object with `distance`
 //! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
-//! `view`, null or `view` (`changed` or `unchanged`) and `weight`. The `Options` of a
+//! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
+//! `before`, which is as `driven` above. The `Options` of a
 //! recogniser are an object with a field for each; they are checked when one is made.
 
 mod likelihood;

@@ -2,7 +2,7 @@
 
 use super::stored;
 use crate::inference::FilterState;
-use crate::motion::View;
+use crate::motion::{Driven, View};
 use crate::observation::Standardizer;
 use crate::recognition::{Options, SensorState, TrackState};
 
@@ -34,8 +34,9 @@ stored! {
         last_view: Option<Vec<Option<f32>>> =
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
         run: Option<(View, u32)> = state.sensor.run,
+        driven: Option<Driven> = state.sensor.driven,
         gained: Vec<f32> = state.sensor.gained,
-    } => track_state(filter, standardizer, last_view, run, gained);
+    } => track_state(filter, standardizer, last_view, run, driven, gained);
 }
 
 /// A distance that JSON has, or none for an infinite one.
@@ -49,6 +50,7 @@ fn track_state(
     standardizer: Standardizer,
     last_view: Option<Vec<Option<f32>>>,
     run: Option<(View, u32)>,
+    driven: Option<Driven>,
     gained: Vec<f32>,
 ) -> Result<TrackState, String> {
     if let Some(value) = gained.iter().find(|value| !(**value >= 0.0 && value.is_finite())) {
@@ -70,5 +72,5 @@ fn track_state(
             ));
         }
     }
-    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, gained } })
+    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, driven, gained } })
 }

@@ -33,6 +33,8 @@ pub struct Options {
     /// nothing gives to the right place, on average: so the vehicle is not taken for lost in
     /// a tunnel. (Off the map they are 1.)
     pub lost_odds: f64,
+    /// The odds of being off the map at each step, against those of a wrong place. 1 by default.
+    pub off_map_odds: f64,
     /// Share of what a reference has said in the last ten new frames, on average, that does not
     /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
     /// reference after the other; one that looks like everything says the same for a minute.
@@ -73,6 +75,7 @@ impl Default for Options {
             off_map: None,
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             lost_odds: 0.6,
+            off_map_odds: 1.0,
             habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,

@@ -3,7 +3,7 @@
 use super::references::References;
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
-use crate::motion::{RouteControl, RouteTransition, View, ViewEvidence};
+use crate::motion::{Driven, RouteControl, RouteTransition, View, ViewEvidence};
 use crate::observation::{ObservationError, Standardizer, next_view};
 use crate::transition::Transition;
 
@@ -26,6 +26,8 @@ pub(crate) struct SensorState {
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
     pub(crate) run: Option<(View, u32)>,
+    /// How the vehicle was driven, by odometry and views.
+    pub(crate) driven: Option<Driven>,
     /// Gain of each reference by the last frames, a mean of log-odds.
     pub(crate) gained: Vec<f32>,
 }
@@ -46,6 +48,7 @@ impl Sensor {
                 standardizer,
                 last_view: None,
                 run: None,
+                driven: None,
             },
             distances: Vec::new(),
             more: Vec::new(),
@@ -66,7 +69,7 @@ impl Sensor {
         let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
-        let SensorState { standardizer, last_view, run, gained } = &mut self.state;
+        let SensorState { standardizer, last_view, run, driven, gained } = &mut self.state;
         let n = references.count();
         // Checked first: after an error nothing has changed.
         let moments = standardizer.moments(&self.distances).map_err(failed)?;
@@ -74,7 +77,7 @@ impl Sensor {
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
-        let control = RouteControl { odometry, view: None };
+        let control = RouteControl { odometry, view: None, before: *driven };
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
         let view = next_view(last_view, options.view_threshold, &self.distances, moments.mean)
@@ -91,7 +94,11 @@ impl Sensor {
             }
             options.odds.log2_odds_of(&places[..self.alone.len()], &mut self.alone);
             options.odds.habituated(options.habituation, gained, places);
-            off.fill(if options.off_map.is_some() { 1.0 } else { options.lost_odds });
+            off.fill(if options.off_map.is_some() {
+                options.off_map_odds
+            } else {
+                options.lost_odds
+            });
         }
         let count = match *run {
             Some((before, count)) if before == view => count.saturating_add(1),
@@ -107,7 +114,11 @@ impl Sensor {
         let weight = 1.0 / (1.0 + f64::from(count - 1) * fades);
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
-        Ok(RouteControl { view, ..control })
+        let control = RouteControl { view, ..control };
+        if !first && (view.is_some() || odometry.is_some()) {
+            *driven = Some(seeing.motion.driven(&control));
+        }
+        Ok(control)
     }
 
     /// Keeps from now on what each frame says alone.

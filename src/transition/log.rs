@@ -25,8 +25,19 @@ pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64
                 }
             }
             product(band, sums);
-            for (out, sum) in out.iter_mut().zip(&*sums) {
+            let too_large = sums.contains(&f64::INFINITY);
+            for (out, sum) in out.iter_mut().zip(&*sums).filter(|out| *out.1 != f64::INFINITY) {
                 *out = add(*out, sum.ln() - lift + top);
+            }
+            if too_large {
+                // Evidence on moves may have entries far above 1: what they lead to, again
+                // without the lift.
+                let large: Vec<bool> = sums.iter().map(|sum| *sum == f64::INFINITY).collect();
+                band.iter_mut().for_each(|x| *x = *x / LIFT / 4_294_967_296.0);
+                product(band, sums);
+                let above = top + 4_294_967_296_f64.ln();
+                let outs = out.iter_mut().zip(&*sums).zip(large).filter(|out| out.1);
+                outs.for_each(|((out, sum), _)| *out = add(*out, sum.ln() + above));
             }
             top = next;
         }

@@ -216,6 +216,11 @@ impl<A: Transition> OffMapTransition<A> {
     }
 }
 
+/// A product that is 0 if the probability is, also of what is beyond doubles.
+fn times(probability: f64, x: f64) -> f64 {
+    if probability == 0.0 { 0.0 } else { probability * x }
+}
+
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
 
@@ -231,9 +236,9 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         self.inner.apply(control, &x[..n], out);
         let returning = weight * x[n];
         for (out, back) in out.iter_mut().zip(&self.back) {
-            *out = self.keep * *out + back * returning;
+            *out = self.keep * *out + times(*back, returning);
         }
-        off[0] = weight * (self.leave * kernels::sum(&x[..n])) + self.stay * returning;
+        off[0] = weight * (self.leave * kernels::sum(&x[..n])) + times(self.stay, returning);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {

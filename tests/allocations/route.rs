@@ -26,7 +26,9 @@ fn controls() -> Vec<RouteControl> {
     let views = [View::Changed, View::Unchanged].map(|view| ViewEvidence { view, weight: 0.3 });
     let views = || std::iter::once(None).chain(views.map(Some));
     let readings = [None, Some(0.7), Some(-9.0)].into_iter();
-    readings.flat_map(|odometry| views().map(move |view| RouteControl { odometry, view })).collect()
+    readings
+        .flat_map(|odometry| views().map(move |view| RouteControl { odometry, view, before: None }))
+        .collect()
 }
 
 #[test]

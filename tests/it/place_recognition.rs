@@ -167,7 +167,7 @@ fn a_stop_does_not_count_one_image_again_and_again() {
         let view = views.next(row).unwrap();
         let seen = (view == View::Changed).then(|| row.clone());
         let view = Some(ViewEvidence { view, weight: 1.0 });
-        wise.step_with(&RouteControl { view, odometry: None }, &seen).unwrap();
+        wise.step_with(&RouteControl { view, ..RouteControl::default() }, &seen).unwrap();
         naive.step_with(&RouteControl::default(), &Some(row.clone())).unwrap();
     }
     let place = |filter: &Filter<_>| groups.marginal(&filter.belief()).unwrap().mode();

@@ -10,7 +10,7 @@ impl TransitionEntries for RouteTransition {
     fn incoming(&self, control: &RouteControl, to: usize) -> impl Iterator<Item = (usize, f64)> {
         assert!(to < self.count(), "there is no state {to}");
         let mut entries = Vec::new();
-        self.with_step(control, |step| {
+        self.with_step(control, |step, _| {
             step.row(to, |from, parts| entries.push((from, parts.into_iter().product())));
         });
         entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > 0.0)
@@ -19,7 +19,7 @@ impl TransitionEntries for RouteTransition {
     fn outgoing(&self, control: &RouteControl, from: usize) -> impl Iterator<Item = (usize, f64)> {
         assert!(from < self.count(), "there is no state {from}");
         let mut entries = Vec::new();
-        self.with_step(control, |step| {
+        self.with_step(control, |step, _| {
             step.column(from, |to, parts| entries.push((to, parts.into_iter().product())));
         });
         entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > 0.0)
@@ -32,7 +32,7 @@ impl TransitionEntries for RouteTransition {
     ) -> impl Iterator<Item = (usize, f64)> {
         assert!(to < self.count(), "there is no state {to}");
         let mut entries = Vec::new();
-        self.with_step(control, |step| {
+        self.with_step(control, |step, _| {
             step.row(to, |from, parts| entries.push((from, parts.into_iter().map(log2).sum())));
         });
         entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > f64::NEG_INFINITY)
@@ -45,7 +45,7 @@ impl TransitionEntries for RouteTransition {
     ) -> impl Iterator<Item = (usize, f64)> {
         assert!(from < self.count(), "there is no state {from}");
         let mut entries = Vec::new();
-        self.with_step(control, |step| {
+        self.with_step(control, |step, _| {
             step.column(from, |to, parts| entries.push((to, parts.into_iter().map(log2).sum())));
         });
         entries.into_iter().filter(|entry: &(usize, f64)| entry.1 > f64::NEG_INFINITY)
@@ -53,7 +53,7 @@ impl TransitionEntries for RouteTransition {
 
     fn max_product(&self, control: &RouteControl, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, |step| step.max_product(x, out, from));
+        self.with_step(control, |step, _| step.max_product(x, out, from));
     }
 }
 
@@ -123,7 +123,8 @@ impl Step<'_> {
         let ends = route.line.ends().chain((0..route.line.places).filter(|_| laps));
         for end in ends {
             for i in route.line.sources(route.span_of(new), end) {
-                let way = log2(route.way(new, window, i, end)) + log2(self.seen(i, end));
+                let [way, seen] = self.way_parts(new, i, end).map(log2);
+                let way = way + seen;
                 best.offer(end, std::iter::once((mixed.scores[i] + way, mixed.from[i])));
             }
         }

@@ -1,6 +1,7 @@
 //! A vehicle at hidden speeds along a route, with what was measured of each step.
 
 mod best;
+mod driven;
 mod entries;
 mod geometry;
 mod off_map;
@@ -9,6 +10,7 @@ mod stencil;
 mod step;
 mod views;
 
+pub use driven::Driven;
 use geometry::Line;
 pub use off_map::OffMap;
 use stencil::{Stencil, Way};
@@ -32,6 +34,9 @@ pub struct RouteControl {
     /// Change of the view, or none; of use only
     /// [with views](RouteTransition::with_views).
     pub view: Option<ViewEvidence>,
+    /// How it was driven before, which off the map tells what to expect.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub before: Option<Driven>,
 }
 
 /// A state of a [`RouteTransition`].
@@ -65,7 +70,7 @@ pub enum RouteState {
 /// where v goes through the speeds that g' stands for. The columns are not normalised:
 /// what contradicts all moves from a place speaks against the place. On a closed route, a
 /// loop, the first place follows the last. On an open one, what would go beyond an end
-/// stops there; p(view) is then of the place where it stops.
+/// stops there, though the view has changed on the way as on any other.
 ///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
 /// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
@@ -85,8 +90,8 @@ pub enum RouteState {
 /// let hmm = Hmm::new(prior, drive, sensor)?;
 ///
 /// let mut filter = hmm.filter();
-/// filter.predict_with(&RouteControl { odometry: Some(1.9), view: None })?;
-/// filter.predict_with(&RouteControl { odometry: Some(2.1), view: None })?;
+/// filter.predict_with(&RouteControl { odometry: Some(1.9), ..RouteControl::default() })?;
+/// filter.predict_with(&RouteControl { odometry: Some(2.1), ..RouteControl::default() })?;
 /// let places = hmm.transition().place_groups().marginal(&filter.belief())?;
 /// assert_eq!(places.mode(), 14);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -174,7 +179,9 @@ impl RouteTransition {
 
     /// With places off the map.
     ///
-    /// A measurement there is as likely as on the map at speeds by their shares.
+    /// A measurement there is as likely as at the speed of [before](RouteControl::before), or
+    /// at another with the probability that speeds change; if nothing is known of before, as
+    /// at speeds by their shares.
     ///
     /// # Errors
     ///

@@ -84,8 +84,7 @@ impl Step<'_> {
         self.take((speed, &route.stencils[speed][0]), places.clone(), x, more, out);
         for end in route.line.ends().filter(|end| places.contains(end)) {
             for i in route.line.sources(route.span_of(speed), end) {
-                let way = route.way(speed, self.window(speed), i, end);
-                out[end - places.start] += way * self.seen(i, end) * x.from(i.cast_signed())[0];
+                out[end - places.start] += self.way(speed, i, end) * x.from(i.cast_signed())[0];
             }
         }
     }
@@ -109,8 +108,7 @@ impl Step<'_> {
         }
         for end in route.line.ends() {
             for i in route.line.sources(route.span_of(speed), end) {
-                let way = route.way(speed, self.window(speed), i, end);
-                out[i] += way * self.seen(i, end) * x[end];
+                out[i] += self.way(speed, i, end) * x[end];
             }
         }
     }
@@ -303,16 +301,16 @@ impl Transition for RouteTransition {
         x: &[f64],
         take: &mut dyn FnMut(usize, &[f64]),
     ) {
-        self.with_step(control, |step| step.apply_in_blocks(x, take));
+        self.with_step(control, |step, _| step.apply_in_blocks(x, take));
     }
 
     fn smallest_entry(&self, control: &RouteControl) -> f64 {
-        self.with_step(control, |step| step.smallest())
+        self.with_step(control, |step, _| step.smallest())
     }
 
     fn apply_transpose(&self, control: &RouteControl, x: &[f64], out: &mut [f64]) {
         check_slices(self.count(), x, out);
-        self.with_step(control, |step| step.apply_transpose(x, out));
+        self.with_step(control, |step, _| step.apply_transpose(x, out));
     }
 
     fn evidence(&self, control: &RouteControl) -> Option<f64> {
@@ -321,6 +319,7 @@ impl Transition for RouteTransition {
 
     fn check_control(&self, control: &RouteControl) -> Result<(), TransitionError> {
         control.odometry.map_or(Ok(()), OdometryModel::check_reading)?;
-        control.view.map_or(Ok(()), ViewEvidence::check)
+        control.view.map_or(Ok(()), ViewEvidence::check)?;
+        control.before.map_or(Ok(()), |before| before.check())
     }
 }

@@ -37,34 +37,31 @@ impl RouteTransition {
     pub(super) fn with_step<R>(
         &self,
         control: &RouteControl,
-        work: impl FnOnce(Step<'_>) -> R,
+        work: impl FnOnce(Step<'_>, &[f64]) -> R,
     ) -> R {
         let width = self.starts[self.k()];
-        buffers::with(width, |windows| {
-            // The likelihood of the odometry off the map.
-            let mut driven = 1.0;
-            match control.odometry {
-                None => {
-                    for (g, window) in self.speeds.windows.iter().enumerate() {
-                        windows[self.starts[g]..self.starts[g + 1]]
-                            .copy_from_slice(&window.weights);
+        buffers::with_two(width.max(self.k()), |windows, means| {
+            let (windows, means) = (&mut windows[..width], &mut means[..self.k()]);
+            for (g, window) in self.speeds.windows.iter().enumerate() {
+                let out = &mut windows[self.starts[g]..self.starts[g + 1]];
+                means[g] = match control.odometry {
+                    None => {
+                        out.copy_from_slice(&window.weights);
+                        1.0
                     }
-                }
-                Some(reading) => {
-                    driven = 0.0;
-                    for (g, window) in self.speeds.windows.iter().enumerate() {
+                    Some(reading) => {
                         let likelihood =
                             |v: f64| self.odometry.relative(reading, v, window.spacing);
-                        let out = &mut windows[self.starts[g]..self.starts[g + 1]];
-                        driven += self.speeds.shares()[g] * window.weigh(likelihood, out);
+                        window.weigh(likelihood, out)
                     }
-                }
+                };
             }
             let seen = self.views.as_ref().zip(control.view);
             let factors = seen.map_or(Factors::NONE, |(views, view)| views.rates.factors(view).0);
-            let standing = self.standing_share();
-            let driven = driven * (standing * factors.standing + (1.0 - standing) * factors.moved);
-            let off = self.off_map.map(|off| Off {
+            let keep = self.off_map.map_or(1.0, |off| 1.0 - off.leave);
+            let mut step = Step { route: self, windows, factors, keep, off: None };
+            let driven = step.off_map_likelihood(control, means);
+            step.off = self.off_map.map(|off| Off {
                 enter: off.leave * driven,
                 stay: (1.0 - off.back) * driven,
                 back: off.back * driven,
@@ -72,15 +69,8 @@ impl RouteTransition {
                 is_anywhere: off.near == 0.0,
                 within: off.within,
             });
-            let keep = self.off_map.map_or(1.0, |off| 1.0 - off.leave);
-            work(Step { route: self, windows, factors, keep, off })
+            work(step, means)
         })
-    }
-
-    /// Share of the time for which the vehicle stands.
-    fn standing_share(&self) -> f64 {
-        let speeds = self.speeds.values().iter().zip(self.speeds.shares());
-        speeds.filter(|(v, _)| **v == 0.0).map(|(_, share)| share).sum()
     }
 
     /// The logarithm that is divided out of the entries of a step with evidence.
@@ -98,9 +88,24 @@ impl Step<'_> {
         &self.windows[self.route.starts[speed]..self.route.starts[speed + 1]]
     }
 
-    /// The likelihood of the view for a way.
-    pub(super) fn seen(&self, from: usize, to: usize) -> f64 {
-        self.factors.of(self.route.class(from, to))
+    /// Weight that a speed gives to the way between two places, and the likelihood of the
+    /// view, whose product is the entry.
+    pub(super) fn way_parts(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
+        let (route, window) = (self.route, self.window(speed));
+        let way = route.way(speed, window, from, to);
+        if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
+            return [way, self.factors.of(route.class(from, to))];
+        }
+        // What would go beyond an end stops there, but the view has changed on the way.
+        let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
+        let stay = stay.copied().unwrap_or(0.0);
+        [stay * self.factors.standing + (way - stay).max(0.0) * self.factors.moved, 1.0]
+    }
+
+    /// The product of [these](Self::way_parts).
+    pub(super) fn way(&self, speed: usize, from: usize, to: usize) -> f64 {
+        let [way, seen] = self.way_parts(speed, from, to);
+        way * seen
     }
 
     /// The probability of coming back at a place.
@@ -119,8 +124,8 @@ impl Step<'_> {
             if g < k {
                 let mix = route.switching[new * k + g];
                 for j in route.line.targets(route.span_of(new), i) {
-                    let way = route.way(new, self.window(new), i, j);
-                    work(new * n + j, [self.keep, mix, way, self.seen(i, j)]);
+                    let [way, seen] = self.way_parts(new, i, j);
+                    work(new * n + j, [self.keep, mix, way, seen]);
                 }
             } else if let Some(off) = &self.off {
                 for j in 0..n {
@@ -143,8 +148,8 @@ impl Step<'_> {
             if new < k {
                 let mix = route.switching[new * k + g];
                 for i in route.line.sources(route.span_of(new), j) {
-                    let way = route.way(new, self.window(new), i, j);
-                    work(g * n + i, [self.keep, mix, way, self.seen(i, j)]);
+                    let [way, seen] = self.way_parts(new, i, j);
+                    work(g * n + i, [self.keep, mix, way, seen]);
                 }
             } else if let Some(off) = &self.off {
                 work(g * n + j, [off.enter, 1.0, 1.0, 1.0]);

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{LOG2_E, PI};
 
-use crate::kernels;
+use crate::kernels::{self, LARGEST_LOG};
 use crate::transition::Odometry;
 
 /// An entry of a column.
@@ -37,7 +37,14 @@ impl Weights {
 
     /// The logarithm of what multiplies the entry of a move, at most 0.
     pub(super) fn log(&self, way: &Way) -> f64 {
-        (-excess(self.odometry, way.length, self.nearest)).min(0.0)
+        self.log_at(way.length)
+    }
+
+    /// The same of a length; the least of all is at the shortest or the longest. −∞ beyond
+    /// what logarithms may be.
+    pub(super) fn log_at(&self, length: f64) -> f64 {
+        let log = (-excess(self.odometry, length, self.nearest)).min(0.0);
+        if log >= -LARGEST_LOG { log } else { f64::NEG_INFINITY }
     }
 
     /// The entry; 0 below the smallest normal double.

@@ -2,6 +2,7 @@
 //! hand.
 
 mod bounds;
+mod wide;
 
 use proptest::prelude::*;
 use wayfix::{

@@ -3,7 +3,8 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::motion::{
-    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+    Driven, OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence,
+    ViewRates,
 };
 
 use crate::kit::{Matrix, transposed, weighted};
@@ -110,17 +111,13 @@ impl Parts {
         let k = values.len();
         let seen = self.seen(control).0;
         let mut column = vec![0.0; count];
-        // Off the map, what is measured is as likely as at speeds by their shares.
         let mean = |g: usize| {
             let (nodes, spacing) = nodes(values, g);
             nodes.iter().map(|(v, share)| share * self.driven(control, *v, spacing)).sum::<f64>()
         };
-        let standing: f64 = (0..k).filter(|g| values[*g] == 0.0).map(|g| shares[g]).sum();
-        let driven = match control.odometry {
-            Some(_) => (0..k).map(|g| shares[g] * mean(g)).sum::<f64>(),
-            None => 1.0,
-        };
-        let off = driven * (standing * seen[0] + (1.0 - standing) * seen[2]);
+        let means: Vec<f64> =
+            (0..k).map(|g| if control.odometry.is_some() { mean(g) } else { 1.0 }).collect();
+        let off = self.off(control, &means);
         let (old, i) = (from / n, from % n);
         if old < k {
             let keep = self.off_map.map_or(1.0, |off_map| 1.0 - off_map.leave);
@@ -140,7 +137,10 @@ impl Parts {
                         let to =
                             if self.closed { to.rem_euclid(last + 1) } else { to.clamp(0, last) };
                         let to = to.cast_unsigned();
-                        column[new * n + to] += share * weight * seen[self.class(i, to)];
+                        // At an end, what stops there has moved.
+                        let class =
+                            if to == i && m != 0 && !self.closed { 2 } else { self.class(i, to) };
+                        column[new * n + to] += share * weight * seen[class];
                     }
                 }
             }
@@ -157,6 +157,41 @@ impl Parts {
             }
         }
         column
+    }
+
+    /// The likelihood of what was measured off the map: at the speed of before, or at one by its
+    /// share with the probability of a change.
+    fn off(&self, control: &RouteControl, means: &[f64]) -> f64 {
+        let (values, shares, seen) =
+            (self.speeds.values(), self.speeds.shares(), self.seen(control).0);
+        let each = (0..values.len()).map(|g| {
+            let factor = if values[g] == 0.0 { seen[0] } else { seen[2] };
+            (values[g] == 0.0, shares[g], shares[g] * means[g] * factor)
+        });
+        let of = |standing: bool| {
+            let (share, sum) = each
+                .clone()
+                .filter(|e| e.0 == standing)
+                .fold((0.0, 0.0), |s, e| (s.0 + e.1, s.1 + e.2));
+            (share, sum)
+        };
+        let any: f64 = each.clone().map(|e| e.2).sum();
+        if self.log_factor(control).is_none() {
+            return 1.0;
+        }
+        let known = |before: &Driven| !before.standing || of(true).0 > 0.0;
+        let Some(before) = control.before.filter(known) else { return any };
+        let change = (self.speeds.changes().0 + self.speeds.changes().1).min(1.0);
+        let as_before = match (before.standing, control.odometry, before.odometry) {
+            (true, _, _) => of(true).1 / of(true).0,
+            (false, Some(reading), Some((mean, count))) => {
+                let width = (1.0 + 1.0 / f64::from(count)).sqrt();
+                let off = (reading - mean) / (width * self.odometry.deviation);
+                (1.0 + off * off / 4.0).powf(-2.5) / width * seen[2]
+            }
+            _ => of(false).1 / (1.0 - of(true).0).max(1e-3),
+        };
+        change * any + (1.0 - change) * as_before
     }
 
     fn class(&self, from: usize, to: usize) -> usize {
@@ -254,7 +289,10 @@ pub(crate) fn control() -> BoxedStrategy<RouteControl> {
     let weight = prop_oneof![3 => 0.0..1.0, 1 => Just(0.0), 2 => Just(1.0)];
     let view = prop_oneof![Just(View::Changed), Just(View::Unchanged)];
     let view = (view, weight).prop_map(|(view, weight)| ViewEvidence { view, weight });
-    (proptest::option::weighted(0.6, odometry), proptest::option::weighted(0.7, view))
-        .prop_map(|(odometry, view)| RouteControl { odometry, view })
+    let before = (any::<bool>(), proptest::option::of((-4.0..4.0, 1..12_u32)));
+    let before = before.prop_map(|(standing, odometry)| Driven { standing, odometry });
+    let odometry = proptest::option::weighted(0.6, odometry);
+    (odometry, proptest::option::weighted(0.7, view), proptest::option::of(before))
+        .prop_map(|(odometry, view, before)| RouteControl { odometry, view, before })
         .boxed()
 }

@@ -1,19 +1,24 @@
 //! Values by hand, and errors.
 
 use wayfix::motion::{
-    OdometryModel, OffMap, RouteControl, RouteState, RouteTransition, Speeds, View, ViewEvidence,
-    ViewRates,
+    Driven, OdometryModel, OffMap, RouteControl, RouteState, RouteTransition, Speeds, View,
+    ViewEvidence, ViewRates,
 };
 use wayfix::{Hmm, LikelihoodVector, Prior, Transition, TransitionEntries, TransitionError};
 
 use crate::kit::text;
 
 fn driven(places: f64) -> RouteControl {
-    RouteControl { odometry: Some(places), view: None }
+    RouteControl { odometry: Some(places), ..RouteControl::default() }
 }
 
 fn seen(view: View, weight: f64) -> RouteControl {
-    RouteControl { odometry: None, view: Some(ViewEvidence { view, weight }) }
+    RouteControl { view: Some(ViewEvidence { view, weight }), ..RouteControl::default() }
+}
+
+fn after(mean: f64, readings: u32) -> RouteControl {
+    let before = Driven { standing: false, odometry: Some((mean, readings)) };
+    RouteControl { before: Some(before), ..RouteControl::default() }
 }
 
 /// Standing, or one place on, on three places.
@@ -77,10 +82,10 @@ fn what_is_measured_is_not_normalised_away() {
     let sum = |u: &RouteControl, from| column(&route, u, from).iter().map(|e| e.1).sum::<f64>();
     let unchanged = seen(View::Unchanged, 1.0);
     assert!((route.evidence(&unchanged).unwrap() - 0.8_f64.ln()).abs() < 1e-15);
-    // At the end it stands whatever it does.
-    assert!((sum(&unchanged, 2) - 1.0).abs() < 1e-12);
+    // At the end what drives on stops, but its view has changed.
+    let stays = 0.75 + 0.25 * 0.0625;
+    assert!((sum(&unchanged, 2) - (stays + (1.0 - stays) * 0.1 / 0.8)).abs() < 1e-12);
     assert!(sum(&unchanged, 3) < sum(&unchanged, 0));
-    assert!(sum(&seen(View::Changed, 1.0), 2) < sum(&seen(View::Changed, 1.0), 1));
     // A weight of 0 says nothing.
     assert!((sum(&seen(View::Changed, 0.0), 4) - 1.0).abs() < 1e-12);
     // A filter that is sure of where it is takes a contradiction as improbable.
@@ -89,7 +94,7 @@ fn what_is_measured_is_not_normalised_away() {
     let mut filter = hmm.filter();
     filter.step_with(&RouteControl::default(), &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]).unwrap();
     let log = filter.step_with(&seen(View::Changed, 1.0), &[1.0; 6]).unwrap();
-    assert!((log - 0.2_f64.ln()).abs() < 1e-12, "{log}");
+    assert!((log - (0.2 * stays + 0.9 * (1.0 - stays)).ln()).abs() < 1e-12, "{log}");
 }
 
 #[test]
@@ -111,6 +116,8 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
         (seen(View::Changed, 1.5), weight("1.5")),
         (seen(View::Changed, -0.5), weight("-0.5")),
         (seen(View::Unchanged, f64::NAN), weight("NaN")),
+        (after(f64::INFINITY, 3), reading("inf")),
+        (after(1.0, 0), "the mean of no readings of odometry, expected some".into()),
     ] {
         let error = route.check_control(&u).unwrap_err().to_string();
         assert_eq!(error, format!("unknown control: {expected}"));
@@ -174,4 +181,38 @@ fn what_is_no_route_is_an_error() {
         assert!(found.starts_with(expected), "{found}");
     }
     assert!(route().with_off_map(OffMap { within: usize::MAX, ..off }).is_ok());
+}
+
+/// Off the map, too, a speed lasts.
+#[test]
+fn what_was_measured_before_tells_what_to_expect_off_the_map() {
+    let route = RouteTransition::new(9, false, Speeds::default()).unwrap();
+    let route = route.with_views(&[0, 1, 2, 3, 4, 5, 6, 7, 8], ViewRates::default()).unwrap();
+    let route = route.with_off_map(OffMap::default()).unwrap();
+    let stay = |u: &RouteControl| column(&route, u, 9 * 13 + 4).last().unwrap().1;
+    let mut control = RouteControl::default();
+    for reading in [0.9, 1.1, 1.05, 0.95] {
+        control.odometry = Some(reading);
+        control.before = Some(route.driven(&control));
+    }
+    let Some(Driven { standing: false, odometry: Some((mean, 4)) }) = control.before else {
+        panic!("{control:?}")
+    };
+    assert!((mean - 1.0).abs() < 1e-12);
+    let with = |odometry| RouteControl { odometry: Some(odometry), ..control };
+    assert!(stay(&with(1.0)) > 2.0 * stay(&RouteControl { before: None, ..with(1.0) }));
+    assert!(stay(&with(1.0)) > 10.0 * stay(&with(2.5)));
+    // A change of speed, and a stop.
+    let faster = RouteControl { odometry: Some(20.0), ..control };
+    let odometry = Some((20.0, 1));
+    assert_eq!(route.driven(&faster), Driven { standing: false, odometry });
+    let unchanged = seen(View::Unchanged, 1.0).view;
+    let stopped = RouteControl { odometry: None, view: unchanged, before: control.before };
+    let standing = Driven { standing: true, odometry: None };
+    assert_eq!(route.driven(&stopped).odometry, Some((mean, 4))); // one view may be chance
+    let stopped = RouteControl { odometry: Some(0.0), ..stopped };
+    let stopped = RouteControl { before: Some(route.driven(&stopped)), ..stopped };
+    assert!(
+        [Driven { standing: false, odometry: None }, standing].contains(&route.driven(&stopped))
+    );
 }

@@ -39,7 +39,7 @@ fn the_format_is_as_documented() {
     );
     let view = Some(ViewEvidence { view: View::Unchanged, weight: 0.5 });
     assert_eq!(
-        json(&RouteControl { odometry: Some(1.5), view }),
+        json(&RouteControl { odometry: Some(1.5), view, before: None }),
         r#"{"odometry":1.5,"view":{"view":"unchanged","weight":0.5}}"#
     );
     assert_eq!(json(&RouteControl::default()), r#"{"odometry":null,"view":null}"#);
