@@ -26,6 +26,9 @@ pub struct Driven {
 /// As many readings are averaged: later ones say how it drives now.
 const READINGS: u32 = 10;
 
+/// Readings of a lower density than this, over the largest, are some three deviations off.
+const UNLIKE: f64 = 0.05;
+
 /// Likelihoods of what was measured at a step off the map, each with its probability.
 struct Ways {
     stands: f64,
@@ -106,7 +109,9 @@ impl RouteTransition {
         let before = before.and_then(|before| before.odometry).filter(|_| goes_on >= changes);
         let odometry = match (before, control.odometry) {
             (Some((mean, count)), Some(reading)) => {
-                let count = count.saturating_add(1).min(READINGS);
+                // Of a speed that changes, later readings say more.
+                let unlike = self.odometry.again(reading, mean, count) < UNLIKE;
+                let count = if unlike { count / 2 } else { count }.saturating_add(1).min(READINGS);
                 Some((mean + (reading - mean) / f64::from(count), count))
             }
             (None, Some(reading)) => Some((reading, 1)),
