@@ -115,11 +115,11 @@ impl fmt::Display for RecognitionError {
     }
 }
 
-/// Writes a cause and its own causes, unless its text ends with them.
+/// Writes a cause and its own causes, unless its text has them.
 fn write_causes(f: &mut fmt::Formatter<'_>, cause: &(dyn Error + 'static)) -> fmt::Result {
     let (text, next) = (cause.to_string(), cause.source());
     write!(f, ": {text}")?;
-    match next.filter(|next| !text.ends_with(&next.to_string())) {
+    match next.filter(|next| !text.contains(&next.to_string())) {
         Some(next) => write_causes(f, next),
         None => Ok(()),
     }
