@@ -1,6 +1,7 @@
 //! Recognising places end to end, on a route that the tests make up.
 
 mod errors;
+mod live;
 mod warnings;
 
 use std::ops::RangeInclusive;
