@@ -2,6 +2,7 @@
 
 mod errors;
 mod live;
+mod mapper;
 mod warnings;
 
 use std::ops::RangeInclusive;
