@@ -127,7 +127,7 @@ impl Sensor {
     /// This sensor for more references, the first of which are those of before. What is usual
     /// for each is as `fresh` knows it, which is of all alike: learned for some by many queries
     /// and for the new ones by few, places that were seen win (on a railway by pixels, up to
-    /// nine times as many wrong ones).
+    /// 27 times as many wrong ones).
     pub(super) fn among(&self, fresh: Self) -> Self {
         let SensorState { mut last_view, run, mut gained, .. } = self.state.clone();
         let count = fresh.state.gained.len();

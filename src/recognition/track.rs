@@ -261,8 +261,8 @@ mod tests {
         assert_eq!(after.standardizer.references(), 80);
         // The same view is no new one.
         let last = view(after);
-        let answer = more.step(&images[29], None).unwrap();
-        assert_eq!(answer.place, Some(29));
+        let answer = more.step(&images[29], Some(0.0)).unwrap();
+        assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));
         assert_eq!(view(more.sensor.state()), last);
         let error = more.step(&[f32::NAN; 16], None).unwrap_err().to_string();
         assert!(error.starts_with("the descriptor of the query of step 29 "), "{error}");
