@@ -52,7 +52,6 @@ pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
 pub use filter_state::FilterState;
-#[cfg(feature = "serde")]
 pub(crate) use filter_state::MOST_STEPS;
 pub use filtering::Filtering;
 pub use fixed_lag::{FixedLag, FixedLagState};

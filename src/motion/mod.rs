@@ -4,6 +4,7 @@ mod learn;
 mod odometry;
 mod route;
 mod speeds;
+mod window;
 
 pub use odometry::OdometryModel;
 pub use route::{

@@ -6,7 +6,8 @@ use crate::error::TransitionError;
 /// places a step, is scale · v + bias, with an error that has heavier tails than a
 /// Gaussian (Student's t with four degrees of freedom, Lange, Little and Taylor 1989): a
 /// wheel that slips once should not rule out where the vehicle is. Where there is no
-/// reading, give `None`.
+/// reading, give `None`; so, too, while wheels are stuck or a counter has stopped: a fault is
+/// not a slip, and each of its readings counts in full.
 ///
 /// ```
 /// use wayfix::motion::OdometryModel;

@@ -1,13 +1,11 @@
 //! The speeds of a vehicle along a route, and how they change.
 
+pub(super) use super::window::Window;
 use crate::error::TransitionError;
 use crate::transition::{check_probability, check_sum};
 
-/// So many speeds, evenly over its cell, stand for a speed of the grid.
-const NODES: usize = 8;
-/// The probability that a vehicle at a speed of the grid drives it exactly: many do, above
-/// all at the speed at which the route was recorded.
-const EXACT: f64 = 0.5;
+/// Changes take memory and time for each pair of speeds.
+const MOST_SPEEDS: usize = 1024;
 /// The largest speed, in places a step.
 const FASTEST: f64 = 64.0;
 
@@ -46,21 +44,6 @@ pub struct Speeds {
     pub(super) windows: Vec<Window>,
 }
 
-/// Distribution of the places that a step leads on, at a speed.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Window {
-    /// The move of the first weight.
-    pub(super) first: isize,
-    pub(super) weights: Vec<f64>,
-    /// Speeds of the cell, each with the weights of its moves, row by row.
-    pub(super) nodes: Vec<f64>,
-    by_node: Vec<f64>,
-    /// The probability of each node.
-    shares: Vec<f64>,
-    /// The width of the cell that a node stands for.
-    pub(super) spacing: f64,
-}
-
 impl Default for Speeds {
     fn default() -> Self {
         let values = vec![-3.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0];
@@ -84,11 +67,15 @@ impl Speeds {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] for none, or [`TransitionError::Parameter`] unless they
-    /// ascend and are from −64 to 64.
+    /// [`TransitionError::Empty`] for none, or [`TransitionError::Parameter`] for more than
+    /// 1,024, or unless they ascend and are from −64 to 64.
     pub fn new(values: &[f64]) -> Result<Self, TransitionError> {
         if values.is_empty() {
             return Err(TransitionError::Empty);
+        }
+        if values.len() > MOST_SPEEDS {
+            let (what, value) = ("the number of speeds".into(), values.len() as f64);
+            return Err(TransitionError::Parameter { what, value, expected: "at most 1024" });
         }
         for (at, &value) in values.iter().enumerate() {
             let above = at == 0 || value > values[at - 1];
@@ -205,65 +192,6 @@ impl Speeds {
     }
 }
 
-impl Window {
-    fn new(values: &[f64], g: usize, slack: f64) -> Self {
-        let half = |a: usize, b: usize| 0.5 * (values[b] - values[a]);
-        let (mut low, mut high) = (values[g], values[g]);
-        // Standing is standing; at the ends, cells are as wide as on their other side.
-        if values[g] != 0.0 && values.len() > 1 {
-            let last = values.len() - 1;
-            low -= if g == 0 { half(0, 1) } else { half(g - 1, g) };
-            high += if g == last { half(last - 1, last) } else { half(g, g + 1) };
-        }
-        let count = if low == high { 1 } else { NODES };
-        let spacing = (high - low) / count as f64;
-        let mut nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
-        let mut shares = vec![1.0 / count as f64; count];
-        if count > 1 {
-            shares.fill((1.0 - EXACT) / count as f64);
-            nodes.push(values[g]);
-            shares.push(EXACT);
-        }
-        let moves = values[g] != 0.0;
-        let margin = isize::from(moves && slack > 0.0);
-        let first = nodes[0].floor() as isize - margin;
-        let last = nodes[count - 1].max(values[g]).ceil() as isize + margin;
-        let width = (last - first + 1).unsigned_abs();
-        let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
-        let mut by_node = Vec::with_capacity(nodes.len() * width);
-        for &v in &nodes {
-            by_node.extend((first..=last).map(|m| {
-                let beside = triangle(m - 1, v) + triangle(m + 1, v);
-                let slack = if moves { slack } else { 0.0 };
-                (1.0 - 2.0 * slack) * triangle(m, v) + slack * beside
-            }));
-        }
-        let mut window = Self { first, weights: vec![0.0; width], nodes, by_node, shares, spacing };
-        let mut weights = vec![0.0; width];
-        window.weigh(|_| 1.0, &mut weights);
-        window.weights = weights;
-        window
-    }
-
-    pub(super) fn last(&self) -> isize {
-        self.first + self.weights.len().cast_signed() - 1
-    }
-
-    /// The weights of moves where the speeds of the cell have this likelihood; returns
-    /// their sum.
-    pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
-        out.fill(0.0);
-        let mut total = 0.0;
-        let nodes = self.nodes.iter().zip(&self.shares);
-        for ((&v, share), weights) in nodes.zip(self.by_node.chunks_exact(out.len())) {
-            let p = share * likelihood(v);
-            total += p;
-            out.iter_mut().zip(weights).for_each(|(out, weight)| *out += p * weight);
-        }
-        total
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -299,6 +227,10 @@ mod tests {
             let error = Speeds::new(&wrong).unwrap_err().to_string();
             assert!(error.starts_with("speed 1 is"), "{error}");
         }
+        let many: Vec<f64> = (0..60_000).map(|k| 0.001 * f64::from(k)).collect();
+        assert!(Speeds::new(&many[..1024]).is_ok());
+        let error = Speeds::new(&many).unwrap_err().to_string();
+        assert_eq!(error, "the number of speeds is 60000, expected at most 1024");
         assert!(Speeds::default().with_changes(0.6, 0.6).is_err());
         assert!(Speeds::default().with_shares(&[1.0]).is_err());
         assert!(Speeds::default().with_slack(0.6).is_err());

@@ -45,5 +45,5 @@ pub use spread::Spread;
 pub(crate) use spread::nearest;
 pub use standardizer::Standardizer;
 pub use temperature::{Calibration, calibrate};
-pub(crate) use view::next_view;
 pub use view::{Views, alike_stretches, view_change};
+pub(crate) use view::{next_view, threshold_of_changes};

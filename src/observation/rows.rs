@@ -43,6 +43,7 @@ struct SumUp<'a>(&'a [f32]);
 impl Kernel for SumUp<'_> {
     type Output = Sums;
 
+    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) -> Sums {
         let (mut counts, mut sums, mut invalid) = ([0_u32; WIDTH], [0.0; WIDTH], [0_u32; WIDTH]);

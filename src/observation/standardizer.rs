@@ -10,7 +10,7 @@ use crate::kernels::{Kernel, LANES, Lanes, run};
 const PRIOR_COUNT: f64 = 10.0;
 
 /// Brings the distances of a query to one scale for all references: first in standard
-/// deviations of the query's own ([`Spread::Query`]), then in those that each reference
+/// deviations of the query's own ([`Spread::Query`](super::Spread::Query)), then in those that each reference
 /// has for other queries.
 ///
 /// A reference that looks like everything (a dark tunnel, a plain wall) is near to most

@@ -74,10 +74,7 @@ impl Views {
     /// [`ObservationError::Distances`] if rows differ in length.
     pub fn threshold_of<R: AsRef<[f32]>>(rows: &[R]) -> Result<f64, ObservationError> {
         let changes = rows.windows(2).map(|two| view_change(two[0].as_ref(), two[1].as_ref()));
-        let mut changes: Vec<f64> = changes.collect::<Result<_, _>>()?;
-        changes.retain(|change| *change > 0.0 && change.is_finite());
-        changes.sort_by(f64::total_cmp);
-        Ok(changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median))
+        Ok(threshold_of_changes(changes.collect::<Result<_, _>>()?))
     }
 
     /// Whether this row shows something new. The first does, and one of which
@@ -91,6 +88,13 @@ impl Views {
         let mean = RowMoments::of(distances).mean;
         next_view(&mut self.last_new, self.threshold, distances, mean)
     }
+}
+
+/// [`Views::threshold_of`] rows with these changes.
+pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
+    changes.retain(|change| *change > 0.0 && change.is_finite());
+    changes.sort_by(f64::total_cmp);
+    changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }
 
 /// [`Views::next`], with the last new row kept elsewhere, for a row of known mean.

@@ -2,6 +2,7 @@
 
 use super::{RecognitionError, Recognizer, Recording};
 use crate::motion::OdometryModel;
+use crate::observation::threshold_of_changes;
 
 /// Smoothed answers at least this probable are taken for true.
 const SURE: f64 = 0.9;
@@ -12,7 +13,8 @@ impl Recognizer {
     /// [window](super::Options::window), not off the map), as if they were labelled; so a
     /// round of hard expectation and maximisation (Celeux and Govaert 1992). What was
     /// learned before is where it starts, and counts as much as at the
-    /// [first time](crate::motion::Speeds::learned). Temperature and references stay: a
+    /// [first time](crate::motion::Speeds::learned). What counts as a change of the view comes
+    /// from all steps, as in [`fitted`](Self::fitted). Temperature and references stay: a
     /// model that is its own teacher would only become more sure.
     ///
     /// Costs what [`smoothed`](Recording::smoothed) costs.
@@ -63,6 +65,11 @@ impl Recognizer {
         options.speeds = options.speeds.learned(&drives)?;
         if read.0.len() > 1 {
             options.odometry = OdometryModel::learned(&[read])?;
+        }
+        let threshold = threshold_of_changes(recording.changes().to_vec());
+        // Where nothing changes, what was there before.
+        if threshold > 0.0 {
+            options.view_threshold = threshold;
         }
         self.with_fit(self.fit().clone().with_options(options))
     }

@@ -32,7 +32,7 @@ impl Recognizer {
     /// The answer of a belief in places, with one off the map behind them if there is such.
     pub(super) fn answer(&self, places: &[f64], log_likelihood: f64) -> Answer {
         let n = self.references();
-        let off_map = places.get(n).copied().unwrap_or(0.0).min(1.0);
+        let off_map = at_most_one(places.get(n).copied().unwrap_or(0.0));
         let place = self.best_place(&places[..n]);
         let on_map = off_map <= 0.5;
         Answer {
@@ -85,7 +85,7 @@ impl Recognizer {
         best.0
     }
 
-    /// The probability of the places within a distance of one.
+    /// The probability of the places within a distance of one; NaN if one of them is.
     #[must_use]
     pub fn mass_near(&self, places: &[f64], place: usize, within: usize) -> f64 {
         let n = self.references().min(places.len());
@@ -101,7 +101,7 @@ impl Recognizer {
             let end = place.saturating_add(within).saturating_add(1).min(n);
             places[place.saturating_sub(within).min(end)..end].iter().sum()
         };
-        sum.min(1.0)
+        at_most_one(sum)
     }
 
     /// Grows from a place to the more probable side until enough is held.
@@ -127,4 +127,10 @@ impl Recognizer {
         }
         first..=last
     }
+}
+
+/// A probability that may have been rounded to above 1; NaN stays, and a sum of none is 0.
+pub(super) fn at_most_one(sum: f64) -> f64 {
+    // Which would be -0.
+    if sum > 1.0 { 1.0 } else { sum + 0.0 }
 }

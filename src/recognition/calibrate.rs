@@ -1,6 +1,6 @@
 //! Choosing the temperature in a way that cannot fool itself.
 
-use super::fit::LabelledPart;
+use super::labels::LabelledPart;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 

@@ -6,7 +6,8 @@ use std::fmt;
 use crate::error::{InferenceError, TransitionError};
 use crate::observation::{DescriptorError, ObservationError};
 
-/// Why a recogniser cannot be made, or a query not be recognised.
+/// Why a recogniser cannot be made, or a query not be recognised. Its text ends with that
+/// of its causes.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RecognitionError {
@@ -60,6 +61,13 @@ pub enum RecognitionError {
         /// The number of references.
         references: usize,
     },
+    /// A query or a reading of a labelled part is not valid.
+    Part {
+        /// The labelled part, from 0.
+        part: usize,
+        /// Why, with its step.
+        source: Box<RecognitionError>,
+    },
     /// Fewer than two steps in a row are labelled with places on the map.
     FewLabels {
         /// Number of labelled steps on the map.
@@ -96,9 +104,24 @@ impl fmt::Display for RecognitionError {
             Self::FewLabels { found } => {
                 write!(f, "{found} labelled steps are on the map, expected at least two in a row")
             }
+            Self::Part { part, .. } => write!(f, "labelled part {part} is not valid"),
             Self::Motion(_) => write!(f, "the model of motion is not valid"),
             Self::Inference(_) => write!(f, "a step cannot be taken"),
+        }?;
+        match self.source() {
+            Some(cause) => write_causes(f, cause),
+            None => Ok(()),
         }
+    }
+}
+
+/// Writes a cause and its own causes, unless its text has them.
+fn write_causes(f: &mut fmt::Formatter<'_>, cause: &(dyn Error + 'static)) -> fmt::Result {
+    let (text, next) = (cause.to_string(), cause.source());
+    write!(f, ": {text}")?;
+    match next.filter(|next| !text.contains(&next.to_string())) {
+        Some(next) => write_causes(f, next),
+        None => Ok(()),
     }
 }
 
@@ -107,6 +130,7 @@ impl Error for RecognitionError {
         match self {
             Self::References { source, .. } | Self::Descriptor { source, .. } => Some(source),
             Self::Query { source, .. } => Some(source),
+            Self::Part { source, .. } => Some(&**source),
             Self::Motion(source) => Some(source),
             Self::Inference(source) => Some(source),
             _ => None,

@@ -1,27 +1,16 @@
 //! Learning from labelled parts of drives.
 
-use std::ops::RangeInclusive;
-
 use super::calibrate::Calibrated;
+use super::labels::{LabelledPart, Labels, rates};
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
-use crate::motion::{OdometryModel, OffMap};
+use crate::motion::OdometryModel;
 use crate::observation::{ObservationError, Standardizer, Views, alike_stretches};
 
-/// Steps of a drive whose places are known: consecutive ones.
-#[derive(Debug, Clone, Copy)]
-pub struct LabelledPart<'a, Q> {
-    /// The queries, as [`Recognizer::recording`] takes them.
-    pub queries: &'a [Q],
-    /// For each, the references that show its place, or `None` if it is off the map.
-    pub places: &'a [Option<RangeInclusive<usize>>],
-    /// Readings of odometry for the way before each; empty if there is none.
-    pub odometry: &'a [Option<f64>],
-}
-
 /// Result of learning: the options of a [`Recognizer`], and what it knows of single references.
-/// With the feature `serde` it can be stored.
-#[derive(Debug, Clone, PartialEq)]
+/// With the feature `serde` it can be stored. Equal if what was learned is, whatever the
+/// warnings, which are not stored.
+#[derive(Debug, Clone)]
 pub struct Fit {
     pub(crate) options: Options,
     pub(crate) standardizer: Option<Standardizer>,
@@ -32,10 +21,14 @@ pub struct Fit {
     calibrated: Option<Calibrated>,
 }
 
-/// For how many steps the rates of leaving the map and coming back count that are there
-/// before.
-const LEAVE_COUNT: f64 = 500.0;
-const BACK_COUNT: f64 = 67.0;
+impl PartialEq for Fit {
+    fn eq(&self, other: &Self) -> bool {
+        self.options == other.options
+            && self.standardizer == other.standardizer
+            && self.stretches == other.stretches
+            && self.best_scores == other.best_scores
+    }
+}
 
 impl Fit {
     pub(super) fn new(options: Options) -> Self {
@@ -128,14 +121,6 @@ impl Fit {
     }
 }
 
-/// Moves and readings by the labels of a part.
-struct Labels {
-    /// Places on at each step between two that are labelled on the map, and what odometry
-    /// said of it.
-    moves: Vec<f64>,
-    read: Vec<(f64, f64)>,
-}
-
 impl Recognizer {
     /// Learns from labelled parts: how speeds are used and change, odometry, how often the
     /// vehicle leaves the map, what counts as a change of view, which references look
@@ -156,8 +141,10 @@ impl Recognizer {
     ) -> Result<Self, RecognitionError> {
         self.check_labels(parts)?;
         let mut rows = Vec::new();
-        for part in parts {
-            rows.push(self.compare(part.queries)?);
+        for (number, part) in parts.iter().enumerate() {
+            let invalid =
+                |source| RecognitionError::Part { part: number, source: Box::new(source) };
+            rows.push(self.compare(*part).map_err(invalid)?);
         }
         let mut fit = Fit::new(self.options().clone());
         let wrong = |source| RecognitionError::Query { step: 0, source };
@@ -167,56 +154,19 @@ impl Recognizer {
         fit.options.speeds = fit.options.speeds.learned(&drives)?;
         let (moves, read): (Vec<f64>, Vec<f64>) =
             labels.iter().flat_map(|part| part.read.iter().copied()).unzip();
-        if moves.len() > 1 {
+        let has_odometry = moves.len() > 1;
+        if has_odometry {
             fit.options.odometry = OdometryModel::learned(&[(moves, read)])?;
         }
         fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
         let fitted = self.with_fit(fit.clone())?;
         (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
+        fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
         let (options, calibrated, edge) = fitted.calibrate(parts)?;
         fit.options = options;
         fit.calibrated = calibrated;
         fit.warnings.extend(edge);
         self.with_fit(fit)
-    }
-
-    fn check_labels<Q>(&self, parts: &[LabelledPart<'_, Q>]) -> Result<(), RecognitionError> {
-        let references = self.references();
-        let (mut found, mut pairs) = (0, 0);
-        for (number, part) in parts.iter().enumerate() {
-            let expected = part.queries.len();
-            let counts = [
-                ("labels", part.places.len(), true),
-                ("odometry readings", part.odometry.len(), !part.odometry.is_empty()),
-            ];
-            for (what, count, needed) in counts {
-                if needed && count != expected {
-                    return Err(RecognitionError::Count { what, found: count, expected });
-                }
-            }
-            for (step, places) in part.places.iter().enumerate() {
-                let Some(places) = places else { continue };
-                let place = *places.end();
-                if place >= references || places.is_empty() {
-                    let part = number;
-                    return Err(RecognitionError::Label { part, step, place, references });
-                }
-                found += 1;
-                pairs += usize::from(step > 0 && part.places[step - 1].is_some());
-            }
-        }
-        if pairs == 0 { Err(RecognitionError::FewLabels { found }) } else { Ok(()) }
-    }
-
-    /// The distances of queries to each reference.
-    fn compare<Q: AsRef<[f32]>>(&self, queries: &[Q]) -> Result<Vec<Vec<f32>>, RecognitionError> {
-        let (mut rows, mut more) = (Vec::new(), Vec::new());
-        for (at, query) in queries.iter().enumerate() {
-            let mut row = Vec::new();
-            self.shared_references().distances(at + 1, query.as_ref(), &mut row, &mut more)?;
-            rows.push(row);
-        }
-        Ok(rows)
     }
 
     fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
@@ -241,44 +191,4 @@ impl Recognizer {
         fit.standardizer = fit.options.standardize.then_some(standardizer);
         Ok(())
     }
-
-    fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
-        let middle = |at: usize| {
-            let places = part.places[at].as_ref()?;
-            Some(0.5 * (*places.start() as f64 + *places.end() as f64))
-        };
-        let mut labels = Labels { moves: Vec::new(), read: Vec::new() };
-        for at in 1..part.places.len() {
-            let (Some(before), Some(after)) = (middle(at - 1), middle(at)) else { continue };
-            let moved = self.places_between(before, after);
-            labels.moves.push(moved);
-            if let Some(reading) = part.odometry.get(at).copied().flatten() {
-                labels.read.push((moved, reading));
-            }
-        }
-        labels
-    }
-}
-
-/// The rates of leaving the map and coming back, where labels show them.
-fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
-    let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
-    let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
-    for part in parts {
-        for pair in part.places.windows(2) {
-            match (&pair[0], &pair[1]) {
-                (Some(_), after) => {
-                    on += 1.0;
-                    left += f64::from(u8::from(after.is_none()));
-                }
-                (None, after) => {
-                    off += 1.0;
-                    returned += f64::from(u8::from(after.is_some()));
-                }
-            }
-        }
-    }
-    // That it never left is no sign that it never does.
-    let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
-    if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
 }

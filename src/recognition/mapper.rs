@@ -1,9 +1,10 @@
 //! Making the map while driving.
 
 use super::{Options, RecognitionError, Recognizer, Track};
-use crate::motion::OffMap;
-use crate::motion::View;
-use crate::observation::{Distance, Views};
+use crate::error::InferenceError;
+use crate::motion::{OffMap, RouteControl, RouteTransition, View};
+use crate::observation::{Descriptor, DescriptorError, Distance, ReferenceDescriptors, Views};
+use crate::transition::Transition;
 
 /// Makes the references while the vehicle drives: is this a new place, or one that it has
 /// seen before?
@@ -41,6 +42,8 @@ use crate::observation::{Distance, Views};
 pub struct Mapper {
     distance: Distance,
     options: Options,
+    /// Tells which readings of odometry are valid.
+    motion: RouteTransition,
     gap: usize,
     references: Vec<Vec<f32>>,
     /// The step at which each was added.
@@ -72,6 +75,8 @@ pub enum Seen {
 const TOGETHER: usize = 16;
 /// The first ones: the best of a few says little, as even wrong ones differ.
 const FIRST: usize = 48;
+/// The length of the longest descriptor that is taken.
+const LONGEST: f64 = 1.7e38;
 /// A vehicle that maps leaves the known part as often as it comes back to it.
 const MAPPING: OffMap = OffMap { leave: 0.01, back: 0.01, near: 0.3, within: 10 };
 
@@ -83,11 +88,13 @@ impl Mapper {
     ///
     /// [`RecognitionError`] for options that are not valid.
     pub fn new(distance: Distance, mut options: Options) -> Result<Self, RecognitionError> {
-        options.check()?;
         options.off_map = Some(options.off_map.unwrap_or(MAPPING));
         // It is not known to close until it has.
         options.closed = false;
+        options.check()?;
+        let motion = options.motion(1)?;
         Ok(Self {
+            motion,
             distance,
             options,
             gap: 30,
@@ -120,17 +127,7 @@ impl Mapper {
     /// [`RecognitionError`] for a descriptor or a reading that is not valid; the mapper is
     /// then as before.
     pub fn step(&mut self, query: &[f32], odometry: Option<f64>) -> Result<Seen, RecognitionError> {
-        if let Some(first) = self.references.first()
-            && first.len() != query.len()
-        {
-            let (what, found, expected) = ("numbers of a descriptor", query.len(), first.len());
-            return Err(RecognitionError::Count { what, found, expected });
-        }
-        if query.iter().any(|x| !x.is_finite()) || query.is_empty() {
-            let (what, expected) = ("finite numbers of a descriptor", query.len().max(1));
-            let found = query.iter().filter(|x| x.is_finite()).count();
-            return Err(RecognitionError::Count { what, found, expected });
-        }
+        self.check(query, odometry)?;
         self.grow()?;
         let answer = match &mut self.track {
             Some(track) => Some(track.step(query, odometry)?),
@@ -167,21 +164,61 @@ impl Mapper {
         self.references.is_empty() || !matches!(view, Some(Ok(View::Unchanged)))
     }
 
+    /// Valid as a reference, so that it may become one, and as a reading.
+    fn check(&self, query: &[f32], odometry: Option<f64>) -> Result<(), RecognitionError> {
+        let step = self.steps + 1;
+        let failed = |source| RecognitionError::Descriptor { step, source };
+        let of_query = |source| {
+            failed(match source {
+                DescriptorError::Element { element, value, .. } => {
+                    DescriptorError::Element { which: Descriptor::Query(0), element, value }
+                }
+                DescriptorError::Zero { .. } => {
+                    DescriptorError::Zero { which: Descriptor::Query(0) }
+                }
+                other => other,
+            })
+        };
+        if let Some(first) = self.references.first()
+            && first.len() != query.len()
+        {
+            let (which, length) = (Descriptor::Query(0), query.len());
+            let expected = first.len();
+            return Err(failed(DescriptorError::Length { which, length, expected }));
+        }
+        ReferenceDescriptors::from_rows(&[query], self.distance).map_err(of_query)?;
+        let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
+        // So that any two are no farther apart than 32 bits hold.
+        if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
+            let (what, value) = ("the length of a descriptor", squares.sqrt());
+            return Err(RecognitionError::Parameter { what, value, expected: "at most 1.7e38" });
+        }
+        let control = RouteControl { odometry, ..RouteControl::default() };
+        let refused = |source| InferenceError::Control { step, source };
+        Ok(self.motion.check_control(&control).map_err(refused)?)
+    }
+
     /// Adds references that are old enough to the model, if there are enough of them.
     fn grow(&mut self) -> Result<(), RecognitionError> {
         let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
-        let old = |added: &usize| added + self.gap <= self.steps;
+        let old = |added: &usize| added.saturating_add(self.gap) <= self.steps;
         let count = self.added.iter().take_while(|added| old(added)).count();
         if count < (known + TOGETHER).max(FIRST) {
             return Ok(());
         }
         let references = &self.references[..count];
         let made = Recognizer::from_descriptors(references, self.distance, self.options.clone());
-        // All may be the same yet.
-        let Ok(recognizer) = made else { return Ok(()) };
+        let recognizer = match made {
+            Ok(recognizer) => recognizer,
+            // As they may be for a while.
+            Err(RecognitionError::References {
+                source: DescriptorError::AllEqual { .. }, ..
+            }) => return Ok(()),
+            Err(error) => return Err(error),
+        };
         self.track = Some(match &self.track {
             Some(track) => track.among(recognizer)?,
-            None => recognizer.track(),
+            None => recognizer.track().after(self.steps)?,
         });
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! Every choice, with its default and the reason.
 
 use super::RecognitionError;
-use crate::motion::{OdometryModel, OffMap, Speeds, ViewRates};
+use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewRates};
 use crate::observation::MatchOdds;
 
 /// The choices of a [`Recognizer`](super::Recognizer). The defaults were found by leaving
@@ -89,6 +89,9 @@ impl Default for Options {
     }
 }
 
+/// Above this share, little would be left for the places that answers are of.
+const MOST_LOST: f64 = 0.99;
+
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
         let fades =
@@ -109,6 +112,29 @@ impl Options {
             let (what, expected) = ("view_threshold", "a finite value of at least 0");
             return Err(RecognitionError::Parameter { what, value: self.view_threshold, expected });
         }
+        let lost = self.lost.share();
+        if self.off_map.is_none() && lost > MOST_LOST {
+            let (what, expected) = ("the share of time for which it is lost", "at most 0.99");
+            return Err(RecognitionError::Parameter { what, value: lost, expected });
+        }
         Ok(())
+    }
+
+    /// The motion along so many places, of which nothing is known.
+    pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
+        let own: Vec<usize> = (0..places).collect();
+        self.motion_along(&own)
+    }
+
+    /// The motion along places that are in these stretches.
+    pub(super) fn motion_along(
+        &self,
+        stretches: &[usize],
+    ) -> Result<RouteTransition, RecognitionError> {
+        let motion = RouteTransition::new(stretches.len(), self.closed, self.speeds.clone())?
+            .with_odometry(self.odometry)?
+            .with_views(stretches, self.views)?
+            .with_off_map(self.off_map.unwrap_or(self.lost))?;
+        Ok(motion)
     }
 }

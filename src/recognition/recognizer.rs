@@ -109,13 +109,10 @@ impl Recognizer {
         let fit = fit.checked(references.count())?;
         let options = &fit.options;
         let n = references.count();
-        let motion = RouteTransition::new(n, options.closed, options.speeds.clone())?
-            .with_odometry(options.odometry)?;
-        let own: Vec<usize> = (0..n).collect();
-        let stretches = fit.stretches().unwrap_or(&own);
-        let motion = motion
-            .with_views(stretches, options.views)?
-            .with_off_map(options.off_map.unwrap_or(options.lost))?;
+        let motion = match fit.stretches() {
+            Some(stretches) => options.motion_along(stretches)?,
+            None => options.motion(n)?,
+        };
         let groups = motion.place_groups();
         let prior = Prior::AtFirstObservation(motion.anywhere());
         let wrong = |_| RecognitionError::Count {
@@ -208,8 +205,14 @@ impl Recognizer {
             *off = lost;
         } else {
             // Of a vehicle that is not lost.
-            let found = 1.0 / kernels::sum(places);
-            places.iter_mut().for_each(|place| *place *= found);
+            let found = kernels::sum(places);
+            if found >= f64::MIN_POSITIVE {
+                let scale = 1.0 / found;
+                places.iter_mut().for_each(|place| *place *= scale);
+            } else {
+                // Doubles do not hold what it would be then, or it surely is.
+                places.fill(1.0 / places.len() as f64);
+            }
         }
     }
 

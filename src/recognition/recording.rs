@@ -1,12 +1,14 @@
 //! A whole drive.
 
+use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
+use super::answer::at_most_one;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
 use crate::motion::{RouteControl, RouteState};
-use crate::observation::nearest;
+use crate::observation::{nearest, view_change};
 use crate::sequence::Sequence;
 
 /// A drive that was compared with the references, to be looked at in several ways.
@@ -21,6 +23,8 @@ pub struct Recording {
     /// log2 of the odds of each place by each frame alone.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
+    /// Change of the view at each step after the first.
+    changes: Vec<f64>,
 }
 
 /// Beliefs in places, one for each step of a recording.
@@ -44,6 +48,7 @@ impl Recording {
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
+        let (mut changes, mut before): (_, Vec<f32>) = (Vec::new(), Vec::new());
         sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
             let mut row = vec![0.0; recognizer.likelihoods()];
@@ -51,10 +56,16 @@ impl Recording {
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
             likelihoods.push(row);
-            best_scores.extend(nearest(sensor.distances()));
+            let row = sensor.distances();
+            best_scores.extend(nearest(row));
+            // Nothing comes before the first.
+            changes.extend(view_change(&before, row).ok());
+            before.clear();
+            before.extend_from_slice(row);
             alone.push(sensor.alone().to_vec());
         }
-        Ok(Self { recognizer: recognizer.clone(), controls, likelihoods, alone, best_scores })
+        let recognizer = recognizer.clone();
+        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, changes })
     }
 
     /// The number of steps.
@@ -106,16 +117,17 @@ impl Recording {
         let mut all = vec![PlaceBeliefs::new(&self.recognizer, count); lags.len()];
         let longest = lags.iter().copied().max().unwrap_or(0).min(count.saturating_sub(1));
         let mut stream = self.recognizer.model().fixed_lag(longest);
+        let mut logs = Vec::with_capacity(count);
         for (now, (control, likelihoods)) in self.controls.iter().zip(&self.likelihoods).enumerate()
         {
-            let log = stream.step_with(control, likelihoods)?;
+            logs.push(stream.step_with(control, likelihoods)?);
             for (lag, beliefs) in lags.iter().zip(&mut all) {
                 // At the end, what is still due is answered with what there is.
                 let oldest = now.saturating_sub(*lag);
                 let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
                 for at in due.filter(|at| now + 1 == count || at + *lag == now) {
                     if let Some(belief) = stream.get(at + 1) {
-                        beliefs.set(at, belief, log);
+                        beliefs.set(at, belief, logs[at]);
                     }
                 }
             }
@@ -148,15 +160,23 @@ impl Recording {
         let temperature = self.recognizer.options().odds.temperature();
         let off = self.recognizer.options().off_map.map_or(0.0, |off_map| off_map.share());
         let n = self.recognizer.references();
-        for at in 0..self.steps() {
+        for (at, alone) in self.alone.iter().enumerate() {
             let prior = |i: usize| if i < n { (1.0 - off) / n as f64 } else { off };
-            let row = self.alone[at].iter().map(|log2| (f64::from(*log2) * temperature).exp2());
-            let row = row.chain(std::iter::once(1.0)).take(self.recognizer.places());
-            let odds: Vec<f64> = row.enumerate().map(|(i, b)| prior(i) * b).collect();
-            let sum: f64 = odds.iter().sum();
+            let log2 = alone.iter().map(|log2| f64::from(*log2) * temperature);
+            // Off the map, the odds are 1.
+            let most = log2.clone().fold(if off > 0.0 { 0.0 } else { f64::NEG_INFINITY }, f64::max);
             let own = beliefs.row_mut(at);
-            own.iter_mut().zip(odds).for_each(|(own, odds)| *own = odds / sum);
-            beliefs.log_likelihoods[at] = sum.ln();
+            let row = own.iter_mut().zip(log2.chain(std::iter::once(0.0))).enumerate();
+            if most == f64::NEG_INFINITY {
+                // No place is likelier than another.
+                row.for_each(|(i, (own, _))| *own = prior(i));
+                beliefs.log_likelihoods[at] = most;
+                continue;
+            }
+            row.for_each(|(i, (own, log2))| *own = prior(i) * (log2 - most).exp2());
+            let sum: f64 = own.iter().sum();
+            own.iter_mut().for_each(|own| *own /= sum);
+            beliefs.log_likelihoods[at] = sum.ln() + most * LN_2;
         }
         beliefs
     }
@@ -168,6 +188,10 @@ impl Recording {
 
     pub(super) fn best_scores(&self) -> &[f64] {
         &self.best_scores
+    }
+
+    pub(super) fn changes(&self) -> &[f64] {
+        &self.changes
     }
 
     pub(super) fn recognizer(&self) -> &Recognizer {
@@ -250,6 +274,6 @@ impl PlaceBeliefs {
                 belief[(*places.start()).min(end)..end].iter().sum()
             }
         };
-        sum.min(1.0)
+        at_most_one(sum)
     }
 }

@@ -121,6 +121,34 @@ impl Sensor {
         Ok(control)
     }
 
+    /// The next view counts as after a gap: it may have changed or not for any reason.
+    pub(super) fn miss(&mut self) {
+        self.state.run = None;
+    }
+
+    /// Forgets what was seen last, but not what was learned of the references.
+    pub(super) fn forget(&mut self) {
+        let SensorState { last_view, run, gained, .. } = &mut self.state;
+        *run = None;
+        gained.fill(0.0);
+        // With which nothing can be compared; its memory is kept.
+        last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
+    }
+
+    /// This sensor for more references, the first of which are those of before. What is usual
+    /// for each is as `fresh` knows it, which is of all alike: learned for some by many queries
+    /// and for the new ones by few, places that were seen win (on a railway by pixels, up to
+    /// 27 times as many wrong ones).
+    pub(super) fn among(&self, fresh: Self) -> Self {
+        let SensorState { mut last_view, run, mut gained, .. } = self.state.clone();
+        let count = fresh.state.gained.len();
+        gained.resize(count, 0.0);
+        // What is infinite is not compared.
+        last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
+        let standardizer = fresh.state.standardizer;
+        Self { state: SensorState { standardizer, last_view, run, gained }, ..fresh }
+    }
+
     /// Keeps from now on what each frame says alone.
     pub(super) fn keep_alone(&mut self) {
         self.alone = vec![0.0; self.state.standardizer.references()];

@@ -6,7 +6,10 @@ use super::recognizer::Model;
 use super::sensor::{Sensor, SensorState};
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
-use crate::inference::{Filter, FilterState};
+use crate::error::InferenceError;
+use crate::inference::{Filter, FilterState, MOST_STEPS};
+use crate::motion::RouteControl;
+use crate::transition::Transition;
 
 /// A vehicle that is followed, step by step.
 ///
@@ -60,7 +63,10 @@ impl Track {
 
     /// Takes the next query, a descriptor or a row of distances as the recogniser was made
     /// for, and how far the vehicle has driven by its wheels since the last one, in
-    /// references, if that is known.
+    /// references, if that is known. A lost frame goes to [`predict`](Self::predict).
+    ///
+    /// A reading that is off by a slip of a wheel does little harm, but a fault that lasts
+    /// (wheels that are stuck, a unit that stopped counting) is not a slip: give `None`.
     ///
     /// # Errors
     ///
@@ -71,13 +77,43 @@ impl Track {
         query: &[f32],
         odometry: Option<f64>,
     ) -> Result<Answer, RecognitionError> {
+        let step = self.next_step()?;
         let Self { recognizer, filter, sensor, likelihoods, .. } = self;
-        let step = filter.steps() + 1;
-        // A step that was sensed is possible: a vehicle may be lost, which rules out nothing.
+        // The sensor learns, but no error follows: a vehicle may be lost or off the map,
+        // which rules out nothing, and steps and reading have been checked.
         let control = sensor.sense(recognizer.seeing(), step, query, odometry, likelihoods)?;
         let log_likelihood = filter.step_with(&control, likelihoods)?;
         self.add_up();
         Ok(self.recognizer.answer(&self.places, log_likelihood))
+    }
+
+    /// Takes a step without a query, for a frame that was lost: the motion alone, and what
+    /// odometry says of it, if that is known. The next view then counts as after a gap: that
+    /// it is another or the same is no evidence of moving or standing.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] if the reading is not valid; the track is then as before.
+    pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
+        let step = self.next_step()?;
+        let Self { recognizer, filter, sensor, likelihoods, .. } = self;
+        let control = RouteControl { odometry, ..RouteControl::default() };
+        let refused = |source| InferenceError::Control { step, source };
+        recognizer.motion().check_control(&control).map_err(refused)?;
+        likelihoods.fill(1.0);
+        let log_likelihood = filter.step_with(&control, likelihoods)?;
+        sensor.miss();
+        self.add_up();
+        Ok(self.recognizer.answer(&self.places, log_likelihood))
+    }
+
+    fn next_step(&self) -> Result<usize, RecognitionError> {
+        let steps = self.filter.steps();
+        if steps < MOST_STEPS {
+            Ok(steps + 1)
+        } else {
+            Err(InferenceError::TooMany { steps }.into())
+        }
     }
 
     /// The belief in places, with one off the map behind them if that is modelled.
@@ -115,8 +151,9 @@ impl Track {
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for a state of another number of references or speeds; the
-    /// track is then as before.
+    /// [`RecognitionError`] for a state of another number of references or speeds, of as
+    /// many steps as can be counted, or of a vehicle that is surely lost, though the map is
+    /// never left; the track is then as before.
     pub fn restore(&mut self, state: &TrackState) -> Result<(), RecognitionError> {
         let TrackState { filter, sensor } = state;
         let expected = self.recognizer.references();
@@ -127,34 +164,107 @@ impl Track {
                 return Err(RecognitionError::Count { what, found, expected });
             }
         }
+        if filter.steps() >= MOST_STEPS {
+            return Err(InferenceError::TooMany { steps: filter.steps() }.into());
+        }
+        self.check_belief(filter)?;
         self.filter.restore(filter)?;
         self.sensor.set_state(sensor.clone());
         self.add_up();
         Ok(())
     }
 
+    /// Somewhere on the map, unless that may be left: answers are given that it is there.
+    fn check_belief(&self, filter: &FilterState) -> Result<(), RecognitionError> {
+        let states =
+            self.recognizer.motion().speeds().values().len() * self.recognizer.references();
+        let belief = filter.belief.as_slice();
+        let on_map = match &filter.logs {
+            Some(logs) => logs.iter().take(states).any(|log| *log > f64::NEG_INFINITY),
+            None => belief.iter().take(states).any(|p| *p > 0.0),
+        };
+        // Another number of states is an error of the filter.
+        if on_map || self.recognizer.options().off_map.is_some() || belief.len() <= states {
+            return Ok(());
+        }
+        let (what, expected) = ("the belief on the map of the state of a track", "above 0");
+        Err(RecognitionError::Parameter { what, value: 0.0, expected })
+    }
+
     /// The same vehicle among more references, the first of which are those of before.
     pub(super) fn among(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
         let (before, after) = (self.recognizer.references(), recognizer.references());
-        let mut belief = Vec::new();
-        for layer in self.filter.belief().as_slice().chunks(before) {
-            belief.extend_from_slice(layer);
-            belief.resize(belief.len() + after - before, 0.0);
-        }
+        let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
+            let new = std::iter::repeat_n(nothing, after - before);
+            let layers = values.chunks(before);
+            layers.flat_map(|layer| layer.iter().copied().chain(new.clone())).collect()
+        };
+        let mut filter = self.filter.snapshot();
+        filter.belief = Belief::known(extended(filter.belief.as_slice(), 0.0));
+        filter.logs = filter.logs.map(|logs| extended(&logs, f64::NEG_INFINITY));
+        let sensor = self.sensor.among(recognizer.sensor_of_fit());
         let mut track = Self::new(recognizer);
-        track.filter.relocate(&Belief::known(belief))?;
-        track.add_up();
+        track.restore(&TrackState { filter, sensor: sensor.state().clone() })?;
         Ok(track)
     }
 
-    /// Forgets where the vehicle is, but not what was learned of the references.
+    /// The same after so many steps of which it knows nothing.
+    pub(super) fn after(mut self, steps: usize) -> Result<Self, RecognitionError> {
+        let mut state = self.snapshot();
+        state.filter.steps = steps;
+        self.restore(&state)?;
+        Ok(self)
+    }
+
+    /// Forgets where the vehicle is and what it saw last, but not what was learned of the
+    /// references.
     pub fn relocate(&mut self) {
         self.filter.restart();
+        self.sensor.forget();
         self.add_up();
     }
 
     fn add_up(&mut self) {
         let Self { recognizer, filter, places, .. } = self;
         recognizer.add_up(filter.belief().as_slice(), places);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::observation::Distance;
+    use crate::recognition::Options;
+
+    #[test]
+    fn more_references_take_nothing_away() {
+        let image = |place: usize| -> Vec<f32> {
+            (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
+        };
+        let images: Vec<Vec<f32>> = (0..80).map(image).collect();
+        let of = |count: usize| {
+            Recognizer::from_descriptors(&images[..count], Distance::Cosine, Options::default())
+        };
+        let mut track = of(60).unwrap().track().after(7).unwrap();
+        for image in &images[10..30] {
+            track.step(image, Some(1.0)).unwrap();
+        }
+        let mut more = track.among(of(80).unwrap()).unwrap();
+        assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
+        let places = more.places().as_slice().iter().zip(track.places().as_slice());
+        assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));
+        let (before, after) = (track.sensor.state(), more.sensor.state());
+        assert_eq!(before.run, after.run);
+        assert_eq!(before.gained[..], after.gained[..60]);
+        let view = |state: &SensorState| state.last_view.clone().unwrap();
+        assert_eq!(view(before)[..], view(after)[..60]);
+        assert_eq!(after.standardizer.references(), 80);
+        // The same view is no new one.
+        let last = view(after);
+        let answer = more.step(&images[29], Some(0.0)).unwrap();
+        assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));
+        assert_eq!(view(more.sensor.state()), last);
+        let error = more.step(&[f32::NAN; 16], None).unwrap_err().to_string();
+        assert!(error.starts_with("the descriptor of the query of step 29 "), "{error}");
     }
 }

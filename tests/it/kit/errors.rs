@@ -7,7 +7,11 @@ pub(crate) fn with_causes(error: &(dyn Error + 'static)) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        text += &format!(": {error}");
+        // Some say their causes themselves.
+        let own = error.to_string();
+        if !text.contains(&own) {
+            text += &format!(": {own}");
+        }
         cause = error.source();
     }
     text

@@ -64,7 +64,7 @@ fn a_fit_comes_back_to_the_bit() {
     let (recognizer, queries) = fitted();
     let fit = recognizer.fit();
     let back = stored(fit);
-    assert_eq!((back.options(), back.stretches()), (fit.options(), fit.stretches()));
+    assert_eq!(&back, fit);
     assert!(back.warnings().is_empty() && back.calibrated().is_none());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
@@ -130,6 +130,72 @@ fn a_state_of_another_recogniser_is_refused() {
     let shorter: TrackState = serde_json::from_str(&text.replace(row, "[0.1,0.5]")).unwrap();
     assert!(matches!(own.restore(&shorter), Err(RecognitionError::Count { found: 2, .. })));
     assert_eq!(own.snapshot(), before);
+}
+
+#[test]
+fn a_state_that_no_step_can_follow_is_refused() {
+    for map_is_left in [false, true] {
+        let mut options = options();
+        options.off_map = options.off_map.filter(|_| map_is_left);
+        let mut track = Recognizer::from_distances(3, options).unwrap().track();
+        track.step(&[0.1, 0.5, 0.7], None).unwrap();
+        let before = track.snapshot();
+        let changed = |change: &dyn Fn(&mut serde_json::Value)| -> TrackState {
+            let mut value = serde_json::to_value(&before).unwrap();
+            change(&mut value["filter"]);
+            serde_json::from_value(value).unwrap()
+        };
+        let most = changed(&|filter| filter["steps"] = (1_u64 << 53).into());
+        let error = track.restore(&most).unwrap_err();
+        assert!(error.to_string().contains("the most that can be counted"), "{error}");
+        let nowhere = changed(&|filter| {
+            let belief = filter["belief"].as_array().map(Vec::len).unwrap();
+            let off = |state: usize| if state < belief - 3 { 0.0 } else { 1.0 / 3.0 };
+            filter["belief"] = (0..belief).map(off).collect::<Vec<f64>>().into();
+        });
+        if map_is_left {
+            track.restore(&nowhere).unwrap();
+            assert_eq!(track.step(&[0.5, 0.1, 0.7], None).unwrap().place, None);
+            continue;
+        }
+        let error = track.restore(&nowhere).unwrap_err().to_string();
+        assert_eq!(error, "the belief on the map of the state of a track is 0, expected above 0");
+        assert_eq!(track.snapshot(), before);
+        let mut last = track.clone();
+        last.restore(&changed(&|filter| filter["steps"] = ((1_u64 << 53) - 1).into())).unwrap();
+        last.step(&[0.1, 0.5, 0.7], None).unwrap();
+        let end = last.snapshot();
+        assert!(last.step(&[0.9, 0.5, 0.7], None).is_err() && last.predict(None).is_err());
+        assert_eq!(last.snapshot(), end);
+    }
+}
+
+/// Such odds that nothing is left of any place.
+#[test]
+fn answers_are_honest_where_doubles_end() {
+    let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().fit());
+    let odds = &fit[fit.find(r#""odds":"#).unwrap()..];
+    let odds = &odds[..=odds.find('}').unwrap()];
+    let extreme = r#""odds":{"version":1,"slope":100.0,"even":-100.0,"most":6.0,"nothing":1e-12,"temperature":0.01}"#;
+    let mut fit = fit.replace(odds, extreme);
+    let lost = &fit[fit.find(r#""lost":"#).unwrap()..];
+    let lost = lost[..=lost.find('}').unwrap()].to_string();
+    fit = fit.replace(&lost, r#""lost":{"leave":1e-7,"back":1e-7,"near":0.0,"within":0}"#);
+    let fit: Fit = serde_json::from_str(&fit).unwrap();
+    let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
+    let recognizer = recognizer.with_fit(fit).unwrap();
+    let row =
+        |k: usize| -> Vec<f32> { (0..PLACES).map(|i| 0.5 + 0.01 * ((i * k) % 7) as f32).collect() };
+    let mut track = recognizer.track();
+    for k in 1..20 {
+        let answer = track.step(&row(k), None).unwrap();
+        assert!(answer.probability <= 0.5, "{answer:?}");
+        let sum: f64 = track.places().as_slice().iter().sum();
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+    }
+    let mut other = recognizer.track();
+    other.restore(&track.snapshot()).unwrap();
+    assert_eq!(other.step(&row(3), None).unwrap(), track.step(&row(3), None).unwrap());
 }
 
 #[test]

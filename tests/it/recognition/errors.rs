@@ -4,9 +4,9 @@ use std::ops::RangeInclusive;
 
 use wayfix::InferenceError;
 use wayfix::observation::Distance;
-use wayfix::recognition::{LabelledPart, Options, RecognitionError, Recognizer, Warning};
+use wayfix::recognition::{LabelledPart, Options, RecognitionError, Recognizer};
 
-use super::{DIMENSION, PLACES, labels, options, recognizer, seen, usual_drive, world};
+use super::{DIMENSION, PLACES, labels, options, recognizer, seen, world};
 use crate::kit::text;
 
 #[test]
@@ -88,7 +88,40 @@ fn labels_that_do_not_fit_are_errors() {
     assert!(fit(&every_other.collect::<Vec<_>>(), &[]).starts_with("5 labelled steps"));
     assert_eq!(text(recognizer.fitted::<Vec<f32>>(&[])), few);
     let bad = vec![Some(f64::NAN); 10];
-    assert!(fit(&good, &bad).starts_with("the model of motion is not valid"));
+    assert_eq!(
+        fit(&good, &bad),
+        "labelled part 0 is not valid: a step cannot be taken: step 1 has no valid control: \
+         unknown control: an odometry of NaN places, expected a value from -1e6 to 1e6"
+    );
+}
+
+/// However short the part, and whether learning looks at them or not.
+#[test]
+fn all_labelled_queries_and_readings_are_checked() {
+    let rows = |wrong: f32| -> Vec<Vec<f32>> {
+        let row = |k: usize| (0..20).map(|i| if i == k { 0.1 } else { 0.9 }).collect();
+        let mut rows: Vec<Vec<f32>> = (0..15).map(row).collect();
+        rows[3].fill(wrong);
+        rows
+    };
+    let places: Vec<_> = (0..15).map(|place| Some(place..=place)).collect();
+    let recognizer = Recognizer::from_distances(20, options(false)).unwrap();
+    let fit = |rows: &[Vec<f32>], odometry: &[Option<f64>]| {
+        let good = LabelledPart { queries: rows, places: &places, odometry: &[] };
+        let good = LabelledPart { queries: &good.queries[5..], places: &places[5..], ..good };
+        let bad = LabelledPart { queries: rows, places: &places, odometry };
+        text(recognizer.fitted(&[good, bad]))
+    };
+    let start = "labelled part 1 is not valid: the query of step 4 is not valid: ";
+    assert_eq!(
+        fit(&rows(f32::NAN), &[]),
+        format!("{start}the distance to reference 0 is NaN, expected a number or infinity")
+    );
+    assert!(fit(&rows(f32::INFINITY), &[]).starts_with(start));
+    let mut odometry = vec![None; 15];
+    odometry[9] = Some(f64::NAN);
+    let message = fit(&rows(0.5), &odometry);
+    assert!(message.starts_with("labelled part 1 is not valid: a step cannot be taken: step 10 "));
 }
 
 #[test]
@@ -114,40 +147,4 @@ fn options_that_do_not_fit_are_errors() {
     assert_eq!(traverses(&none), "0 traverses, expected 1");
     let world = world(1);
     assert_eq!(traverses(&[&world[..5], &world[..4]]), "4 references of a traverse, expected 5");
-}
-
-#[test]
-fn warnings_are_given_where_they_should_be() {
-    let (recognizer, world) = recognizer(70, false);
-    let drive = usual_drive();
-    let queries = seen(&world, &drive, 0.5, 71);
-    let places = labels(&drive);
-    let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-    let fitted = recognizer.fitted(&[part]).unwrap();
-    assert!(fitted.fit().warnings().iter().all(|w| matches!(w, Warning::Edge { .. })));
-    assert!(fitted.fit().calibrated().is_some());
-    let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
-    let few = recognizer.fitted(&[part]).unwrap();
-    assert!(few.fit().warnings().contains(&Warning::Short { steps: 12 }));
-
-    // Similarities that were taken for distances.
-    let cosine = |a: &[f32], b: &[f32]| {
-        let dot = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
-        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()
-    };
-    let row = |query: &Vec<f32>| -> Vec<f32> {
-        world[..PLACES].iter().map(|reference| cosine(query, reference)).collect()
-    };
-    let rows: Vec<Vec<f32>> = queries.iter().map(row).collect();
-    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
-    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-    let wrong = matrix.fitted(&[part]).unwrap();
-    let chance =
-        wrong.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
-    assert!(chance, "{:?}", wrong.fit().warnings());
-    assert!(wrong.fit().warnings()[0].to_string().contains("similarities and distances"));
-    let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
-    let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-    let fine = matrix.fitted(&[part]).unwrap();
-    assert!(!fine.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { .. })));
 }

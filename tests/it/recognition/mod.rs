@@ -1,6 +1,9 @@
 //! Recognising places end to end, on a route that the tests make up.
 
 mod errors;
+mod live;
+mod mapper;
+mod warnings;
 
 use std::ops::RangeInclusive;
 
@@ -117,6 +120,12 @@ fn lags_lie_between_filter_and_smoother() {
     let lagged = recording.lagged(&lags).unwrap();
     assert!(apart(&lagged[0], &filtered) < 1e-12);
     assert!(apart(&lagged[2], &smoothed) < 1e-9 && apart(&lagged[3], &smoothed) < 1e-9);
+    let logs = |beliefs: &PlaceBeliefs| -> Vec<f64> {
+        beliefs.answers().iter().map(|answer| answer.log_likelihood).collect()
+    };
+    for beliefs in &lagged {
+        assert_eq!(logs(beliefs), logs(&filtered));
+    }
     let last = queries.len() - 1;
     let ends = [&filtered, &smoothed, &lagged[1]].map(|b| b.get(last).unwrap().as_slice().to_vec());
     for end in &ends {

@@ -1,0 +1,81 @@
+//! Moves of a speed.
+
+/// So many speeds, evenly over its cell, stand for a speed of the grid.
+const NODES: usize = 8;
+/// The probability that a vehicle at a speed of the grid drives it exactly: many do, above
+/// all at the speed at which the route was recorded.
+const EXACT: f64 = 0.5;
+
+/// Distribution of the places that a step leads on, at a speed.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    /// The move of the first weight.
+    pub(super) first: isize,
+    pub(super) weights: Vec<f64>,
+    /// Speeds of the cell, each with the weights of its moves, row by row.
+    pub(super) nodes: Vec<f64>,
+    by_node: Vec<f64>,
+    /// The probability of each node.
+    pub(super) shares: Vec<f64>,
+    /// The width of the cell that a node stands for.
+    pub(super) spacing: f64,
+}
+
+impl Window {
+    pub(super) fn new(values: &[f64], g: usize, slack: f64) -> Self {
+        let half = |a: usize, b: usize| 0.5 * (values[b] - values[a]);
+        let (mut low, mut high) = (values[g], values[g]);
+        // Standing is standing; at the ends, cells are as wide as on their other side.
+        if values[g] != 0.0 && values.len() > 1 {
+            let last = values.len() - 1;
+            low -= if g == 0 { half(0, 1) } else { half(g - 1, g) };
+            high += if g == last { half(last - 1, last) } else { half(g, g + 1) };
+        }
+        let count = if low == high { 1 } else { NODES };
+        let spacing = (high - low) / count as f64;
+        let mut nodes: Vec<f64> = (0..count).map(|q| low + spacing * (q as f64 + 0.5)).collect();
+        let mut shares = vec![1.0 / count as f64; count];
+        if count > 1 {
+            shares.fill((1.0 - EXACT) / count as f64);
+            nodes.push(values[g]);
+            shares.push(EXACT);
+        }
+        let moves = values[g] != 0.0;
+        let margin = isize::from(moves && slack > 0.0);
+        let first = nodes[0].floor() as isize - margin;
+        let last = nodes[count - 1].max(values[g]).ceil() as isize + margin;
+        let width = (last - first + 1).unsigned_abs();
+        let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
+        let mut by_node = Vec::with_capacity(nodes.len() * width);
+        for &v in &nodes {
+            by_node.extend((first..=last).map(|m| {
+                let beside = triangle(m - 1, v) + triangle(m + 1, v);
+                let slack = if moves { slack } else { 0.0 };
+                (1.0 - 2.0 * slack) * triangle(m, v) + slack * beside
+            }));
+        }
+        let mut window = Self { first, weights: vec![0.0; width], nodes, by_node, shares, spacing };
+        let mut weights = vec![0.0; width];
+        window.weigh(|_| 1.0, &mut weights);
+        window.weights = weights;
+        window
+    }
+
+    pub(super) fn last(&self) -> isize {
+        self.first + self.weights.len().cast_signed() - 1
+    }
+
+    /// The weights of moves where the speeds of the cell have this likelihood; returns
+    /// their sum.
+    pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
+        out.fill(0.0);
+        let mut total = 0.0;
+        let nodes = self.nodes.iter().zip(&self.shares);
+        for ((&v, share), weights) in nodes.zip(self.by_node.chunks_exact(out.len())) {
+            let p = share * likelihood(v);
+            total += p;
+            out.iter_mut().zip(weights).for_each(|(out, weight)| *out += p * weight);
+        }
+        total
+    }
+}

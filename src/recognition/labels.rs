@@ -1,0 +1,140 @@
+//! Labelled parts of drives, and what they show of how a vehicle drives.
+
+use std::ops::RangeInclusive;
+
+use super::{RecognitionError, Recognizer};
+use crate::error::InferenceError;
+use crate::motion::{OffMap, RouteControl};
+use crate::observation::ObservationError;
+use crate::transition::Transition;
+
+/// Steps of a drive whose places are known: consecutive ones.
+#[derive(Debug)]
+pub struct LabelledPart<'a, Q> {
+    /// The queries, as [`Recognizer::recording`] takes them.
+    pub queries: &'a [Q],
+    /// For each, the references that show its place, or `None` if it is off the map.
+    pub places: &'a [Option<RangeInclusive<usize>>],
+    /// Readings of odometry for the way before each; empty if there is none.
+    pub odometry: &'a [Option<f64>],
+}
+
+// Derived, they would ask the same of queries.
+impl<Q> Clone for LabelledPart<'_, Q> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<Q> Copy for LabelledPart<'_, Q> {}
+
+/// For how many steps the rates of leaving the map and coming back count that are there
+/// before.
+const LEAVE_COUNT: f64 = 500.0;
+const BACK_COUNT: f64 = 67.0;
+
+/// Moves and readings by the labels of a part.
+pub(super) struct Labels {
+    /// Places on at each step between two that are labelled on the map, and what odometry
+    /// said of it.
+    pub(super) moves: Vec<f64>,
+    pub(super) read: Vec<(f64, f64)>,
+}
+
+impl Recognizer {
+    pub(super) fn check_labels<Q>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<(), RecognitionError> {
+        let references = self.references();
+        let (mut found, mut pairs) = (0, 0);
+        for (number, part) in parts.iter().enumerate() {
+            let expected = part.queries.len();
+            let counts = [
+                ("labels", part.places.len(), true),
+                ("odometry readings", part.odometry.len(), !part.odometry.is_empty()),
+            ];
+            for (what, count, needed) in counts {
+                if needed && count != expected {
+                    return Err(RecognitionError::Count { what, found: count, expected });
+                }
+            }
+            for (step, places) in part.places.iter().enumerate() {
+                let Some(places) = places else { continue };
+                let place = *places.end();
+                if place >= references || places.is_empty() {
+                    let part = number;
+                    return Err(RecognitionError::Label { part, step, place, references });
+                }
+                found += 1;
+                pairs += usize::from(step > 0 && part.places[step - 1].is_some());
+            }
+        }
+        if pairs == 0 { Err(RecognitionError::FewLabels { found }) } else { Ok(()) }
+    }
+
+    /// The distances of queries to each reference, all of them and the readings of odometry
+    /// checked: learning looks at some only.
+    pub(super) fn compare<Q: AsRef<[f32]>>(
+        &self,
+        part: LabelledPart<'_, Q>,
+    ) -> Result<Vec<Vec<f32>>, RecognitionError> {
+        let (mut rows, mut more) = (Vec::new(), Vec::new());
+        let sensor = self.sensor_of_fit();
+        for (at, query) in part.queries.iter().enumerate() {
+            let (step, mut row) = (at + 1, Vec::new());
+            self.shared_references().distances(step, query.as_ref(), &mut row, &mut more)?;
+            let invalid = |source| RecognitionError::Query { step, source };
+            let moments = sensor.standardizer().moments(&row).map_err(invalid)?;
+            if moments.count == 0.0 && self.options().off_map.is_none() {
+                return Err(invalid(ObservationError::NoMatch));
+            }
+            let odometry = part.odometry.get(at).copied().flatten();
+            let control = RouteControl { odometry, ..RouteControl::default() };
+            let refused = |source| InferenceError::Control { step, source };
+            self.motion().check_control(&control).map_err(refused)?;
+            rows.push(row);
+        }
+        Ok(rows)
+    }
+
+    pub(super) fn read<Q>(&self, part: &LabelledPart<'_, Q>) -> Labels {
+        let middle = |at: usize| {
+            let places = part.places[at].as_ref()?;
+            Some(0.5 * (*places.start() as f64 + *places.end() as f64))
+        };
+        let mut labels = Labels { moves: Vec::new(), read: Vec::new() };
+        for at in 1..part.places.len() {
+            let (Some(before), Some(after)) = (middle(at - 1), middle(at)) else { continue };
+            let moved = self.places_between(before, after);
+            labels.moves.push(moved);
+            if let Some(reading) = part.odometry.get(at).copied().flatten() {
+                labels.read.push((moved, reading));
+            }
+        }
+        labels
+    }
+}
+
+/// The rates of leaving the map and coming back, where labels show them.
+pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
+    let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
+    let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
+    for part in parts {
+        for pair in part.places.windows(2) {
+            match (&pair[0], &pair[1]) {
+                (Some(_), after) => {
+                    on += 1.0;
+                    left += f64::from(u8::from(after.is_none()));
+                }
+                (None, after) => {
+                    off += 1.0;
+                    returned += f64::from(u8::from(after.is_some()));
+                }
+            }
+        }
+    }
+    // That it never left is no sign that it never does.
+    let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
+    if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
+}

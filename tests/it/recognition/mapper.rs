@@ -1,0 +1,95 @@
+//! Mapping while driving: what is refused, and what is carried over.
+
+use wayfix::InferenceError;
+use wayfix::motion::OffMap;
+use wayfix::observation::{DescriptorError, Distance};
+use wayfix::recognition::{Mapper, Options, RecognitionError, Seen};
+
+const LOOP: usize = 120;
+
+fn image(place: usize) -> Vec<f32> {
+    (1..17).map(|k| ((place * 16 + k).pow(2) as f32 * 0.37).sin()).collect()
+}
+
+#[test]
+fn what_is_no_descriptor_never_becomes_a_reference() {
+    let too_long = [f32::MAX; 16];
+    let cases: [(Distance, &[f32]); 5] = [
+        (Distance::Cosine, &[0.0; 16]),
+        (Distance::Euclidean, &too_long),
+        (Distance::Cosine, &[f32::NAN; 16]),
+        (Distance::Euclidean, &[]),
+        (Distance::Cosine, &[1.0; 3]),
+    ];
+    for (distance, wrong) in cases {
+        let mut mapper = Mapper::new(distance, Options::default()).unwrap();
+        let mut again = 0;
+        for step in 0..LOOP * 3 / 2 {
+            if step % 30 == 7 || (step == 0 && wrong.len() != 3) {
+                let before = mapper.references().len();
+                let error = mapper.step(wrong, None).unwrap_err();
+                match error {
+                    RecognitionError::Parameter { what, .. } => {
+                        assert_eq!((what, wrong), ("the length of a descriptor", &too_long[..]));
+                    }
+                    RecognitionError::Descriptor { step: at, .. } => assert_eq!(at, step + 1),
+                    error => panic!("{error}"),
+                }
+                assert_eq!(mapper.references().len(), before);
+            }
+            match mapper.step(&image(step % LOOP), None).unwrap() {
+                Seen::Again { reference, .. } if reference.abs_diff(step % LOOP) <= 2 => again += 1,
+                _ => {}
+            }
+        }
+        assert!(again > 30, "{distance:?} {again}");
+    }
+    let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+    let error = mapper.step(&[0.0; 4], None).unwrap_err();
+    let zero = |source: &_| matches!(source, DescriptorError::Zero { .. });
+    assert!(matches!(&error, RecognitionError::Descriptor { source, .. } if zero(source)));
+    assert_eq!(
+        error.to_string(),
+        "the descriptor of the query of step 1 is not valid: query 0 is 0 in every element, so it \
+         has no cosine with another"
+    );
+}
+
+/// Of the same images no model can be made; that is no error.
+#[test]
+fn a_vehicle_that_stands_from_the_start_is_no_error() {
+    let mut options = Options::default();
+    options.view_threshold = 0.0;
+    let mut mapper = Mapper::new(Distance::Cosine, options).unwrap();
+    for _ in 0..120 {
+        mapper.step(&image(1), Some(0.0)).unwrap();
+    }
+}
+
+#[test]
+fn options_and_readings_are_checked_from_the_start() {
+    let with = |change: &dyn Fn(&mut Options)| {
+        let mut options = Options::default();
+        change(&mut options);
+        Mapper::new(Distance::Cosine, options).unwrap_err().to_string()
+    };
+    let never = Some(OffMap { leave: 0.0, ..OffMap::default() });
+    let start = "the model of motion is not valid: the ";
+    assert!(with(&|options| options.off_map = never).starts_with(start));
+    assert!(with(&|options| options.odometry.scale = 0.0).starts_with(start));
+    assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));
+    assert!(with(&|options| options.lost_odds = 2.0).starts_with("lost_odds is 2"));
+
+    let made = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+    let mut mapper = made.with_gap(usize::MAX);
+    for step in 0..100 {
+        for reading in [f64::NAN, f64::INFINITY, 1e7] {
+            let error = mapper.step(&image(step), Some(reading)).unwrap_err();
+            let names =
+                |e: &_| matches!(e, InferenceError::Control { step: at, .. } if *at == step + 1);
+            assert!(matches!(&error, RecognitionError::Inference(e) if names(e)), "{error}");
+        }
+        assert_eq!(mapper.references().len(), step);
+        assert_eq!(mapper.step(&image(step), Some(1.0)).unwrap(), Seen::New { reference: step });
+    }
+}
