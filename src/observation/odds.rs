@@ -18,8 +18,7 @@ use crate::kernels::{Kernel, Lanes, run};
 /// against a place by more than ln e.
 ///
 /// The **temperature** τ is for frames in sequence, which err together: of five frames in
-/// a row hardly two are independent. Places off the map have odds of 1: all references are
-/// wrong ones.
+/// a row hardly two are independent.
 ///
 /// ```
 /// use wayfix::observation::MatchOdds;

@@ -31,9 +31,11 @@ pub struct Options {
     /// The odds of being lost at each step, against those of a wrong place, where
     /// [`off_map`](Self::off_map) is `None`. 0.6 by default, which is what a frame that says
     /// nothing gives to the right place, on average: so the vehicle is not taken for lost in
-    /// a tunnel. (Off the map they are 1.)
+    /// a tunnel.
     pub lost_odds: f64,
-    /// The odds of being off the map at each step, against those of a wrong place. 1 by default.
+    /// The odds of being off the map at each step, against those of a wrong place, where
+    /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches in which frames say
+    /// little, such as dark ones, are taken for off the map, and at 0.7 detours are found late.
     pub off_map_odds: f64,
     /// Share of what a reference has said in the last ten new frames, on average, that does not
     /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
@@ -75,7 +77,7 @@ impl Default for Options {
             off_map: None,
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             lost_odds: 0.6,
-            off_map_odds: 1.0,
+            off_map_odds: 0.85,
             habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,
@@ -101,7 +103,11 @@ impl Options {
                 return Err(RecognitionError::Parameter { what, value, expected: "from 0 to 1e6" });
             }
         }
-        let shares = [("lost_odds", self.lost_odds, 1e-6), ("habituation", self.habituation, 0.0)];
+        let shares = [
+            ("lost_odds", self.lost_odds, 1e-6),
+            ("off_map_odds", self.off_map_odds, 1e-6),
+            ("habituation", self.habituation, 0.0),
+        ];
         for (what, value, least) in shares {
             if !(least..=1.0).contains(&value) {
                 let expected = if least > 0.0 { "from 1e-6 to 1" } else { "from 0 to 1" };

@@ -115,21 +115,30 @@ impl Sensor {
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
         let control = RouteControl { view, ..control };
-        if !first && (view.is_some() || odometry.is_some()) {
+        if view.is_some() || odometry.is_some() {
             *driven = Some(seeing.motion.driven(&control));
         }
         Ok(control)
     }
 
-    /// The next view counts as after a gap: it may have changed or not for any reason.
-    pub(super) fn miss(&mut self) {
+    /// After a step without a query. The next view counts as after a gap: it may have
+    /// changed or not for any reason.
+    pub(super) fn miss(&mut self, motion: &RouteTransition, control: &RouteControl) {
         self.state.run = None;
+        if control.odometry.is_some() {
+            self.state.driven = Some(motion.driven(control));
+        }
+    }
+
+    /// A control that says what odometry has read, and how the vehicle was driven before.
+    pub(super) fn moved(&self, odometry: Option<f64>) -> RouteControl {
+        RouteControl { odometry, view: None, before: self.state.driven }
     }
 
     /// Forgets what was seen last, but not what was learned of the references.
     pub(super) fn forget(&mut self) {
-        let SensorState { last_view, run, gained, .. } = &mut self.state;
-        *run = None;
+        let SensorState { last_view, run, driven, gained, .. } = &mut self.state;
+        (*run, *driven) = (None, None);
         gained.fill(0.0);
         // With which nothing can be compared; its memory is kept.
         last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
@@ -140,13 +149,13 @@ impl Sensor {
     /// and for the new ones by few, places that were seen win (on a railway by pixels, up to
     /// 27 times as many wrong ones).
     pub(super) fn among(&self, fresh: Self) -> Self {
-        let SensorState { mut last_view, run, mut gained, .. } = self.state.clone();
+        let SensorState { mut last_view, run, driven, mut gained, .. } = self.state.clone();
         let count = fresh.state.gained.len();
         gained.resize(count, 0.0);
         // What is infinite is not compared.
         last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
         let standardizer = fresh.state.standardizer;
-        Self { state: SensorState { standardizer, last_view, run, gained }, ..fresh }
+        Self { state: SensorState { standardizer, last_view, run, driven, gained }, ..fresh }
     }
 
     /// Keeps from now on what each frame says alone.

@@ -8,7 +8,6 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::inference::{Filter, FilterState, MOST_STEPS};
-use crate::motion::RouteControl;
 use crate::transition::Transition;
 
 /// A vehicle that is followed, step by step.
@@ -97,12 +96,12 @@ impl Track {
     pub fn predict(&mut self, odometry: Option<f64>) -> Result<Answer, RecognitionError> {
         let step = self.next_step()?;
         let Self { recognizer, filter, sensor, likelihoods, .. } = self;
-        let control = RouteControl { odometry, ..RouteControl::default() };
+        let control = sensor.moved(odometry);
         let refused = |source| InferenceError::Control { step, source };
         recognizer.motion().check_control(&control).map_err(refused)?;
         likelihoods.fill(1.0);
         let log_likelihood = filter.step_with(&control, likelihoods)?;
-        sensor.miss();
+        sensor.miss(recognizer.motion(), &control);
         self.add_up();
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
