@@ -59,7 +59,7 @@ pub(crate) fn chain(error: &(dyn Error + 'static)) -> String {
     causes.fold(error.to_string(), |text, cause| {
         let cause = cause.to_string();
         // Some errors say their cause themselves.
-        if text.ends_with(&cause) { text } else { format!("{text}: {cause}") }
+        if text.contains(&cause) { text } else { format!("{text}: {cause}") }
     })
 }
 

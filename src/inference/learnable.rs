@@ -129,7 +129,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
 
     /// The sensor that makes these observations most probable, each free
     /// parameter having been seen `pseudo_count` times besides; what was not
-    /// seen at all stays as it is.
+    /// seen at all (or less than 2.2e-308 times) stays as it is.
     ///
     /// # Errors
     ///

@@ -28,7 +28,9 @@ pub struct OdometryModel {
     pub scale: f64,
     /// Places read while standing.
     pub bias: f64,
-    /// The scale of the error, in places: two thirds of errors are within about 1.1 of it.
+    /// The scale of the error, in places: two thirds of errors are within about 1.1 of it. Of
+    /// a speed that stands for a cell of speeds, the variance of an eighth of the cell is added
+    /// to its square: (scale × width / 8)² / 12.
     pub deviation: f64,
 }
 

@@ -120,7 +120,7 @@ impl Speeds {
     }
 
     /// With another slack: the probability that a step leads one place farther than its
-    /// speed says, and the same for one place less; 0 by default. For references
+    /// speed says, and the same for one place less; 0 by default, and for standing always. For references
     /// that are unevenly spaced.
     ///
     /// # Errors

@@ -31,6 +31,7 @@ mod gaussian;
 mod odds;
 mod rows;
 mod spread;
+mod standardize;
 mod standardizer;
 mod temperature;
 mod view;

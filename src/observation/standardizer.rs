@@ -3,11 +3,12 @@
 use super::ObservationError;
 use super::rows::RowMoments;
 use super::spread::scaled;
-use crate::kernels::{Kernel, LANES, Lanes, run};
+use super::standardize::{CountIn, Standardize};
+use crate::kernels::run;
 
 /// For how many queries count what is known of a reference before any are seen: a mean of
 /// 0, and the deviation that all references have together.
-const PRIOR_COUNT: f64 = 10.0;
+pub(super) const PRIOR_COUNT: f64 = 10.0;
 
 /// Brings the distances of a query to one scale for all references: first in standard
 /// deviations of the query's own ([`Spread::Query`](super::Spread::Query)), then in those that each reference
@@ -196,76 +197,6 @@ impl Standardizer {
     fn standardize(&self, scores: &mut [f64]) {
         let (sums, squares) = (&self.sums, &self.squares);
         run(Standardize { count: self.count, sums, squares, scores });
-    }
-}
-
-/// Scores of a query in its own deviations, which are added to those of before.
-struct CountIn<'a> {
-    distances: &'a [f32],
-    mean: f64,
-    unit: f64,
-    sums: &'a mut [f64],
-    squares: &'a mut [f64],
-    out: &'a mut [f64],
-}
-
-impl Kernel for CountIn<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
-        let Self { distances, mean, unit, sums, squares, out } = self;
-        let sums = sums.iter_mut().zip(squares);
-        for (((sum, square), out), &d) in sums.zip(out).zip(distances) {
-            let score = scaled(f64::from(d) - mean, unit);
-            *out = score;
-            // What is infinitely far was not compared; it counts as usual.
-            let score = if d.is_finite() { score } else { 0.0 };
-            *sum += score;
-            *square += score * score;
-        }
-    }
-}
-
-struct Standardize<'a> {
-    count: f64,
-    sums: &'a [f64],
-    squares: &'a [f64],
-    scores: &'a mut [f64],
-}
-
-impl Kernel for Standardize<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
-        let Self { count: n, sums, squares, scores } = self;
-        let known = n + PRIOR_COUNT;
-        let part = 1.0 / known;
-        // About the mean, without what was known before.
-        let about = |sum: f64, square: f64| {
-            let mean = sum * part;
-            (square - 2.0 * mean * sum + n * mean * mean).max(0.0)
-        };
-        let mut totals = [0.0; LANES];
-        let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
-        for (sums, squares) in whole.0.iter().zip(rest.0) {
-            for l in 0..LANES {
-                totals[l] += about(sums[l], squares[l]);
-            }
-        }
-        let mut total: f64 = totals.iter().sum();
-        for (sum, square) in whole.1.iter().zip(rest.1) {
-            total += about(*sum, *square);
-        }
-        // Before any are seen, a deviation of 1.
-        let pooled = (total / scores.len() as f64 + 1.0) / (n + 1.0);
-        for (score, (&sum, &square)) in scores.iter_mut().zip(sums.iter().zip(squares)) {
-            let variance = (about(sum, square) + PRIOR_COUNT * pooled) * part;
-            // Seven digits will do, and take a quarter of the time.
-            let inverse = 1.0 / (variance as f32).sqrt();
-            *score = (*score - sum * part) * f64::from(inverse);
-        }
     }
 }
 

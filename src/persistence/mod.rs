@@ -2,7 +2,8 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators; all sensors but
+//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators but those with a
+//! function of yours ([`EvidenceTransition`](crate::EvidenceTransition)); all sensors but
 //! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
 //! and the snapshots [`FilterState`](crate::FilterState) and
 //! [`FixedLagState`](crate::FixedLagState); and what a recogniser has learned,

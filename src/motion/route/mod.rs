@@ -4,6 +4,7 @@ mod best;
 mod driven;
 mod entries;
 mod geometry;
+mod moves;
 mod off_map;
 mod products;
 mod stencil;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::super::OdometryModel;
-use super::stencil::Stencil;
+use super::moves::{Stretch, TERMS};
 use super::step::{Off, Step};
 use super::views::{Factors, ViewEvidence};
 use super::{RouteControl, RouteTransition};
@@ -11,108 +11,10 @@ use crate::error::TransitionError;
 use crate::kernels;
 use crate::transition::{Transition, buffers, check_slices};
 
-/// As many vectors as are added in one pass.
-const TERMS: usize = 4;
-
 /// Places that are taken at a time, so that what they need stays in the first cache.
 const BLOCK: usize = 512;
 
-/// Values of successive places; around a loop, also beyond its ends.
-#[derive(Debug, Clone, Copy)]
-struct Stretch<'a> {
-    /// The first place.
-    first: isize,
-    values: &'a [f64],
-}
-
-impl<'a> Stretch<'a> {
-    fn from(self, place: isize) -> &'a [f64] {
-        &self.values[(place - self.first).cast_unsigned()..]
-    }
-}
-
 impl Step<'_> {
-    /// `out =` what a stencil takes from x at some places, and a factor times what else
-    /// there is.
-    fn take(
-        &self,
-        (speed, stencil): (usize, &Stencil),
-        places: Range<usize>,
-        x: Stretch<'_>,
-        (factor, more): (f64, &[f64]),
-        out: &mut [f64],
-    ) {
-        let window = self.window(speed);
-        for (run, taps) in stencil.runs(places.clone()) {
-            let inner = run.start - places.start..run.end - places.start;
-            let mut terms = [(0.0, &x.values[..0]); TERMS];
-            let (mut count, mut some) = (0, false);
-            if !more.is_empty() {
-                terms[0] = (factor, &more[inner.clone()]);
-                count = 1;
-            }
-            let out = &mut out[inner];
-            for (first, weight, class) in taps {
-                if count == TERMS {
-                    if some {
-                        kernels::add_combined(out, &terms);
-                    } else {
-                        kernels::combine(out, &terms);
-                    }
-                    (count, some) = (0, true);
-                }
-                let factor = window[weight] * self.factors.of(class);
-                terms[count] = (factor, &x.from(first)[..out.len()]);
-                count += 1;
-            }
-            let terms = &terms[..count];
-            if some { kernels::add_combined(out, terms) } else { kernels::combine(out, terms) }
-        }
-    }
-
-    /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, and a factor times
-    /// more.
-    fn push(
-        &self,
-        speed: usize,
-        places: Range<usize>,
-        x: Stretch<'_>,
-        more: (f64, &[f64]),
-        out: &mut [f64],
-    ) {
-        let route = self.route;
-        self.take((speed, &route.stencils[speed][0]), places.clone(), x, more, out);
-        for end in route.line.ends().filter(|end| places.contains(end)) {
-            for i in route.line.sources(route.span_of(speed), end) {
-                out[end - places.start] += self.way(speed, i, end) * x.from(i.cast_signed())[0];
-            }
-        }
-    }
-
-    /// `out[i] = Σ` over j of window(i → j) e(i, j) `x[j]`.
-    fn pull(&self, speed: usize, x: &[f64], out: &mut [f64]) {
-        let route = self.route;
-        let stencil = (speed, &route.stencils[speed][1]);
-        let places = 0..route.line.places;
-        if route.line.closed {
-            let reach = route.reach();
-            buffers::with(x.len() + 2 * reach, |values| {
-                let first = -reach.cast_signed();
-                for (span, at) in route.line.spans(first, values.len()) {
-                    values[at..at + span.len()].copy_from_slice(&x[span]);
-                }
-                self.take(stencil, places, Stretch { first, values }, (0.0, &[]), out);
-            });
-        } else {
-            self.take(stencil, places, Stretch { first: 0, values: x }, (0.0, &[]), out);
-        }
-        for end in route.line.ends() {
-            for i in route.line.sources(route.span_of(speed), end) {
-                out[i] += self.way(speed, i, end) * x[end];
-            }
-        }
-    }
-
     /// `out[j] =` the probabilities of coming back at j, for x of where vehicles left.
     fn come_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);

@@ -1,5 +1,6 @@
 //! Motion along a route: the operator against its definition, and learning.
 
+mod blocks;
 pub(crate) mod definition;
 mod learning;
 mod routines;

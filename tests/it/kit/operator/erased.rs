@@ -12,6 +12,9 @@ pub(super) trait Steps {
     fn needs_logs(&self, step: usize) -> bool;
     fn stored(&self, step: usize) -> Option<Stored<'_>>;
     fn apply(&self, step: usize, x: &[f64], out: &mut [f64]);
+    fn smallest_entry(&self, step: usize) -> f64;
+    /// The product, and how often each state was handed over.
+    fn blocks(&self, step: usize, x: &[f64]) -> (Vec<f64>, Vec<usize>);
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_log(&self, step: usize, x: &[f64], out: &mut [f64]);
     fn apply_transpose_log(&self, step: usize, x: &[f64], out: &mut [f64]);
@@ -46,6 +49,17 @@ impl<A: TransitionEntries<Control: Debug>> Steps for WithControls<A> {
     }
     fn apply(&self, step: usize, x: &[f64], out: &mut [f64]) {
         self.operator.apply(&self.controls[step], x, out);
+    }
+    fn smallest_entry(&self, step: usize) -> f64 {
+        self.operator.smallest_entry(&self.controls[step])
+    }
+    fn blocks(&self, step: usize, x: &[f64]) -> (Vec<f64>, Vec<usize>) {
+        let (mut out, mut times) = (vec![f64::NAN; x.len()], vec![0; x.len()]);
+        self.operator.apply_in_blocks(&self.controls[step], x, &mut |first, values| {
+            out[first..first + values.len()].copy_from_slice(values);
+            times[first..first + values.len()].iter_mut().for_each(|times| *times += 1);
+        });
+        (out, times)
     }
     fn apply_transpose(&self, step: usize, x: &[f64], out: &mut [f64]) {
         self.operator.apply_transpose(&self.controls[step], x, out);

@@ -21,6 +21,15 @@ pub(super) fn check(
     prop_assert!(sums.iter().all(one), "column sums {sums:?}");
     products(|x, out| a.apply(step, x, out), m, inputs, rounding)?;
     logarithms(|x, out| a.apply_log(step, x, out), m, inputs, rounding)?;
+    let in_blocks = |x: &[f64], out: &mut [f64]| {
+        let (values, times) = a.blocks(step, x);
+        assert!(times.iter().all(|times| *times == 1), "{times:?}");
+        out.copy_from_slice(&values);
+    };
+    products(in_blocks, m, inputs, rounding)?;
+    let smallest = a.smallest_entry(step) * (1.0 - 1e-12);
+    let above = |p: &&f64| **p > rounding.least.max(f64::MIN_POSITIVE);
+    prop_assert!(m.iter().flatten().filter(above).all(|p| *p >= smallest), "{smallest}");
     entries(|state| a.incoming(step, state), m, rounding)?;
     let columns = transposed(m);
     products(|x, out| a.apply_transpose(step, x, out), &columns, inputs, rounding)?;
