@@ -8,12 +8,12 @@ use crate::transition::DenseTransition;
 use crate::{Belief, InferenceError};
 
 /// For how many steps the probabilities of a change count that are there before: a part that
-/// was driven steadily does not show that the vehicle never stops. (With a tenth of it, filters
-/// of drives with stops lost 0.4 nats a step after such a part; after parts with stops it
+/// was driven steadily does not show that the vehicle never stops. (With 30, filters
+/// of drives with stops lost 0.3 nats a step more after such a part; after parts with stops it
 /// matters little.)
-const CHANGE_COUNT: f64 = 300.0;
+const CHANGE_COUNT: f64 = 200.0;
 /// For how many steps the shares count.
-const SHARE_COUNT: f64 = 60.0;
+const SHARE_COUNT: f64 = 40.0;
 /// Rounds of expectation and maximisation.
 const ROUNDS: usize = 10;
 
@@ -22,7 +22,7 @@ impl Speeds {
     /// on each step led (halves, say, where a label is a range).
     ///
     /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone.
-    /// The present ones count as 300 steps of changes and 60 of shares: a speed that
+    /// The present ones count as 200 steps of changes and 40 of shares: a speed that
     /// was never seen stays possible, and so does a change. A move that no speed makes says
     /// nothing. O(steps k²) for k speeds.
     ///
@@ -118,7 +118,7 @@ mod tests {
         let speeds = Speeds::default();
         let steady = speeds.learned(&[vec![1.0; 600]]).unwrap();
         let (nearby, anywhere) = steady.changes();
-        assert!(nearby < 1e-3 && anywhere < 1e-3, "{nearby} {anywhere}");
+        assert!(nearby < 3e-3 && anywhere < 2e-3, "{nearby} {anywhere}");
         assert!(steady.shares()[speeds.nearest(1.0)] > 0.9);
         assert!(steady.shares().iter().all(|p| *p > 0.0));
         let wild: Vec<f64> = (0..600).map(|k| [1.0, 0.0, 3.0, -1.0][k / 3 % 4]).collect();

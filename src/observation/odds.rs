@@ -175,14 +175,44 @@ impl Kernel for Habituate<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, _: L) {
         let Self { log2_odds, spent, gained, scores } = self;
-        for (score, gained) in scores.iter_mut().zip(gained) {
-            let log2 = log2_odds.of(*score);
-            let left = log2 - spent * *gained;
-            *gained += (log2.max(0.0) * LN_2 - *gained) / REMEMBERED;
-            let (power, exponent) = exp2_in_parts(left.max(-1020.0));
-            let scale = f64::from_bits(((i64::from(exponent) + 1023) << 52).cast_unsigned());
-            *score = if log2 == f32::NEG_INFINITY { 0.0 } else { f64::from(power) * scale };
+        let (scores, scores_rest) = scores.as_chunks_mut::<WIDTH>();
+        let (gained, gained_rest) = gained.as_chunks_mut::<WIDTH>();
+        for (scores, gained) in scores.iter_mut().zip(gained) {
+            habituate(log2_odds, spent, gained, scores);
         }
+        let (mut last, mut of_last) = ([0.0; WIDTH], [0.0; WIDTH]);
+        last[..scores_rest.len()].copy_from_slice(scores_rest);
+        of_last[..gained_rest.len()].copy_from_slice(gained_rest);
+        habituate(log2_odds, spent, &mut of_last, &mut last);
+        scores_rest.copy_from_slice(&last[..scores_rest.len()]);
+        gained_rest.copy_from_slice(&of_last[..gained_rest.len()]);
+    }
+}
+
+/// As many scores are gone through side by side.
+const WIDTH: usize = 16;
+
+/// In loops of one kind of number each, which vector registers hold.
+#[inline(always)]
+fn habituate(
+    log2_odds: Log2Odds,
+    spent: f32,
+    gained: &mut [f32; WIDTH],
+    scores: &mut [f64; WIDTH],
+) {
+    let (mut log2, mut power, mut exponent) = ([0.0; WIDTH], [0.0; WIDTH], [0; WIDTH]);
+    for l in 0..WIDTH {
+        log2[l] = log2_odds.of(scores[l]);
+    }
+    for l in 0..WIDTH {
+        let left: f32 = log2[l] - spent * gained[l];
+        gained[l] += (log2[l].max(0.0) * LN_2 - gained[l]) / REMEMBERED;
+        (power[l], exponent[l]) = exp2_in_parts(left.max(-1020.0));
+    }
+    for l in 0..WIDTH {
+        let scale = f64::from_bits(((i64::from(exponent[l]) + 1023) << 52).cast_unsigned());
+        let odds = f64::from(power[l]) * scale;
+        scores[l] = if log2[l] == f32::NEG_INFINITY { 0.0 } else { odds };
     }
 }
 

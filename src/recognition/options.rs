@@ -34,8 +34,8 @@ pub struct Options {
     /// a tunnel.
     pub lost_odds: f64,
     /// The odds of being off the map at each step, against those of a wrong place, where
-    /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches in which frames say
-    /// little, such as dark ones, are taken for off the map, and at 0.7 detours are found late.
+    /// [`off_map`](Self::off_map) is given. 0.9 by default: at 1, stretches in which frames say
+    /// little, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
     /// Share of what a reference has said in the last ten new frames, on average, that does not
     /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
@@ -77,7 +77,7 @@ impl Default for Options {
             off_map: None,
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             lost_odds: 0.6,
-            off_map_odds: 0.85,
+            off_map_odds: 0.9,
             habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,
