@@ -16,8 +16,8 @@ use crate::motion::OdometryModel;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Driven {
-    /// True if it stood.
-    pub standing: bool,
+    /// The probability that it stood.
+    pub standing: f64,
     /// The mean reading of odometry since it set off or changed its speed, and the number of
     /// readings; `None` if there were none.
     pub odometry: Option<(f64, u32)>,
@@ -29,6 +29,9 @@ const READINGS: u32 = 10;
 /// Readings of a lower density than this, over the largest, are some three deviations off.
 const UNLIKE: f64 = 0.05;
 
+/// Readings of a vehicle that moves are not asked for where it hardly does.
+const LEAST_SHARE: f64 = 1e-3;
+
 /// Likelihoods of what was measured at a step off the map, each with its probability.
 struct Ways {
     stands: f64,
@@ -38,6 +41,10 @@ struct Ways {
 
 impl Driven {
     pub(super) fn check(&self) -> Result<(), TransitionError> {
+        if !(0.0..=1.0).contains(&self.standing) {
+            let text = format!("a probability of having stood of {}", self.standing);
+            return Err(TransitionError::Control(text));
+        }
         match self.odometry {
             Some((_, 0)) => {
                 let text = "the mean of no readings of odometry, expected some".into();
@@ -70,28 +77,26 @@ impl Step<'_> {
             }
         }
         let (nearby, anywhere) = speeds.changes();
-        let change = (nearby + anywhere).min(1.0);
         let factors = self.factors;
-        // At a speed drawn anew.
-        let drawn = |p: f64| (p * at_rest * factors.standing, p * moving * factors.moved);
-        let known = |before: &Driven| share > 0.0 || !before.standing;
-        let Some(before) = control.before.filter(known) else {
-            let (stands, changes) = drawn(1.0);
-            return Ways { stands, goes_on: 0.0, changes };
+        // Without a speed of 0 it never stood.
+        let (change, stood) = match control.before {
+            Some(before) if share > 0.0 => ((nearby + anywhere).min(1.0), before.standing),
+            Some(_) => ((nearby + anywhere).min(1.0), 0.0),
+            None => (1.0, 0.0),
         };
-        let (mut stands, changes) = drawn(change);
-        let mut goes_on = 0.0;
-        if before.standing {
-            stands += (1.0 - change) * at_rest / share * factors.standing;
-        } else {
-            let known = control.odometry.zip(before.odometry);
-            let like = known
-                .map_or(moving / (1.0 - share).max(1e-3), |(reading, (mean, count))| {
-                    self.route.odometry.again(reading, mean, count)
-                });
-            goes_on = (1.0 - change) * like * factors.moved;
+        let at_rest = if share > 0.0 { at_rest / share } else { 0.0 };
+        let mean = control.before.and_then(|before| before.odometry);
+        let like = control
+            .odometry
+            .zip(mean)
+            .map_or(moving / (1.0 - share).max(LEAST_SHARE), |(reading, (mean, count))| {
+                self.route.odometry.again(reading, mean, count)
+            });
+        Ways {
+            stands: ((1.0 - change) * stood + change * share) * at_rest * factors.standing,
+            goes_on: (1.0 - change) * (1.0 - stood) * like * factors.moved,
+            changes: change * moving * factors.moved,
         }
-        Ways { stands, goes_on, changes }
     }
 }
 
@@ -102,12 +107,12 @@ impl RouteTransition {
     pub fn driven(&self, control: &RouteControl) -> Driven {
         let Ways { stands, goes_on, changes } =
             self.with_step(control, |step, means| step.ways(control, means));
-        if stands > goes_on.max(changes) {
-            return Driven { standing: true, odometry: None };
-        }
-        let before = control.before.filter(|before| !before.standing);
-        let before = before.and_then(|before| before.odometry).filter(|_| goes_on >= changes);
-        let odometry = match (before, control.odometry) {
+        let sum = stands + goes_on + changes;
+        // Where nothing explains what was measured, all is open.
+        let standing = if sum > 0.0 { (stands / sum).min(1.0) } else { 0.5 };
+        let before = control.before.and_then(|before| before.odometry);
+        let odometry = match (before.filter(|_| goes_on >= changes), control.odometry) {
+            _ if standing > 0.5 => None,
             (Some((mean, count)), Some(reading)) => {
                 // Of a speed that changes, later readings say more.
                 let unlike = self.odometry.again(reading, mean, count) < UNLIKE;
@@ -117,6 +122,6 @@ impl RouteTransition {
             (None, Some(reading)) => Some((reading, 1)),
             (before, None) => before,
         };
-        Driven { standing: false, odometry }
+        Driven { standing, odometry }
     }
 }

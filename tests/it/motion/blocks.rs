@@ -25,7 +25,7 @@ fn routes() -> Vec<RouteTransition> {
 
 fn control(step: usize) -> RouteControl {
     let view = [View::Changed, View::Unchanged][step % 3 % 2];
-    let view = (step % 4 != 0).then_some(ViewEvidence { view, weight: 0.7 });
+    let view = (!step.is_multiple_of(4)).then_some(ViewEvidence { view, weight: 0.7 });
     RouteControl { odometry: (step % 5 < 3).then_some(1.0 + 0.1 * step as f64), view, before: None }
 }
 

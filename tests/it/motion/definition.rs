@@ -179,19 +179,19 @@ impl Parts {
         if self.log_factor(control).is_none() {
             return 1.0;
         }
-        let known = |before: &Driven| !before.standing || of(true).0 > 0.0;
-        let Some(before) = control.before.filter(known) else { return any };
+        let Some(before) = control.before else { return any };
         let change = (self.speeds.changes().0 + self.speeds.changes().1).min(1.0);
-        let as_before = match (before.standing, control.odometry, before.odometry) {
-            (true, _, _) => of(true).1 / of(true).0,
-            (false, Some(reading), Some((mean, count))) => {
+        let stood = if of(true).0 > 0.0 { before.standing } else { 0.0 };
+        let stands = if stood > 0.0 { of(true).1 / of(true).0 } else { 0.0 };
+        let goes_on = match (control.odometry, before.odometry) {
+            (Some(reading), Some((mean, count))) => {
                 let width = (1.0 + 1.0 / f64::from(count)).sqrt();
                 let off = (reading - mean) / (width * self.odometry.deviation);
                 (1.0 + off * off / 4.0).powf(-2.5) / width * seen[2]
             }
             _ => of(false).1 / (1.0 - of(true).0).max(1e-3),
         };
-        change * any + (1.0 - change) * as_before
+        change * any + (1.0 - change) * (stood * stands + (1.0 - stood) * goes_on)
     }
 
     fn class(&self, from: usize, to: usize) -> usize {
@@ -289,7 +289,7 @@ pub(crate) fn control() -> BoxedStrategy<RouteControl> {
     let weight = prop_oneof![3 => 0.0..1.0, 1 => Just(0.0), 2 => Just(1.0)];
     let view = prop_oneof![Just(View::Changed), Just(View::Unchanged)];
     let view = (view, weight).prop_map(|(view, weight)| ViewEvidence { view, weight });
-    let before = (any::<bool>(), proptest::option::of((-4.0..4.0, 1..12_u32)));
+    let before = (0.0..=1.0, proptest::option::of((-4.0..4.0, 1..12_u32)));
     let before = before.prop_map(|(standing, odometry)| Driven { standing, odometry });
     let odometry = proptest::option::weighted(0.6, odometry);
     (odometry, proptest::option::weighted(0.7, view), proptest::option::of(before))
