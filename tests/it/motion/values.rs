@@ -211,7 +211,7 @@ fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let Some(Driven { odometry: Some((mean_after, _)), .. }) = faster.before else {
         panic!("{faster:?}")
     };
-    assert!((mean_after - 2.5).abs() < 0.2, "{mean_after}");
+    assert!((mean_after - 2.5).abs() < 0.5, "{mean_after}");
     let view = seen(View::Unchanged, 1.0).view;
     let mut stopped = RouteControl { odometry: None, view, before: control.before };
     // One view may be chance.
