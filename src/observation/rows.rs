@@ -94,11 +94,20 @@ impl Kernel for Squares<'_> {
 }
 
 /// The mean absolute difference of two rows, in standard deviations of the second, over what
-/// is finite in both; infinite if that is nothing, or has no deviation. `mean` is near that of
+/// is finite in both; infinite if that is nothing, or has no deviation. `moments` are those of
 /// the second row.
-pub(super) fn change(before: &[f32], now: &[f32], mean: f64) -> f64 {
-    let Changes { count, moved, sum, squares } = run(Compare { before, now, mean });
-    let deviation = (squares / count - (sum / count).powi(2)).max(0.0).sqrt();
+pub(super) fn change(before: &[f32], now: &[f32], moments: &RowMoments) -> f64 {
+    let compare = |mean| run(Compare { before, now, mean });
+    let mut changes = compare(moments.mean);
+    if changes.count < moments.count {
+        // About the mean of what is compared: sums of singles are exact in doubles, so that
+        // equal ones have no deviation.
+        let both = before.iter().zip(now).filter(|(a, b)| a.is_finite() && b.is_finite());
+        let sum: f64 = both.map(|pair| f64::from(*pair.1)).sum();
+        changes = compare(sum / changes.count);
+    }
+    let Changes { count, moved, squares } = changes;
+    let deviation = (squares / count).sqrt();
     match count {
         0.0 => f64::INFINITY,
         _ if moved == 0.0 => 0.0,
@@ -109,7 +118,6 @@ pub(super) fn change(before: &[f32], now: &[f32], mean: f64) -> f64 {
 struct Changes {
     count: f64,
     moved: f64,
-    sum: f64,
     squares: f64,
 }
 
@@ -126,15 +134,14 @@ impl Kernel for Compare<'_> {
     fn run<L: Lanes>(self, _: L) -> Changes {
         let Self { before, now, mean } = self;
         let mut counts = [0_u32; WIDTH];
-        let (mut moved, mut sums, mut squares) = ([0.0; WIDTH], [0.0; WIDTH], [0.0; WIDTH]);
+        let (mut moved, mut squares) = ([0.0; WIDTH], [0.0; WIDTH]);
         let ((a, a_rest), (b, b_rest)) = (before.as_chunks::<WIDTH>(), now.as_chunks::<WIDTH>());
         let mut take = |l: usize, a: f32, b: f32| {
             let finite = a.is_finite() & b.is_finite();
             counts[l] += u32::from(finite);
-            let (a, b) = (f64::from(a) - mean, f64::from(b) - mean);
+            let (a, b) = (f64::from(a), f64::from(b));
             moved[l] += if finite { (a - b).abs() } else { 0.0 };
-            sums[l] += if finite { b } else { 0.0 };
-            squares[l] += if finite { b * b } else { 0.0 };
+            squares[l] += if finite { (b - mean) * (b - mean) } else { 0.0 };
         };
         for (a, b) in a.iter().zip(b) {
             for l in 0..WIDTH {
@@ -145,7 +152,6 @@ impl Kernel for Compare<'_> {
         Changes {
             count: counts.iter().map(|count| f64::from(*count)).sum(),
             moved: moved.iter().sum(),
-            sum: sums.iter().sum(),
             squares: squares.iter().sum(),
         }
     }
@@ -197,10 +203,13 @@ mod tests {
             let squares: f64 = pairs.iter().map(|pair| (pair.1 - mean).powi(2)).sum();
             let moved: f64 = pairs.iter().map(|(a, b)| (a - b).abs()).sum();
             let expected = moved / count / (squares / count).sqrt();
-            let found = change(&a, &b, mean + 0.1);
+            let found = change(&a, &b, &RowMoments::of(&b));
             assert!(n == 1 || (found / expected - 1.0).abs() < 1e-9, "{n}: {found} {expected}");
-            assert_eq!(change(&b[..4.min(n)], &b[..4.min(n)], 0.3), 0.0);
+            let same = &b[..4.min(n)];
+            assert_eq!(change(same, same, &RowMoments::of(same)), 0.0);
         }
-        assert_eq!(change(&[f32::INFINITY; 3], &[0.0; 3], 0.0), f64::INFINITY);
+        let equal = RowMoments::of(&[0.1; 37]);
+        assert_eq!(change(&[f32::INFINITY; 37], &[0.1; 37], &equal), f64::INFINITY);
+        assert_eq!(change(&[0.2; 37], &[0.1; 37], &equal), f64::INFINITY);
     }
 }

@@ -21,7 +21,7 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
         let (found, expected) = (now.len(), before.len());
         return Err(ObservationError::Distances { found, expected });
     }
-    Ok(rows::change(before, now, RowMoments::of(now).mean))
+    Ok(rows::change(before, now, &RowMoments::of(now)))
 }
 
 /// Tells frame by frame whether the view has changed, against the last one that
@@ -85,8 +85,8 @@ impl Views {
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
     pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
-        let mean = RowMoments::of(distances).mean;
-        next_view(&mut self.last_new, self.threshold, distances, mean)
+        let moments = RowMoments::of(distances);
+        next_view(&mut self.last_new, self.threshold, distances, &moments)
     }
 }
 
@@ -97,19 +97,19 @@ pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
     changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }
 
-/// [`Views::next`], with the last new row kept elsewhere, for a row of known mean.
+/// [`Views::next`], with the last new row kept elsewhere, for a row with these moments.
 pub(crate) fn next_view(
     last_new: &mut Option<Vec<f32>>,
     threshold: f64,
     distances: &[f32],
-    mean: f64,
+    moments: &RowMoments,
 ) -> Result<View, ObservationError> {
     match last_new {
         Some(last) if last.len() != distances.len() => {
             let (found, expected) = (distances.len(), last.len());
             return Err(ObservationError::Distances { found, expected });
         }
-        Some(last) if rows::change(last, distances, mean) < threshold => {
+        Some(last) if rows::change(last, distances, moments) < threshold => {
             return Ok(View::Unchanged);
         }
         Some(last) => last.copy_from_slice(distances),

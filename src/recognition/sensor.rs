@@ -26,7 +26,7 @@ pub(crate) struct SensorState {
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
     pub(crate) run: Option<(View, u32)>,
-    /// How the vehicle was driven, by odometry and views.
+    /// How the vehicle was driven, by odometry and views, if it may leave the map.
     pub(crate) driven: Option<Driven>,
     /// Gain of each reference by the last frames, a mean of log-odds.
     pub(crate) gained: Vec<f32>,
@@ -80,7 +80,7 @@ impl Sensor {
         let control = RouteControl { odometry, view: None, before: *driven };
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
-        let view = next_view(last_view, options.view_threshold, &self.distances, moments.mean)
+        let view = next_view(last_view, options.view_threshold, &self.distances, &moments)
             .map_err(failed)?;
         if view == View::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
@@ -115,7 +115,8 @@ impl Sensor {
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
         let control = RouteControl { view, ..control };
-        if view.is_some() || odometry.is_some() {
+        // A vehicle that is lost for some steps need not go on as it did.
+        if options.off_map.is_some() && (view.is_some() || odometry.is_some()) {
             *driven = Some(seeing.motion.driven(&control));
         }
         Ok(control)
@@ -123,10 +124,10 @@ impl Sensor {
 
     /// After a step without a query. The next view counts as after a gap: it may have
     /// changed or not for any reason.
-    pub(super) fn miss(&mut self, motion: &RouteTransition, control: &RouteControl) {
+    pub(super) fn miss(&mut self, seeing: Seeing<'_>, control: &RouteControl) {
         self.state.run = None;
-        if control.odometry.is_some() {
-            self.state.driven = Some(motion.driven(control));
+        if seeing.options.off_map.is_some() && control.odometry.is_some() {
+            self.state.driven = Some(seeing.motion.driven(control));
         }
     }
 

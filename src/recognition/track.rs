@@ -101,7 +101,7 @@ impl Track {
         recognizer.motion().check_control(&control).map_err(refused)?;
         likelihoods.fill(1.0);
         let log_likelihood = filter.step_with(&control, likelihoods)?;
-        sensor.miss(recognizer.motion(), &control);
+        sensor.miss(recognizer.seeing(), &control);
         self.add_up();
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }

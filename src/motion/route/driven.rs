@@ -29,7 +29,7 @@ const READINGS: u32 = 10;
 /// Readings of a lower density than this, over the largest, are some three deviations off.
 const UNLIKE: f64 = 0.05;
 
-/// Readings of a vehicle that moves are not asked for where it hardly does.
+/// A vehicle that moves in a smaller share of steps is taken for one that never does.
 const LEAST_SHARE: f64 = 1e-3;
 
 /// Likelihoods of what was measured at a step off the map, each with its probability.
@@ -78,11 +78,14 @@ impl Step<'_> {
         }
         let (nearby, anywhere) = speeds.changes();
         let factors = self.factors;
-        // Without a speed of 0 it never stood.
         let (change, stood) = match control.before {
-            Some(before) if share > 0.0 => ((nearby + anywhere).min(1.0), before.standing),
-            Some(_) => ((nearby + anywhere).min(1.0), 0.0),
             None => (1.0, 0.0),
+            Some(before) => {
+                // It never stood, if no speed is 0, or always.
+                let moves = 1.0 - share >= LEAST_SHARE;
+                let stood = if moves { before.standing } else { 1.0 };
+                ((nearby + anywhere).min(1.0), if share > 0.0 { stood } else { 0.0 })
+            }
         };
         let at_rest = if share > 0.0 { at_rest / share } else { 0.0 };
         let mean = control.before.and_then(|before| before.odometry);

@@ -181,7 +181,11 @@ impl Parts {
         }
         let Some(before) = control.before else { return any };
         let change = (self.speeds.changes().0 + self.speeds.changes().1).min(1.0);
-        let stood = if of(true).0 > 0.0 { before.standing } else { 0.0 };
+        let stood = match of(true).0 {
+            0.0 => 0.0,
+            share if 1.0 - share < 1e-3 => 1.0,
+            _ => before.standing,
+        };
         let stands = if stood > 0.0 { of(true).1 / of(true).0 } else { 0.0 };
         let goes_on = match (control.odometry, before.odometry) {
             (Some(reading), Some((mean, count))) => {
