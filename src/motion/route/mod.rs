@@ -71,7 +71,7 @@ pub enum RouteState {
 /// where v goes through the speeds that g' stands for. The columns are not normalised:
 /// what contradicts all moves from a place speaks against the place. On a closed route, a
 /// loop, the first place follows the last. On an open one, what would go beyond an end
-/// stops there, though the view has changed on the way as on any other.
+/// stops there, with the lesser p(view) of standing and moving on.
 ///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
 /// w weights, in contiguous loops, and n r more for r places near where the vehicle left.

@@ -96,10 +96,12 @@ impl Step<'_> {
         if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
             return [way, self.factors.of(route.class(from, to))];
         }
-        // What would go beyond an end stops there, but the view has changed on the way.
+        // What would go beyond an end stops there: neither a view that stays nor one that
+        // changes is then as usual.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
-        [stay * self.factors.standing + (way - stay).max(0.0) * self.factors.moved, 1.0]
+        let Factors { standing, moved, .. } = self.factors;
+        [stay * standing + (way - stay).max(0.0) * standing.min(moved), 1.0]
     }
 
     /// The product of [these](Self::way_parts).

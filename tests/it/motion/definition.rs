@@ -137,10 +137,11 @@ impl Parts {
                         let to =
                             if self.closed { to.rem_euclid(last + 1) } else { to.clamp(0, last) };
                         let to = to.cast_unsigned();
-                        // At an end, what stops there has moved.
+                        // At an end, what stops there neither stands nor moves on.
                         let class =
-                            if to == i && m != 0 && !self.closed { 2 } else { self.class(i, to) };
-                        column[new * n + to] += share * weight * seen[class];
+                            if to == i && m != 0 && !self.closed { 3 } else { self.class(i, to) };
+                        let factor = if class == 3 { seen[0].min(seen[2]) } else { seen[class] };
+                        column[new * n + to] += share * weight * factor;
                     }
                 }
             }
