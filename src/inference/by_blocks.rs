@@ -60,7 +60,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 }
             }
         });
-        // What is not valid is told where products are taken at once.
+        // The step with all products at once tells errors.
         if states != before.linear.len() || updated.negative_predicted || updated.small {
             if updated.small {
                 lifted.lift_for_some_steps();

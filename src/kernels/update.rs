@@ -46,7 +46,7 @@ pub(crate) struct Updated {
 }
 
 impl Updated {
-    /// Of no states.
+    /// Sums over no states.
     pub(crate) const NONE: Self = Self {
         products: 0.0,
         predicted: 0.0,
@@ -56,7 +56,7 @@ impl Updated {
         small: false,
     };
 
-    /// Of the states of both.
+    /// Sums over the states of both.
     pub(crate) fn and(self, other: Self) -> Self {
         Self {
             products: self.products + other.products,

@@ -26,7 +26,7 @@ pub(crate) struct SensorState {
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
     pub(crate) run: Option<(View, u32)>,
-    /// How the vehicle was driven, by odometry and views, if it may leave the map.
+    /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
     /// Gain of each reference by the last frames, a mean of log-odds.
     pub(crate) gained: Vec<f32>,
@@ -69,6 +69,7 @@ impl Sensor {
         let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
+        let control = self.moved(odometry);
         let SensorState { standardizer, last_view, run, driven, gained } = &mut self.state;
         let n = references.count();
         // Checked first: after an error nothing has changed.
@@ -77,7 +78,6 @@ impl Sensor {
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
-        let control = RouteControl { odometry, view: None, before: *driven };
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
         let view = next_view(last_view, options.view_threshold, &self.distances, &moments)

@@ -1,4 +1,4 @@
-//! How a vehicle off the map is driven, of whose speed no state tells.
+//! Motion of a vehicle off the map, of whose speed no state tells.
 
 use super::step::Step;
 use super::views::Factors;
@@ -6,7 +6,7 @@ use super::{RouteControl, RouteTransition};
 use crate::error::TransitionError;
 use crate::motion::OdometryModel;
 
-/// How a vehicle was driven until now, by what was measured alone.
+/// Motion of a vehicle until now, by what was measured alone.
 ///
 /// A speed lasts: on the map it is part of the state, and a reading like the ones before is
 /// no surprise. Off the map there is no speed among the states, so that this tells what to
@@ -104,8 +104,7 @@ impl Step<'_> {
 }
 
 impl RouteTransition {
-    /// How the vehicle was driven after a step, from before it and what was measured, both in
-    /// the control.
+    /// Motion after a step, from that before it and what was measured, both in the control.
     #[must_use]
     pub fn driven(&self, control: &RouteControl) -> Driven {
         let Ways { stands, goes_on, changes } =
@@ -117,7 +116,7 @@ impl RouteTransition {
         let odometry = match (before.filter(|_| goes_on >= changes), control.odometry) {
             _ if standing > 0.5 => None,
             (Some((mean, count)), Some(reading)) => {
-                // Of a speed that changes, later readings say more.
+                // Later readings say more of a speed that changes.
                 let unlike = self.odometry.again(reading, mean, count) < UNLIKE;
                 let count = if unlike { count / 2 } else { count }.saturating_add(1).min(READINGS);
                 Some((mean + (reading - mean) / f64::from(count), count))

@@ -35,7 +35,7 @@ pub struct RouteControl {
     /// Change of the view, or none; of use only
     /// [with views](RouteTransition::with_views).
     pub view: Option<ViewEvidence>,
-    /// How it was driven before, which off the map tells what to expect.
+    /// Motion before the step, which off the map tells what to expect.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub before: Option<Driven>,
 }
