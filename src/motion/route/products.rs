@@ -125,7 +125,8 @@ impl Step<'_> {
         let seen = least(&mut [standing, alike, moved].into_iter());
         let on = changes * seen * least(&mut self.windows.iter().copied());
         let Some(off) = &self.off else { return on };
-        let near = self.route.off_map.map_or(0.0, |off| off.near / (2 * off.within + 1) as f64);
+        let most = 2 * off.within.min(self.route.line.places) + 1;
+        let near = self.route.off_map.map_or(0.0, |off| off.near / most as f64);
         let back = off.back * least(&mut [near, off.each].into_iter()) * shares;
         least(&mut [on, back, off.enter, off.stay].into_iter())
     }

@@ -18,6 +18,8 @@ fn routes() -> Vec<RouteTransition> {
         let route = route.with_views(&stretches, ViewRates::default()).unwrap();
         let never_near = OffMap { near: 0.0, ..OffMap::default() };
         routes.push(route.clone().with_off_map(never_near).unwrap());
+        let wherever = OffMap { within: usize::MAX, ..OffMap::default() };
+        routes.push(route.clone().with_off_map(wherever).unwrap());
         routes.push(route.with_off_map(OffMap::default()).unwrap());
     }
     routes
