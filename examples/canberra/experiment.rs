@@ -54,6 +54,8 @@ pub(crate) struct Drive {
 pub(crate) struct Row {
     pub(crate) setting: Setting,
     pub(crate) estimator: Estimator,
+    /// The accuracy over each drive.
+    pub(crate) accuracies: Vec<f64>,
     /// The mean accuracy over the drives, and its standard error.
     pub(crate) mean: f64,
     pub(crate) std_error: f64,
@@ -84,6 +86,18 @@ impl Setting {
     pub(crate) fn drive(&self, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
         let hmm = canberra::hmm(self.initial, self.sigma)?;
         drive(&hmm, self, seed, run)
+    }
+
+    /// The beliefs of filter and smoother at each sighting of a drive.
+    pub(crate) fn beliefs(&self, drive: &Drive) -> Result<[Vec<Vec<f64>>; 2], Box<dyn Error>> {
+        let hmm = canberra::hmm(self.initial, self.sigma)?;
+        let seen = &drive.estimates[Estimator::Raw as usize];
+        let filtering = hmm.forward(seen)?;
+        let smoothing = hmm.smooth(seen)?;
+        // Step 0, the known start, has no sighting.
+        Ok([filtering.posteriors(), smoothing.posteriors()].map(|posteriors| {
+            posteriors.iter().skip(1).map(|belief| belief.as_slice().to_vec()).collect()
+        }))
     }
 
     /// Many drives, scored: a row for each estimator.
@@ -124,18 +138,20 @@ impl Setting {
         }
         let rows = ESTIMATORS.iter().zip(accuracies).zip(sums);
         Ok(rows
-            .map(|((&estimator, mut accuracies), (hops, metres, legal))| {
+            .map(|((&estimator, accuracies), (hops, metres, legal))| {
                 let count = runs.get() as f64;
-                accuracies.sort_by(f64::total_cmp);
-                let mean = accuracies.iter().sum::<f64>() / count;
-                let squares: f64 = accuracies.iter().map(|a| (a - mean).powi(2)).sum();
+                let mut sorted = accuracies.clone();
+                sorted.sort_by(f64::total_cmp);
+                let mean = sorted.iter().sum::<f64>() / count;
+                let squares: f64 = sorted.iter().map(|a| (a - mean).powi(2)).sum();
                 Row {
                     setting: *self,
                     estimator,
+                    accuracies,
                     mean,
                     std_error: (squares / (count - 1.0).max(1.0) / count).sqrt(),
-                    lo95: quantile(&accuracies, 0.025),
-                    hi95: quantile(&accuracies, 0.975),
+                    lo95: quantile(&sorted, 0.025),
+                    hi95: quantile(&sorted, 0.975),
                     hops: hops / count,
                     metres: metres / count,
                     legal: legal / count,

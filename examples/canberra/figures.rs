@@ -13,6 +13,7 @@ use wayfix::map::{RoadClass, RoadMap};
 use wayfix::{SparseTransition, TransitionEntries, canberra};
 
 use crate::experiment::{Drive, Estimator, Row, SETTINGS, STEPS};
+use crate::layout::{self, Layout};
 
 /// A picture and what it shows.
 pub(crate) struct Figure {
@@ -73,7 +74,9 @@ pub(crate) fn draw_all(
     let caption = "Fig. 1: the 105 places and the roads between them. Wider lines are higher \
                    classes; arrows mark one-way roads. Road geometry © OpenStreetMap \
                    contributors, ODbL 1.0.";
-    draw("fig01_map.svg", (1500, 1240), caption.into(), &|area| road_map(area, map))?;
+    draw("fig01_map.svg", (layout::WIDTH, layout::HEIGHT), caption.into(), &|area| {
+        road_map(area, map)
+    })?;
 
     // The paper's figures 2 to 10: filter, smoother, both, for each setting.
     let mut number = 2;
@@ -175,45 +178,24 @@ fn diamond((x, y): (i32, i32)) -> Polygon<(i32, i32)> {
 
 /// Places as numbered dots, roads as lines.
 fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
-    let (width, height) = (1500.0, 1240.0);
-    let positions = map.places().iter().map(|place| place.position);
-    let bounds = |of: &dyn Fn(usize) -> f64| {
-        let values = (0..map.places().len()).map(of);
-        values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)))
-    };
-    let positions: Vec<_> = positions.collect();
-    let (south, north) = bounds(&|i| positions[i].latitude);
-    let (west, east) = bounds(&|i| positions[i].longitude);
-    let shrink = (0.5 * (south + north)).to_radians().cos();
-    let scale = ((width - 80.0) / ((east - west) * shrink)).min((height - 110.0) / (north - south));
-    let pixel = |i: usize| {
-        let x = 40.0 + (positions[i].longitude - west) * shrink * scale;
-        let y = 70.0 + (north - positions[i].latitude) * scale;
-        (x.round() as i32, y.round() as i32)
-    };
+    let layout = Layout::of(map);
     let stroke = |class| match class {
         RoadClass::Main => 8,
         RoadClass::Arterial => 5,
         RoadClass::Collector => 3,
         RoadClass::Street => 1,
     };
-    for from in 0..positions.len() {
-        for (to, road) in map.roads_from(from) {
-            let two_way = map.neighbours(to).any(|back| back == from);
-            if two_way && from > to {
-                continue;
-            }
-            let line = [pixel(from), pixel(to)];
-            area.draw(&PathElement::new(line, BLUE.mix(0.75).stroke_width(stroke(road.class))))?;
-            if !two_way {
-                area.draw(&Polygon::new(arrow(line), BLUE.filled()))?;
-            }
+    for road in &layout.roads {
+        let style = BLUE.mix(0.75).stroke_width(stroke(road.class));
+        area.draw(&PathElement::new(road.line, style))?;
+        if let Some(arrow) = road.arrow() {
+            area.draw(&Polygon::new(arrow, BLUE.filled()))?;
         }
     }
-    for (i, place) in map.places().iter().enumerate() {
-        area.draw(&Circle::new(pixel(i), 12, RED.filled()))?;
+    for (place, &at) in map.places().iter().zip(&layout.places) {
+        area.draw(&Circle::new(at, 12, RED.filled()))?;
         let style = anchored(&font(14).color(&WHITE), HPos::Center);
-        area.draw(&Text::new(place.id.to_string(), pixel(i), style))?;
+        area.draw(&Text::new(place.id.to_string(), at, style))?;
     }
     let title = "Central Canberra: 105 places, 315 directed roads";
     area.draw(&Text::new(title, (40, 18), font(26)))?;
@@ -226,25 +208,12 @@ fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
     }
     let line = [(x, 32), (x + 40, 32)];
     area.draw(&PathElement::new(line, BLUE.mix(0.75).stroke_width(2)))?;
-    area.draw(&Polygon::new(arrow(line), BLUE.filled()))?;
+    area.draw(&Polygon::new(layout::arrow(line), BLUE.filled()))?;
     area.draw(&Text::new("one way", (x + 48, 32), anchored(&font(18), HPos::Left)))?;
     let credit = "Road geometry © OpenStreetMap contributors, ODbL 1.0";
-    let at = (width as i32 - 20, height as i32 - 18);
+    let at = (layout::WIDTH as i32 - 20, layout::HEIGHT as i32 - 18);
     area.draw(&Text::new(credit, at, anchored(&font(16), HPos::Right)))?;
     Ok(())
-}
-
-/// A triangle a little beyond the middle of a line, along it.
-fn arrow([from, to]: [(i32, i32); 2]) -> [(i32, i32); 3] {
-    let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
-    let length = dx.hypot(dy).max(1.0);
-    let (ux, uy) = (dx / length, dy / length);
-    let tip = (f64::from(from.0) + 0.5 * dx + 9.0 * ux, f64::from(from.1) + 0.5 * dy + 9.0 * uy);
-    let at = |along: f64, across: f64| {
-        let (x, y) = (tip.0 - along * ux - across * uy, tip.1 - along * uy + across * ux);
-        (x.round() as i32, y.round() as i32)
-    };
-    [at(0.0, 0.0), at(18.0, 8.0), at(18.0, -8.0)]
 }
 
 /// The true place at each step, and what was estimated.

@@ -6,11 +6,14 @@
 //! ```
 //!
 //! Prints Table 1 beside the paper's figures, and writes tables (CSV), pictures
-//! (SVG) and a page that shows them (index.html) into the output folder.
+//! (SVG), a page that shows them (index.html), and one on which the first drives
+//! are played (replay.html) into the output folder.
 
 mod experiment;
 mod figures;
+mod layout;
 mod page;
+mod replay;
 
 use std::error::Error;
 use std::fs;
@@ -22,7 +25,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix::canberra;
 
-use experiment::{Estimator, Row, SETTINGS, STEPS, Setting};
+use experiment::{ESTIMATORS, Estimator, Row, SETTINGS, STEPS, Setting};
 
 /// Reproduces Table 1 of "Visual Place Recognition" as distributions.
 #[derive(Parser)]
@@ -71,10 +74,14 @@ fn run(Arguments { runs, seed, out }: Arguments) -> Result<(), Box<dyn Error>> {
     let in_folder = |error: &dyn Error| format!("cannot write into {}: {error}", out.display());
     write_table1(&out.join("table1.csv"), &rows, runs).map_err(|e| in_folder(&e))?;
     write_errors(&out.join("errors.csv"), &rows).map_err(|e| in_folder(&e))?;
+    write_drives(&out.join("drives.csv"), &rows).map_err(|e| in_folder(&e))?;
     let figures = figures::draw_all(&out, &map, &rows, seed).map_err(|e| in_folder(&*e))?;
     let page = page::html(&rows, &figures, runs, seed);
     fs::write(out.join("index.html"), page).map_err(|e| in_folder(&e))?;
+    let replay = replay::html(&map, runs, seed)?;
+    fs::write(out.join("replay.html"), replay).map_err(|e| in_folder(&e))?;
     println!("\nWrote tables, {} pictures and {}", figures.len(), out.join("index.html").display());
+    println!("A drive that can be played: {}", out.join("replay.html").display());
     Ok(())
 }
 
@@ -132,6 +139,24 @@ fn write_table1(path: &Path, rows: &[Row], runs: NonZeroUsize) -> Result<(), csv
             format!("{:.2}", row.hi95),
             row.paper().map_or(String::new(), |paper| format!("{paper:.2}")),
         ])?;
+    }
+    Ok(file.flush()?)
+}
+
+/// A line for each drive, numbered from 1, with the accuracy of each estimator.
+fn write_drives(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
+    let mut file = csv::Writer::from_path(path)?;
+    let estimators = ESTIMATORS.map(|estimator| estimator.to_string());
+    file.write_record(
+        ["initial", "sigma", "drive"].into_iter().map(String::from).chain(estimators),
+    )?;
+    for rows in rows.chunks(ESTIMATORS.len()) {
+        let Setting { initial, sigma, .. } = rows[0].setting;
+        for run in 0..rows[0].accuracies.len() {
+            let drive = [initial.to_string(), sigma.to_string(), (run + 1).to_string()];
+            let accuracies = rows.iter().map(|row| format!("{:.2}", row.accuracies[run]));
+            file.write_record(drive.into_iter().chain(accuracies))?;
+        }
     }
     Ok(file.flush()?)
 }

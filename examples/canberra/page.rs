@@ -76,7 +76,10 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
     }
     put(format_args!(
         "</table>\n<p>Both tables as CSV: <a href=\"table1.csv\">table1.csv</a>, \
-         <a href=\"errors.csv\">errors.csv</a>.</p>\n<h2>Pictures</h2>\n"
+         <a href=\"errors.csv\">errors.csv</a>; the accuracy over each drive: \
+         <a href=\"drives.csv\">drives.csv</a>.</p>\n<h2>Pictures</h2>\n\
+         <p><a href=\"replay.html\">Replay of the first drives</a>: on the map, step by step, where \
+         the vehicle is, what it sees, and what filter and smoother believe.</p>\n"
     ));
     for Figure { file, caption } in figures {
         put(format_args!(
