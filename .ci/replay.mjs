@@ -100,7 +100,7 @@ const open = async (fragment) => {
   }
 };
 const size = (width, height, mobile) =>
-  ask("Emulation.setDeviceMetricsOverride", { width, height, deviceScaleFactor: 1, mobile });
+  ask("Emulation.setDeviceMetricsOverride", { width, height, deviceScaleFactor: mobile ? 2 : 1, mobile });
 // What is shown of a step: its name, the words, both tables, and the areas of circles.
 const shown = () => value(`(() => {
   const areas = (who) => [...document.querySelectorAll("#" + who + " circle")].map((circle) =>
@@ -233,6 +233,15 @@ async function accessible() {
   })`);
   assert.ok(phone.width <= 390, `${phone.width} pixels wide on a phone of 390`);
   assert.deepEqual(phone.small, [], "too small to touch");
+  for (let step = 1; step <= 50; step++) {
+    const overlaps = await value(`(() => {
+      const boxes = [...document.querySelectorAll(".named")].map((it) => it.getBoundingClientRect());
+      return boxes.flatMap((a, i) => boxes.slice(0, i).filter((b) =>
+        a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom)).length;
+    })()`);
+    assert.equal(overlaps, 0, `numbers of places overlap at step ${step}`);
+    await press("ArrowRight");
+  }
 }
 
 async function screenshots(into) {

@@ -67,7 +67,9 @@ impl Layout {
             let clear = |direction: (f64, f64)| {
                 let here = at(direction);
                 let roads = self.roads.iter().map(|road| road.distance(here));
-                let others = numbers.iter().map(|other| distance(here, *other) - away);
+                // Numbers are wider than high.
+                let others =
+                    numbers.iter().map(|(x, y)| (0.6 * (here.0 - x).abs()).max((here.1 - y).abs()));
                 roads.chain(others).fold(f64::MAX, f64::min)
             };
             let turns = (0..16).map(|sixteenth| f64::from(sixteenth) / 16.0);

@@ -1,4 +1,3 @@
-"use strict";
 // Plays drives. A belief is a list: place, probability, place, probability …,
 // the most probable first, in whole units; so its first entry is its mode.
 
@@ -92,8 +91,7 @@ function show() {
   for (const id of ["halo", "sighting"]) {
     $(id).setAttribute("d", `M${at(seen)}m0-36l36 36l-36 36l-36-36z`);
   }
-  [...$("numbers").children].forEach((text, place) =>
-    text.classList.toggle("named", [truth, seen, ...modes].includes(place)));
+  label([truth, ...modes, seen]);
   [...$("strip").children].forEach((column, i) =>
     column.classList.toggle("now-here", i === k));
 
@@ -110,6 +108,35 @@ function show() {
   naming = setTimeout(() => history.replaceState(null, "",
     `#setting=${$("setting").value}&drive=${$("drive").value}&step=${k + 1}`), 300);
 }
+
+/// Sets off the numbers of some places, each turned around its place until it
+/// is clear of those before it.
+function label(some) {
+  for (const text of document.querySelectorAll(".named")) {
+    text.classList.remove("named");
+    turn(text, 0);
+  }
+  const taken = [];
+  for (const place of new Set(some)) {
+    const text = $("numbers").children[place];
+    text.classList.add("named");
+    [0, 1, 7, 2, 6, 3, 5, 4, 0].find((eighth) => {
+      turn(text, eighth);
+      return !taken.some((box) => overlap(box, text.getBoundingClientRect()));
+    });
+    taken.push(text.getBoundingClientRect());
+  }
+}
+
+function turn(text, eighth) {
+  const [x, y] = text.dataset.direction.split(" ").map(Number);
+  const [cos, sin] = [Math.cos(eighth * Math.PI / 4), Math.sin(eighth * Math.PI / 4)];
+  text.style.setProperty("--x", x * cos - y * sin);
+  text.style.setProperty("--y", x * sin + y * cos);
+}
+
+const overlap = (a, b) =>
+  a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 
 function row(place, p, isTrue) {
   const made = element("tr", "", isTrue ? "true" : "");
@@ -194,5 +221,6 @@ document.onkeydown = (event) => {
 };
 window.onhashchange = stop(({ newURL }) => follow(newURL));
 
+for (const text of $("numbers").children) turn(text, 0);
 choices($("setting"), settings.map(({ name }) => name));
 follow(location.href);

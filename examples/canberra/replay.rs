@@ -66,6 +66,7 @@ fn drive(setting: &Setting, seed: u64, run: u64) -> Result<Value, Box<dyn Error>
 
 /// Place, probability, place, probability …, the most probable first; of equal
 /// ones the lowest place, so that the first is the mode.
+#[expect(clippy::cast_sign_loss, reason = "probabilities are not negative")]
 fn told(belief: &[f64]) -> Vec<u32> {
     let mut places: Vec<(usize, f64)> = belief.iter().copied().enumerate().collect();
     places.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -114,7 +115,7 @@ fn numbers(map: &RoadMap, layout: &Layout) -> String {
     let directions = layout.directions(24.0);
     let places = map.places().iter().zip(&layout.places).zip(directions);
     let texts = places.map(|((place, (x, y)), (dx, dy))| {
-        format!("<text x=\"{x}\" y=\"{y}\" style=\"--x:{dx:.2};--y:{dy:.2}\">{}</text>", place.id)
+        format!("<text x=\"{x}\" y=\"{y}\" data-direction=\"{dx:.2} {dy:.2}\">{}</text>", place.id)
     });
     format!("<g id=\"numbers\">{}</g>\n", texts.collect::<String>())
 }
