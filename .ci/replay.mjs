@@ -38,8 +38,11 @@ const child = spawn(browser, [
 const late = setTimeout(() => {
   console.error("replay: the browser does not answer");
   child.kill("SIGKILL");
-  process.exit(1);
 }, 120_000);
+
+child.once("exit", () => {
+  for (const [, failed] of asked.values()) failed(new Error("the browser has ended"));
+});
 
 const problems = [];
 const asked = new Map();
@@ -271,7 +274,8 @@ try {
   console.log("replay: plays, and says what the tables say");
 } finally {
   clearTimeout(late);
-  const ended = new Promise((done) => child.once("exit", done));
+  const ended = child.exitCode ?? child.signalCode
+    ?? new Promise((done) => child.once("exit", done));
   child.kill();
   await ended;
   rmSync(profile, { recursive: true, force: true, maxRetries: 5, retryDelay: 100 });
