@@ -2,17 +2,15 @@
 //! 1970; Rabiner 1989, section III-C).
 
 use super::checkpoints::Order;
-use super::learnable::{LearnLikelihood, LearnTransition};
 use super::lockstep::{self, Group, Memory, Plan};
-use super::pairs::MoveCounts;
 use super::{LogSum, many};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::kernels::LANES;
-use crate::likelihood::Likelihood;
+use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{LearnTransition, MoveCounts, Transition};
 
 /// How [`Hmm::learn`] learns.
 ///
@@ -345,7 +343,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(sequence.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {
-                    result = moves.add_step(number, pairs);
+                    result = pairs.add_to(moves, number);
                 }
             }
         })?;

@@ -9,7 +9,7 @@ use super::backward::Backward;
 use super::block::Block;
 use super::filter::Filter;
 use super::filter_state::FilterState;
-use super::pairs::{MoveCounts, Pairs};
+use super::pairs::Pairs;
 use super::posteriors::Rows;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
@@ -17,7 +17,7 @@ use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::{Transition, TransitionEntries};
+use crate::transition::{MoveCounts, Transition, TransitionEntries};
 
 /// Sequences of fewer numbers (states times steps) than this are one segment:
 /// half a megabyte a block, which a cache holds.
@@ -182,7 +182,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let (mut counts, mut result) = (MoveCounts::default(), Ok(()));
         self.smooth_each(sequence, Order::Backward, |step| {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                result = counts.add_step(step.step(), pairs);
+                result = pairs.add_to(&mut counts, step.step());
             }
         })?;
         result.map(|()| counts)

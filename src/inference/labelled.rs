@@ -1,14 +1,12 @@
 //! Estimation by counting, from drives whose states are known.
 
 use super::baum_welch::Learning;
-use super::learnable::{LearnLikelihood, LearnTransition};
-use super::pairs::{self, Move};
 use super::step::Step;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{self, LearnTransition, Move, Transition};
 
 /// A drive whose states are known, as of a [`Simulation`](crate::Simulation).
 #[derive(Debug, Clone, Copy)]
@@ -95,7 +93,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
-            pairs::sort(&mut moves);
+            transition::sort(&mut moves);
             counts.add(moves);
         }
         self.maximise(&expected, learning)

@@ -31,7 +31,6 @@ mod simulate;
 
 mod baum_welch;
 mod labelled;
-mod learnable;
 mod lockstep;
 mod many;
 
@@ -56,9 +55,8 @@ pub(crate) use filter_state::MOST_STEPS;
 pub use filtering::Filtering;
 pub use fixed_lag::{FixedLag, FixedLagState};
 pub use labelled::Labelled;
-pub use learnable::{LearnLikelihood, LearnTransition};
 pub use online_viterbi::OnlineViterbi;
-pub use pairs::{Move, MoveCounts, Pairs};
+pub use pairs::Pairs;
 pub use posteriors::Posteriors;
 pub use pruned::{Certificate, PrunedFilter, Pruning};
 pub use sampler::PathSampler;

@@ -3,11 +3,10 @@
 use std::error::Error;
 
 use super::{
-    FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, RoundedTails,
+    FusedLikelihood, GroupedLikelihood, LearnLikelihood, Likelihood, KnownState, OptionalLikelihood, RoundedTails,
     TableLikelihood,
 };
-use crate::inference::LearnLikelihood;
-use crate::likelihood::Likelihood;
+use crate::fixed::Fixed;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -149,5 +148,19 @@ impl LearnLikelihood for KnownState {
 
     fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(*self)
+    }
+}
+
+impl<B: Likelihood + Clone> LearnLikelihood for Fixed<B> {
+    type Statistics = ();
+
+    fn statistics(&self) {}
+
+    fn add(&self, (): &mut (), _: &B::Observation, _: &[f64]) {}
+
+    fn merge(&self, (): &mut (), (): &()) {}
+
+    fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
+        Ok(self.clone())
     }
 }

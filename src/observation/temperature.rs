@@ -4,7 +4,7 @@ use std::error::Error;
 use std::ops::RangeInclusive;
 
 use super::{AppearanceLikelihood, ObservationError};
-use crate::inference::LearnLikelihood;
+use crate::likelihood::LearnLikelihood;
 use crate::kernels;
 use crate::likelihood::Scratch;
 

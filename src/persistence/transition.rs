@@ -6,8 +6,9 @@ use std::convert::Infallible;
 use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
+use crate::motion::{DistanceTransition, OffMapTransition};
 use crate::transition::{
-    DistanceTransition, DwellTransition, Ends, OffMapTransition, RestartTransition,
+    DwellTransition, Ends, RestartTransition,
     SparseTransition, TiedTransition, Transition, TransitionEntries, check_probability,
 };
 

@@ -6,7 +6,7 @@ use std::marker::PhantomData;
 
 use super::{Transition, TransitionEntries, check_slices, log, validate};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, MoveCounts};
+use super::{LearnTransition, MoveCounts};
 use crate::kernels::{self, LARGEST_LOG, log2};
 
 /// Entries up to this are taken in linear space.

@@ -1,8 +1,8 @@
 //! Transition probabilities from expected moves.
 
-use super::{DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries};
+use super::{DenseTransition, LearnTransition, Move, MoveCounts, SparseTransition, SwitchedTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, Move, MoveCounts};
+use crate::fixed::Fixed;
 
 /// Each entry above 0 with how often the move was expected: (to, from, weight),
 /// column by column. Moves without an entry are an error.
@@ -122,6 +122,21 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         self.operators.iter().map(|a| a.log_prior(pseudo_count)).sum()
+    }
+}
+
+impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
+    /// None: no moves need to be counted.
+    fn families(&self) -> usize {
+        0
+    }
+
+    fn reestimate(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
+        Ok(self.clone())
+    }
+
+    fn log_prior(&self, _: f64) -> f64 {
+        0.0
     }
 }
 

@@ -6,7 +6,7 @@ use std::ops::Deref;
 use super::reestimate::{normalised, weights};
 use super::{SparseTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, MoveCounts};
+use super::{LearnTransition, MoveCounts};
 
 /// A sparse operator with labelled moves: states whose ways out have the same
 /// labels share their probabilities, and ways out of one state with the same

@@ -3,7 +3,8 @@
 use super::backward::Carried;
 use super::{Group, Memory, Plan, no_control};
 use crate::inference::baum_welch::Expected;
-use crate::inference::{LearnLikelihood, LearnTransition, Move, MoveCounts};
+use crate::likelihood::LearnLikelihood;
+use crate::transition::{LearnTransition, Move, MoveCounts};
 use crate::kernels::lockstep::{self, Abreast, Lines};
 use crate::kernels::{BACK_LIFT, LANES};
 use crate::sequence::Sequence;

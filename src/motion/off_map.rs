@@ -2,7 +2,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use super::{
+use crate::transition::{
     Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
     scaled,
 };
