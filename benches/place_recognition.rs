@@ -16,13 +16,14 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates};
+use wayfix::likelihood::{GroupedLikelihood, RoundedTails};
+use wayfix::motion::{
+    RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
+};
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
 use wayfix::recognition::{Options, Recognizer};
-use wayfix::{
-    Belief, Ends, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, RoundedTails,
-    Transition, WindowTransition,
-};
+use wayfix::transition::{Ends, WindowTransition};
+use wayfix::{Belief, Hmm, Likelihood, LikelihoodVector, Prior, Transition};
 
 /// Queries of the largest call.
 const MOST: usize = 64;
@@ -76,10 +77,10 @@ fn live(criterion: &mut Criterion) {
 
     let stretches: Vec<usize> = (0..PLACES).collect();
     let route = RouteTransition::new(PLACES, false, Speeds::default())
-        .and_then(|route| route.with_views(&stretches, ViewRates::default()))
+        .and_then(|route| route.with_views(&stretches, ViewChangeRates::default()))
         .expect("a route");
     let camera = GroupedLikelihood::new(camera, route.place_groups()).expect("a group a place");
-    let view = Some(ViewEvidence { view: View::Changed, weight: 1.0 });
+    let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 1.0 });
     let control = RouteControl { view, ..RouteControl::default() };
     step(criterion, "13 speeds, rows of distances", &route, camera, &control, &rows);
 

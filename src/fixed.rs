@@ -6,14 +6,15 @@ use std::ops::Deref;
 /// as it is; else the same.
 ///
 /// ```
-/// use wayfix::{Fixed, Learning};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::Fixed;
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 /// # let motion = DenseTransition::from_rows(2, &[0.6, 0.4, 0.4, 0.6])?;
 /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 ///
 /// let hmm = Hmm::new(prior, motion, Fixed(camera))?;
-/// let learned = hmm.learn(&[[0, 0, 1, 1]], &Learning::default())?;
+/// let learned = hmm.learn(&[[0, 0, 1, 1]], &LearningOptions::default())?;
 /// assert_eq!(learned.model().likelihood().probability(0, 0), Some(0.7));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

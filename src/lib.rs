@@ -46,20 +46,20 @@
 //!
 //! | verb | gives |
 //! |---|---|
-//! | [`Hmm::forward`] | [`Filtering`]: every step given those up to it |
-//! | [`Hmm::smooth`] | [`Smoothing`]: every step given all |
+//! | [`Hmm::forward`] | [`FilteredSequence`]: every step given those up to it |
+//! | [`Hmm::smooth`] | [`SmoothedSequence`]: every step given all |
 //! | [`Hmm::smooth_each`] | the same in O(n √T) memory, with pairwise posteriors, to a visitor |
 //! | [`Hmm::expected_moves`] | [`MoveCounts`]: how often each move was made |
-//! | [`Hmm::score`] | ln p(y_1 … y_T) |
+//! | [`Hmm::log_likelihood`] | ln p(y_1 … y_T) |
 //! | [`Hmm::path_entropy`] | how unsure the whole path is |
 //! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
 //! | [`Hmm::beam_viterbi`] | [`BeamPath`]: the same for millions of states, and whether it is proven |
 //! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
-//! | [`Hmm::learn`] | [`Learned`]: the model that explains many sequences best |
+//! | [`Hmm::learn`] | [`LearnedModel`]: the model that explains many sequences best |
 //! | [`Hmm::learn_labelled`] | the model that labelled drives show |
 //!
 //! For many sequences at once there are [`Hmm::forward_all`],
-//! [`Hmm::smooth_all`], [`Hmm::score_all`] and [`Hmm::viterbi_all`]; and
+//! [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`] and [`Hmm::viterbi_all`]; and
 //! [`Hmm::simulate`] and [`Filter::simulate`] draw from the model. A method of
 //! a stream that ends in `_with` takes a control.
 //!
@@ -70,7 +70,7 @@
 //! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
 //! | a route | [`WindowTransition`] |
 //! | a route, at hidden speeds, with odometry and what the camera says of a step | [`RouteTransition`](motion::RouteTransition) |
-//! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
+//! | metres driven, on a map | [`DistanceTransition`], with [`OdometryReading`] as its control |
 //! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
 //! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
@@ -173,57 +173,37 @@ mod error;
 mod fixed;
 mod groups;
 mod hmm;
-mod inference;
 mod kernels;
-mod likelihood;
 mod random;
 mod sequence;
-mod transition;
 
 pub mod canberra;
 pub mod evaluate;
+pub mod guide;
+pub mod inference;
+pub mod likelihood;
 pub mod map;
 pub mod motion;
 pub mod observation;
 #[cfg(feature = "serde")]
 pub mod persistence;
 pub mod recognition;
+pub mod transition;
 
 pub use belief::{Belief, BeliefView};
-pub use error::{
-    BeliefError, HmmError, InferenceError, LearnError, LikelihoodError, SequenceError, TableError,
-    TransitionError,
-};
+pub use error::{BeliefError, HmmError, InferenceError, LikelihoodError, TransitionError};
 pub use fixed::Fixed;
-pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
-pub use inference::{
-    BeamPath, Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
-    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
-    Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
-    StopReason, ViterbiPath,
-};
+#[doc(inline)]
+pub use inference::{Filter, FixedLag, OnlineViterbi, PrunedFilter};
+#[doc(inline)]
 pub use likelihood::{
-    Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails,
-    SampleObservation, Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
+    Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, OptionalLikelihood, Scratch,
+    SparseLikelihood, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
-pub use transition::{
-    DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition,
-    KroneckerTransition, Odometry, OffMapTransition, PowerTransition, RestartTransition,
-    SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
-};
-
-#[doc = include_str!("formulas.md")]
-pub mod formulas {}
-
-#[doc = include_str!("performance.md")]
-pub mod performance {}
-
-#[doc = include_str!("from_descriptors.md")]
-pub mod from_descriptors {}
+#[doc(inline)]
+pub use transition::{DenseTransition, SparseTransition, Transition, TransitionEntries};
 
 /// The README's example compiles.
 #[cfg(doctest)]

@@ -64,7 +64,7 @@ pub(crate) fn table(n: usize, steps: usize) -> Model<DenseTransition, TableLikel
 }
 
 /// The sensor of the Canberra map, which names places.
-pub(crate) type Sensor = wayfix::RoundedTails<TableLikelihood>;
+pub(crate) type Sensor = wayfix::likelihood::RoundedTails<TableLikelihood>;
 
 /// The Canberra map, with its own sensor, from anywhere.
 pub(crate) fn canberra_table(steps: usize) -> Model<SparseTransition, Sensor> {

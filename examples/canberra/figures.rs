@@ -199,7 +199,7 @@ fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
     };
     for from in 0..positions.len() {
         for (to, road) in map.roads_from(from) {
-            let two_way = map.neighbours(to).any(|back| back == from);
+            let two_way = map.neighbors(to).any(|back| back == from);
             if two_way && from > to {
                 continue;
             }

@@ -13,7 +13,7 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
-    /// it is 0. (After a sensor with [rounded tails](crate::RoundedTails) that
+    /// it is 0. (After a sensor with [rounded tails](crate::likelihood::RoundedTails) that
     /// counts as 0, too, which was below 2.2e-308 of the whole.)
     Impossible {
         /// The step, from 1.
@@ -195,7 +195,7 @@ pub enum LearnError {
     },
     /// A sequence (or labelled drive) is not valid.
     Sequence(SequenceError),
-    /// A number of [`Learning`](crate::Learning) is NaN, negative or infinite.
+    /// A number of [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or infinite.
     Parameter {
         /// Which one.
         what: &'static str,

@@ -51,7 +51,7 @@ impl Block {
             let control = sequence.control(step);
             let advanced = filter.step_in_full(control, sequence.observation(step))?;
             each(advanced.log);
-            self.normalisers[row] = advanced.normaliser;
+            self.normalisers[row] = advanced.normalizer;
             self.keep(row, filter);
         }
         Ok(())
@@ -68,7 +68,7 @@ impl Block {
     /// What was seen on the way to a row, where `observation` is that of its
     /// step.
     pub(super) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Seen<'a, Y> {
-        Seen { observation, normaliser: self.normalisers[row] }
+        Seen { observation, normalizer: self.normalisers[row] }
     }
 
     pub(super) fn held(&self, row: usize) -> Held<'_> {

@@ -8,7 +8,7 @@
 use super::backward::Backward;
 use super::block::Block;
 use super::filter::Filter;
-use super::filter_state::FilterState;
+use super::filter_state::FilterSnapshot;
 use super::pairs::Pairs;
 use super::posteriors::Rows;
 use super::step::Step;
@@ -82,7 +82,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// has to compute its likelihoods.
     ///
     /// ```
-    /// use wayfix::Order;
+    /// use wayfix::inference::Order;
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
@@ -212,7 +212,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     /// Runs the filter over all, and keeps its state every `length` steps.
-    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterState>, f64), InferenceError> {
+    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
         let mut checkpoints = Vec::new();
         loop {
             let start = self.filter.snapshot();
@@ -238,7 +238,7 @@ where
     /// Returns how many steps it has.
     fn run(
         &mut self,
-        start: &FilterState,
+        start: &FilterSnapshot,
         length: usize,
         end: &[f64],
     ) -> Result<usize, InferenceError> {
@@ -258,7 +258,7 @@ where
         Ok(rows)
     }
 
-    fn step(&self, row: usize, start: &FilterState) -> SmoothedStep<'_, A> {
+    fn step(&self, row: usize, start: &FilterSnapshot) -> SmoothedStep<'_, A> {
         let (n, number) = (self.hmm.states(), start.steps() + row);
         let moves = row > 0 && self.hmm.prior().moves_at(number);
         let pairs = moves.then(|| Pairs {

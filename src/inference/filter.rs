@@ -4,9 +4,9 @@ use std::mem;
 use std::ops::Deref;
 
 use super::LogSum;
-use super::filter_state::{FilterState, MOST_STEPS};
+use super::filter_state::{FilterSnapshot, MOST_STEPS};
 use super::held::{Advanced, Form, Held, Lifted, Results};
-use super::step::{Step, Workspace, loses, normalise_logs};
+use super::step::{Step, Workspace, loses, normalize_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -28,7 +28,7 @@ use crate::transition::Transition;
 ///
 /// What a double does not hold (below 2.2e-308 of the whole) is kept in
 /// logarithms, at some cost in time, so that the filter can come back to such a
-/// state. Only after a sensor with [rounded tails](crate::RoundedTails) it
+/// state. Only after a sensor with [rounded tails](crate::likelihood::RoundedTails) it
 /// becomes 0.
 ///
 /// ```
@@ -170,7 +170,7 @@ where
                 Some(_) => step.evidence_sum(after)?,
             };
             match sum {
-                Some(sum) => (in_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
+                Some(sum) => (in_logs, log) = (normalize(after, sum), (sum / LIFT).ln()),
                 None => in_logs = true,
             }
         }
@@ -178,11 +178,11 @@ where
             let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
             let before = Held { linear: belief, logs: logs.as_deref() };
             step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
-            log = normalise_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
+            log = normalize_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
             in_logs = loses(after_logs, after);
         }
         let log = evidence.map_or(0.0, |log_factor| log + log_factor);
-        self.commit(number, &Advanced { log, normaliser: 0.0, in_logs, form: Form::Other });
+        self.commit(number, &Advanced { log, normalizer: 0.0, in_logs, form: Form::Other });
         Ok(())
     }
 
@@ -248,8 +248,8 @@ where
     /// A copy of all that the filter knows. A filter that is
     /// [restored](Self::restore) from it goes on with identical bits.
     #[must_use]
-    pub fn snapshot(&self) -> FilterState {
-        FilterState {
+    pub fn snapshot(&self) -> FilterSnapshot {
+        FilterSnapshot {
             steps: self.steps,
             belief: self.belief().to_owned(),
             logs: self.logs.clone(),
@@ -259,7 +259,7 @@ where
 
     /// The same in place of another one of this model. Allocates nothing, unless there
     /// are logarithms now.
-    pub(super) fn snapshot_to(&self, state: &mut FilterState) {
+    pub(super) fn snapshot_to(&self, state: &mut FilterSnapshot) {
         (state.steps, state.log_likelihood) = (self.steps, self.log_likelihood);
         let belief = state.belief.as_mut_vec();
         belief.clear();
@@ -272,7 +272,7 @@ where
     /// # Errors
     ///
     /// [`InferenceError::StateCount`] if it has another number of states.
-    pub fn restore(&mut self, snapshot: &FilterState) -> Result<(), InferenceError> {
+    pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.belief.states(), self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
@@ -415,9 +415,9 @@ where
 
 /// A prediction sums to one but for rounding, which must not add up over many.
 /// Returns whether something rounds to 0.
-fn normalise(predicted: &mut [f64], sum: f64) -> bool {
+fn normalize(predicted: &mut [f64], sum: f64) -> bool {
     let least = f64::MIN_POSITIVE * sum;
     let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);
-    kernels::normalise(predicted, sum);
+    kernels::normalize(predicted, sum);
     loses
 }

@@ -24,7 +24,7 @@ pub(crate) const MOST_STEPS: usize =
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub struct FilterState {
+pub struct FilterSnapshot {
     pub(crate) steps: usize,
     pub(crate) belief: Belief,
     /// The logarithms of the belief, if it has values that doubles do not hold.
@@ -32,7 +32,7 @@ pub struct FilterState {
     pub(crate) log_likelihood: LogSum,
 }
 
-impl FilterState {
+impl FilterSnapshot {
     pub(super) fn held(&self) -> Held<'_> {
         Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }

@@ -55,7 +55,11 @@ impl<A: TransitionEntries> Pairs<'_, A> {
 
     /// Adds the moves of this step to others; they must sum to one, since an operator may
     /// list other entries than its product has.
-    pub(super) fn add_to(&self, counts: &mut MoveCounts, step: usize) -> Result<(), InferenceError> {
+    pub(super) fn add_to(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+    ) -> Result<(), InferenceError> {
         let sum = counts.add(self.moves());
         if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }

@@ -15,12 +15,12 @@ use crate::transition::Transition;
 ///
 /// Made by [`Hmm::smooth`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Smoothing {
+pub struct SmoothedSequence {
     posteriors: Posteriors,
     log_likelihood: f64,
 }
 
-impl Smoothing {
+impl SmoothedSequence {
     pub(super) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
         Self { posteriors, log_likelihood }
     }
@@ -66,13 +66,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// [`InferenceError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn smooth<S>(&self, sequence: &S) -> Result<Smoothing, InferenceError>
+    pub fn smooth<S>(&self, sequence: &S) -> Result<SmoothedSequence, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
         if let Some((posteriors, log_likelihood)) = small::smooth(self, sequence) {
-            return Ok(Smoothing { posteriors, log_likelihood });
+            return Ok(SmoothedSequence { posteriors, log_likelihood });
         }
         let mut filter = self.filter();
         let mut block = Block::new(n, steps);
@@ -86,6 +86,6 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             block.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
         let posteriors = block.rows.into_posteriors();
-        Ok(Smoothing { posteriors, log_likelihood: filter.log_likelihood() })
+        Ok(SmoothedSequence { posteriors, log_likelihood: filter.log_likelihood() })
     }
 }

@@ -101,9 +101,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             let (has_evidence, likelihoods) = (evidence.is_some(), (&diagonal, groups));
             let advanced =
                 self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
-            if let Some((normaliser, form)) = advanced {
-                let log = normaliser.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            if let Some((normalizer, form)) = advanced {
+                let log = normalizer.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
+                return Ok(Advanced { log, normalizer, in_logs: false, form });
             }
         }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
@@ -121,9 +121,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
             let as_they_are = Likelihoods { diagonal, values: linear, scaled: false };
             let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
-            if let Some((normaliser, form)) = advanced {
-                let log = normaliser.ln() + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            if let Some((normalizer, form)) = advanced {
+                let log = normalizer.ln() + diagonal.log_factor;
+                return Ok(Advanced { log, normalizer, in_logs: false, form });
             }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
@@ -133,7 +133,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
             if let Some((scaled, form)) = advanced {
                 let log = scaled.ln() + log_scale + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
+                return Ok(Advanced { log, normalizer: 0.0, in_logs: false, form });
             }
         }
         self.predict_in_logs(before, None, results, values)?;
@@ -269,12 +269,12 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         for (out, log) in results.logs.iter_mut().zip(diagonal.logs()) {
             *out += log - log_scale;
         }
-        let Some(normaliser) = normalise_logs(results.logs, results.after) else {
+        let Some(normalizer) = normalize_logs(results.logs, results.after) else {
             return Err(InferenceError::Impossible { step: self.number });
         };
-        let log = normaliser + log_scale + diagonal.log_factor;
+        let log = normalizer + log_scale + diagonal.log_factor;
         let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
-        Ok(Advanced { log, normaliser: 0.0, in_logs, form: Form::Other })
+        Ok(Advanced { log, normalizer: 0.0, in_logs, form: Form::Other })
     }
 
     /// The prediction in logarithms (into those of the results), checked: a
@@ -340,13 +340,13 @@ impl<'a> Likelihoods<'a> {
 /// and near enough to one.
 #[inline]
 pub(super) fn holds(updated: &Updated, lift: f64) -> bool {
-    let normaliser = updated.products / lift;
+    let normalizer = updated.products / lift;
     !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)
         && is_one(updated.predicted / lift)
         // So that a NaN is not valid either.
-        && normaliser >= LEAST_NORMALISER * updated.largest_likelihood
-        && normaliser.is_finite()
+        && normalizer >= LEAST_NORMALISER * updated.largest_likelihood
+        && normalizer.is_finite()
 }
 
 /// One, but for rounding and what columns may be off by.
@@ -361,15 +361,15 @@ pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
 
 /// Makes logarithms those of a distribution, and the distribution itself.
 /// Returns the logarithm of their sum, or `None` if it is that of 0.
-pub(super) fn normalise_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+pub(super) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !largest.is_finite() {
         return None;
     }
     linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
     let sum = kernels::sum(linear);
-    kernels::normalise(linear, sum);
-    let normaliser = largest + sum.ln();
+    kernels::normalize(linear, sum);
+    let normalizer = largest + sum.ln();
     logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
-    Some(normaliser)
+    Some(normalizer)
 }

@@ -38,7 +38,7 @@ pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
 pub(crate) use lanes::{Eight, Kernel, LANES, Lanes, run};
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
-pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
+pub(crate) use max::{Maximize, Shifted, add_scores, log2_of_logs, maximize};
 pub(crate) use pages::in_large_pages;
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, Retreat, retreat, weigh};
@@ -91,7 +91,7 @@ pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
 ///
 /// What would be below the smallest normal double becomes 0: the far tails of
 /// a Gaussian sensor alone would double the time of a step.
-pub(crate) fn normalise(x: &mut [f64], sum: f64) {
+pub(crate) fn normalize(x: &mut [f64], sum: f64) {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
     x.iter_mut().for_each(|x| *x = if *x >= least { *x } else { 0.0 } * factor);
 }

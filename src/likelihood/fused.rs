@@ -10,7 +10,8 @@ use crate::error::{HmmError, LikelihoodError};
 /// diagonals. The observation is a pair; nest it for more than two.
 ///
 /// ```
-/// use wayfix::{FusedLikelihood, Likelihood, LogLikelihoodFn, OptionalLikelihood, TableLikelihood};
+/// use wayfix::likelihood::LogLikelihoodFn;
+/// use wayfix::{FusedLikelihood, Likelihood, OptionalLikelihood, TableLikelihood};
 ///
 /// let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// let odometer = LogLikelihoodFn::new(2, |km: &f64, i| -(km - i as f64).powi(2));

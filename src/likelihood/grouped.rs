@@ -15,7 +15,9 @@ use crate::kernels::{self, Valid};
 /// O(n) a step on top of the sensor's own.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, GroupedLikelihood, Groups, Hmm, Prior, TableLikelihood};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::likelihood::Groups;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 ///
 /// // Two states of place 0 and one of place 1.
 /// let camera = TableLikelihood::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;

@@ -11,7 +11,8 @@ use crate::error::LikelihoodError;
 /// Fused with a real sensor it constrains filter, smoother and decoder:
 ///
 /// ```
-/// use wayfix::{Belief, FusedLikelihood, Hmm, KnownState, Prior, SparseTransition, TableLikelihood};
+/// use wayfix::likelihood::KnownState;
+/// use wayfix::{Belief, FusedLikelihood, Hmm, Prior, SparseTransition, TableLikelihood};
 ///
 /// // Around three places, staying or going one on.
 /// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;

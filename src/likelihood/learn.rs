@@ -17,7 +17,8 @@ use super::Likelihood;
 ///
 /// ```
 /// use std::error::Error;
-/// use wayfix::{Diagonal, LearnLikelihood, Likelihood, LikelihoodError, Scratch};
+/// use wayfix::likelihood::LearnLikelihood;
+/// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 ///
 /// #[derive(Clone)]
 /// struct Readings(Vec<f64>);
@@ -51,10 +52,11 @@ use super::Likelihood;
 ///     }
 /// }
 ///
-/// # use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior};
+/// # use wayfix::inference::LearningOptions;
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.8, 0.2, 0.2, 0.8])?, Readings(vec![0.0, 1.0]))?;
-/// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &Learning::default())?;
+/// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &LearningOptions::default())?;
 /// let means = &learned.model().likelihood().0;
 /// assert!((means[0] + 5.0).abs() < 0.1 && (means[1] - 5.0).abs() < 0.1);
 /// # Ok::<(), Box<dyn Error>>(())
@@ -95,7 +97,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>>;
 
-    /// As [`LearnTransition::log_prior`](crate::LearnTransition::log_prior); 0 for a sensor that has no use for
+    /// As [`LearnTransition::log_prior`](crate::transition::LearnTransition::log_prior); 0 for a sensor that has no use for
     /// pseudo-counts.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         let _ = pseudo_count;

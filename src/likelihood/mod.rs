@@ -1,4 +1,21 @@
-//! Likelihood operators: from an observation to a diagonal.
+//! Likelihood operators: from an observation to a diagonal, `b_i` = p(y | state i).
+//!
+//! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns at any scale.
+//! Pruned routines ask for [`LocalLikelihood`], simulation for [`SampleObservation`],
+//! learning for [`LearnLikelihood`].
+//!
+//! | for | take |
+//! |---|---|
+//! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
+//! | likelihoods, or their logarithms, computed elsewhere | [`LikelihoodVector`] |
+//! | likelihoods of a few states among many | [`SparseLikelihood`], with [`SparseObservation`] |
+//! | a function of observation and state | [`LogLikelihoodFn`] |
+//! | observations that may be missing | [`OptionalLikelihood`] |
+//! | several sensors | [`FusedLikelihood`] |
+//! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
+//! | several references for each state | [`PooledLikelihood`] |
+//!
+//! Sensors of vehicles are in [`observation`](crate::observation).
 
 mod diagonal;
 mod function;
@@ -16,6 +33,8 @@ mod sparse;
 mod table;
 mod vector;
 
+pub use crate::error::TableError;
+pub use crate::groups::{GroupError, Groups};
 pub(crate) use diagonal::Values;
 pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
@@ -34,7 +53,6 @@ pub use vector::LikelihoodVector;
 use rand::Rng;
 
 use crate::error::LikelihoodError;
-use crate::groups::Groups;
 
 /// A likelihood operator B(y): turns one observation into a diagonal with
 /// `b_i` = p(y | `X_k` = i) (paper eq. 7, which means `X_k`).
@@ -112,7 +130,7 @@ pub trait Likelihood {
     }
 
     /// Whether its tails need not be kept, as those of
-    /// [`RoundedTails`](crate::RoundedTails): asked where the sensor misses, in
+    /// [`RoundedTails`](crate::likelihood::RoundedTails): asked where the sensor misses, in
     /// [`OptionalLikelihood`](crate::OptionalLikelihood). False, unless an
     /// implementation says otherwise.
     fn rounds_tails(&self) -> bool {
@@ -131,12 +149,13 @@ pub trait Likelihood {
 ///
 /// ```
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// use wayfix::{SampleObservation, TableLikelihood};
+/// use wayfix::likelihood::SampleObservation;
+/// use wayfix::TableLikelihood;
 ///
 /// let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.0, 1.0]])?;
 /// let mut rng = ChaCha8Rng::seed_from_u64(1);
 /// assert_eq!(table.sample(1, &mut rng), 1);
-/// # Ok::<(), wayfix::TableError>(())
+/// # Ok::<(), wayfix::likelihood::TableError>(())
 /// ```
 pub trait SampleObservation: Likelihood<Observation: Sized> {
     /// Draws what is observed in `state`, which is below

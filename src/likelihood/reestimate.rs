@@ -3,8 +3,8 @@
 use std::error::Error;
 
 use super::{
-    FusedLikelihood, GroupedLikelihood, LearnLikelihood, Likelihood, KnownState, OptionalLikelihood, RoundedTails,
-    TableLikelihood,
+    FusedLikelihood, GroupedLikelihood, KnownState, LearnLikelihood, Likelihood,
+    OptionalLikelihood, RoundedTails, TableLikelihood,
 };
 use crate::fixed::Fixed;
 

@@ -17,7 +17,8 @@ use crate::error::LikelihoodError;
 /// for it.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, RoundedTails};
+/// use wayfix::likelihood::RoundedTails;
+/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);

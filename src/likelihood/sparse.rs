@@ -12,7 +12,8 @@ use crate::kernels::Valid;
 /// As a [`LocalLikelihood`] a step costs O(states asked + states listed).
 ///
 /// ```
-/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
+/// use wayfix::likelihood::SparseObservation;
+/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
 /// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(3)?);

@@ -12,6 +12,7 @@ pub use distance::{DistanceTransition, OdometryReading};
 pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;
 pub use route::{
-    Driven, OffMap, RouteControl, RouteState, RouteTransition, View, ViewEvidence, ViewRates,
+    Driven, OffMap, RouteControl, RouteState, RouteTransition, ViewChange, ViewChangeRates,
+    ViewEvidence,
 };
 pub use speeds::Speeds;

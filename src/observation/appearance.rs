@@ -44,7 +44,8 @@ pub enum Offsets {
 ///
 /// ```
 /// use wayfix::observation::AppearanceLikelihood;
-/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+/// use wayfix::transition::{Ends, WindowTransition};
+/// use wayfix::{Belief, Hmm, Prior};
 ///
 /// // Five reference images along a loop; one place on at each step, or none.
 /// let camera = AppearanceLikelihood::new(5)?.with_temperature(0.5)?;
@@ -64,14 +65,14 @@ pub enum Offsets {
 /// whose likelihood is that of a match of low rank: most references are wrong
 /// ones, so where even the best are no better than those usually are, the place
 /// is not among them (Xu, Fischer, Sünderhauf and Milford 2021 take a match of
-/// low rank so). [`OffMapTransition`](crate::OffMapTransition) is the motion that
+/// low rank so). [`OffMapTransition`](crate::motion::OffMapTransition) is the motion that
 /// goes with it.
 ///
 /// # Cost and exactness
 ///
 /// O(n) a step, and an exponential for each reference; no allocation after
 /// warm-up. Its tails count as rounded, as those of
-/// [`RoundedTails`](crate::RoundedTails).
+/// [`RoundedTails`](crate::likelihood::RoundedTails).
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the

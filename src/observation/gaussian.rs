@@ -83,8 +83,8 @@ impl Confusion {
                 Metric::Hops | Metric::Metres => 1.0 / kernels::sum(&gaussian),
             };
             gaussian.iter_mut().for_each(|g| *g *= height);
-            let normaliser = 1.0 + kernels::sum(&gaussian);
-            row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normaliser);
+            let normalizer = 1.0 + kernels::sum(&gaussian);
+            row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normalizer);
         }
         Ok(RoundedTails(TableLikelihood::from_rows(&rows)?))
     }

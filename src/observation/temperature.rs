@@ -4,8 +4,8 @@ use std::error::Error;
 use std::ops::RangeInclusive;
 
 use super::{AppearanceLikelihood, ObservationError};
-use crate::likelihood::LearnLikelihood;
 use crate::kernels;
+use crate::likelihood::LearnLikelihood;
 use crate::likelihood::Scratch;
 
 /// Those that may be. The best of 1/τ lies between the same, or nowhere.
@@ -200,7 +200,8 @@ impl Calibration {
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
-/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+/// use wayfix::transition::{Ends, WindowTransition};
+/// use wayfix::{Belief, Hmm, Prior};
 ///
 /// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
 /// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;

@@ -31,7 +31,7 @@ stored! {
         off_map_rank: Option<f64> = camera.off_map_rank(),
     } => Self::from_parts(references, spread, offsets, temperature, off_map_rank);
 
-    [] KnownState: [], |known| {
+    [] KnownState in likelihood: [], |known| {
         states: usize = known.states,
     } => Ok::<_, Infallible>(Self::new(states));
 
@@ -44,12 +44,12 @@ stored! {
         second: B2 = fused.second,
     } => Self::new(first, second);
 
-    [B: Likelihood] GroupedLikelihood<B>: [B], |grouped| {
+    [B: Likelihood] GroupedLikelihood<B> in likelihood: [B], |grouped| {
         sensor: B = grouped.sensor,
         groups: Groups = grouped.groups(),
     } => Self::new(sensor, groups);
 
-    [B: Likelihood] PooledLikelihood<B>: [B], |pooled| {
+    [B: Likelihood] PooledLikelihood<B> in likelihood: [B], |pooled| {
         sensor: B = pooled.sensor,
         groups: Groups = pooled.groups(),
     } => Self::new(sensor, groups);

@@ -2,16 +2,17 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators but those with a
-//! function of yours ([`EvidenceTransition`](crate::EvidenceTransition)); all sensors but
-//! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
-//! and the snapshots [`FilterState`](crate::FilterState) and
-//! [`FixedLagState`](crate::FixedLagState); and what a recogniser has learned,
+//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::likelihood::RoundedTails); all transition operators but those with a
+//! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
+//! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
+//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
+//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot); and what a recogniser has learned,
 //! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
-//! [`TrackState`](crate::recognition::TrackState).
+//! [`TrackSnapshot`](crate::recognition::TrackSnapshot).
 //!
 //! ```
-//! use wayfix::{Belief, FilterState, Hmm, Prior, SparseTransition, TableLikelihood};
+//! use wayfix::inference::FilterSnapshot;
+//! use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 //!
 //! let hmm = Hmm::new(
 //!     Prior::BeforeFirstTransition(Belief::uniform(2)?),
@@ -26,7 +27,7 @@
 //! // The next morning.
 //! let restored: Hmm<SparseTransition, TableLikelihood> = serde_json::from_str(&model)?;
 //! let mut next = restored.filter();
-//! next.restore(&serde_json::from_str::<FilterState>(&state)?)?;
+//! next.restore(&serde_json::from_str::<FilterSnapshot>(&state)?)?;
 //! filter.step(&1)?;
 //! next.step(&1)?;
 //! assert_eq!(next.snapshot(), filter.snapshot()); // as if it had never stopped
@@ -83,17 +84,17 @@
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
-//! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
-//! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
+//! | `FilterSnapshot` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
+//! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackState` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
+//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, the `Odometry` of a road map an object with `distance`
+//! and `RoundedTails` what they hold, the `OdometryReading` of a road map an object with `distance`
 //! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
 //! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
 //! `before`, which is as `driven` above. The `Options` of a

@@ -2,10 +2,10 @@
 
 use super::stored;
 use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::inference::{FilterState, FixedLagState, LogSum, MOST_STEPS};
+use crate::inference::{FilterSnapshot, FixedLagSnapshot, LogSum, MOST_STEPS};
 
 stored! {
-    [] FilterState: [], |state| {
+    [] FilterSnapshot in inference: [], |state| {
         steps: usize = state.steps,
         belief: Belief = state.belief,
         logs: Option<Vec<Option<f64>>> = state.logs.as_ref().map(|logs| {
@@ -14,10 +14,10 @@ stored! {
         log_likelihood: [f64; 2] = [state.log_likelihood.sum, state.log_likelihood.lost],
     } => filter_state(steps, belief, logs, log_likelihood);
 
-    [U] FixedLagState<U>: [U], |state| {
+    [U] FixedLagSnapshot<U> in inference: [U], |state| {
         lag: usize = state.lag,
-        present: FilterState = state.present,
-        past: Vec<(FilterState, U)> = state.past,
+        present: FilterSnapshot = state.present,
+        past: Vec<(FilterSnapshot, U)> = state.past,
     } => fixed_lag_state(lag, present, past);
 }
 
@@ -33,7 +33,7 @@ fn filter_state(
     belief: Belief,
     logs: Option<Vec<Option<f64>>>,
     log_likelihood: [f64; 2],
-) -> Result<FilterState, String> {
+) -> Result<FilterSnapshot, String> {
     if steps > MOST_STEPS {
         return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
     }
@@ -56,14 +56,14 @@ fn filter_state(
     }
     check_finite(log_likelihood)?;
     let [sum, lost] = log_likelihood;
-    Ok(FilterState { steps, belief, logs, log_likelihood: LogSum { sum, lost } })
+    Ok(FilterSnapshot { steps, belief, logs, log_likelihood: LogSum { sum, lost } })
 }
 
 fn fixed_lag_state<U>(
     lag: usize,
-    present: FilterState,
-    past: Vec<(FilterState, U)>,
-) -> Result<FixedLagState<U>, String> {
+    present: FilterSnapshot,
+    past: Vec<(FilterSnapshot, U)>,
+) -> Result<FixedLagSnapshot<U>, String> {
     let (found, steps) = (past.len(), present.steps);
     if found != lag.min(steps) {
         return Err(format!(
@@ -84,5 +84,5 @@ fn fixed_lag_state<U>(
             ));
         }
     }
-    Ok(FixedLagState { lag, present, past })
+    Ok(FixedLagSnapshot { lag, present, past })
 }

@@ -5,7 +5,7 @@ use super::labels::{LabelledPart, Labels, rates};
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 use crate::motion::OdometryModel;
-use crate::observation::{ObservationError, Standardizer, Views, alike_stretches};
+use crate::observation::{ObservationError, Standardizer, ViewComparison, alike_stretches};
 
 /// Result of learning: the options of a [`Recognizer`], and what it knows of single references.
 /// With the feature `serde` it can be stored. Equal if what was learned is, whatever the
@@ -171,7 +171,7 @@ impl Recognizer {
 
     fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
         let longest = rows.iter().max_by_key(|rows| rows.len());
-        let threshold = longest.map_or(Ok(0.0), |rows| Views::threshold_of(rows))?;
+        let threshold = longest.map_or(Ok(0.0), |rows| ViewComparison::threshold_of(rows))?;
         // Where nothing changes, or labels are too few to tell, what was there before.
         if threshold > 0.0 {
             fit.options.view_threshold = threshold;
@@ -179,9 +179,9 @@ impl Recognizer {
         let mut standardizer = self.shared_references().standardizer()?;
         let mut new = Vec::new();
         for part in rows {
-            let mut views = Views::new(fit.options.view_threshold)?;
+            let mut views = ViewComparison::new(fit.options.view_threshold)?;
             for row in part {
-                if views.next(row)? == crate::motion::View::Changed {
+                if views.next(row)? == crate::motion::ViewChange::Changed {
                     standardizer.observe(row)?;
                     new.push(row);
                 }

@@ -64,5 +64,5 @@ pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]
 pub(crate) use sensor::SensorState;
-pub use track::{Track, TrackState};
+pub use track::{Track, TrackSnapshot};
 pub use warning::Warning;

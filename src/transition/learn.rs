@@ -7,8 +7,8 @@ use crate::error::TransitionError;
 ///
 /// [`SparseTransition`](crate::SparseTransition) and
 /// [`DenseTransition`](crate::DenseTransition) have a free parameter for each
-/// entry above 0, [`TiedTransition`](crate::TiedTransition) shares some of them,
-/// [`SwitchedTransition`](crate::SwitchedTransition) learns each of its
+/// entry above 0, [`TiedTransition`](crate::transition::TiedTransition) shares some of them,
+/// [`SwitchedTransition`](crate::transition::SwitchedTransition) learns each of its
 /// operators, and [`Fixed`](crate::Fixed) keeps any operator as it is.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",

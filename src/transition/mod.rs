@@ -46,9 +46,7 @@ mod tied;
 mod window;
 
 use check::{check_columns, refuse_evidence};
-pub(crate) use check::{
-    check_count, check_probability, check_slices, check_sum, scaled, validate,
-};
+pub(crate) use check::{check_count, check_probability, check_slices, check_sum, scaled, validate};
 pub use dense::DenseTransition;
 pub use dwell::DwellTransition;
 pub use entries::TransitionEntries;
@@ -67,4 +65,3 @@ pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;
 pub use window::{Ends, WindowTransition};
-

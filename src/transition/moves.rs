@@ -19,12 +19,12 @@ pub(crate) fn sort(moves: &mut [Move]) {
 
 /// The expected number of moves between states.
 ///
-/// A sum of [pairwise posteriors](crate::Pairs), or of the moves of drives whose
+/// A sum of [pairwise posteriors](crate::inference::Pairs), or of the moves of drives whose
 /// states are known. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves)
 /// and [`MoveCounts::of_path`].
 ///
 /// ```
-/// use wayfix::MoveCounts;
+/// use wayfix::transition::MoveCounts;
 ///
 /// let mut counts = MoveCounts::of_path(&[0, 1, 1, 2]);
 /// counts.merge(&MoveCounts::of_path(&[1, 2]));

@@ -18,7 +18,7 @@ use crate::error::TransitionError;
 /// steps, such as odometry or a compass. It does not choose an operator; it has a
 /// likelihood p(u | `X_{k-1}`, `X_k`) that multiplies the entries of A, whose
 /// columns then do not sum to one. [`evidence`](Self::evidence) says so, and
-/// [`EvidenceTransition`](crate::EvidenceTransition) puts a likelihood of moves on
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition) puts a likelihood of moves on
 /// any operator.
 ///
 /// Entries below 2.2e-308 have lost digits, and what they lead to may be lost.

@@ -13,7 +13,8 @@ use crate::kernels::log2;
 /// [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
 ///
 /// ```
-/// use wayfix::{Ends, PowerTransition, SparseTransition, Transition, WindowTransition};
+/// use wayfix::transition::{Ends, PowerTransition, WindowTransition};
+/// use wayfix::{SparseTransition, Transition};
 ///
 /// let step = WindowTransition::new(8, 0, &[0.5, 0.5], Ends::Loop)?;
 /// let twice = PowerTransition::new(step, 2);

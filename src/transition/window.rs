@@ -16,7 +16,7 @@ pub enum Ends {
     /// Whatever would go beyond an end stops there.
     Stop,
     /// What stays on the route is scaled to sum to one.
-    Renormalise,
+    Renormalize,
 }
 
 /// The places of a route in order, and one distribution of how many of them
@@ -27,7 +27,8 @@ pub enum Ends {
 /// what leads *into* a state costs O(w + those places · log w).
 ///
 /// ```
-/// use wayfix::{Ends, Transition, WindowTransition};
+/// use wayfix::transition::{Ends, WindowTransition};
+/// use wayfix::Transition;
 ///
 /// // One place back, none, or one on; the route ends after four places.
 /// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], Ends::Stop)?;
@@ -73,7 +74,7 @@ impl WindowTransition {
     ///
     /// [`TransitionError`] for no states or more than 2^32 − 1 of them, for a
     /// weight that is NaN, negative or infinite, for weights that do not sum to
-    /// one within 1e-9, and, with [`Ends::Renormalise`],
+    /// one within 1e-9, and, with [`Ends::Renormalize`],
     /// [`TransitionError::ColumnSum`] for a place from which every move leaves
     /// the route.
     pub fn new(
@@ -96,7 +97,7 @@ impl WindowTransition {
         let first = match ends {
             Ends::Loop if around > n / 2 => around - n,
             Ends::Loop => around,
-            Ends::Stop | Ends::Renormalise => first.saturating_add_unsigned(leading),
+            Ends::Stop | Ends::Renormalize => first.saturating_add_unsigned(leading),
         };
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
@@ -111,7 +112,7 @@ impl WindowTransition {
             let reached = window.iter().filter_map(|entry| match (to(entry), ends) {
                 (to, Ends::Loop) => Some((to.rem_euclid(n).cast_unsigned(), entry.value)),
                 (to, Ends::Stop) => Some((to.clamp(0, n - 1).cast_unsigned(), entry.value)),
-                (to, Ends::Renormalise) => {
+                (to, Ends::Renormalize) => {
                     (0..n).contains(&to).then_some((to.cast_unsigned(), entry.value))
                 }
             });
@@ -123,7 +124,7 @@ impl WindowTransition {
                 same
             });
             let sum = column.iter().fold(0.0, |sum, entry| sum + entry.1);
-            let scale = if ends == Ends::Renormalise { sum } else { 1.0 };
+            let scale = if ends == Ends::Renormalize { sum } else { 1.0 };
             if scale == 0.0 {
                 return Err(TransitionError::ColumnSum { column: from, sum });
             }

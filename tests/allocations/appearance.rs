@@ -1,7 +1,8 @@
 //! After warm-up, a camera allocates nothing.
 
-use wayfix::observation::{AppearanceLikelihood, Offsets, Spread, Views};
-use wayfix::{Belief, Ends, Hmm, OptionalLikelihood, Prior, WindowTransition};
+use wayfix::observation::{AppearanceLikelihood, Offsets, Spread, ViewComparison};
+use wayfix::transition::{Ends, WindowTransition};
+use wayfix::{Belief, Hmm, OptionalLikelihood, Prior};
 
 use crate::allocations;
 
@@ -54,7 +55,7 @@ fn a_step_allocates_nothing() {
         }
     }
 
-    let mut views = Views::new(0.1).unwrap();
+    let mut views = ViewComparison::new(0.1).unwrap();
     views.next(&row(0)).unwrap();
     let rows: Vec<Vec<f32>> = rows.into_iter().flatten().collect();
     let found = allocations(|| {

@@ -1,10 +1,15 @@
 //! Products of structured operators allocate nothing after the first.
 
+use wayfix::likelihood::Groups;
+use wayfix::likelihood::{GroupedLikelihood, KnownState, PooledLikelihood};
+use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
+use wayfix::transition::{
+    DwellTransition, Ends, EvidenceTransition, KroneckerTransition, PowerTransition,
+    RestartTransition, WindowTransition,
+};
 use wayfix::{
-    Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry,
-    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
+    Belief, FusedLikelihood, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood,
+    TransitionEntries,
 };
 
 use crate::allocations;
@@ -42,7 +47,7 @@ fn products_allocate_nothing_after_the_first() {
     let metres = |to: usize, from: usize| 50.0 * (from.abs_diff(to) as f64);
     let stored = SparseTransition::from_operator(&route()).unwrap();
     let on_map = DistanceTransition::new(stored, metres).unwrap();
-    check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
+    check_with("by distance", &on_map, &Some(OdometryReading { distance: 60.0, variance: 100.0 }));
     let near = |metres: &f64, to: usize, from: usize| {
         -0.5 * ((metres - 50.0 * (from.abs_diff(to) as f64)) / 10.0).powi(2)
     };

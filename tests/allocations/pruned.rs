@@ -1,9 +1,11 @@
 //! After some steps a pruned filter allocates nothing.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::inference::Pruning;
+use wayfix::likelihood::{KnownState, SparseObservation};
 use wayfix::{
-    Belief, FusedLikelihood, Hmm, KnownState, OptionalLikelihood, Prior, Pruning, SparseLikelihood,
-    SparseObservation, SparseTransition, canberra,
+    Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition,
+    canberra,
 };
 
 use crate::allocations;

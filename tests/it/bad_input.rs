@@ -2,14 +2,15 @@
 
 use std::error::Error;
 
+use wayfix::likelihood::LogLikelihoodFn;
 use wayfix::map::{
     ByClass, Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule,
 };
 use wayfix::observation::{Confusion, Metric};
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, LikelihoodVector,
-    LogLikelihoodFn, Prior, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
-    evaluate,
+    Prior, SparseTransition, TableLikelihood, Transition, evaluate,
 };
 
 #[cfg(feature = "csv")]

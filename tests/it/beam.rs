@@ -1,9 +1,10 @@
 //! Viterbi along a beam against the exact one, and against all paths.
 
 use proptest::prelude::*;
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, SparseTransition,
-    SwitchedTransition, canberra,
+    canberra,
 };
 
 use crate::kit::{Kind, Model, Sensor, cases_of, dyadic_models, models, rng};

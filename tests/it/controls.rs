@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
+use wayfix::inference::{LearningOptions, Order};
+use wayfix::likelihood::KnownState;
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, KnownState,
-    Learning, Likelihood, LikelihoodVector, Order, Prior, SwitchedTransition, TableLikelihood,
-    Transition,
+    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, Likelihood,
+    LikelihoodVector, Prior, TableLikelihood, Transition,
 };
 
 use crate::kit::rng;
@@ -139,7 +141,7 @@ fn in_every_routine_a_control_drives_the_step_to_its_observation() {
         let learner = Hmm::new(hmm.prior().clone(), gears, sensor).unwrap();
         let known = expected.map(|state| (0, Some(state)));
         let drive = Controlled::new(&controls, &known).unwrap();
-        let learned = learner.learn(&[drive], &Learning::default()).unwrap().into_model();
+        let learned = learner.learn(&[drive], &LearningOptions::default()).unwrap().into_model();
         for (k, pair) in (1..).zip(expected.windows(2)) {
             let (mut x, mut out) = ([0.0; 3], [0.0; 3]);
             x[pair[0]] = 1.0;

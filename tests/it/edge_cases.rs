@@ -1,10 +1,12 @@
 //! Ties, empty and single-step sequences, one state, factors, and numbers at
 //! the limits of a double.
 
+use wayfix::inference::Order;
+use wayfix::likelihood::RoundedTails;
+use wayfix::transition::{KroneckerTransition, RestartTransition, SwitchedTransition};
 use wayfix::{
-    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, KroneckerTransition,
-    Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior,
-    RestartTransition, RoundedTails, Scratch, SparseTransition, SwitchedTransition,
+    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
+    LikelihoodError, LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition,
     TableLikelihood, Transition, TransitionEntries,
 };
 
@@ -384,7 +386,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             let hmm = Hmm::new(prior, identity(n), LikelihoodVector::linear(n)).unwrap();
             let none: [[f64; 3]; 0] = [];
             let none = none.map(|y| y[..n].to_vec());
-            assert_eq!(hmm.score(&none).unwrap(), 0.0);
+            assert_eq!(hmm.log_likelihood(&none).unwrap(), 0.0);
             assert_eq!(hmm.forward(&none).unwrap().posteriors().steps(), 0);
             assert_eq!(hmm.path_entropy(&none).unwrap(), 0.0);
             assert_eq!(hmm.expected_moves(&none).unwrap().moves().len(), 0);
@@ -404,7 +406,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             assert!(hmm.path_sampler(&none).unwrap().draw(&mut rng).unwrap().is_empty());
 
             let one = [vec![0.5; n]];
-            assert!((hmm.score(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
+            assert!((hmm.log_likelihood(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
             assert!((hmm.path_entropy(&one).unwrap() - (n as f64).ln()).abs() < 1e-15);
             let paths = hmm.k_best(&one, 5).unwrap();
             let states: Vec<_> = paths.iter().map(|path| path.states()[0]).collect();
@@ -450,7 +452,7 @@ fn entries_beyond_a_double_are_right() {
     let hmm = Hmm::new(prior, both, LikelihoodVector::linear(4)).unwrap();
     let ys = [[1.0; 4], [0.0, 0.0, 0.0, 1.0]];
     let expected = -400.0 * 10.0_f64.ln();
-    assert!((hmm.score(&ys).unwrap() - expected).abs() < 1e-9);
+    assert!((hmm.log_likelihood(&ys).unwrap() - expected).abs() < 1e-9);
     let path = hmm.viterbi(&ys).unwrap();
     assert_eq!(path.states(), [0, 3]);
     assert!((path.log_probability() - expected).abs() < 1e-9);
@@ -472,7 +474,7 @@ fn a_tiny_prior_keeps_its_digits_in_decoders() {
         let y = [[0.0, 0.0, 1.0]];
         let expected = least.ln() + to_2.ln();
         let close = |found: f64| assert!((found - expected).abs() < 1e-11, "{found} {expected}");
-        close(hmm.score(&y).unwrap());
+        close(hmm.log_likelihood(&y).unwrap());
         close(hmm.viterbi(&y).unwrap().log_probability());
         close(hmm.k_best(&y, 3).unwrap()[0].log_probability());
     }
@@ -499,7 +501,7 @@ fn priors_and_entries_tie_with_each_other() {
 #[test]
 fn numbers_beyond_reason_are_errors() {
     let hmm = |a| Hmm::new(before(uniform(2)), a, LikelihoodVector::log(2)).unwrap();
-    let error = hmm(identity(2)).score(&[[1e308, 1e308]; 2]).unwrap_err();
+    let error = hmm(identity(2)).log_likelihood(&[[1e308, 1e308]; 2]).unwrap_err();
     let source = std::error::Error::source(&error).unwrap().to_string();
     assert_eq!(
         source,
@@ -508,7 +510,9 @@ fn numbers_beyond_reason_are_errors() {
             1e308
         )
     );
-    assert!(hmm(identity(2)).score(&[[1e300, -1e300], [-1e300, 1e300]]).unwrap().is_finite());
+    assert!(
+        hmm(identity(2)).log_likelihood(&[[1e300, -1e300], [-1e300, 1e300]]).unwrap().is_finite()
+    );
     let restart = Belief::new(vec![1.0, 1e-200]).unwrap();
     let error = RestartTransition::new(identity(2), 1e-200, restart).unwrap_err();
     assert_eq!(

@@ -2,10 +2,9 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::{
-    Belief, Fixed, Hmm, Learning, Prior, SparseTransition, SwitchedTransition, TableLikelihood,
-    canberra, evaluate,
-};
+use wayfix::inference::LearningOptions;
+use wayfix::transition::SwitchedTransition;
+use wayfix::{Belief, Fixed, Hmm, Prior, SparseTransition, TableLikelihood, canberra, evaluate};
 
 use crate::kit::{Kind, Model, cases, models, rng, same_results};
 
@@ -25,7 +24,7 @@ proptest! {
             .collect();
         same_results(&hmm.forward_all(&drives), drives.len(), |i| hmm.forward(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.smooth_all(&drives), drives.len(), |i| hmm.smooth(&drives[i]), PartialEq::eq)?;
-        same_results(&hmm.score_all(&drives), drives.len(), |i| hmm.score(&drives[i]), PartialEq::eq)?;
+        same_results(&hmm.log_likelihood_all(&drives), drives.len(), |i| hmm.log_likelihood(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.viterbi_all(&drives), drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
     }
 
@@ -88,7 +87,7 @@ fn learning_does_not_depend_on_the_threads() {
         Fixed(source.likelihood().clone()),
     )
     .unwrap();
-    let learning = Learning { iterations: 3, ..Learning::default() };
+    let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
     let learn = || {
         let learned = hmm.learn(&drives, &learning).unwrap();
         assert!(learned.left_out().is_empty());

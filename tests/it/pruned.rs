@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::inference::{Certificate, Pruning};
+use wayfix::likelihood::{KnownState, LocalLikelihood, RoundedTails, SparseObservation};
 use wayfix::{
-    Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, KnownState, Likelihood,
-    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning,
-    RoundedTails, Scratch, SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood,
-    canberra,
+    Belief, Fixed, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodVector,
+    OptionalLikelihood, Prior, PrunedFilter, Scratch, SparseLikelihood, SparseTransition,
+    TableLikelihood, canberra,
 };
 
 use crate::kit::{cases_of, prior, rng, weighted};
@@ -425,7 +426,7 @@ fn errors_of_a_sensor_say_what_is_wrong() {
 }
 
 /// A sensor of one's own that says nonsense.
-struct Wrong(f64, wayfix::Unlisted);
+struct Wrong(f64, wayfix::likelihood::Unlisted);
 
 impl Likelihood for Wrong {
     type Observation = ();
@@ -448,7 +449,7 @@ impl LocalLikelihood for Wrong {
         _: &[usize],
         out: &mut [f64],
         _: &mut Scratch,
-    ) -> Result<wayfix::Unlisted, wayfix::LikelihoodError> {
+    ) -> Result<wayfix::likelihood::Unlisted, wayfix::LikelihoodError> {
         out.fill(self.0);
         Ok(self.1)
     }
@@ -457,7 +458,7 @@ impl LocalLikelihood for Wrong {
 #[test]
 fn nonsense_of_a_sensor_is_an_error_with_the_step() {
     use std::error::Error;
-    let unlisted = wayfix::Unlisted::at_most;
+    let unlisted = wayfix::likelihood::Unlisted::at_most;
     for (sensor, expected) in [
         (
             Wrong(f64::NAN, unlisted(0.0)),

@@ -1,8 +1,9 @@
 //! Drawn drives have the model's frequencies.
 
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Belief, DenseTransition, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseTransition,
-    SwitchedTransition, TableLikelihood,
+    TableLikelihood,
 };
 
 use crate::kit::rng;

@@ -2,13 +2,11 @@
 
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::observation::{AppearanceLikelihood, Spread};
-use wayfix::{
-    Belief, DenseTransition, DistanceTransition, DwellTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, Likelihood, LikelihoodVector,
-    OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
-    RestartTransition, RoundedTails, SparseTransition, SwitchedTransition, TableLikelihood,
-    TiedTransition, Transition, TransitionEntries,
-};
+use wayfix::likelihood::{GroupedLikelihood, KnownState, PooledLikelihood, RoundedTails};
+use wayfix::motion::{DistanceTransition, OffMapTransition};
+use wayfix::transition::{DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition, TiedTransition};
+use wayfix::likelihood::Groups;
+use wayfix::{Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior, SparseTransition, TableLikelihood, Transition, TransitionEntries};
 
 use super::json_recognition::recognition;
 use super::read;

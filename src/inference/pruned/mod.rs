@@ -35,7 +35,9 @@ use step::LARGEST_SHARE;
 /// are active, and some 80 bytes for each of these, as many as there ever were.
 ///
 /// ```
-/// use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
+/// use wayfix::inference::Pruning;
+/// use wayfix::likelihood::SparseObservation;
+/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
 /// // Around a hundred thousand places, staying or going one on.
 /// let n = 100_000;
@@ -61,7 +63,7 @@ use step::LARGEST_SHARE;
 /// What has less than a part of the tolerance after a step is dropped, and counted:
 /// for each active state, and for all others together, there is a ceiling on what
 /// was dropped there or comes from what was dropped. The bound is their sum, which
-/// also counts rounding; section 13 of the [formulas](crate::formulas) proves it.
+/// also counts rounding; section 13 of the [formulas](crate::guide::formulas) proves it.
 /// As the bound nears the tolerance, less is dropped, and more states are active.
 ///
 /// The bound depends on what the sensor says of the states that it is not asked

@@ -20,7 +20,7 @@ const GATHERED: usize = 32 * UNLOOKED;
 /// Up to so many states to go through segments is faster, or as fast with AVX2.
 const MOST_IN_SEGMENTS: usize = 3;
 
-/// [`Hmm::score`], or `None` where it takes the general routine.
+/// [`Hmm::log_likelihood`], or `None` where it takes the general routine.
 pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
 where
     A: Transition,

@@ -5,10 +5,10 @@ mod weights;
 
 pub use reading::OdometryReading;
 
-use crate::transition::{SparseTransition, Transition, TransitionEntries, check_slices, log};
 use crate::error::TransitionError;
 use crate::kernels::log2;
 use crate::map::RoadMap;
+use crate::transition::{SparseTransition, Transition, TransitionEntries, check_slices, log};
 use weights::{Way, Weights, nearest};
 
 /// A sparse operator each of whose moves has a length, and which knows by
@@ -34,7 +34,7 @@ use weights::{Way, Weights, nearest};
 /// it was taken for at the place: for sightings within ±r metres, evenly, r² / 3
 /// for either end, 2 r² / 3 together. A density with heavier tails, for an odometer that
 /// is sometimes wrong altogether, is for an
-/// [`EvidenceTransition`](crate::EvidenceTransition).
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition).
 ///
 /// Densities are taken relative to that of the length of the whole map which is nearest to
 /// the distance. Products and a step of Viterbi cost O(E), with an exponential for each of E
@@ -45,7 +45,8 @@ use weights::{Way, Weights, nearest};
 /// 8 bytes a state.
 ///
 /// ```
-/// use wayfix::{DistanceTransition, OdometryReading, SparseTransition, Transition};
+/// use wayfix::motion::{DistanceTransition, OdometryReading};
+/// use wayfix::{SparseTransition, Transition};
 ///
 /// // From place 0 a road of 100 m leads to place 1, and one of 200 m to place 2.
 /// let roads = [(1, 0, 0.5), (2, 0, 0.5), (1, 1, 1.0), (2, 2, 1.0)];
@@ -93,7 +94,8 @@ impl DistanceTransition {
     /// metres; a move that stays has the length 0.
     ///
     /// ```
-    /// use wayfix::{DistanceTransition, canberra};
+    /// use wayfix::motion::DistanceTransition;
+    /// use wayfix::canberra;
     ///
     /// let turning = canberra::turning().into_transition();
     /// let a = DistanceTransition::on_map(&canberra::map(), turning)?;

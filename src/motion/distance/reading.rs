@@ -3,7 +3,7 @@
 use crate::error::TransitionError;
 
 /// What the wheels say of a step: a distance, with the variance of its error, in the unit
-/// of the lengths of a [`DistanceTransition`](crate::DistanceTransition), such as metres.
+/// of the lengths of a [`DistanceTransition`](crate::motion::DistanceTransition), such as metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]

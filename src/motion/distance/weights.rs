@@ -2,8 +2,8 @@
 
 use std::f64::consts::{LOG2_E, PI};
 
-use crate::kernels::{self, LARGEST_LOG};
 use super::OdometryReading;
+use crate::kernels::{self, LARGEST_LOG};
 
 /// An entry of a column.
 #[derive(Debug, Clone, Copy)]

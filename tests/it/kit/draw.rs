@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::Ends;
+use wayfix::transition::Ends;
 
 use super::{Matrix, matrix};
 
@@ -66,5 +66,5 @@ pub(crate) fn rate(exact: bool) -> BoxedStrategy<f64> {
 }
 
 pub(crate) fn ends() -> impl Strategy<Value = Ends> {
-    prop_oneof![Just(Ends::Loop), Just(Ends::Stop), Just(Ends::Renormalise)]
+    prop_oneof![Just(Ends::Loop), Just(Ends::Stop), Just(Ends::Renormalize)]
 }

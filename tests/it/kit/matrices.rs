@@ -1,6 +1,7 @@
 //! Dense matrices of operators, entry by entry from their definitions.
 
-use wayfix::{DenseTransition, Ends, SparseTransition, SwitchedTransition};
+use wayfix::transition::{Ends, SwitchedTransition};
+use wayfix::{DenseTransition, SparseTransition};
 
 /// `matrix[to][from]`.
 pub(crate) type Matrix = Vec<Vec<f64>>;
@@ -87,12 +88,12 @@ pub(crate) fn window(n: usize, first: isize, weights: &[f64], ends: Ends) -> Opt
                     }
                 }
                 Ends::Stop => to = to.max(0).min(places - 1),
-                Ends::Renormalise if to < 0 || to >= places => continue,
-                Ends::Renormalise => {}
+                Ends::Renormalize if to < 0 || to >= places => continue,
+                Ends::Renormalize => {}
             }
             m[to.cast_unsigned()][column] += weight;
         }
-        if ends == Ends::Renormalise {
+        if ends == Ends::Renormalize {
             let sum: f64 = m.iter().map(|row| row[column]).sum();
             if sum == 0.0 {
                 return None;

@@ -2,9 +2,10 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::likelihood::{GroupedLikelihood, KnownState};
+use wayfix::transition::DwellTransition;
 use wayfix::{
-    Belief, DwellTransition, FusedLikelihood, GroupedLikelihood, Hmm, KnownState, LikelihoodVector,
-    Prior, SparseTransition, TableLikelihood,
+    Belief, FusedLikelihood, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood,
 };
 
 use crate::kit::{

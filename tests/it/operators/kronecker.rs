@@ -1,7 +1,8 @@
 //! Kronecker products: two things side by side.
 
 use proptest::prelude::*;
-use wayfix::{Ends, KroneckerTransition, Transition, WindowTransition};
+use wayfix::Transition;
+use wayfix::transition::{Ends, KroneckerTransition, WindowTransition};
 
 use crate::kit::{
     Expected, any_stochastic, assert_operator, cases, dense, kronecker, sparse, still, text,

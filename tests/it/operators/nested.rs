@@ -1,10 +1,11 @@
 //! Operators within operators.
 
 use proptest::prelude::*;
-use wayfix::{
-    Belief, DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
-    SwitchedTransition, Transition, WindowTransition,
+use wayfix::transition::{
+    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
+    SwitchedTransition, WindowTransition,
 };
+use wayfix::{Belief, Transition};
 
 use crate::kit::{
     Expected, any_distribution, any_stochastic, assert_operator, cases, dwell, kronecker, power,

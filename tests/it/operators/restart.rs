@@ -1,7 +1,8 @@
 //! Restarts: with some rate anywhere.
 
 use proptest::prelude::*;
-use wayfix::{Belief, Ends, RestartTransition, WindowTransition};
+use wayfix::Belief;
+use wayfix::transition::{Ends, RestartTransition, WindowTransition};
 
 use crate::kit::{
     Expected, any_distribution, assert_operator, cases, distribution, rate, restart, sparse, still,

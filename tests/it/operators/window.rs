@@ -1,7 +1,8 @@
 //! Windows, which move by the same offsets everywhere.
 
 use proptest::prelude::*;
-use wayfix::{Ends, Transition, TransitionEntries, WindowTransition};
+use wayfix::transition::{Ends, WindowTransition};
+use wayfix::{Transition, TransitionEntries};
 
 use crate::kit::{Expected, NEVER, any_distribution, assert_operator, cases, ends, text, window};
 
@@ -20,7 +21,7 @@ proptest! {
             return Ok(());
         };
         // Scaled, or added up on a loop, weights are no powers of two.
-        let exact = exact && ends != Ends::Renormalise && weights.len() <= n;
+        let exact = exact && ends != Ends::Renormalize && weights.len() <= n;
         assert_operator(built.unwrap(), Expected::constant(&m).with_exact_ties(exact))?;
     }
 }
@@ -44,7 +45,7 @@ fn long_routes_go_block_by_block() {
     let n = 5000;
     let x: Vec<f64> = (0..n).map(|i| (f64::from(i) * 0.618_033_988_749_894_9).fract()).collect();
     let (mut out, mut back, mut from) = (x.clone(), x.clone(), vec![0; x.len()]);
-    for (first, ends) in [(-3, Ends::Loop), (-1, Ends::Stop), (0, Ends::Renormalise)] {
+    for (first, ends) in [(-3, Ends::Loop), (-1, Ends::Stop), (0, Ends::Renormalize)] {
         let a = WindowTransition::new(x.len(), first, &[0.125, 0.0, 0.5, 0.375], ends).unwrap();
         a.apply(&(), &x, &mut out);
         a.apply_transpose(&(), &x, &mut back);
@@ -96,7 +97,7 @@ fn bad_windows_are_named() {
         "the weight of offset 1 is NaN, expected a finite value of at least 0"
     );
     assert_eq!(
-        window(3, 1, &[1.0], Ends::Renormalise),
+        window(3, 1, &[1.0], Ends::Renormalize),
         "column 2 (the transitions out of state 2) sums to 0, expected 1"
     );
     assert_eq!(

@@ -9,12 +9,15 @@ mod refused;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
+use wayfix::inference::{FixedLagSnapshot, LearningOptions};
+use wayfix::likelihood::{GroupedLikelihood, KnownState};
+use wayfix::transition::{
+    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
+    SwitchedTransition, TiedTransition, WindowTransition,
+};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood,
-    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector,
-    OptionalLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition,
-    SwitchedTransition, TableLikelihood, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
+    Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
+    Prior, SparseTransition, TableLikelihood, Transition, TransitionEntries,
 };
 
 use self::damage::damage;
@@ -177,7 +180,7 @@ proptest! {
         let table = vec![[0.6, 0.3, 0.1]; parts.model.states];
         let sensor = TableLikelihood::from_rows(&table).unwrap();
         let hmm = Hmm::new(Prior::AtFirstObservation(parts.belief()), parts.tied(), sensor).unwrap();
-        let learning = Learning { iterations: 3, ..Learning::default() };
+        let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
         if let Ok(learned) = hmm.learn(&[ys], &learning) {
             let model = learned.model();
             operator(model.transition(), &());
@@ -238,7 +241,7 @@ proptest! {
             (a, b) => prop_assert_eq!(format!("{:?}", a.err()), format!("{:?}", b.err())),
         }
         let paths = (hmm.viterbi(&ys).ok(), restored.viterbi(&ys).ok());
-        let states = |path: Option<wayfix::ViterbiPath>| path.map(|path| path.states().to_vec());
+        let states = |path: Option<wayfix::inference::ViterbiPath>| path.map(|path| path.states().to_vec());
         prop_assert_eq!(states(paths.0), states(paths.1));
     }
 
@@ -268,7 +271,7 @@ proptest! {
         let mut smoother = hmm.fixed_lag(2);
         for (step, y) in parts.model.logs.iter().enumerate() {
             let text = damage.of(&json(&smoother.snapshot()));
-            if let Ok(state) = serde_json::from_str::<FixedLagState<usize>>(&text) {
+            if let Ok(state) = serde_json::from_str::<FixedLagSnapshot<usize>>(&text) {
                 let mut other = hmm.fixed_lag(0);
                 if other.restore(&state).is_ok() {
                     let _ = other.step_with(&step, y);

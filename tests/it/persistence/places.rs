@@ -1,9 +1,9 @@
 //! Operators of places and their sensors come back to the bit, and say what is wrong.
 
-use wayfix::{
-    Belief, DistanceTransition, Groups, KnownState, OffMapTransition, PooledLikelihood,
-    SparseTransition, TransitionEntries,
-};
+use wayfix::likelihood::Groups;
+use wayfix::likelihood::{KnownState, PooledLikelihood};
+use wayfix::motion::{DistanceTransition, OffMapTransition};
+use wayfix::{Belief, SparseTransition, TransitionEntries};
 
 use super::refused::refuses;
 use super::{json, stored};

@@ -2,11 +2,16 @@
 
 use serde::de::value::{Error as ValueError, SeqDeserializer};
 use serde::{Deserialize, de::DeserializeOwned};
+use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
+use wayfix::likelihood::Groups;
+use wayfix::likelihood::{GroupedLikelihood, KnownState};
+use wayfix::transition::{
+    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
+    SwitchedTransition, TiedTransition, WindowTransition,
+};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
-    FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
-    LikelihoodVector, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, WindowTransition,
+    Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
+    Prior, SparseTransition, TableLikelihood,
 };
 
 use super::{json, stored};
@@ -155,7 +160,7 @@ fn other_versions_and_fields_are_refused() {
         "unknown field `state`, expected `version` or `states`",
     );
     refuses::<KnownState>("7", "invalid type: integer `7`, expected struct KnownState");
-    refuses::<FilterState>(
+    refuses::<FilterSnapshot>(
         r#"{"version":3,"steps":0,"belief":[1.0],"logs":null,"log_likelihood":[0,0]}"#,
         "version 3, expected 1",
     );
@@ -322,7 +327,7 @@ fn state(steps: usize, belief: &str, logs: &str, log_likelihood: &str) -> String
 #[test]
 fn what_no_filter_knows_is_refused() {
     let refused = |steps: usize, belief: &str, logs: &str, expected: &str| {
-        refuses::<FilterState>(&state(steps, belief, logs, "[0,0]"), expected);
+        refuses::<FilterSnapshot>(&state(steps, belief, logs, "[0,0]"), expected);
     };
     refused(1, "[0.5,0.4]", "null", "the probabilities sum to 0.9, expected 1");
     refused(1, "[0.5,null]", "null", "invalid type: null, expected f64");
@@ -345,11 +350,11 @@ fn what_no_filter_knows_is_refused() {
         "null",
         "9007199254740993 steps, expected at most 9007199254740992",
     );
-    refuses::<FilterState>(
+    refuses::<FilterSnapshot>(
         &state(1, "[1]", "null", "[0]"),
         "invalid length 1, expected an array of length 2",
     );
-    refuses::<FilterState>(
+    refuses::<FilterSnapshot>(
         &state(1, "[1]", "null", "[null,0]"),
         "invalid type: null, expected f64",
     );
@@ -359,7 +364,7 @@ fn what_no_filter_knows_is_refused() {
 #[test]
 fn the_most_steps_that_are_read_are_the_most_that_are_taken() {
     let most = state(9_007_199_254_740_992, "[0.25,0.75]", "null", "[-5,0]");
-    let most: FilterState = serde_json::from_str(&most).unwrap();
+    let most: FilterSnapshot = serde_json::from_str(&most).unwrap();
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
         crate::kit::still(2),
@@ -373,7 +378,7 @@ fn the_most_steps_that_are_read_are_the_most_that_are_taken() {
     assert_eq!(filter.predict().unwrap_err().to_string(), full);
     assert_eq!(filter.snapshot(), most);
     let text = serde_json::to_string(&filter.snapshot()).unwrap();
-    assert_eq!(serde_json::from_str::<FilterState>(&text).unwrap(), most);
+    assert_eq!(serde_json::from_str::<FilterSnapshot>(&text).unwrap(), most);
     filter.update(&Some(1)).unwrap();
     assert_eq!(filter.snapshot().steps(), most.steps());
 }
@@ -384,7 +389,7 @@ fn what_no_smoother_knows_is_refused() {
         let present = state(2, "[0.5,0.5]", "null", "[0,0]");
         let past: Vec<_> = past.iter().map(|past| format!("[{past},null]")).collect();
         let past = past.join(",");
-        refuses::<FixedLagState<()>>(
+        refuses::<FixedLagSnapshot<()>>(
             &format!(r#"{{"version":1,"lag":{lag},"present":{present},"past":[{past}]}}"#),
             expected,
         );

@@ -2,10 +2,10 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::{
-    Belief, Ends, FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, LikelihoodVector,
-    Prior, TableLikelihood, WindowTransition,
-};
+use wayfix::likelihood::Groups;
+use wayfix::likelihood::{GroupedLikelihood, KnownState};
+use wayfix::transition::{Ends, WindowTransition};
+use wayfix::{Belief, FusedLikelihood, Hmm, LikelihoodVector, Prior, TableLikelihood};
 
 use crate::kit::{NEVER, any_stochastic, cases, close_logs, normalized, sparse, still, text};
 

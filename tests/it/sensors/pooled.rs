@@ -2,10 +2,11 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::likelihood::Groups;
+use wayfix::likelihood::{PooledLikelihood, RoundedTails, SampleObservation};
 use wayfix::{
-    Belief, Diagonal, FusedLikelihood, Groups, Hmm, InferenceError, Likelihood, LikelihoodError,
-    LikelihoodVector, OptionalLikelihood, PooledLikelihood, Prior, RoundedTails, SampleObservation,
-    Scratch, TableLikelihood,
+    Belief, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodError,
+    LikelihoodVector, OptionalLikelihood, Prior, Scratch, TableLikelihood,
 };
 
 use crate::kit::{
