@@ -3,7 +3,7 @@
 
 use super::checkpoints::Order;
 use super::lockstep::{self, Group, Memory, Plan};
-use super::{LogSum, many};
+use super::{LogSum, in_parallel};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
@@ -264,7 +264,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                         self.expect_together(plan, group, memory)
                     })
                 }
-                None => many::each(some, |(_, sequence)| self.expect_one(*sequence))
+                None => in_parallel::each(some, |(_, sequence)| self.expect_one(*sequence))
                     .into_iter()
                     .zip(some)
                     .map(|(result, (sequence, _))| {

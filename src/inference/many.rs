@@ -5,32 +5,11 @@ use super::lockstep::{self, Room};
 use super::posteriors::Posteriors;
 use super::smoother::SmoothedSequence;
 use super::viterbi::ViterbiPath;
-use crate::error::{InferenceError, SequenceError};
+use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
-
-/// The result for each sequence, in order.
-pub(super) type Results<R> = Vec<Result<R, SequenceError>>;
-
-/// Applies a routine to each sequence. Each result is made by one thread, and
-/// does not depend on how many there are.
-pub(super) fn each<S: Sync, R: Send>(
-    sequences: &[S],
-    routine: impl Fn(&S) -> Result<R, InferenceError> + Sync,
-) -> Results<R> {
-    let one = |(sequence, s): (usize, &S)| {
-        routine(s).map_err(|source| SequenceError { sequence, source })
-    };
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        sequences.par_iter().enumerate().map(one).collect()
-    }
-    #[cfg(not(feature = "rayon"))]
-    sequences.iter().enumerate().map(one).collect()
-}
 
 /// # Many sequences
 ///
@@ -84,7 +63,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lockstep::each(self, sequences, Room::Rows, lockstep::smooth, finish, single)
     }
 
-    /// [`score`](Self::score) for each sequence.
+    /// [`log_likelihood`](Self::log_likelihood) for each sequence.
     pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,

@@ -49,6 +49,7 @@ mod sampler;
 mod simulate;
 
 mod baum_welch;
+mod in_parallel;
 mod labelled;
 mod lockstep;
 mod many;

@@ -1,11 +1,15 @@
 //! From distances between images to likelihoods of places.
 
+use std::ops::RangeInclusive;
+
 use super::ObservationError;
 use super::spread::{Spread, rank};
-use super::temperature::{self, TEMPERATURES};
 use crate::error::LikelihoodError;
 use crate::kernels;
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
+
+/// Valid temperatures. The best of 1/τ lies between the same, or nowhere.
+pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Where doubles hold likelihoods of this range: e^600 is 1e260.
 const LINEAR_RANGE: f64 = 600.0;
@@ -189,32 +193,6 @@ impl AppearanceLikelihood {
             Offsets::All => sum / count,
         };
         Ok(Self { offsets: sums.into_iter().map(offset).collect(), ..plain })
-    }
-
-    /// With the temperature that makes labelled queries most probable, each on
-    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None`
-    /// where that is not known (those are left out). It maximises
-    /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
-    /// iteration, of which there are some 60.
-    ///
-    /// A state off the map takes no part.
-    ///
-    /// In sequence it is still too cold, since the errors of one frame come
-    /// again in the next; [`calibrate`](super::calibrate) sees to that.
-    ///
-    /// # Errors
-    ///
-    /// [`ObservationError`] if a row is not valid, a place does not exist or is
-    /// infinitely far, or nothing is labelled; and
-    /// [`ObservationError::Unbounded`] if no temperature is best: every label is
-    /// the best match, say, or none is better than the mean.
-    pub fn with_learned_temperature<R: AsRef<[f32]>>(
-        self,
-        rows: &[R],
-        places: &[Option<usize>],
-    ) -> Result<Self, ObservationError> {
-        let temperature = temperature::most_likely(&self, rows, places)?;
-        self.with_temperature(temperature)
     }
 
     /// The number of references.

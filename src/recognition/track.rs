@@ -31,6 +31,14 @@ pub struct TrackSnapshot {
     pub(crate) sensor: SensorState,
 }
 
+impl Recognizer {
+    /// Follows a vehicle from here on. It may be anywhere to begin with.
+    #[must_use]
+    pub fn track(&self) -> Track {
+        Track::new(self.clone())
+    }
+}
+
 impl TrackSnapshot {
     /// The number of steps taken.
     #[must_use]
