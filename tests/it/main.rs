@@ -19,6 +19,7 @@ mod evidence;
 mod faer;
 mod invariants;
 mod large;
+mod layers;
 mod learning;
 mod lockstep;
 mod long_sequences;

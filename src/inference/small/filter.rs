@@ -3,7 +3,7 @@
 
 use super::chain::{Chain, LEAST, Matrix, none_between_0_and};
 use super::diagonals::{Diagonals, Factors, Sensed, one_by_one};
-use super::score::start;
+use super::ends::start;
 use super::segments::{self, Segments, Source, eight};
 use super::{columns, control_of, filled_up, room, with_constant, without_room};
 use crate::hmm::Hmm;
