@@ -31,82 +31,54 @@
 //! # Overview
 //!
 //! The one type to know is [`Hmm`]: a [`Prior`], a [`Transition`] operator and
-//! a [`Likelihood`] operator. Its verbs for a **live stream** make a state that
-//! takes one observation at a time:
+//! a [`Likelihood`] operator. For a **live stream** it makes a state that takes one
+//! observation at a time:
 //!
 //! | verb | gives |
 //! |---|---|
 //! | [`Hmm::filter`] | [`Filter`]: p(now, given all so far), predictions and forecasts |
-//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the same for millions of states, within a bound that it proves |
 //! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
-//! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
+//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the filter for millions of states, within a bound that it proves |
+//! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the most probable path, as far as it is final |
 //!
-//! Those for a **whole [`Sequence`]** take observations, or observations with
+//! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):
 //!
 //! | verb | gives |
 //! |---|---|
-//! | [`Hmm::forward`] | [`FilteredSequence`]: every step given those up to it |
-//! | [`Hmm::smooth`] | [`SmoothedSequence`]: every step given all |
+//! | [`Hmm::forward`] | each step given those up to it ([`FilteredSequence`](inference::FilteredSequence)) |
+//! | [`Hmm::smooth`] | each step given all ([`SmoothedSequence`](inference::SmoothedSequence)) |
 //! | [`Hmm::smooth_each`] | the same in O(n √T) memory, with pairwise posteriors, to a visitor |
-//! | [`Hmm::expected_moves`] | [`MoveCounts`]: how often each move was made |
 //! | [`Hmm::log_likelihood`] | ln p(y_1 … y_T) |
-//! | [`Hmm::path_entropy`] | how unsure the whole path is |
-//! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
-//! | [`Hmm::beam_viterbi`] | [`BeamPath`]: the same for millions of states, and whether it is proven |
-//! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
-//! | [`Hmm::learn`] | [`LearnedModel`]: the model that explains many sequences best |
-//! | [`Hmm::learn_labelled`] | the model that labelled drives show |
+//! | [`Hmm::viterbi`], [`Hmm::k_best`], [`Hmm::beam_viterbi`] | the most probable paths |
+//! | [`Hmm::path_sampler`] | paths drawn given all observations |
+//! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | how often each move was made; how unsure the whole path is |
+//! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a model of maximum likelihood, from sequences without labels or with |
 //!
-//! For many sequences at once there are [`Hmm::forward_all`],
-//! [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`] and [`Hmm::viterbi_all`]; and
-//! [`Hmm::simulate`] and [`Filter::simulate`] draw from the model. A method of
-//! a stream that ends in `_with` takes a control.
+//! [`Hmm::forward_all`], [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`] and
+//! [`Hmm::viterbi_all`] take many sequences at once; [`Hmm::simulate`] and
+//! [`Filter::simulate`] draw from the model. Methods of a stream that end in `_with` take a
+//! control.
 //!
-//! What moves and what is seen are operators, to be composed:
+//! The root holds the names that nearly every program needs. Everything else is in a
+//! module, whose front page says when to take what:
 //!
-//! | for | take |
+//! | module | holds |
 //! |---|---|
-//! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
-//! | a route | [`WindowTransition`] |
-//! | a route, at hidden speeds, with odometry and what the camera says of a step | [`RouteTransition`](motion::RouteTransition) |
-//! | metres driven, on a map | [`DistanceTransition`], with [`OdometryReading`] as its control |
-//! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
-//! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
-//! | a vehicle that may turn up anywhere | [`RestartTransition`] |
-//! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
-//! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
-//! | two things that move side by side | [`KroneckerTransition`] |
-//! | sightings only every few steps | [`PowerTransition`] |
-//! | few parameters for many moves, to be learned | [`TiedTransition`] |
-//! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
-//! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
-//! | likelihoods of a few states among millions | [`SparseLikelihood`] |
-//! | sightings that may be missing | [`OptionalLikelihood`] |
-//! | images along a route, from references and queries to answers | [`Recognizer`](recognition::Recognizer) |
-//! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
-//! | several sensors | [`FusedLikelihood`] |
-//! | places that are known at some steps | [`KnownState`], fused with a sensor |
-//! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
-//! | places with several reference images each | [`PooledLikelihood`] |
-//! | tails that need not be exact | [`RoundedTails`] |
-//! | what must not be learned | [`Fixed`] |
+//! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
+//! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
+//! | [`inference`] | options and results of the verbs above |
+//! | [`map`] | places and roads, and the transitions that follow from them |
+//! | [`motion`] | vehicles: speeds along a route, odometry, distances on a map, off the map |
+//! | [`observation`] | images by their descriptors or distances, sensors that confuse neighbouring places |
+//! | [`recognition`] | places by images, from references and queries to answers, live and afterwards |
+//! | [`evaluate`] | recall, precision, calibration and other scores |
+//! | [`canberra`] | the paper's instance with 105 intersections, built from public parts alone |
+//! | [`guide`] | pages to read: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors) |
 //!
 //! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
-//! of a dozen lines. With [`LearnTransition`] or [`LearnLikelihood`],
-//! [`Hmm::learn`] estimates them, too.
-//!
-//! On top stand [`map`] (places and roads, and the transitions that follow),
-//! [`motion`] (speeds along a route, with odometry and changes of the view as evidence),
-//! [`observation`] (images by their descriptors or distances, and sensors that
-//! take a place for its neighbours), [`recognition`] (places by images: the two together,
-//! live and afterwards), [`evaluate`] (recall, precision and recall,
-//! calibration and other scores), and [`canberra`], an instance with
-//! 105 intersections, built from the public parts alone.
-//!
-//! [`from_descriptors`] goes from an N × d matrix of image descriptors to a live
-//! position. [`formulas`] derives what every routine computes, with its cost, its
-//! exactness and its sources. [`performance`] says what limits each, and what to use when.
+//! of a dozen lines. With [`LearnTransition`](transition::LearnTransition) or
+//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
 //!
 //! # Conventions
 //!
@@ -134,7 +106,7 @@
 //! rule out for good what it makes 1e-1000 as likely.
 //!
 //! A step in logarithms takes some ten times as long. Where the tails of a
-//! sensor are not to be believed anyway, [`RoundedTails`] spares them; the
+//! sensor are not to be believed anyway, [`RoundedTails`](likelihood::RoundedTails) spares them; the
 //! sensors of [`observation`] with a Gaussian come so.
 //!
 //! An observation that the model rules out is an

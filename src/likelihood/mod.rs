@@ -130,8 +130,8 @@ pub trait Likelihood {
     }
 
     /// Whether its tails need not be kept, as those of
-    /// [`RoundedTails`](crate::likelihood::RoundedTails): asked where the sensor misses, in
-    /// [`OptionalLikelihood`](crate::OptionalLikelihood). False, unless an
+    /// [`RoundedTails`]: asked where the sensor misses, in
+    /// [`OptionalLikelihood`]. False, unless an
     /// implementation says otherwise.
     fn rounds_tails(&self) -> bool {
         false

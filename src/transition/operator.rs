@@ -8,7 +8,7 @@ use crate::error::TransitionError;
 ///
 /// Two products are all that filter and smoother need, so an operator does not
 /// have to store a matrix. What also needs single entries (Viterbi,
-/// simulation) asks for [`TransitionEntries`].
+/// simulation) asks for [`TransitionEntries`](super::TransitionEntries).
 ///
 /// An operator may depend on a **control**: what drives the step from k − 1 to
 /// k, such as odometry, elapsed time or a gear. An operator without one has
@@ -152,7 +152,7 @@ pub trait Transition {
     /// with `log_factor` added.
     ///
     /// All methods give these entries, those of
-    /// [`TransitionEntries`] too. The factor should be such that the largest
+    /// [`TransitionEntries`](super::TransitionEntries) too. The factor should be such that the largest
     /// entry is near 1: a step whose sum is above 2^7 or below 2^-100 is taken in
     /// logarithms, which takes longer. Called with a control that
     /// [`check_control`](Self::check_control) has accepted, more than once a step: it
@@ -165,8 +165,8 @@ pub trait Transition {
     /// Whether entries of a step with [evidence](Self::evidence) are beyond doubles:
     /// above 0 but below 2.2e-308, or above 1.7e308. Inference then takes the step in
     /// logarithms, and asks for entries by
-    /// [`incoming_log2`](TransitionEntries::incoming_log2) and
-    /// [`outgoing_log2`](TransitionEntries::outgoing_log2) alone. By default they never
+    /// [`incoming_log2`](super::TransitionEntries::incoming_log2) and
+    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2) alone. By default they never
     /// are: what is below then may be lost, which is at most 1e-277 of a prediction, since
     /// the sum of one that is taken in doubles is at least 2^-100. Called a few times a
     /// step.
