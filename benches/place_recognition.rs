@@ -22,7 +22,7 @@ use wayfix::motion::{
 };
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
 use wayfix::recognition::{Options, Recognizer};
-use wayfix::transition::{Ends, WindowTransition};
+use wayfix::transition::WindowTransition;
 use wayfix::{Belief, Hmm, Likelihood, LikelihoodVector, Prior, Transition};
 
 /// Queries of the largest call.
@@ -65,14 +65,14 @@ fn live(criterion: &mut Criterion) {
     let linear = |row: &Vec<f32>| row.iter().map(|d| f64::from(-d).exp()).collect();
     let likelihoods: Vec<Vec<f64>> = rows.iter().map(linear).collect();
 
-    let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], Ends::Stop)
+    let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], false)
         .expect("the weights sum to one");
     let given = RoundedTails(LikelihoodVector::linear(PLACES).owned());
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
     let camera = AppearanceLikelihood::new(PLACES).expect("there are references");
     step(criterion, "window of 5, rows of distances", &window, camera.clone(), &(), &rows);
     let off_map = camera.clone().with_off_map(0.15).expect("a rank");
-    let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], Ends::Stop).expect("weights");
+    let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], false).expect("weights");
     step(criterion, "window of 2, rows, off map", &longer, off_map, &(), &rows);
 
     let stretches: Vec<usize> = (0..PLACES).collect();

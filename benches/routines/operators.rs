@@ -10,8 +10,7 @@ use wayfix::motion::{
     OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
 use wayfix::transition::{
-    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
-    WindowTransition,
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, WindowTransition,
 };
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
@@ -20,7 +19,7 @@ use crate::timed::Group;
 /// All of them, with 1,050 places.
 pub(crate) fn all(criterion: &mut Criterion) {
     let n = 1050;
-    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], Ends::Loop).expect("a window");
+    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], true).expect("a window");
     let uniform = |n| Belief::uniform(n).expect("there are states");
     let turns = DenseTransition::from_fn(4, |i, j| if i == j { 0.7 } else { 0.1 }).expect("turns");
     let times = vec![[0.1, 0.4, 0.3, 0.2]; n];

@@ -2,7 +2,7 @@
 
 use wayfix::motion::{OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence};
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix::transition::{Ends, RestartTransition, SwitchedTransition, WindowTransition};
+use wayfix::transition::{RestartTransition, SwitchedTransition, WindowTransition};
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::draw::Draw;
@@ -58,26 +58,17 @@ pub(crate) fn plain(draw: &mut Draw<'_>, n: usize, range: Range) -> (Plain, Matr
 }
 
 fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)> {
-    let ends = draw.pick(&[Ends::Loop, Ends::Stop, Ends::Renormalize]);
+    let closed = draw.one_in(2);
     let first = draw.below(9).cast_signed() - 4;
     let count = 1 + draw.below(6);
     let weights = draw.distribution(count, |draw| weight(draw, range));
-    let window = WindowTransition::new(n, first, &weights, ends).ok()?;
+    let window = WindowTransition::new(n, first, &weights, closed).ok()?;
     let mut all = vec![vec![0.0; n]; n];
     let length = n.cast_signed();
     for from in 0..n {
         for (to, weight) in (from.cast_signed() + first..).zip(&weights) {
-            let to = match ends {
-                Ends::Loop => to.rem_euclid(length),
-                Ends::Stop => to.clamp(0, length - 1),
-                Ends::Renormalize if (0..length).contains(&to) => to,
-                Ends::Renormalize => continue,
-            };
+            let to = if closed { to.rem_euclid(length) } else { to.clamp(0, length - 1) };
             all[to.cast_unsigned()][from] += weight;
-        }
-        let sum: f64 = all.iter().map(|row| row[from]).sum();
-        if ends == Ends::Renormalize {
-            all.iter_mut().for_each(|row| row[from] /= sum);
         }
     }
     Some((Plain::Window(window), all))

@@ -140,13 +140,13 @@ impl<A: Transition> OffMapTransition<A> {
     ///
     /// ```
     /// use wayfix::motion::OffMapTransition;
-    /// use wayfix::transition::{Ends, KroneckerTransition, WindowTransition};
+    /// use wayfix::transition::{KroneckerTransition, WindowTransition};
     /// use wayfix::Belief;
     /// use wayfix::likelihood::GroupedLikelihood;
     /// use wayfix::TableLikelihood;
     ///
-    /// let place = WindowTransition::new(2, 1, &[1.0], Ends::Stop)?;
-    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], Ends::Loop)?;
+    /// let place = WindowTransition::new(2, 1, &[1.0], false)?;
+    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], true)?;
     /// let pairs = KroneckerTransition::new(place, gear)?;
     /// let places = pairs.first_groups();
     /// let a = OffMapTransition::new(pairs, 0.125, 0.5, Belief::uniform(6)?)?;

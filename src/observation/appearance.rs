@@ -48,12 +48,12 @@ pub enum Offsets {
 ///
 /// ```
 /// use wayfix::observation::AppearanceLikelihood;
-/// use wayfix::transition::{Ends, WindowTransition};
+/// use wayfix::transition::WindowTransition;
 /// use wayfix::{Belief, Hmm, Prior};
 ///
 /// // Five reference images along a loop; one place on at each step, or none.
 /// let camera = AppearanceLikelihood::new(5)?.with_temperature(0.5)?;
-/// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], Ends::Loop)?;
+/// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], true)?;
 /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(5)?), motion, camera)?;
 ///
 /// let mut filter = hmm.filter();

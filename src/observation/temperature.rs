@@ -225,11 +225,11 @@ impl Calibration {
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
-/// use wayfix::transition::{Ends, WindowTransition};
+/// use wayfix::transition::WindowTransition;
 /// use wayfix::{Belief, Hmm, Prior};
 ///
 /// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
-/// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;
+/// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], false)?;
 /// let fitted = calibrate(&[2.0, 1.0, 0.5, 0.25], 0.01, |&temperature| {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;

@@ -67,7 +67,7 @@
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
 //! | `SwitchedTransition` | `operators` |
-//! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
+//! | `WindowTransition` | `states`, `first`, `weights`, `closed` |
 //! | `Speeds` | `values`, ascending; `shares`; `nearby` and `anywhere`, the probabilities of a change; `slack` |
 //! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |

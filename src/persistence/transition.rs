@@ -8,7 +8,7 @@ use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
 use crate::motion::{DistanceTransition, OffMapTransition};
 use crate::transition::{
-    DwellTransition, Ends, RestartTransition, SparseTransition, TiedTransition, Transition,
+    DwellTransition, RestartTransition, SparseTransition, TiedTransition, Transition,
     TransitionEntries, check_probability,
 };
 
@@ -46,8 +46,8 @@ stored! {
             a.window.iter().for_each(|entry| weights[entry.to] = entry.value);
             weights
         },
-        ends: Ends = a.ends,
-    } => Self::new(states, first, &weights, ends);
+        closed: bool = a.closed,
+    } => Self::new(states, first, &weights, closed);
 
     [A: Transition] RestartTransition<A> in transition: [A], |a| {
         inner: A = a.inner,

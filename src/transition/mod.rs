@@ -9,7 +9,7 @@
 //! |---|---|
 //! | few moves out of each state (a map) | [`SparseTransition`] |
 //! | moves between most pairs of states | [`DenseTransition`] |
-//! | the same moves from every place of a line or a loop | [`WindowTransition`], with its [`Ends`] |
+//! | the same moves from every place of a line or a loop | [`WindowTransition`] |
 //! | a matrix for each value of a control | [`SwitchedTransition`] |
 //! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
@@ -64,4 +64,4 @@ pub use sparse::SparseTransition;
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;
-pub use window::{Ends, WindowTransition};
+pub use window::WindowTransition;

@@ -1,7 +1,7 @@
 //! After warm-up, a camera allocates nothing.
 
 use wayfix::observation::{AppearanceLikelihood, Offsets, Spread, ViewComparison};
-use wayfix::transition::{Ends, WindowTransition};
+use wayfix::transition::WindowTransition;
 use wayfix::{Belief, Hmm, OptionalLikelihood, Prior};
 
 use crate::allocations;
@@ -36,7 +36,7 @@ fn a_step_allocates_nothing() {
                 }
                 let states = n + usize::from(off_map);
                 let prior = Prior::AtFirstObservation(Belief::uniform(states).unwrap());
-                let motion = WindowTransition::new(states, -20, &[1.0 / 41.0; 41], Ends::Loop);
+                let motion = WindowTransition::new(states, -20, &[1.0 / 41.0; 41], true);
                 let camera = OptionalLikelihood::new(camera);
                 let hmm = Hmm::new(prior, motion.unwrap(), camera).unwrap();
                 let mut filter = hmm.filter();

@@ -8,7 +8,7 @@ use wayfix::motion::{
     RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors, ViewComparison};
-use wayfix::transition::{Ends, RestartTransition, WindowTransition};
+use wayfix::transition::{RestartTransition, WindowTransition};
 use wayfix::{Belief, Filter, Hmm, Likelihood, OptionalLikelihood, Prior, Transition, evaluate};
 
 use crate::kit::rng;
@@ -31,7 +31,7 @@ fn rows(drive: &[Option<usize>], seed: u64) -> Vec<Vec<f32>> {
 }
 
 fn ahead() -> WindowTransition {
-    WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], Ends::Loop).unwrap()
+    WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], true).unwrap()
 }
 
 fn camera() -> AppearanceLikelihood {

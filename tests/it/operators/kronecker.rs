@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use wayfix::Transition;
-use wayfix::transition::{Ends, KroneckerTransition, WindowTransition};
+use wayfix::transition::{KroneckerTransition, WindowTransition};
 
 use crate::kit::{
     Expected, any_stochastic, assert_operator, cases, dense, kronecker, sparse, still, text,
@@ -30,7 +30,7 @@ proptest! {
 
 #[test]
 fn bad_pairs_are_named() {
-    let long = || WindowTransition::new(100_000, 1, &[1.0], Ends::Loop).unwrap();
+    let long = || WindowTransition::new(100_000, 1, &[1.0], true).unwrap();
     assert_eq!(
         text(KroneckerTransition::new(long(), long())),
         "10000000000 states, expected at most 4294967295 (32-bit indices)"

@@ -157,9 +157,7 @@ fn bad_ways_off_the_map_are_named() {
         text(a.groups(&Groups::new(vec![0, 0, 1]).unwrap())),
         "the grouping has 3 states, expected 2 as the operator within"
     );
-    let endless =
-        wayfix::transition::WindowTransition::new(1, 0, &[1.0], wayfix::transition::Ends::Loop)
-            .unwrap();
+    let endless = wayfix::transition::WindowTransition::new(1, 0, &[1.0], true).unwrap();
     let one = Belief::uniform(1).unwrap();
     assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map_state(), 1);
 }

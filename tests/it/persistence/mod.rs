@@ -12,8 +12,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
 use wayfix::likelihood::{GroupedLikelihood, KnownState};
 use wayfix::transition::{
-    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
-    SwitchedTransition, TiedTransition, WindowTransition,
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    TiedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
@@ -21,7 +21,7 @@ use wayfix::{
 };
 
 use self::damage::damage;
-use crate::kit::{Kind, Model, bits, cases, ends, models, weighted};
+use crate::kit::{Kind, Model, bits, cases, models, weighted};
 
 fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap()
@@ -75,7 +75,7 @@ struct Parts {
     model: Model,
     first: isize,
     weights: Vec<f64>,
-    ends: Ends,
+    closed: bool,
     rate: f64,
     exponent: u32,
     dwell: Vec<Vec<f64>>,
@@ -90,13 +90,13 @@ fn tiny_and_usual(most: usize) -> impl Strategy<Value = Vec<f64>> {
 fn parts() -> impl Strategy<Value = Parts> {
     let rate = prop_oneof![1 => Just(0.0), 1 => Just(1.0), 4 => 0.0..1.0];
     let model = models(Kind::Extreme).prop_filter("matrices", |model| !model.matrices.is_empty());
-    let window = (-9..9_isize, tiny_and_usual(8), ends());
+    let window = (-9..9_isize, tiny_and_usual(8), any::<bool>());
     (model, window, rate, 0..4_u32, vec(tiny_and_usual(4), 5)).prop_map(
-        |(model, (first, weights, ends), rate, exponent, dwell)| Parts {
+        |(model, (first, weights, closed), rate, exponent, dwell)| Parts {
             model,
             first,
             weights,
-            ends,
+            closed,
             rate,
             exponent,
             dwell,
@@ -119,7 +119,7 @@ impl Parts {
     }
 
     fn window(&self) -> Option<WindowTransition> {
-        WindowTransition::new(self.model.states, self.first, &self.weights, self.ends).ok()
+        WindowTransition::new(self.model.states, self.first, &self.weights, self.closed).ok()
     }
 
     fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {

@@ -6,8 +6,8 @@ use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
 use wayfix::likelihood::Groups;
 use wayfix::likelihood::{GroupedLikelihood, KnownState};
 use wayfix::transition::{
-    DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
-    SwitchedTransition, TiedTransition, WindowTransition,
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    TiedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
@@ -40,10 +40,10 @@ fn the_format_is_as_documented() {
         json(&tied),
         format!(r#"{{"version":1,"transition":{},"parameters":[0,1,2]}}"#, json(&sparse))
     );
-    let window = WindowTransition::new(4, -2, &[0.0, 0.5, 0.0, 0.5, 0.0], Ends::Stop).unwrap();
+    let window = WindowTransition::new(4, -2, &[0.0, 0.5, 0.0, 0.5, 0.0], false).unwrap();
     assert_eq!(
         json(&window),
-        r#"{"version":1,"states":4,"first":-1,"weights":[0.5,0.0,0.5],"ends":"stop"}"#
+        r#"{"version":1,"states":4,"first":-1,"weights":[0.5,0.0,0.5],"closed":false}"#
     );
     assert_eq!(
         json(&PowerTransition::new(Fixed(window.clone()), 3)),
@@ -222,12 +222,8 @@ fn what_is_no_operator_is_refused() {
         "a transition operator needs at least one state, found none",
     );
     refuses::<WindowTransition>(
-        r#"{"version":1,"states":3,"first":1,"weights":[1],"ends":"renormalise"}"#,
-        "column 2 (the transitions out of state 2) sums to 0, expected 1",
-    );
-    refuses::<WindowTransition>(
-        r#"{"version":1,"states":3,"first":1,"weights":[1],"ends":"bounce"}"#,
-        "unknown variant `bounce`, expected one of `loop`, `stop`, `renormalise`",
+        r#"{"version":1,"states":3,"first":1,"weights":[1],"closed":"bounce"}"#,
+        "invalid type: string \"bounce\", expected a boolean",
     );
 }
 

@@ -4,7 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::likelihood::Groups;
 use wayfix::likelihood::{GroupedLikelihood, KnownState};
-use wayfix::transition::{Ends, WindowTransition};
+use wayfix::transition::WindowTransition;
 use wayfix::{Belief, FusedLikelihood, Hmm, LikelihoodVector, Prior, TableLikelihood};
 
 use crate::kit::{NEVER, any_stochastic, cases, close_logs, normalized, sparse, still, text};
@@ -51,7 +51,7 @@ proptest! {
         let rows: Vec<Vec<f64>> = weights.into_iter().map(|w| normalized(w, 0)).collect();
         let repeated: Vec<_> = of.iter().map(|&g| rows[g].clone()).collect();
         let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
-        let around = WindowTransition::new(n, 0, &[0.5, 0.5], Ends::Loop).unwrap();
+        let around = WindowTransition::new(n, 0, &[0.5, 0.5], true).unwrap();
         let groups = Groups::new(of).unwrap();
         let table = TableLikelihood::from_rows(&rows).unwrap();
         let grouped = Hmm::new(prior.clone(), &around, GroupedLikelihood::new(table, groups).unwrap());
