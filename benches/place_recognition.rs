@@ -20,8 +20,8 @@ use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, 
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
 use wayfix::recognition::{Options, Recognizer};
 use wayfix::{
-    Belief, Ends, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, RoundedTails,
-    Transition, WindowTransition,
+    Belief, Ends, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, Transition,
+    WindowTransition,
 };
 
 /// Queries of the largest call.
@@ -66,7 +66,7 @@ fn live(criterion: &mut Criterion) {
 
     let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], Ends::Stop)
         .expect("the weights sum to one");
-    let given = RoundedTails(LikelihoodVector::linear(PLACES).owned());
+    let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
     let camera = AppearanceLikelihood::new(PLACES).expect("there are references");
     step(criterion, "window of 5, rows of distances", &window, camera.clone(), &(), &rows);
@@ -101,6 +101,7 @@ fn step<A: Transition, B: Likelihood<Observation: Sized>>(
 ) {
     let start = Belief::uniform(motion.states()).expect("there are states");
     let hmm = Hmm::new(Prior::AtFirstObservation(start), motion, sensor).expect("they fit");
+    let hmm = hmm.with_rounded_tails();
     let mut filter = hmm.filter();
     let mut rows = rows.iter().cycle();
     criterion.bench_function(&format!("live step on 3576 references/{name}"), |b| {

@@ -89,7 +89,7 @@
 //! | places that are known at some steps | [`KnownState`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | places with several reference images each | [`PooledLikelihood`] |
-//! | tails that need not be exact | [`RoundedTails`] |
+//! | tails that need not be exact | [`Hmm::with_rounded_tails`] |
 //! | what must not be learned | [`Fixed`] |
 //!
 //! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
@@ -133,9 +133,9 @@
 //! hold a belief, it is kept in logarithms, so that one wild sighting does not
 //! rule out for good what it makes 1e-1000 as likely.
 //!
-//! A step in logarithms takes some ten times as long. Where the tails of a
-//! sensor are not to be believed anyway, [`RoundedTails`] spares them; the
-//! sensors of [`observation`] with a Gaussian come so.
+//! A step in logarithms takes some ten times as long. Where tails are not to be
+//! believed anyway, such as those of the sensors of [`observation`] with a Gaussian,
+//! a model [`with_rounded_tails`](Hmm::with_rounded_tails) spares them.
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it
@@ -205,8 +205,8 @@ pub use inference::{
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails,
-    SampleObservation, Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
+    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, SampleObservation,
+    Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

@@ -13,7 +13,7 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
-    /// it is 0. (After a sensor with [rounded tails](crate::RoundedTails) that
+    /// it is 0. (In a model with [rounded tails](crate::Hmm::with_rounded_tails) that
     /// counts as 0, too, which was below 2.2e-308 of the whole.)
     Impossible {
         /// The step, from 1.

@@ -56,13 +56,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Advanced, InferenceError> {
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
+        let tails_rounded = self.hmm.rounds_tails();
         let (likelihoods, log_scale) = match diagonal.linear_values() {
             Some(linear) if UNSCALED.contains(&largest) => {
-                (Likelihoods { diagonal, values: linear, scaled: false }, 0.0)
+                (Likelihoods { diagonal, values: linear, scaled: false, tails_rounded }, 0.0)
             }
             _ => {
                 let log_scale = self.scale(diagonal, largest, values)?;
-                (Likelihoods { diagonal, values, scaled: true }, log_scale)
+                (Likelihoods { diagonal, values, scaled: true, tails_rounded }, log_scale)
             }
         };
         let log_factors = log_factor + diagonal.log_factor;

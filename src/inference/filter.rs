@@ -28,7 +28,7 @@ use crate::transition::Transition;
 ///
 /// What a double does not hold (below 2.2e-308 of the whole) is kept in
 /// logarithms, at some cost in time, so that the filter can come back to such a
-/// state. Only after a sensor with [rounded tails](crate::RoundedTails) it
+/// state. Only in a model with [rounded tails](Hmm::with_rounded_tails) it
 /// becomes 0.
 ///
 /// ```

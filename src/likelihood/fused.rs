@@ -83,9 +83,8 @@ where
         let second = self.second.diagonal(second, &mut right[0])?;
         let largest = (first.check(n)?, second.check(n)?);
         let log_factor = first.log_factor + second.log_factor;
-        let tails_rounded = first.tails_rounded && second.tails_rounded;
         if multiply(first.values, second.values, product) {
-            return Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::linear(product) });
+            return Ok(Diagonal { log_factor, ..Diagonal::linear(product) });
         }
         // Shifts of both are taken out first, so that the sums keep their digits.
         let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
@@ -93,11 +92,7 @@ where
         let logs = first.logs().zip(second.logs());
         product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
         let log_factor = log_factor + (shift.0 + shift.1);
-        Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::log(product) })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.first.rounds_tails() && self.second.rounds_tails()
+        Ok(Diagonal { log_factor, ..Diagonal::log(product) })
     }
 }
 

@@ -9,7 +9,6 @@ mod local;
 mod optional;
 mod pooled;
 mod reestimate;
-mod rounded;
 mod shared;
 mod sparse;
 mod table;
@@ -24,7 +23,6 @@ pub use known::KnownState;
 pub use local::{LocalLikelihood, Unlisted};
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
-pub use rounded::RoundedTails;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
@@ -107,14 +105,6 @@ pub trait Likelihood {
     ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
         let _ = (observation, scratch);
         None
-    }
-
-    /// Whether its tails need not be kept, as those of
-    /// [`RoundedTails`](crate::RoundedTails): asked where the sensor misses, in
-    /// [`OptionalLikelihood`](crate::OptionalLikelihood). False, unless an
-    /// implementation says otherwise.
-    fn rounds_tails(&self) -> bool {
-        false
     }
 
     /// Whether likelihoods are at hand, so that to ask for them costs nothing: the

@@ -55,12 +55,7 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         if let Some(observation) = observation {
             return self.sensor.diagonal(observation, scratch);
         }
-        let tails_rounded = self.rounds_tails();
-        Ok(Diagonal { tails_rounded, ..Diagonal::checked(&self.ones, 1.0, None) })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
+        Ok(Diagonal::checked(&self.ones, 1.0, None))
     }
 
     fn is_at_hand(&self) -> bool {

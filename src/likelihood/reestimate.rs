@@ -2,10 +2,7 @@
 
 use std::error::Error;
 
-use super::{
-    FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, RoundedTails,
-    TableLikelihood,
-};
+use super::{FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, TableLikelihood};
 use crate::inference::LearnLikelihood;
 use crate::likelihood::Likelihood;
 
@@ -90,9 +87,6 @@ learns_the_inner! {
             self.sensor.add(statistics, y, posterior);
         },
         with(sensor) Self { sensor, ones: self.ones.clone() };
-    RoundedTails [], 0,
-        add(self, statistics, y, posterior) self.0.add(statistics, y, posterior),
-        with(sensor) Self(sensor);
     GroupedLikelihood [], sensor,
         add(self, statistics, y, posterior) {
             let mut groups = vec![0.0; self.groups.count()];

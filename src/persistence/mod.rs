@@ -2,7 +2,7 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators but those with a
+//! [`Fixed`](crate::Fixed); all transition operators but those with a
 //! function of yours ([`EvidenceTransition`](crate::EvidenceTransition)); all sensors but
 //! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
 //! and the snapshots [`FilterState`](crate::FilterState) and
@@ -61,7 +61,7 @@
 //!
 //! | type | fields |
 //! |---|---|
-//! | `Hmm` | `prior`, `transition`, `likelihood` |
+//! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, whether tails are rounded |
 //! | `DenseTransition` | `states`; `columns`, column after column |
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
@@ -93,7 +93,7 @@
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, the `Odometry` of a road map an object with `distance`
+//! what it holds, the `Odometry` of a road map an object with `distance`
 //! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
 //! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
 //! `before`, which is as `driven` above. The `Options` of a
@@ -205,7 +205,8 @@ stored! {
         prior: Prior = hmm.prior(),
         transition: A = hmm.transition(),
         likelihood: B = hmm.likelihood(),
-    } => Self::new(prior, transition, likelihood);
+        rounds_tails: bool = hmm.rounds_tails(),
+    } => Self::new(prior, transition, likelihood).map(|hmm| hmm.rounding_tails(rounds_tails));
 }
 
 impl<S: AsRef<[f64]>> Serialize for Belief<S> {

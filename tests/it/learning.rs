@@ -349,7 +349,7 @@ fn tied_turning_probabilities_are_found_again() {
     let truth = canberra::turning().tied(&map);
     let hmm = |a: TiedTransition| {
         let prior = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES).unwrap());
-        Hmm::new(prior, a, Fixed(canberra::sensor(1.0).unwrap())).unwrap()
+        Hmm::new(prior, a, Fixed(canberra::sensor(1.0).unwrap())).unwrap().with_rounded_tails()
     };
     let source = hmm(truth.clone());
     let mut rng = rng(4);

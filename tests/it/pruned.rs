@@ -7,9 +7,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
     Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, KnownState, Likelihood,
-    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning,
-    RoundedTails, Scratch, SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood,
-    canberra,
+    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning, Scratch,
+    SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood, canberra,
 };
 
 use crate::kit::{cases_of, prior, rng, weighted};
@@ -378,7 +377,6 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     let table = TableLikelihood::from_rows(&rows).unwrap();
     for symbol in [0, 2] {
         check_local(&table, &symbol);
-        check_local(&RoundedTails(&table), &symbol);
         check_local(&Fixed(Arc::new(table.clone())), &symbol);
         check_local(&OptionalLikelihood::new(table.clone()), &Some(symbol));
         let fused = FusedLikelihood::new(table.clone(), KnownState::new(6)).unwrap();

@@ -6,7 +6,7 @@ use wayfix::{
     Belief, DenseTransition, DistanceTransition, DwellTransition, FusedLikelihood,
     GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, Likelihood, LikelihoodVector,
     OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
-    RestartTransition, RoundedTails, SparseTransition, SwitchedTransition, TableLikelihood,
+    RestartTransition, SparseTransition, SwitchedTransition, TableLikelihood,
     TiedTransition, Transition, TransitionEntries,
 };
 
@@ -134,6 +134,7 @@ fn parts(draw: &mut Draw<'_>, n: usize, belief: Belief, counts: &mut Counts) {
             let motion = sparse(draw, n, Range::Plain);
             let hmm =
                 Hmm::new(Prior::BeforeFirstTransition(belief), motion, table).expect("a model");
+            let hmm = if draw.one_in(2) { hmm.with_rounded_tails() } else { hmm };
             let Some(hmm) = read(draw, &hmm, counts) else { return };
             usable(hmm.transition(), &(), counts);
             for ys in [vec![0], vec![0, 1, 2], vec![2; 12]] {
@@ -156,7 +157,7 @@ fn table(draw: &mut Draw<'_>, n: usize) -> TableLikelihood {
 fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
     let table = table(draw, n);
     let groups = || Groups::new((0..=n).map(|i| i.min(n - 1)).collect()).expect("groups");
-    match draw.below(9) {
+    match draw.below(8) {
         0 => sensor(draw, &table, &1, counts),
         1 => sensor(draw, &LikelihoodVector::log(n).owned(), &vec![-1.0; n], counts),
         2 => {
@@ -177,11 +178,10 @@ fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
             let grouped = GroupedLikelihood::new(table, groups()).expect("as many groups");
             sensor(draw, &grouped, &1, counts);
         }
-        7 => {
+        _ => {
             let pooled = PooledLikelihood::new(self::table(draw, n + 1), groups());
             sensor(draw, &pooled.expect("as many states"), &1, counts);
         }
-        _ => sensor(draw, &RoundedTails(table), &1, counts),
     }
 }
 

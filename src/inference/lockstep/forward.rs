@@ -59,7 +59,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
                 held[l] &= step > group.steps[l]
                     || normaliser >= LEAST_NORMALISER * sensed.largest[l]
                         && normaliser.is_finite()
-                        && (!lost[l] || sensed.rounded[l]);
+                        && (!lost[l] || self.hmm.rounds_tails());
                 if held[l] && step <= group.steps[l] {
                     let log = normaliser.ln() + sensed.logs[l];
                     log_likelihoods[l].add(log);

@@ -86,7 +86,7 @@ fn the_format_is_as_documented() {
     assert_eq!(
         json(&hmm),
         format!(
-            r#"{{"version":1,"prior":{{"before_first_transition":[0.5,0.5]}},"transition":{},"likelihood":{{"version":1,"states":2,"log":true}}}}"#,
+            r#"{{"version":1,"prior":{{"before_first_transition":[0.5,0.5]}},"transition":{},"likelihood":{{"version":1,"states":2,"log":true}},"rounds_tails":false}}"#,
             json(&sparse)
         )
     );
@@ -292,7 +292,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
         let dwell = format!(r#"{{"version":1,"moves":{a},"ages":[[[{first},0.25]]]}}"#);
         let part = r#"{"version":1,"states":1}"#;
         format!(
-            r#"{{"version":1,"prior":{{"at_first_observation":{belief}}},"transition":{dwell},"likelihood":{part}}}"#
+            r#"{{"version":1,"prior":{{"at_first_observation":{belief}}},"transition":{dwell},"likelihood":{part},"rounds_tails":false}}"#
         )
     };
     refuses::<Staying>(
@@ -303,7 +303,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
     let restart = r#"{"version":1,"inner":{"version":1,"states":1,"columns":[1.0000000009]},"keep":0.5,"restart":[0.5000000009]}"#;
     refuses::<Hmm<RestartTransition<DenseTransition>, KnownState>>(
         &format!(
-            r#"{{"version":1,"prior":{{"at_first_observation":[1]}},"transition":{restart},"likelihood":{{"version":1,"states":1}}}}"#
+            r#"{{"version":1,"prior":{{"at_first_observation":[1]}},"transition":{restart},"likelihood":{{"version":1,"states":1}},"rounds_tails":false}}"#
         ),
         "the transition operator is not valid: column 0 (the transitions out of state 0) sums to 1.0000000013500001, expected 1",
     );
@@ -412,11 +412,12 @@ fn what_no_smoother_knows_is_refused() {
     refused(2, &[past(0, one), past(1, "[0.5,0.4]")], "the probabilities sum to 0.9, expected 1");
 }
 
-/// A sensor with rounded tails, in a whole model.
+/// Rounded tails, too.
 #[test]
 fn the_canberra_model_comes_back_to_the_bit() {
     let hmm = wayfix::canberra::hmm(5, 1.0).unwrap();
     let restored: wayfix::canberra::Model = stored(&hmm);
+    assert!(hmm.rounds_tails() && restored.rounds_tails());
     let ys = [4, 5, 5, 7, 8, 50, 8];
     assert_eq!(restored.smooth(&ys).unwrap(), hmm.smooth(&ys).unwrap());
     assert_eq!(restored.viterbi(&ys).unwrap(), hmm.viterbi(&ys).unwrap());
