@@ -74,7 +74,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         {
             let normaliser = if likelihoods.scaled { 0.0 } else { n };
             let log = n.ln() + log_scale + log_factors;
-            return Ok(Advanced { log, normaliser, in_logs: false, form });
+            return Ok(Advanced { log, normaliser, by_logs: false, in_logs: false, form });
         }
         self.predict_in_logs(before, Some(log_factor), results, values)?;
         let advanced = self.update_in_logs(diagonal, log_scale, results)?;

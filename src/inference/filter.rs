@@ -56,6 +56,7 @@ use crate::transition::Transition;
 pub struct Filter<M> {
     model: M,
     steps: usize,
+    steps_in_logs: usize,
     belief: Aligned,
     /// The logarithms of the belief, if it has values that doubles do not hold.
     logs: Option<Vec<f64>>,
@@ -94,6 +95,7 @@ where
         Self {
             lifted: Lifted::new(&belief),
             steps: 0,
+            steps_in_logs: 0,
             belief,
             logs: None,
             log_likelihood: LogSum::default(),
@@ -160,21 +162,22 @@ where
         let Self { after, after_lifted, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
-        let mut in_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
+        let mut by_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
         // ln p(u), but for the log factor of the evidence.
         let mut log = 0.0;
-        if !in_logs {
+        if !by_logs {
             step.predict(lifted.values(belief), after);
             let sum = match evidence {
                 None => Some(step.check_prediction(after)?),
                 Some(_) => step.evidence_sum(after)?,
             };
             match sum {
-                Some(sum) => (in_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
-                None => in_logs = true,
+                Some(sum) => (by_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
+                None => by_logs = true,
             }
         }
-        if in_logs {
+        let mut in_logs = false;
+        if by_logs {
             let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
             let before = Held { linear: belief, logs: logs.as_deref() };
             step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
@@ -182,7 +185,8 @@ where
             in_logs = loses(after_logs, after);
         }
         let log = evidence.map_or(0.0, |log_factor| log + log_factor);
-        self.commit(number, &Advanced { log, normaliser: 0.0, in_logs, form: Form::Other });
+        let form = Form::Other;
+        self.commit(number, &Advanced { log, normaliser: 0.0, by_logs, in_logs, form });
         Ok(())
     }
 
@@ -239,6 +243,32 @@ where
         self.steps
     }
 
+    /// How many of the steps so far were taken in logarithms, which is several times
+    /// slower: doubles did not hold the belief before or after, or the observation
+    /// contradicted the prediction too much. A prediction and an update alone count one
+    /// each.
+    ///
+    /// If these are many and the tails of the model are not to be believed anyway, it is
+    /// faster [with rounded tails](Hmm::with_rounded_tails).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 0);
+    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 2);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
+    }
+
     /// The model.
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
@@ -251,6 +281,7 @@ where
     pub fn snapshot(&self) -> FilterState {
         FilterState {
             steps: self.steps,
+            steps_in_logs: self.steps_in_logs,
             belief: self.belief().to_owned(),
             logs: self.logs.clone(),
             log_likelihood: self.log_likelihood,
@@ -260,7 +291,8 @@ where
     /// The same in place of another one of this model. Allocates nothing, unless there
     /// are logarithms now.
     pub(super) fn snapshot_to(&self, state: &mut FilterState) {
-        (state.steps, state.log_likelihood) = (self.steps, self.log_likelihood);
+        (state.steps, state.steps_in_logs) = (self.steps, self.steps_in_logs);
+        state.log_likelihood = self.log_likelihood;
         let belief = state.belief.as_mut_vec();
         belief.clear();
         belief.extend_from_slice(&self.belief);
@@ -277,7 +309,7 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        self.steps = snapshot.steps;
+        (self.steps, self.steps_in_logs) = (snapshot.steps, snapshot.steps_in_logs);
         self.log_likelihood = snapshot.log_likelihood;
         self.belief.copy_from_slice(snapshot.belief.as_slice());
         if let Some(logs) = &snapshot.logs {
@@ -292,7 +324,7 @@ where
     pub fn restart(&mut self) {
         let Self { model, belief, .. } = self;
         belief.copy_from_slice(model.prior().belief().as_slice());
-        (self.steps, self.log_likelihood) = (0, LogSum::default());
+        (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
         self.lifted.follow(&self.belief);
         self.keep_logs(false);
     }
@@ -348,6 +380,7 @@ where
         self.lifted.commit(advanced.form, &mut self.after_lifted);
         self.keep_logs(advanced.in_logs);
         self.steps = number;
+        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(advanced.by_logs));
         self.log_likelihood.add(advanced.log);
     }
 

@@ -137,6 +137,14 @@ where
         &self.filter
     }
 
+    /// How many of the steps so far were taken in logarithms, as
+    /// [`Filter::steps_in_logs`] counts. As long as one is in the window, so is the way back
+    /// over it.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.filter.steps_in_logs()
+    }
+
     /// The lag, L.
     #[must_use]
     pub fn lag(&self) -> usize {

@@ -103,7 +103,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
             if let Some((normaliser, form)) = advanced {
                 let log = normaliser.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+                return Ok(Advanced { log, normaliser, by_logs: false, in_logs: false, form });
             }
         }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
@@ -125,7 +125,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
             if let Some((normaliser, form)) = advanced {
                 let log = normaliser.ln() + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+                return Ok(Advanced { log, normaliser, by_logs: false, in_logs: false, form });
             }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
@@ -135,7 +135,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
             if let Some((scaled, form)) = advanced {
                 let log = scaled.ln() + log_scale + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
+                return Ok(Advanced { log, normaliser: 0.0, by_logs: false, in_logs: false, form });
             }
         }
         self.predict_in_logs(before, None, results, values)?;
@@ -276,7 +276,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         };
         let log = normaliser + log_scale + diagonal.log_factor;
         let in_logs = !self.hmm.rounds_tails() && loses(results.logs, results.after);
-        Ok(Advanced { log, normaliser: 0.0, in_logs, form: Form::Other })
+        Ok(Advanced { log, normaliser: 0.0, by_logs: true, in_logs, form: Form::Other })
     }
 
     /// The prediction in logarithms (into those of the results), checked: a

@@ -83,7 +83,7 @@
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
-//! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
+//! | `FilterState` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |

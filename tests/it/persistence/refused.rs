@@ -97,8 +97,8 @@ fn the_format_is_as_documented() {
     let mut smoother = hmm.fixed_lag(1);
     smoother.step(&[0.0, f64::NEG_INFINITY]).unwrap();
     smoother.step(&[0.0, -1000.0]).unwrap();
-    let present = r#"{"version":1,"steps":2,"belief":[1.0,0.0],"logs":[0.0,-1000.0],"log_likelihood":[-2.0794415416798357,-1.1102230246251565e-16]}"#;
-    let past = r#"{"version":1,"steps":1,"belief":[1.0,0.0],"logs":null,"log_likelihood":[-1.3862943611198906,0.0]}"#;
+    let present = r#"{"version":1,"steps":2,"steps_in_logs":1,"belief":[1.0,0.0],"logs":[0.0,-1000.0],"log_likelihood":[-2.0794415416798357,-1.1102230246251565e-16]}"#;
+    let past = r#"{"version":1,"steps":1,"steps_in_logs":0,"belief":[1.0,0.0],"logs":null,"log_likelihood":[-1.3862943611198906,0.0]}"#;
     assert_eq!(
         json(&smoother.snapshot()),
         format!(r#"{{"version":1,"lag":1,"present":{present},"past":[[{past},null]]}}"#)
@@ -156,7 +156,7 @@ fn other_versions_and_fields_are_refused() {
     );
     refuses::<KnownState>("7", "invalid type: integer `7`, expected struct KnownState");
     refuses::<FilterState>(
-        r#"{"version":3,"steps":0,"belief":[1.0],"logs":null,"log_likelihood":[0,0]}"#,
+        r#"{"version":3,"steps":0,"steps_in_logs":0,"belief":[1.0],"logs":null,"log_likelihood":[0,0]}"#,
         "version 3, expected 1",
     );
 }
@@ -315,7 +315,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
 
 fn state(steps: usize, belief: &str, logs: &str, log_likelihood: &str) -> String {
     format!(
-        r#"{{"version":1,"steps":{steps},"belief":{belief},"logs":{logs},"log_likelihood":{log_likelihood}}}"#
+        r#"{{"version":1,"steps":{steps},"steps_in_logs":0,"belief":{belief},"logs":{logs},"log_likelihood":{log_likelihood}}}"#
     )
 }
 
