@@ -172,7 +172,10 @@ where
                 Some(_) => step.evidence_sum(after)?,
             };
             match sum {
-                Some(sum) => (by_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
+                Some(sum) => {
+                    let loses = normalise(after, sum);
+                    (by_logs, log) = (loses && !model.rounds_tails(), (sum / LIFT).ln());
+                }
                 None => by_logs = true,
             }
         }
@@ -182,7 +185,7 @@ where
             let before = Held { linear: belief, logs: logs.as_deref() };
             step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
             log = normalise_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
-            in_logs = loses(after_logs, after);
+            in_logs = !model.rounds_tails() && loses(after_logs, after);
         }
         let log = evidence.map_or(0.0, |log_factor| log + log_factor);
         let form = Form::Other;
