@@ -86,7 +86,7 @@
 //! | images along a route, from references and queries to answers | [`Recognizer`](recognition::Recognizer) |
 //! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
 //! | several sensors | [`FusedLikelihood`] |
-//! | places that are known at some steps | [`KnownState`], fused with a sensor |
+//! | places that are known at some steps | [`SparseObservation::known`], fused with a sensor |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | places with several reference images each | [`PooledLikelihood`] |
 //! | tails that need not be exact | [`Hmm::with_rounded_tails`] |
@@ -204,9 +204,9 @@ pub use inference::{
     StopReason, ViterbiPath,
 };
 pub use likelihood::{
-    Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, SampleObservation,
-    Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
+    Diagonal, FusedLikelihood, GroupedLikelihood, Likelihood, LikelihoodVector, LocalLikelihood,
+    LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, SampleObservation, Scratch,
+    SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
 };
 pub use sequence::{Controlled, Sequence};
 pub use transition::{

@@ -267,13 +267,6 @@ pub enum LikelihoodError {
         /// How many symbols there are.
         symbols: usize,
     },
-    /// A state is said to be known that the model does not have.
-    State {
-        /// The state, from 0.
-        state: usize,
-        /// How many states there are.
-        states: usize,
-    },
     /// The bound on the likelihoods of states that were not listed is not a
     /// valid one.
     Bound {
@@ -317,11 +310,6 @@ impl fmt::Display for LikelihoodError {
                 f,
                 "symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})",
                 symbols.saturating_sub(1)
-            ),
-            Self::State { state, states } => write!(
-                f,
-                "state {state} is given as known, but there are {states} states (0 to {})",
-                states.saturating_sub(1)
             ),
             Self::Bound { kind, value, expected } => write!(
                 f,

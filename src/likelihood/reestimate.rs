@@ -2,7 +2,10 @@
 
 use std::error::Error;
 
-use super::{FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, TableLikelihood};
+use super::{
+    FusedLikelihood, GroupedLikelihood, OptionalLikelihood, SparseLikelihood, SparseObservation,
+    TableLikelihood,
+};
 use crate::inference::LearnLikelihood;
 use crate::likelihood::Likelihood;
 
@@ -130,14 +133,14 @@ where
     }
 }
 
-/// It has nothing to learn; beside another sensor it makes learning
-/// semi-supervised.
-impl LearnLikelihood for KnownState {
+/// It has nothing to learn; with [known states](SparseObservation::known) beside another
+/// sensor it makes learning semi-supervised.
+impl LearnLikelihood for SparseLikelihood {
     type Statistics = ();
 
     fn statistics(&self) {}
 
-    fn add(&self, (): &mut (), _: &Option<usize>, _: &[f64]) {}
+    fn add(&self, (): &mut (), _: &SparseObservation, _: &[f64]) {}
 
     fn merge(&self, (): &mut (), (): &()) {}
 

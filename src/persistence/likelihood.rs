@@ -31,8 +31,8 @@ stored! {
         off_map_rank: Option<f64> = camera.off_map_rank(),
     } => Self::from_parts(references, spread, offsets, temperature, off_map_rank);
 
-    [] KnownState: [], |known| {
-        states: usize = known.states,
+    [] SparseLikelihood: [], |sparse| {
+        states: usize = sparse.states,
     } => Ok::<_, Infallible>(Self::new(states));
 
     [B: Likelihood<Observation: Sized>] OptionalLikelihood<B>: [B], |optional| {

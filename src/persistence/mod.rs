@@ -78,7 +78,7 @@
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
-//! | `KnownState` | `states` |
+//! | `SparseLikelihood` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |

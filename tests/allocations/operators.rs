@@ -2,9 +2,10 @@
 
 use wayfix::{
     Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry,
-    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
+    GroupedLikelihood, Groups, Hmm, KroneckerTransition, LikelihoodVector, Odometry,
+    OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
+    RestartTransition, SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood,
+    TransitionEntries, WindowTransition,
 };
 
 use crate::allocations;
@@ -62,16 +63,18 @@ fn products_allocate_nothing_after_the_first() {
     let camera = TableLikelihood::from_rows(&rows.collect::<Vec<_>>()).unwrap();
     let places = dwell().groups().clone();
     let sensor = GroupedLikelihood::new(camera, places).unwrap();
-    let sensor = FusedLikelihood::new(sensor, KnownState::new(60)).unwrap();
+    let sensor =
+        FusedLikelihood::new(sensor, OptionalLikelihood::new(SparseLikelihood::new(60))).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(60).unwrap());
     let hmm = Hmm::new(prior, dwell(), sensor).unwrap();
     let mut filter = hmm.filter();
     filter.step(&(1, None)).unwrap();
+    let known = (0, Some(SparseObservation::known(30)));
     let found = allocations(|| {
         for k in 0..100 {
             filter.step(&(k % 2, None)).unwrap();
         }
-        filter.step(&(0, Some(filter.belief().mode()))).unwrap();
+        filter.step(&known).unwrap();
     });
     assert_eq!(found, 0, "filter");
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use wayfix::{
-    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, KnownState,
-    Learning, Likelihood, LikelihoodVector, Order, Prior, SwitchedTransition, TableLikelihood,
-    Transition,
+    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, Learning,
+    Likelihood, LikelihoodVector, OptionalLikelihood, Order, Prior, SparseLikelihood,
+    SparseObservation, SwitchedTransition, TableLikelihood, Transition,
 };
 
 use crate::kit::rng;
@@ -135,9 +135,10 @@ fn in_every_routine_a_control_drives_the_step_to_its_observation() {
         };
         let gears =
             SwitchedTransition::new(vec![loose(0.9).unwrap(), loose(0.2).unwrap()]).unwrap();
-        let sensor = FusedLikelihood::new(table, KnownState::new(3)).unwrap();
+        let sensor =
+            FusedLikelihood::new(table, OptionalLikelihood::new(SparseLikelihood::new(3))).unwrap();
         let learner = Hmm::new(hmm.prior().clone(), gears, sensor).unwrap();
-        let known = expected.map(|state| (0, Some(state)));
+        let known = expected.map(|state| (0, Some(SparseObservation::known(state))));
         let drive = Controlled::new(&controls, &known).unwrap();
         let learned = learner.learn(&[drive], &Learning::default()).unwrap().into_model();
         for (k, pair) in (1..).zip(expected.windows(2)) {

@@ -4,9 +4,9 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
     Belief, Controlled, DenseTransition, EvidenceTransition, Fixed, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, Labelled, LearnError, LearnLikelihood,
-    LearnTransition, Learned, Learning, OptionalLikelihood, Prior, Simulation, SparseTransition,
-    StopReason, SwitchedTransition, TableLikelihood, TiedTransition, canberra,
+    GroupedLikelihood, Groups, Hmm, Labelled, LearnError, LearnLikelihood, LearnTransition,
+    Learned, Learning, OptionalLikelihood, Prior, Simulation, SparseLikelihood, SparseObservation,
+    SparseTransition, StopReason, SwitchedTransition, TableLikelihood, TiedTransition, canberra,
 };
 
 use crate::kit::{Kind, Model, cases, close, measured_models, models, rng};
@@ -429,12 +429,14 @@ fn learning_from_known_states_is_counting() {
 
     let groups = Groups::new(vec![0, 1, 2]).unwrap();
     let camera = GroupedLikelihood::new(source.likelihood().clone(), groups).unwrap();
-    let sensor = FusedLikelihood::new(camera, KnownState::new(3)).unwrap();
+    let sensor =
+        FusedLikelihood::new(camera, OptionalLikelihood::new(SparseLikelihood::new(3))).unwrap();
     let hmm = Hmm::new(source.prior().clone(), source.transition().clone(), sensor).unwrap();
-    let known: Vec<Vec<(usize, Option<usize>)>> = drives
+    let known: Vec<Vec<(usize, Option<SparseObservation>)>> = drives
         .iter()
         .map(|d| {
-            d.observations().iter().copied().zip(d.states().iter().copied().map(Some)).collect()
+            let known = d.states().iter().map(|&state| Some(SparseObservation::known(state)));
+            d.observations().iter().copied().zip(known).collect()
         })
         .collect();
     let learned = hmm.learn(&known, &learning).unwrap().into_model();

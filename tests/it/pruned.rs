@@ -6,9 +6,9 @@ use std::sync::Arc;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::{
-    Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, KnownState, Likelihood,
-    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning, Scratch,
-    SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood, canberra,
+    Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodVector,
+    LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning, Scratch, SparseLikelihood,
+    SparseObservation, SparseTransition, TableLikelihood, canberra,
 };
 
 use crate::kit::{cases_of, prior, rng, weighted};
@@ -379,9 +379,10 @@ fn local_likelihoods_are_those_of_the_diagonal() {
         check_local(&table, &symbol);
         check_local(&Fixed(Arc::new(table.clone())), &symbol);
         check_local(&OptionalLikelihood::new(table.clone()), &Some(symbol));
-        let fused = FusedLikelihood::new(table.clone(), KnownState::new(6)).unwrap();
+        let known = OptionalLikelihood::new(SparseLikelihood::new(6));
+        let fused = FusedLikelihood::new(table.clone(), known).unwrap();
         check_local(&fused, &(symbol, None));
-        check_local(&fused, &(symbol, Some(4)));
+        check_local(&fused, &(symbol, Some(SparseObservation::known(4))));
         let far = FusedLikelihood::new(LikelihoodVector::log(6).owned(), table.clone()).unwrap();
         check_local(&far, &(vec![-700.0, -701.0, f64::NEG_INFINITY, -702.0, -700.5, -9e9], symbol));
     }
@@ -391,7 +392,7 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     let linear = || LikelihoodVector::linear(6).owned();
     check_local(&FusedLikelihood::new(linear(), linear()).unwrap(), &(small.clone(), small));
     check_local(&SparseLikelihood::new(6), &SparseObservation::new(vec![(2, 0.5)], 0.1).unwrap());
-    check_local(&KnownState::new(6), &Some(3));
+    check_local(&SparseLikelihood::new(6), &SparseObservation::known(3));
     // Of more states than stand out, too.
     let rows: Vec<_> = (0..20).map(|i| [0.01 * f64::from(i), 1.0 - 0.01 * f64::from(i)]).collect();
     let table = TableLikelihood::from_rows(&rows).unwrap();
@@ -415,10 +416,11 @@ fn errors_of_a_sensor_say_what_is_wrong() {
         text(&[1.0, -1.0]),
         "state 1 has likelihood -1, expected a finite value of at least 0"
     );
-    let known = KnownState::new(2).local(&Some(2), &[], &mut [], &mut Scratch::default());
+    let known = SparseObservation::known(2);
+    let known = SparseLikelihood::new(2).local(&known, &[], &mut [], &mut Scratch::default());
     assert_eq!(
         known.unwrap_err().to_string(),
-        "state 2 is given as known, but there are 2 states (0 to 1)"
+        "the observation lists state 2, but there are 2 states (0 to 1)"
     );
 }
 

@@ -4,9 +4,9 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::observation::{AppearanceLikelihood, Spread};
 use wayfix::{
     Belief, DenseTransition, DistanceTransition, DwellTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, Likelihood, LikelihoodVector,
+    GroupedLikelihood, Groups, Hmm, KroneckerTransition, Likelihood, LikelihoodVector,
     OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
-    RestartTransition, SparseTransition, SwitchedTransition, TableLikelihood,
+    RestartTransition, SparseLikelihood, SparseObservation, SparseTransition, SwitchedTransition, TableLikelihood,
     TiedTransition, Transition, TransitionEntries,
 };
 
@@ -168,10 +168,11 @@ fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
             let camera = off_map.unwrap_or(camera);
             sensor(draw, &camera, &(0..n).map(|i| i as f32).collect::<Vec<_>>(), counts);
         }
-        3 => sensor(draw, &KnownState::new(n), &Some(0), counts),
+        3 => sensor(draw, &SparseLikelihood::new(n), &SparseObservation::known(0), counts),
         4 => sensor(draw, &OptionalLikelihood::new(table), &Some(2), counts),
         5 => {
-            let fused = FusedLikelihood::new(table, KnownState::new(n)).expect("as many states");
+            let known = OptionalLikelihood::new(SparseLikelihood::new(n));
+            let fused = FusedLikelihood::new(table, known).expect("as many states");
             sensor(draw, &fused, &(0, None), counts);
         }
         6 => {

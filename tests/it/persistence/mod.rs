@@ -11,10 +11,10 @@ use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::{
     Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood,
-    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector,
-    OptionalLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition,
-    SwitchedTransition, TableLikelihood, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
+    GroupedLikelihood, Hmm, KroneckerTransition, Learning, LikelihoodVector, OptionalLikelihood,
+    PowerTransition, Prior, RestartTransition, SparseLikelihood, SparseObservation,
+    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, Transition,
+    TransitionEntries, WindowTransition,
 };
 
 use self::damage::damage;
@@ -129,7 +129,8 @@ impl Parts {
             .map(|i| [0.6, 0.2 - 0.03 * i as f64, 0.2 + 0.03 * i as f64])
             .collect();
         let table = OptionalLikelihood::new(TableLikelihood::from_rows(&table).unwrap());
-        FusedLikelihood::new(table, KnownState::new(self.model.states)).unwrap()
+        let known = OptionalLikelihood::new(SparseLikelihood::new(self.model.states));
+        FusedLikelihood::new(table, known).unwrap()
     }
 
     fn hmm(&self) -> Nested {
@@ -140,7 +141,8 @@ impl Parts {
     }
 }
 
-type Place = FusedLikelihood<OptionalLikelihood<TableLikelihood>, KnownState>;
+type Place =
+    FusedLikelihood<OptionalLikelihood<TableLikelihood>, OptionalLikelihood<SparseLikelihood>>;
 type Nested =
     Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
 type Pairs =
@@ -248,8 +250,8 @@ proptest! {
         let n = parts.model.states;
         if let Ok(hmm) = serde_json::from_str::<Nested>(&damage.of(&json(&parts.hmm()))) {
             check_columns(hmm.transition(), &())?;
-            let _ = hmm.smooth(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
-            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
+            let _ = hmm.smooth(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
+            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
         }
         if let Some(window) = parts.window() {
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();

@@ -4,9 +4,10 @@ use serde::de::value::{Error as ValueError, SeqDeserializer};
 use serde::{Deserialize, de::DeserializeOwned};
 use wayfix::{
     Belief, DenseTransition, DwellTransition, Ends, FilterState, Fixed, FixedLagState,
-    FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition,
-    LikelihoodVector, OptionalLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition, WindowTransition,
+    FusedLikelihood, GroupedLikelihood, Groups, Hmm, KroneckerTransition, LikelihoodVector,
+    OptionalLikelihood, PowerTransition, Prior, RestartTransition, SparseLikelihood,
+    SparseObservation, SparseTransition, SwitchedTransition, TableLikelihood, TiedTransition,
+    WindowTransition,
 };
 
 use super::{json, stored};
@@ -69,13 +70,13 @@ fn the_format_is_as_documented() {
     assert_eq!(rows, r#"{"version":1,"rows":[[0.75,0.25],[0.5,0.5]]}"#);
     let optional = OptionalLikelihood::new(table);
     assert_eq!(json(&optional), format!(r#"{{"version":1,"sensor":{rows}}}"#));
-    let fused = FusedLikelihood::new(KnownState::new(2), LikelihoodVector::log(2)).unwrap();
+    let fused = FusedLikelihood::new(SparseLikelihood::new(2), LikelihoodVector::log(2)).unwrap();
     assert_eq!(
         json(&fused),
         r#"{"version":1,"first":{"version":1,"states":2},"second":{"version":1,"states":2,"log":true}}"#
     );
     let groups = Groups::new(vec![0, 1, 1]).unwrap();
-    let grouped = GroupedLikelihood::new(KnownState::new(2), groups).unwrap();
+    let grouped = GroupedLikelihood::new(SparseLikelihood::new(2), groups).unwrap();
     assert_eq!(
         json(&grouped),
         r#"{"version":1,"sensor":{"version":1,"states":2},"groups":[0,1,1]}"#
@@ -131,15 +132,15 @@ fn what_is_no_belief_group_or_table_is_refused() {
         r#"{"version":1,"rows":[[0.5,0.5],[1.0]]}"#,
         "the row of state 1 has 1 values, expected 2 as state 0",
     );
-    refuses::<GroupedLikelihood<KnownState>>(
+    refuses::<GroupedLikelihood<SparseLikelihood>>(
         r#"{"version":1,"sensor":{"version":1,"states":2},"groups":[0,0]}"#,
         "the sensor has 2 states, expected 1 as the number of groups",
     );
-    refuses::<FusedLikelihood<KnownState, KnownState>>(
+    refuses::<FusedLikelihood<SparseLikelihood, SparseLikelihood>>(
         r#"{"version":1,"first":{"version":1,"states":2},"second":{"version":1,"states":3}}"#,
         "the second sensor has 3 states, expected 2 as the first sensor",
     );
-    refuses::<OptionalLikelihood<KnownState>>(
+    refuses::<OptionalLikelihood<SparseLikelihood>>(
         r#"{"version":1,"sensor":{"version":1,"states":18446744073709551615}}"#,
         "memory allocation failed because the computed capacity exceeded the collection's maximum",
     );
@@ -147,14 +148,14 @@ fn what_is_no_belief_group_or_table_is_refused() {
 
 #[test]
 fn other_versions_and_fields_are_refused() {
-    refuses::<KnownState>(r#"{"version":2,"states":3}"#, "version 2, expected 1");
-    refuses::<KnownState>(r#"{"states":3}"#, "missing field `version`");
-    refuses::<KnownState>(r#"{"version":1}"#, "missing field `states`");
-    refuses::<KnownState>(
+    refuses::<SparseLikelihood>(r#"{"version":2,"states":3}"#, "version 2, expected 1");
+    refuses::<SparseLikelihood>(r#"{"states":3}"#, "missing field `version`");
+    refuses::<SparseLikelihood>(r#"{"version":1}"#, "missing field `states`");
+    refuses::<SparseLikelihood>(
         r#"{"version":1,"states":3,"state":3}"#,
         "unknown field `state`, expected `version` or `states`",
     );
-    refuses::<KnownState>("7", "invalid type: integer `7`, expected struct KnownState");
+    refuses::<SparseLikelihood>("7", "invalid type: integer `7`, expected struct SparseLikelihood");
     refuses::<FilterState>(
         r#"{"version":3,"steps":0,"steps_in_logs":0,"belief":[1.0],"logs":null,"log_likelihood":[0,0]}"#,
         "version 3, expected 1",
@@ -283,7 +284,7 @@ fn what_is_no_structured_operator_is_refused() {
     tied("[0,0,1,2]", &unlike(0, 1, 0));
 }
 
-type Staying = Hmm<DwellTransition<DenseTransition>, KnownState>;
+type Staying = Hmm<DwellTransition<DenseTransition>, SparseLikelihood>;
 
 #[test]
 fn what_is_no_model_is_refused_with_all_that_is_behind() {
@@ -301,7 +302,7 @@ fn what_is_no_model_is_refused_with_all_that_is_behind() {
     );
     // Each part is right but for rounding, but not what they make.
     let restart = r#"{"version":1,"inner":{"version":1,"states":1,"columns":[1.0000000009]},"keep":0.5,"restart":[0.5000000009]}"#;
-    refuses::<Hmm<RestartTransition<DenseTransition>, KnownState>>(
+    refuses::<Hmm<RestartTransition<DenseTransition>, SparseLikelihood>>(
         &format!(
             r#"{{"version":1,"prior":{{"at_first_observation":[1]}},"transition":{restart},"likelihood":{{"version":1,"states":1}},"rounds_tails":false}}"#
         ),
@@ -363,18 +364,19 @@ fn the_most_steps_that_are_read_are_the_most_that_are_taken() {
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
         crate::kit::still(2),
-        KnownState::new(2),
+        SparseLikelihood::new(2),
     )
     .unwrap();
     let mut filter = hmm.filter();
     filter.restore(&most).unwrap();
+    let known = SparseObservation::known(1);
     let full = "9007199254740992 steps have been taken, the most that can be counted";
-    assert_eq!(filter.step(&Some(1)).unwrap_err().to_string(), full);
+    assert_eq!(filter.step(&known).unwrap_err().to_string(), full);
     assert_eq!(filter.predict().unwrap_err().to_string(), full);
     assert_eq!(filter.snapshot(), most);
     let text = serde_json::to_string(&filter.snapshot()).unwrap();
     assert_eq!(serde_json::from_str::<FilterState>(&text).unwrap(), most);
-    filter.update(&Some(1)).unwrap();
+    filter.update(&known).unwrap();
     assert_eq!(filter.snapshot().steps(), most.steps());
 }
 
