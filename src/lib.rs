@@ -122,7 +122,9 @@
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
-//! - An error says what is wrong; what is behind it is its `source`.
+//! - An error says what is wrong and why: its text ends with that of its cause, which its
+//!   variant holds, too. Its `source` is what is behind the cause, so that a chain of errors
+//!   says nothing twice.
 //!
 //! # Exact or an error
 //!

@@ -1,9 +1,9 @@
 //! What can be wrong with models and observations, one enum per concern. What
 //! can be wrong with maps, sensors of places and scores stands with them.
 //!
-//! A message says what was found, where, and what was expected; where an error
-//! has a source, the source says so. States and
-//! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
+//! A message says what was found, where, and what was expected, and ends with that of
+//! its cause. As the cause is in the text, `source` is what is behind the cause, so that a
+//! chain says nothing twice. States and symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 mod inference;
 
@@ -321,7 +321,7 @@ impl fmt::Display for LikelihoodError {
                 "the observation lists state {state}, but there are {states} states (0 to {})",
                 states.saturating_sub(1)
             ),
-            Self::Sensor(_) => write!(f, "the sensor failed"),
+            Self::Sensor(source) => write!(f, "the sensor failed: {source}"),
         }
     }
 }
@@ -329,7 +329,7 @@ impl fmt::Display for LikelihoodError {
 impl Error for LikelihoodError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Sensor(source) => Some(&**source),
+            Self::Sensor(source) => source.source(),
             _ => None,
         }
     }
@@ -422,7 +422,7 @@ impl fmt::Display for HmmError {
             Self::StateCount { part, found, first, expected } => {
                 write!(f, "the {part} has {found} states, expected {expected} as the {first}")
             }
-            Self::Transition(_) => write!(f, "the transition operator is not valid"),
+            Self::Transition(source) => write!(f, "the transition operator is not valid: {source}"),
         }
     }
 }
@@ -430,7 +430,7 @@ impl fmt::Display for HmmError {
 impl Error for HmmError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Transition(source) => Some(source),
+            Self::Transition(source) => source.source(),
             _ => None,
         }
     }

@@ -98,12 +98,16 @@ fn bad_groups_and_unknown_states_are_named() {
     let prior = || Prior::AtFirstObservation(Belief::uniform(2).unwrap());
     let hmm = Hmm::new(prior(), still(2), SparseLikelihood::new(2)).unwrap();
     let error = hmm.smooth(&[1, 2].map(SparseObservation::known)).unwrap_err();
-    let source = std::error::Error::source(&error).unwrap().to_string();
-    assert_eq!(source, "the observation lists state 2, but there are 2 states (0 to 1)");
+    assert_eq!(
+        error.to_string(),
+        "step 2 has no valid likelihood: the observation lists state 2, but there are 2 states (0 to 1)"
+    );
     // A vector of a wrong length is found before it is spread over the states.
     let groups = Groups::new(vec![0, 0]).unwrap();
     let vector = GroupedLikelihood::new(LikelihoodVector::linear(1), groups).unwrap();
     let error = Hmm::new(prior(), still(2), vector).unwrap().filter().step(&[0.5; 3]).unwrap_err();
-    let source = std::error::Error::source(&error).unwrap().to_string();
-    assert_eq!(source, "the likelihood has 3 values, expected one for each of 1 states");
+    assert_eq!(
+        error.to_string(),
+        "step 1 has no valid likelihood: the likelihood has 3 values, expected one for each of 1 states"
+    );
 }
