@@ -93,7 +93,7 @@
 //! | what must not be learned | [`Fixed`] |
 //!
 //! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
-//! of a dozen lines. With [`LearnTransition`] or [`LearnLikelihood`],
+//! of a dozen lines; [`with_scratch`] lends an operator memory. With [`LearnTransition`] or [`LearnLikelihood`],
 //! [`Hmm::learn`] estimates them, too.
 //!
 //! On top stand [`map`] (places and roads, and the transitions that follow),
@@ -215,7 +215,7 @@ pub use transition::{
     DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition,
     KroneckerTransition, Odometry, OffMapTransition, PowerTransition, RestartTransition,
     SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
+    WindowTransition, with_scratch,
 };
 
 #[doc = include_str!("formulas.md")]

@@ -23,6 +23,7 @@ mod tied;
 mod window;
 
 pub use dense::DenseTransition;
+pub use buffers::with_scratch;
 pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;
 pub use evidence::EvidenceTransition;
@@ -98,6 +99,8 @@ use crate::kernels::{self, log2};
 ///
 /// With a control, the metres driven since the last sighting, on a line of
 /// places 100 m apart (n of them; what comes near the end stays there):
+/// Memory between two passes is lent by [`with_scratch`](crate::with_scratch).
+///
 ///
 /// ```
 /// use wayfix::{Transition, TransitionError};
