@@ -43,7 +43,9 @@
 //!
 //! What comes back gives the same numbers to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
-//! it, it may read the last bit of a number wrongly.
+//! it, it may read the last bit of a number wrongly. What is computed from there on another
+//! platform may differ in a last bit where there is a logarithm or an exponential: these come
+//! from the platform's mathematical library.
 //!
 //! # Checked
 //!
