@@ -12,7 +12,7 @@ use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, Aligned, LIFT};
 use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::transition::{NoControl, Transition};
 
 /// The streaming filter: the distribution of the present state given all
 /// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
@@ -86,7 +86,8 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// A filter at the prior. It allocates all that its steps will need.
+    /// A filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
+    /// filter that holds it. It allocates all that its steps will need.
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
@@ -406,7 +407,7 @@ where
 impl<M, A, B> Filter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: Transition<Control = ()>,
+    A: Transition,
     B: Likelihood,
 {
     /// One time step: prediction, then update with `observation`. Returns
@@ -415,8 +416,11 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// Prediction alone: one time step without an observation. The
@@ -425,8 +429,11 @@ where
     /// # Errors
     ///
     /// [`InferenceError`] if the operator does not give a distribution.
-    pub fn predict(&mut self) -> Result<(), InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<(), InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 
     /// The distribution `steps` ahead, without observations. The filter stays
@@ -444,8 +451,11 @@ where
     /// # Errors
     ///
     /// As [`predict`](Self::predict).
-    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError> {
-        self.forecast_with(&vec![(); steps])
+    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.forecast_with(&vec![A::Control::NONE; steps])
     }
 }
 

@@ -3,6 +3,7 @@
 use rand::Rng;
 
 use super::diagonal::Values;
+use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::{HmmError, LikelihoodError};
 
@@ -34,7 +35,11 @@ impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
     /// # Errors
     ///
     /// [`HmmError::StateCount`] if they differ in their number of states.
-    pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
+    pub fn new(first: B1, second: B2) -> Result<Self, HmmError>
+    where
+        B1::Observation: Owned,
+        B2::Observation: Owned,
+    {
         let (expected, found) = (first.states(), second.states());
         if found != expected {
             return Err(HmmError::StateCount {

@@ -6,6 +6,7 @@ mod fused;
 mod grouped;
 mod local;
 mod optional;
+mod owned;
 mod pooled;
 mod reestimate;
 mod shared;

@@ -9,6 +9,7 @@ mod dwell;
 mod evidence;
 mod kronecker;
 mod log;
+mod no_control;
 mod odometry;
 mod off_map;
 mod power;
@@ -22,12 +23,13 @@ mod switched;
 mod tied;
 mod window;
 
-pub use dense::DenseTransition;
 pub use buffers::with_scratch;
+pub use dense::DenseTransition;
 pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;
 pub use evidence::EvidenceTransition;
 pub use kronecker::KroneckerTransition;
+pub(crate) use no_control::NoControl;
 pub use odometry::Odometry;
 pub use off_map::OffMapTransition;
 pub use power::PowerTransition;
@@ -97,10 +99,10 @@ use crate::kernels::{self, log2};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// With a control, the metres driven since the last sighting, on a line of
-/// places 100 m apart (n of them; what comes near the end stays there):
 /// Memory between two passes is lent by [`with_scratch`](crate::with_scratch).
 ///
+/// With a control, the metres driven since the last sighting, on a line of
+/// places 100 m apart (n of them; what comes near the end stays there):
 ///
 /// ```
 /// use wayfix::{Transition, TransitionError};
