@@ -70,9 +70,8 @@ pub enum Offsets {
 /// # Cost and exactness
 ///
 /// O(n) a step, and an exponential for each reference; no allocation after
-/// warm-up. Its tails are those of a Gaussian, and on a long route beyond doubles: a
-/// model that need not keep them is faster
-/// [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
+/// warm-up. Over many steps its tails are beyond doubles, and not to be believed: a model is
+/// faster [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the
