@@ -16,7 +16,7 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use wayfix::likelihood::{GroupedLikelihood, RoundedTails};
+use wayfix::likelihood::GroupedLikelihood;
 use wayfix::motion::{
     RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
@@ -67,7 +67,7 @@ fn live(criterion: &mut Criterion) {
 
     let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], false)
         .expect("the weights sum to one");
-    let given = RoundedTails(LikelihoodVector::linear(PLACES).owned());
+    let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
     let camera = AppearanceLikelihood::new(PLACES).expect("there are references");
     step(criterion, "window of 5, rows of distances", &window, camera.clone(), &(), &rows);
@@ -102,6 +102,7 @@ fn step<A: Transition, B: Likelihood<Observation: Sized>>(
 ) {
     let start = Belief::uniform(motion.states()).expect("there are states");
     let hmm = Hmm::new(Prior::AtFirstObservation(start), motion, sensor).expect("they fit");
+    let hmm = hmm.with_rounded_tails();
     let mut filter = hmm.filter();
     let mut rows = rows.iter().cycle();
     criterion.bench_function(&format!("live step on 3576 references/{name}"), |b| {

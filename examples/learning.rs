@@ -23,11 +23,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let unknown = TurningProbabilities::new(&map, any_road)?.tied(&map);
     let anywhere = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES)?);
     let camera = Fixed(canberra::sensor(2.0)?);
-    let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?;
+    let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?.with_rounded_tails();
 
     // How they do drive: 200 recorded drives, and 200 to be tracked.
     let truth = TurningProbabilities::by_rule(&map, &TurningRule::default())?.into_transition();
-    let truth = Hmm::new(anywhere, truth, camera)?;
+    let truth = Hmm::new(anywhere, truth, camera)?.with_rounded_tails();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut drives = |count| (0..count).map(|_| truth.simulate(50, &mut rng)).collect::<Vec<_>>();
     let (recorded, new) = (drives(200), drives(200));

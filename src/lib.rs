@@ -77,7 +77,8 @@
 //! | [`guide`] | pages to read: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors) |
 //!
 //! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
-//! of a dozen lines. With [`LearnTransition`](transition::LearnTransition) or
+//! of a dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory.
+//! With [`LearnTransition`](transition::LearnTransition) or
 //! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
 //!
 //! # Conventions
@@ -94,7 +95,9 @@
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
-//! - An error says what is wrong; what is behind it is its `source`.
+//! - An error says what is wrong and why: its text ends with that of its cause, which its
+//!   variant holds, too. Its `source` is what is behind the cause, so that a chain of errors
+//!   says nothing twice.
 //!
 //! # Exact or an error
 //!
@@ -105,9 +108,9 @@
 //! hold a belief, it is kept in logarithms, so that one wild sighting does not
 //! rule out for good what it makes 1e-1000 as likely.
 //!
-//! A step in logarithms takes some ten times as long. Where the tails of a
-//! sensor are not to be believed anyway, [`RoundedTails`](likelihood::RoundedTails) spares them; the
-//! sensors of [`observation`] with a Gaussian come so.
+//! A step in logarithms takes some ten times as long. Where tails are not to be
+//! believed anyway, such as those of the sensors of [`observation`] with a Gaussian,
+//! a model [`with_rounded_tails`](Hmm::with_rounded_tails) spares them.
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it

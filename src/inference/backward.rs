@@ -149,6 +149,7 @@ impl Backward {
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else {
             self.gamma.copy_from_slice(gamma);
+            self.in_logs = false;
             return Ok(());
         };
         step.check_control(control)?;

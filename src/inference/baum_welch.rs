@@ -380,7 +380,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             .likelihood()
             .reestimate(&expected.sensor, learning.likelihood_pseudo_count)
             .map_err(LearnError::Likelihood)?;
-        Ok(Self::new(prior, transition, likelihood)?)
+        Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
     }
 
     fn log_prior(&self, learning: &LearningOptions) -> f64 {

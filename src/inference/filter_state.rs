@@ -26,6 +26,7 @@ pub(crate) const MOST_STEPS: usize =
 #[derive(Debug, Clone, PartialEq)]
 pub struct FilterSnapshot {
     pub(crate) steps: usize,
+    pub(crate) steps_in_logs: usize,
     pub(crate) belief: Belief,
     /// The logarithms of the belief, if it has values that doubles do not hold.
     pub(crate) logs: Option<Vec<f64>>,
@@ -41,6 +42,13 @@ impl FilterSnapshot {
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
+    }
+
+    /// How many of them were taken in logarithms, as
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
     }
 
     /// The belief after these steps.

@@ -18,15 +18,17 @@ pub struct FilteredSequence {
     posteriors: Posteriors,
     log_likelihoods: Vec<f64>,
     log_likelihood: f64,
+    steps_in_logs: usize,
 }
 
 impl FilteredSequence {
+    /// Of a routine that takes no step in logarithms.
     pub(super) fn new(
         posteriors: Posteriors,
         log_likelihoods: Vec<f64>,
         log_likelihood: f64,
     ) -> Self {
-        Self { posteriors, log_likelihoods, log_likelihood }
+        Self { posteriors, log_likelihoods, log_likelihood, steps_in_logs: 0 }
     }
 
     /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
@@ -45,6 +47,13 @@ impl FilteredSequence {
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
+    }
+
+    /// How many of the steps were taken in logarithms, as
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
     }
 }
 
@@ -84,8 +93,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut block = Block::new(self.states(), steps);
         block.fill(&mut filter, sequence, steps, |log| log_likelihoods.push(log))?;
         let log_likelihood = filter.log_likelihood();
+        let steps_in_logs = filter.steps_in_logs();
         let posteriors = block.rows.into_posteriors();
-        Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood })
+        Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood, steps_in_logs })
     }
 
     /// ln p(y_1 … y_T), without storing anything for each step.

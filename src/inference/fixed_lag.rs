@@ -12,7 +12,7 @@ use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::transition::{NoControl, Transition};
 
 /// The fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last
 /// steps j = k − L … k.
@@ -137,6 +137,14 @@ where
         &self.filter
     }
 
+    /// How many of the steps so far were taken in logarithms, as
+    /// [`Filter::steps_in_logs`] counts. As long as one is in the window, so is the way back
+    /// over it.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.filter.steps_in_logs()
+    }
+
     /// The lag, L.
     #[must_use]
     pub fn lag(&self) -> usize {
@@ -232,10 +240,10 @@ where
     }
 }
 
-impl<M, A, B> FixedLag<M, ()>
+impl<M, A, B> FixedLag<M, A::Control>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: Transition<Control = ()>,
+    A: Transition,
     B: Likelihood,
 {
     /// One time step: prediction, update, and back through the window. Returns
@@ -244,8 +252,11 @@ where
     /// # Errors
     ///
     /// As [`Filter::step_with`].
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// One time step without an observation.
@@ -253,7 +264,10 @@ where
     /// # Errors
     ///
     /// As [`Filter::predict_with`].
-    pub fn predict(&mut self) -> Result<(), InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<(), InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 }

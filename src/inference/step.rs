@@ -81,7 +81,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// In linear space, unless logarithms are needed: because the belief before
     /// is kept so, because the observation contradicts the prediction by more
     /// than 2^32, or because a state that is possible would get 0. The last does
-    /// not count after a sensor with rounded tails.
+    /// not count in a model with rounded tails.
     ///
     /// `lifted` follows the belief before.
     pub(super) fn advance(
@@ -103,7 +103,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
             if let Some((normalizer, form)) = advanced {
                 let log = normalizer.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
-                return Ok(Advanced { log, normalizer, in_logs: false, form });
+                return Ok(Advanced { log, normalizer, by_logs: false, in_logs: false, form });
             }
         }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
@@ -117,23 +117,25 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         if let Some(log_factor) = self.evidence()? {
             return self.advance_by_evidence(log_factor, diagonal, before, lifted, results, values);
         }
+        let tails_rounded = self.hmm.rounds_tails();
         // As they are, if they can be; whether they are valid is seen on the way.
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
-            let as_they_are = Likelihoods { diagonal, values: linear, scaled: false };
+            let as_they_are =
+                Likelihoods { diagonal, values: linear, scaled: false, tails_rounded };
             let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
             if let Some((normalizer, form)) = advanced {
                 let log = normalizer.ln() + diagonal.log_factor;
-                return Ok(Advanced { log, normalizer, in_logs: false, form });
+                return Ok(Advanced { log, normalizer, by_logs: false, in_logs: false, form });
             }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         let log_scale = self.scale(diagonal, largest, values)?;
         if before.logs.is_none() {
-            let scaled = Likelihoods { diagonal, values, scaled: true };
+            let scaled = Likelihoods { diagonal, values, scaled: true, tails_rounded };
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
             if let Some((scaled, form)) = advanced {
                 let log = scaled.ln() + log_scale + diagonal.log_factor;
-                return Ok(Advanced { log, normalizer: 0.0, in_logs: false, form });
+                return Ok(Advanced { log, normalizer: 0.0, by_logs: false, in_logs: false, form });
             }
         }
         self.predict_in_logs(before, None, results, values)?;
@@ -273,8 +275,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Err(InferenceError::Impossible { step: self.number });
         };
         let log = normalizer + log_scale + diagonal.log_factor;
-        let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
-        Ok(Advanced { log, normalizer: 0.0, in_logs, form: Form::Other })
+        let in_logs = !self.hmm.rounds_tails() && loses(results.logs, results.after);
+        Ok(Advanced { log, normalizer: 0.0, by_logs: true, in_logs, form: Form::Other })
     }
 
     /// The prediction in logarithms (into those of the results), checked: a
@@ -322,13 +324,15 @@ pub(super) struct Likelihoods<'a> {
     pub(super) values: &'a [f64],
     /// Whether they have been scaled, so that one of 0 may have been above.
     pub(super) scaled: bool,
+    /// Whether the model rounds tails.
+    pub(super) tails_rounded: bool,
 }
 
 impl<'a> Likelihoods<'a> {
     pub(super) fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
         // Without a lift, small results are not held, whatever becomes of them.
         let watch = match self {
-            _ if lift > 1.0 && self.diagonal.tails_rounded => Watch::Nothing,
+            _ if lift > 1.0 && self.tails_rounded => Watch::Nothing,
             Self { scaled: true, .. } => Watch::Predictions,
             Self { scaled: false, .. } => Watch::Products,
         };

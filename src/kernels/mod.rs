@@ -1,8 +1,8 @@
 //! Loops over vectors that more than one routine needs.
 //!
 //! Sums run in eight lanes: the compiler can then use vector registers, and
-//! the order of the additions, so the result to the bit, is the same on every
-//! machine.
+//! the order of the additions, so the result to the bit, is the same whatever
+//! instructions a machine has. (Logarithms and exponentials are those of the platform.)
 //!
 //! All unsafe code is here: instructions in `lanes`, indices that have been checked
 //! before in `sliced::walk`, and a system call in `pages`.

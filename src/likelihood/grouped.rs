@@ -118,10 +118,6 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         let diagonal = self.sensor.diagonal(observation, scratch);
         Some(diagonal.map(|diagonal| (diagonal, &self.groups)))
     }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
-    }
 }
 
 impl<B: SampleObservation> SampleObservation for GroupedLikelihood<B> {

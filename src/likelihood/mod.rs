@@ -21,13 +21,12 @@ mod diagonal;
 mod function;
 mod fused;
 mod grouped;
-mod known;
 mod learn;
 mod local;
 mod optional;
+mod owned;
 mod pooled;
 mod reestimate;
-mod rounded;
 mod shared;
 mod sparse;
 mod table;
@@ -40,12 +39,10 @@ pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
 pub use grouped::GroupedLikelihood;
-pub use known::KnownState;
 pub use learn::LearnLikelihood;
 pub use local::{LocalLikelihood, Unlisted};
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
-pub use rounded::RoundedTails;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
@@ -127,14 +124,6 @@ pub trait Likelihood {
     ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
         let _ = (observation, scratch);
         None
-    }
-
-    /// Whether its tails need not be kept, as those of
-    /// [`RoundedTails`]: asked where the sensor misses, in
-    /// [`OptionalLikelihood`]. False, unless an
-    /// implementation says otherwise.
-    fn rounds_tails(&self) -> bool {
-        false
     }
 
     /// Whether likelihoods are at hand, so that to ask for them costs nothing: the

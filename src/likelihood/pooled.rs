@@ -143,10 +143,6 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
         let log_factor = diagonal.log_factor + shift;
         Ok(Diagonal { values: Values::Log(pooled), log_factor, ..diagonal })
     }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
-    }
 }
 
 impl<B: SampleObservation> SampleObservation for PooledLikelihood<B> {

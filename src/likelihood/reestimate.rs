@@ -3,8 +3,8 @@
 use std::error::Error;
 
 use super::{
-    FusedLikelihood, GroupedLikelihood, KnownState, LearnLikelihood, Likelihood,
-    OptionalLikelihood, RoundedTails, TableLikelihood,
+    FusedLikelihood, GroupedLikelihood, LearnLikelihood, Likelihood, OptionalLikelihood,
+    SparseLikelihood, SparseObservation, TableLikelihood,
 };
 use crate::fixed::Fixed;
 
@@ -89,9 +89,6 @@ learns_the_inner! {
             self.sensor.add(statistics, y, posterior);
         },
         with(sensor) Self { sensor, ones: self.ones.clone() };
-    RoundedTails [], 0,
-        add(self, statistics, y, posterior) self.0.add(statistics, y, posterior),
-        with(sensor) Self(sensor);
     GroupedLikelihood [], sensor,
         add(self, statistics, y, posterior) {
             let mut groups = vec![0.0; self.groups.count()];
@@ -135,14 +132,14 @@ where
     }
 }
 
-/// It has nothing to learn; beside another sensor it makes learning
-/// semi-supervised.
-impl LearnLikelihood for KnownState {
+/// It has nothing to learn; with [known states](SparseObservation::known) beside another
+/// sensor it makes learning semi-supervised.
+impl LearnLikelihood for SparseLikelihood {
     type Statistics = ();
 
     fn statistics(&self) {}
 
-    fn add(&self, (): &mut (), _: &Option<usize>, _: &[f64]) {}
+    fn add(&self, (): &mut (), _: &SparseObservation, _: &[f64]) {}
 
     fn merge(&self, (): &mut (), (): &()) {}
 

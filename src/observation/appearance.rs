@@ -75,8 +75,8 @@ pub enum Offsets {
 /// # Cost and exactness
 ///
 /// O(n) a step, and an exponential for each reference; no allocation after
-/// warm-up. Its tails count as rounded, as those of
-/// [`RoundedTails`](crate::likelihood::RoundedTails).
+/// warm-up. Over many steps its tails are beyond doubles, and not to be believed: a model is
+/// faster [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the
@@ -332,11 +332,7 @@ impl Likelihood for AppearanceLikelihood {
         let log_factor = if seen { -(sum / n as f64).ln() } else { 0.0 };
         let diagonal =
             if linear { Diagonal::checked(values, 1.0, None) } else { Diagonal::log(values) };
-        Ok(Diagonal { log_factor, tails_rounded: true, ..diagonal })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        true
+        Ok(Diagonal { log_factor, ..diagonal })
     }
 }
 

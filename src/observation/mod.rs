@@ -15,7 +15,7 @@
 //! assert_eq!(confusion.probability(0, 104), Some(0.0)); // and never as one far away
 //!
 //! let camera = confusion.with_gaussian(&map, Metric::Metres, 150.0)?;
-//! # let _: wayfix::likelihood::RoundedTails<wayfix::TableLikelihood> = camera;
+//! # let _: wayfix::TableLikelihood = camera;
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!

@@ -2,7 +2,7 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::likelihood::RoundedTails); all transition operators but those with a
+//! [`Fixed`](crate::Fixed); all transition operators but those with a
 //! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
 //! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
 //! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
@@ -44,7 +44,9 @@
 //!
 //! What comes back gives the same numbers to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
-//! it, it may read the last bit of a number wrongly.
+//! it, it may read the last bit of a number wrongly. What is computed from there on another
+//! platform may differ in a last bit where there is a logarithm or an exponential: these come
+//! from the platform's mathematical library.
 //!
 //! # Checked
 //!
@@ -62,7 +64,7 @@
 //!
 //! | type | fields |
 //! |---|---|
-//! | `Hmm` | `prior`, `transition`, `likelihood` |
+//! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, whether tails are rounded |
 //! | `DenseTransition` | `states`; `columns`, column after column |
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
@@ -79,12 +81,12 @@
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
-//! | `KnownState` | `states` |
+//! | `SparseLikelihood` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
-//! | `FilterSnapshot` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
+//! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
@@ -94,7 +96,7 @@
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, the `OdometryReading` of a road map an object with `distance`
+//! what it holds, the `OdometryReading` of a road map an object with `distance`
 //! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
 //! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
 //! `before`, which is as `driven` above. The `Options` of a
@@ -206,7 +208,8 @@ stored! {
         prior: Prior = hmm.prior(),
         transition: A = hmm.transition(),
         likelihood: B = hmm.likelihood(),
-    } => Self::new(prior, transition, likelihood);
+        rounds_tails: bool = hmm.rounds_tails(),
+    } => Self::new(prior, transition, likelihood).map(|hmm| hmm.rounding_tails(rounds_tails));
 }
 
 impl<S: AsRef<[f64]>> Serialize for Belief<S> {

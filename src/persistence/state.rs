@@ -7,12 +7,13 @@ use crate::inference::{FilterSnapshot, FixedLagSnapshot, LogSum, MOST_STEPS};
 stored! {
     [] FilterSnapshot in inference: [], |state| {
         steps: usize = state.steps,
+        steps_in_logs: usize = state.steps_in_logs,
         belief: Belief = state.belief,
         logs: Option<Vec<Option<f64>>> = state.logs.as_ref().map(|logs| {
             logs.iter().map(|log| log.is_finite().then_some(*log)).collect::<Vec<_>>()
         }),
         log_likelihood: [f64; 2] = [state.log_likelihood.sum, state.log_likelihood.lost],
-    } => filter_state(steps, belief, logs, log_likelihood);
+    } => filter_state([steps, steps_in_logs], belief, logs, log_likelihood);
 
     [U] FixedLagSnapshot<U> in inference: [U], |state| {
         lag: usize = state.lag,
@@ -29,7 +30,7 @@ fn check_finite([sum, lost]: [f64; 2]) -> Result<(), String> {
 }
 
 fn filter_state(
-    steps: usize,
+    [steps, steps_in_logs]: [usize; 2],
     belief: Belief,
     logs: Option<Vec<Option<f64>>>,
     log_likelihood: [f64; 2],
@@ -56,7 +57,7 @@ fn filter_state(
     }
     check_finite(log_likelihood)?;
     let [sum, lost] = log_likelihood;
-    Ok(FilterSnapshot { steps, belief, logs, log_likelihood: LogSum { sum, lost } })
+    Ok(FilterSnapshot { steps, steps_in_logs, belief, logs, log_likelihood: LogSum { sum, lost } })
 }
 
 fn fixed_lag_state<U>(

@@ -56,6 +56,8 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
+/// Memory between two passes is lent by [`with_scratch`](crate::transition::with_scratch).
+///
 /// With a control, the metres driven since the last sighting, on a line of
 /// places 100 m apart (n of them; what comes near the end stays there):
 ///

@@ -120,5 +120,8 @@ fn an_empty_sequence_has_the_empty_path() {
 fn errors_name_the_step() {
     let hmm = canberra::hmm(5, 1.0).unwrap();
     let text = hmm.beam_viterbi(&[4, 999], 1.0).unwrap_err().to_string();
-    assert_eq!(text, "step 2 has no valid likelihood");
+    assert_eq!(
+        text,
+        "step 2 has no valid likelihood: symbol 999 does not exist, the table has 105 symbols (0 to 104)"
+    );
 }

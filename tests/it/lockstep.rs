@@ -3,7 +3,6 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::inference::{LearningOptions, Posteriors};
-use wayfix::likelihood::RoundedTails;
 use wayfix::transition::{LearnTransition, MoveCounts};
 use wayfix::{
     Belief, DenseTransition, Fixed, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior,
@@ -264,8 +263,8 @@ proptest! {
     #[test]
     fn extremes_are_left_to_who_knows_them(case in instances(true)) {
         check(&Hmm::new(case.prior(), case.sparse(), case.sensor()).unwrap(), &case.drives)?;
-        let rounded = RoundedTails(case.sensor());
-        check(&Hmm::new(case.prior(), case.dense(), rounded).unwrap(), &case.drives)?;
+        let rounded = Hmm::new(case.prior(), case.dense(), case.sensor()).unwrap();
+        check(&rounded.with_rounded_tails(), &case.drives)?;
     }
 
     #[test]

@@ -38,4 +38,5 @@ mod sensors;
 mod simulation;
 mod single;
 mod small;
+mod steps_in_logs;
 mod wide_range;

@@ -6,7 +6,6 @@ use std::cell::Cell;
 use proptest::prelude::*;
 use rand::{Rng, RngExt};
 use wayfix::inference::{Order, Posteriors};
-use wayfix::likelihood::RoundedTails;
 use wayfix::transition::{KroneckerTransition, RestartTransition};
 use wayfix::{
     Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior, SparseTransition,
@@ -217,7 +216,8 @@ proptest! {
         let sensor = sensor(n);
         let dense = dense(&m);
         check(&Hmm::new(start.clone(), &dense, sensor.clone()).unwrap(), &ys)?;
-        check(&Hmm::new(start.clone(), &dense, RoundedTails(sensor.clone())).unwrap(), &ys)?;
+        let rounded = Hmm::new(start.clone(), &dense, sensor.clone()).unwrap();
+        check(&rounded.with_rounded_tails(), &ys)?;
         let sparse = SparseTransition::from_operator(&dense).unwrap();
         check(&Hmm::new(start.clone(), &sparse, sensor.clone()).unwrap(), &ys)?;
         check(&Hmm::new(start.clone(), Own(m), sensor.clone()).unwrap(), &ys)?;

@@ -1,9 +1,8 @@
 //! Maps from CSV files.
 
 use wayfix::map::{MapError, Position, Road, RoadMap, TurningProbabilities, TurningRule};
-use wayfix::likelihood::KnownState;
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix::{Belief, Hmm, Prior};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;
@@ -92,13 +91,14 @@ fn check(map: &RoadMap, counts: &mut Counts) {
     let base = turning.expect("a rule that holds for every map").into_transition();
     let distances = DistanceTransition::on_map(map, base.clone()).expect("a road for each move");
     let prior = Prior::BeforeFirstTransition(Belief::uniform(n).expect("a place"));
-    let hmm = Hmm::new(prior.clone(), base, KnownState::new(n)).expect("a model");
-    hmm.filter().step(&None).expect("a step");
-    let hmm = Hmm::new(prior, distances, KnownState::new(n)).expect("a model");
+    let (sensor, nothing) = (LikelihoodVector::linear(n), vec![1.0; n]);
+    let hmm = Hmm::new(prior.clone(), base, sensor).expect("a model");
+    hmm.filter().step(&nothing).expect("a step");
+    let hmm = Hmm::new(prior, distances, sensor).expect("a model");
     let mut filter = hmm.filter();
     for odometry in [(250.0, 100.0), (0.0, 1e-9), (1e9, 1e300)] {
         let (distance, variance) = odometry;
-        filter.step_with(&Some(OdometryReading { distance, variance }), &None).expect("a step");
+        filter.step_with(&Some(OdometryReading { distance, variance }), &nothing).expect("a step");
         let sum: f64 = filter.belief().as_slice().iter().sum();
         assert!((sum - 1.0).abs() < 1e-9, "a belief that sums to {sum}");
     }

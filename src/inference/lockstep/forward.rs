@@ -59,7 +59,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
                 held[l] &= step > group.steps[l]
                     || normalizer >= LEAST_NORMALISER * sensed.largest[l]
                         && normalizer.is_finite()
-                        && (!lost[l] || sensed.rounded[l]);
+                        && (!lost[l] || self.hmm.rounds_tails());
                 if held[l] && step <= group.steps[l] {
                     let log = normalizer.ln() + sensed.logs[l];
                     log_likelihoods[l].add(log);

@@ -17,7 +17,7 @@ use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Scratch};
-use crate::transition::TransitionEntries;
+use crate::transition::{NoControl, TransitionEntries};
 pub use certificate::{Certificate, Pruning};
 
 use envelope::Envelope;
@@ -281,7 +281,7 @@ where
 impl<M, A, B> PrunedFilter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries<Control = ()>,
+    A: TransitionEntries,
     B: LocalLikelihood,
 {
     /// One time step: prediction, then update with `observation`. Says what is
@@ -290,8 +290,11 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// Prediction alone: one time step without an observation. The log-likelihood
@@ -300,7 +303,10 @@ where
     /// # Errors
     ///
     /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 }

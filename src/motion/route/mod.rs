@@ -80,15 +80,15 @@ pub enum RouteState {
 ///
 /// ```
 /// use wayfix::motion::{RouteControl, RouteTransition, Speeds};
-/// use wayfix::likelihood::{GroupedLikelihood, KnownState};
-/// use wayfix::{Belief, Hmm, Prior};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 ///
 /// // 50 images of a route, which the vehicle starts at the tenth of.
 /// let drive = RouteTransition::new(50, false, Speeds::default())?;
 /// let speed = drive.speeds().nearest(2.0);
 /// let start = drive.index(speed, 10).expect("there is such a place");
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 13, start)?);
-/// let sensor = GroupedLikelihood::new(KnownState::new(50), drive.place_groups())?;
+/// let sensor = GroupedLikelihood::new(LikelihoodVector::linear(50), drive.place_groups())?;
 /// let hmm = Hmm::new(prior, drive, sensor)?;
 ///
 /// let mut filter = hmm.filter();

@@ -10,14 +10,14 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::inference::{FixedLagSnapshot, LearningOptions};
-use wayfix::likelihood::{GroupedLikelihood, KnownState};
+use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
 use wayfix::transition::{
     DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
     TiedTransition, WindowTransition,
 };
 use wayfix::{
     Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
-    Prior, SparseTransition, TableLikelihood, Transition, TransitionEntries,
+    Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition, TransitionEntries,
 };
 
 use self::damage::damage;
@@ -132,7 +132,8 @@ impl Parts {
             .map(|i| [0.6, 0.2 - 0.03 * i as f64, 0.2 + 0.03 * i as f64])
             .collect();
         let table = OptionalLikelihood::new(TableLikelihood::from_rows(&table).unwrap());
-        FusedLikelihood::new(table, KnownState::new(self.model.states)).unwrap()
+        let known = OptionalLikelihood::new(SparseLikelihood::new(self.model.states));
+        FusedLikelihood::new(table, known).unwrap()
     }
 
     fn hmm(&self) -> Nested {
@@ -143,7 +144,8 @@ impl Parts {
     }
 }
 
-type Place = FusedLikelihood<OptionalLikelihood<TableLikelihood>, KnownState>;
+type Place =
+    FusedLikelihood<OptionalLikelihood<TableLikelihood>, OptionalLikelihood<SparseLikelihood>>;
 type Nested =
     Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
 type Pairs =
@@ -251,8 +253,8 @@ proptest! {
         let n = parts.model.states;
         if let Ok(hmm) = serde_json::from_str::<Nested>(&damage.of(&json(&parts.hmm()))) {
             check_columns(hmm.transition(), &())?;
-            let _ = hmm.smooth(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
-            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
+            let _ = hmm.smooth(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
+            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
         }
         if let Some(window) = parts.window() {
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
