@@ -16,13 +16,14 @@ use std::time::Duration;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates};
+use wayfix::likelihood::GroupedLikelihood;
+use wayfix::motion::{
+    RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
+};
 use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
 use wayfix::recognition::{Options, Recognizer};
-use wayfix::{
-    Belief, Ends, GroupedLikelihood, Hmm, Likelihood, LikelihoodVector, Prior, RoundedTails,
-    Transition, WindowTransition,
-};
+use wayfix::transition::WindowTransition;
+use wayfix::{Belief, Hmm, Likelihood, LikelihoodVector, Prior, Transition};
 
 /// Queries of the largest call.
 const MOST: usize = 64;
@@ -64,22 +65,22 @@ fn live(criterion: &mut Criterion) {
     let linear = |row: &Vec<f32>| row.iter().map(|d| f64::from(-d).exp()).collect();
     let likelihoods: Vec<Vec<f64>> = rows.iter().map(linear).collect();
 
-    let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], Ends::Stop)
+    let window = WindowTransition::new(PLACES, -1, &[0.05, 0.15, 0.6, 0.15, 0.05], false)
         .expect("the weights sum to one");
-    let given = RoundedTails(LikelihoodVector::linear(PLACES).owned());
+    let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
     let camera = AppearanceLikelihood::new(PLACES).expect("there are references");
     step(criterion, "window of 5, rows of distances", &window, camera.clone(), &(), &rows);
     let off_map = camera.clone().with_off_map(0.15).expect("a rank");
-    let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], Ends::Stop).expect("weights");
+    let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], false).expect("weights");
     step(criterion, "window of 2, rows, off map", &longer, off_map, &(), &rows);
 
     let stretches: Vec<usize> = (0..PLACES).collect();
     let route = RouteTransition::new(PLACES, false, Speeds::default())
-        .and_then(|route| route.with_views(&stretches, ViewRates::default()))
+        .and_then(|route| route.with_views(&stretches, ViewChangeRates::default()))
         .expect("a route");
     let camera = GroupedLikelihood::new(camera, route.place_groups()).expect("a group a place");
-    let view = Some(ViewEvidence { view: View::Changed, weight: 1.0 });
+    let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 1.0 });
     let control = RouteControl { view, ..RouteControl::default() };
     step(criterion, "13 speeds, rows of distances", &route, camera, &control, &rows);
 
@@ -101,6 +102,7 @@ fn step<A: Transition, B: Likelihood<Observation: Sized>>(
 ) {
     let start = Belief::uniform(motion.states()).expect("there are states");
     let hmm = Hmm::new(Prior::AtFirstObservation(start), motion, sensor).expect("they fit");
+    let hmm = hmm.with_rounded_tails();
     let mut filter = hmm.filter();
     let mut rows = rows.iter().cycle();
     criterion.bench_function(&format!("live step on 3576 references/{name}"), |b| {

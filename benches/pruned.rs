@@ -14,13 +14,15 @@ use std::time::{Duration, Instant};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use rand::RngExt;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
+use wayfix::inference::Pruning;
+use wayfix::likelihood::SparseObservation;
+use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 
 type Model = Hmm<SparseTransition, SparseLikelihood>;
 
 /// Streets of a grid: stop with 0.1, else go on to any neighbour alike.
 fn streets(places: usize, width: usize) -> SparseTransition {
-    let neighbours = move |at: usize| {
+    let neighbors = move |at: usize| {
         let column = at % width;
         let (left, right) = (column > 0, column + 1 < width);
         let ways =
@@ -28,8 +30,8 @@ fn streets(places: usize, width: usize) -> SparseTransition {
         ways.into_iter().flatten().filter(move |&to| to < places)
     };
     let entries = (0..places).flat_map(move |from| {
-        let go = 0.9 / neighbours(from).count() as f64;
-        std::iter::once((from, from, 0.1)).chain(neighbours(from).map(move |to| (to, from, go)))
+        let go = 0.9 / neighbors(from).count() as f64;
+        std::iter::once((from, from, 0.1)).chain(neighbors(from).map(move |to| (to, from, go)))
     });
     SparseTransition::from_triplets(places, entries).expect("a stochastic matrix")
 }

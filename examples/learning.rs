@@ -8,32 +8,36 @@
 use std::error::Error;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::inference::{LearningOptions, Simulation};
 use wayfix::map::{TurningProbabilities, TurningRule};
-use wayfix::{Belief, Fixed, Hmm, Learning, Prior, Simulation, canberra, evaluate};
+use wayfix::{Belief, Fixed, Hmm, Prior, canberra, evaluate};
 
 fn main() -> Result<(), Box<dyn Error>> {
     // Nobody knows how people drive here: to stay and to take any road are equally probable.
     let map = canberra::map();
     let any_road = (0..canberra::PLACES).flat_map(|from| {
-        let ways: Vec<usize> = map.neighbours(from).chain([from]).collect();
+        let ways: Vec<usize> = map.neighbors(from).chain([from]).collect();
         let share = 1.0 / ways.len() as f64;
         ways.into_iter().map(move |to| (from, to, share))
     });
     let unknown = TurningProbabilities::new(&map, any_road)?.tied(&map);
     let anywhere = Prior::AtFirstObservation(Belief::uniform(canberra::PLACES)?);
     let camera = Fixed(canberra::sensor(2.0)?);
-    let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?;
+    let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?.with_rounded_tails();
 
     // How they do drive: 200 recorded drives, and 200 to be tracked.
     let truth = TurningProbabilities::by_rule(&map, &TurningRule::default())?.into_transition();
-    let truth = Hmm::new(anywhere, truth, camera)?;
+    let truth = Hmm::new(anywhere, truth, camera)?.with_rounded_tails();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut drives = |count| (0..count).map(|_| truth.simulate(50, &mut rng)).collect::<Vec<_>>();
     let (recorded, new) = (drives(200), drives(200));
 
     let sightings: Vec<&[usize]> = recorded.iter().map(Simulation::observations).collect();
-    let learning =
-        Learning { keep_prior: true, transition_pseudo_count: 1.0, ..Learning::default() };
+    let learning = LearningOptions {
+        keep_prior: true,
+        transition_pseudo_count: 1.0,
+        ..LearningOptions::default()
+    };
     let learned = guess.learn(&sightings, &learning)?;
     println!(
         "{} parameters from {} drives: {:?} after {} iterations, objective {:.3} to {:.3}",
@@ -48,12 +52,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     // Two models in two lines: which explains the new drives better?
     let sightings: Vec<&[usize]> = new.iter().map(Simulation::observations).collect();
     let score = |scores: Vec<Result<f64, _>>| scores.into_iter().sum::<Result<f64, _>>();
-    println!("ln p of new drives, as guessed:  {:.3}", score(guess.score_all(&sightings))?);
+    println!(
+        "ln p of new drives, as guessed:  {:.3}",
+        score(guess.log_likelihood_all(&sightings))?
+    );
     println!(
         "ln p of new drives, as learned:  {:.3}",
-        score(learned.model().score_all(&sightings))?
+        score(learned.model().log_likelihood_all(&sightings))?
     );
-    println!("ln p of new drives, as they are: {:.3}", score(truth.score_all(&sightings))?);
+    println!(
+        "ln p of new drives, as they are: {:.3}",
+        score(truth.log_likelihood_all(&sightings))?
+    );
 
     let mut accuracies = [0.0; 3];
     for drive in &new {

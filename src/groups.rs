@@ -57,16 +57,17 @@ impl fmt::Display for GroupError {
 impl Error for GroupError {}
 
 /// A map from states to groups: places that were expanded into several states,
-/// by age ([`DwellTransition`](crate::DwellTransition)) or by weather
-/// ([`KroneckerTransition`](crate::KroneckerTransition)), or places of a
+/// by age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
+/// ([`KroneckerTransition`](crate::transition::KroneckerTransition)), or places of a
 /// district.
 ///
 /// It brings beliefs and paths back to groups;
-/// [`GroupedLikelihood`](crate::GroupedLikelihood) is a sensor that sees only
+/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) is a sensor that sees only
 /// them. Memory: 16 bytes a state.
 ///
 /// ```
-/// use wayfix::{Belief, Groups};
+/// use wayfix::likelihood::Groups;
+/// use wayfix::Belief;
 ///
 /// let districts = Groups::new(vec![0, 0, 1])?;
 /// let belief = Belief::new(vec![0.25, 0.5, 0.25])?;

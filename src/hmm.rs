@@ -74,6 +74,7 @@ pub struct Hmm<A, B> {
     prior: Prior,
     transition: A,
     likelihood: B,
+    rounds_tails: bool,
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
@@ -97,7 +98,46 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         transition::validate(&transition)?;
-        Ok(Self { prior, transition, likelihood })
+        Ok(Self { prior, transition, likelihood, rounds_tails: false })
+    }
+
+    /// The same model, whose filter and smoother may round to 0 what is below 2.2e-308
+    /// of the whole (the smallest normal double).
+    ///
+    /// For models with tails that are not to be believed, such as those of a sensor with
+    /// a Gaussian: on a map they make nearly every belief hold values beyond doubles,
+    /// and keeping these in logarithms takes some ten times as long. The price: a
+    /// state so improbable does not come back, even if all later observations speak
+    /// for it.
+    ///
+    /// ```
+    /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    ///
+    /// let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+    /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// let exact = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+    /// let seen = [[0.0, -800.0], [-1000.0, 0.0]];
+    /// assert_eq!(exact.smooth(&seen)?.posteriors().modes(), [1, 1]);
+    ///
+    /// let rounded = exact.with_rounded_tails();
+    /// assert_eq!(rounded.smooth(&seen)?.posteriors().modes(), [0, 0]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// Models [learned](Self::learn) from it and those read from a file keep the choice.
+    #[must_use]
+    pub fn with_rounded_tails(self) -> Self {
+        self.rounding_tails(true)
+    }
+
+    pub(crate) fn rounding_tails(self, rounds_tails: bool) -> Self {
+        Self { rounds_tails, ..self }
+    }
+
+    /// True for a model [with rounded tails](Self::with_rounded_tails).
+    #[must_use]
+    pub fn rounds_tails(&self) -> bool {
+        self.rounds_tails
     }
 
     /// The number of states, n.
@@ -124,7 +164,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         &self.likelihood
     }
 
-    /// Prior, transition operator and likelihood operator, moved out.
+    /// Prior, transition operator and likelihood operator, moved out. A model made of
+    /// them again keeps its tails unless it is told to
+    /// [round](Self::with_rounded_tails) them.
     #[must_use]
     pub fn into_parts(self) -> (Prior, A, B) {
         (self.prior, self.transition, self.likelihood)

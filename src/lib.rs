@@ -31,82 +31,55 @@
 //! # Overview
 //!
 //! The one type to know is [`Hmm`]: a [`Prior`], a [`Transition`] operator and
-//! a [`Likelihood`] operator. Its verbs for a **live stream** make a state that
-//! takes one observation at a time:
+//! a [`Likelihood`] operator. For a **live stream** it makes a state that takes one
+//! observation at a time:
 //!
 //! | verb | gives |
 //! |---|---|
 //! | [`Hmm::filter`] | [`Filter`]: p(now, given all so far), predictions and forecasts |
-//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the same for millions of states, within a bound that it proves |
 //! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
-//! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
+//! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the filter for millions of states, within a bound that it proves |
+//! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the most probable path, as far as it is final |
 //!
-//! Those for a **whole [`Sequence`]** take observations, or observations with
+//! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):
 //!
 //! | verb | gives |
 //! |---|---|
-//! | [`Hmm::forward`] | [`Filtering`]: every step given those up to it |
-//! | [`Hmm::smooth`] | [`Smoothing`]: every step given all |
+//! | [`Hmm::forward`] | each step given those up to it ([`FilteredSequence`](inference::FilteredSequence)) |
+//! | [`Hmm::smooth`] | each step given all ([`SmoothedSequence`](inference::SmoothedSequence)) |
 //! | [`Hmm::smooth_each`] | the same in O(n √T) memory, with pairwise posteriors, to a visitor |
-//! | [`Hmm::expected_moves`] | [`MoveCounts`]: how often each move was made |
-//! | [`Hmm::score`] | ln p(y_1 … y_T) |
-//! | [`Hmm::path_entropy`] | how unsure the whole path is |
-//! | [`Hmm::viterbi`], [`Hmm::k_best`] | [`ViterbiPath`]: the most probable paths, legal ones |
-//! | [`Hmm::beam_viterbi`] | [`BeamPath`]: the same for millions of states, and whether it is proven |
-//! | [`Hmm::path_sampler`] | [`PathSampler`]: paths drawn given all observations |
-//! | [`Hmm::learn`] | [`Learned`]: the model that explains many sequences best |
-//! | [`Hmm::learn_labelled`] | the model that labelled drives show |
+//! | [`Hmm::log_likelihood`] | ln p(y_1 … y_T) |
+//! | [`Hmm::viterbi`], [`Hmm::k_best`], [`Hmm::beam_viterbi`] | the most probable paths |
+//! | [`Hmm::path_sampler`] | paths drawn given all observations |
+//! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | how often each move was made; how unsure the whole path is |
+//! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a model of maximum likelihood, from sequences without labels or with |
 //!
-//! For many sequences at once there are [`Hmm::forward_all`],
-//! [`Hmm::smooth_all`], [`Hmm::score_all`] and [`Hmm::viterbi_all`]; and
-//! [`Hmm::simulate`] and [`Filter::simulate`] draw from the model. A method of
-//! a stream that ends in `_with` takes a control.
+//! [`Hmm::forward_all`], [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`] and
+//! [`Hmm::viterbi_all`] take many sequences at once; [`Hmm::simulate`] and
+//! [`Filter::simulate`] draw from the model. Methods of a stream that end in `_with` take a
+//! control.
 //!
-//! What moves and what is seen are operators, to be composed:
+//! The root holds the names that nearly every program needs. Everything else is in a
+//! module, whose front page says when to take what:
 //!
-//! | for | take |
+//! | module | holds |
 //! |---|---|
-//! | a map, a matrix | [`SparseTransition`], [`DenseTransition`] |
-//! | a route | [`WindowTransition`] |
-//! | a route, at hidden speeds, with odometry and what the camera says of a step | [`RouteTransition`](motion::RouteTransition) |
-//! | metres driven, on a map | [`DistanceTransition`], with [`Odometry`] as its control |
-//! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
-//! | other controls, a matrix for each step | [`SwitchedTransition`], or an operator of your own with a control |
-//! | a vehicle that may turn up anywhere | [`RestartTransition`] |
-//! | places that are on no map, or seen for the first time | [`OffMapTransition`] |
-//! | stops of any length | [`DwellTransition`], with a [`GroupedLikelihood`] |
-//! | two things that move side by side | [`KroneckerTransition`] |
-//! | sightings only every few steps | [`PowerTransition`] |
-//! | few parameters for many moves, to be learned | [`TiedTransition`] |
-//! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
-//! | likelihoods or their logarithms from elsewhere | [`LikelihoodVector`], [`LogLikelihoodFn`] |
-//! | likelihoods of a few states among millions | [`SparseLikelihood`] |
-//! | sightings that may be missing | [`OptionalLikelihood`] |
-//! | images along a route, from references and queries to answers | [`Recognizer`](recognition::Recognizer) |
-//! | images, by distances to reference images | [`AppearanceLikelihood`](observation::AppearanceLikelihood) |
-//! | several sensors | [`FusedLikelihood`] |
-//! | places that are known at some steps | [`KnownState`], fused with a sensor |
-//! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
-//! | places with several reference images each | [`PooledLikelihood`] |
-//! | tails that need not be exact | [`RoundedTails`] |
-//! | what must not be learned | [`Fixed`] |
+//! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
+//! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
+//! | [`inference`] | options and results of the verbs above |
+//! | [`map`] | places and roads, and the transitions that follow from them |
+//! | [`motion`] | vehicles: speeds along a route, odometry, distances on a map, off the map |
+//! | [`observation`] | images by their descriptors or distances, sensors that confuse neighbouring places |
+//! | [`recognition`] | places by images, from references and queries to answers, live and afterwards |
+//! | [`evaluate`] | recall, precision, calibration and other scores |
+//! | [`canberra`] | the paper's instance with 105 intersections, built from public parts alone |
+//! | [`guide`] | pages to read: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors) |
 //!
 //! Or implement [`Transition`] or [`Likelihood`] yourself: each has an example
-//! of a dozen lines. With [`LearnTransition`] or [`LearnLikelihood`],
-//! [`Hmm::learn`] estimates them, too.
-//!
-//! On top stand [`map`] (places and roads, and the transitions that follow),
-//! [`motion`] (speeds along a route, with odometry and changes of the view as evidence),
-//! [`observation`] (images by their descriptors or distances, and sensors that
-//! take a place for its neighbours), [`recognition`] (places by images: the two together,
-//! live and afterwards), [`evaluate`] (recall, precision and recall,
-//! calibration and other scores), and [`canberra`], an instance with
-//! 105 intersections, built from the public parts alone.
-//!
-//! [`from_descriptors`] goes from an N × d matrix of image descriptors to a live
-//! position. [`formulas`] derives what every routine computes, with its cost, its
-//! exactness and its sources. [`performance`] says what limits each, and what to use when.
+//! of a dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory.
+//! With [`LearnTransition`](transition::LearnTransition) or
+//! [`LearnLikelihood`](likelihood::LearnLikelihood), [`Hmm::learn`] estimates them, too.
 //!
 //! # Conventions
 //!
@@ -122,7 +95,9 @@
 //! - A **control** k drives the transition from k − 1 to k, the one before y_k.
 //! - **Ties** go to the lowest state.
 //! - Logarithms are natural.
-//! - An error says what is wrong; what is behind it is its `source`.
+//! - An error says what is wrong and why: its text ends with that of its cause, which its
+//!   variant holds, too. Its `source` is what is behind the cause, so that a chain of errors
+//!   says nothing twice.
 //!
 //! # Exact or an error
 //!
@@ -133,9 +108,9 @@
 //! hold a belief, it is kept in logarithms, so that one wild sighting does not
 //! rule out for good what it makes 1e-1000 as likely.
 //!
-//! A step in logarithms takes some ten times as long. Where the tails of a
-//! sensor are not to be believed anyway, [`RoundedTails`] spares them; the
-//! sensors of [`observation`] with a Gaussian come so.
+//! A step in logarithms takes some ten times as long. Where tails are not to be
+//! believed anyway, such as those of the sensors of [`observation`] with a Gaussian,
+//! a model [`with_rounded_tails`](Hmm::with_rounded_tails) spares them.
 //!
 //! An observation that the model rules out is an
 //! [error](InferenceError::Impossible) with its step, and leaves a filter as it
@@ -173,57 +148,37 @@ mod error;
 mod fixed;
 mod groups;
 mod hmm;
-mod inference;
 mod kernels;
-mod likelihood;
 mod random;
 mod sequence;
-mod transition;
 
 pub mod canberra;
 pub mod evaluate;
+pub mod guide;
+pub mod inference;
+pub mod likelihood;
 pub mod map;
 pub mod motion;
 pub mod observation;
 #[cfg(feature = "serde")]
 pub mod persistence;
 pub mod recognition;
+pub mod transition;
 
 pub use belief::{Belief, BeliefView};
-pub use error::{
-    BeliefError, HmmError, InferenceError, LearnError, LikelihoodError, SequenceError, TableError,
-    TransitionError,
-};
+pub use error::{BeliefError, HmmError, InferenceError, LikelihoodError, TransitionError};
 pub use fixed::Fixed;
-pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
-pub use inference::{
-    BeamPath, Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
-    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
-    Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
-    StopReason, ViterbiPath,
-};
+#[doc(inline)]
+pub use inference::{Filter, FixedLag, OnlineViterbi, PrunedFilter};
+#[doc(inline)]
 pub use likelihood::{
-    Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,
-    LocalLikelihood, LogLikelihoodFn, OptionalLikelihood, PooledLikelihood, RoundedTails,
-    SampleObservation, Scratch, SparseLikelihood, SparseObservation, TableLikelihood, Unlisted,
+    Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, OptionalLikelihood, Scratch,
+    SparseLikelihood, TableLikelihood,
 };
 pub use sequence::{Controlled, Sequence};
-pub use transition::{
-    DenseTransition, DistanceTransition, DwellTransition, Ends, EvidenceTransition,
-    KroneckerTransition, Odometry, OffMapTransition, PowerTransition, RestartTransition,
-    SparseTransition, Stored, SwitchedTransition, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
-};
-
-#[doc = include_str!("formulas.md")]
-pub mod formulas {}
-
-#[doc = include_str!("performance.md")]
-pub mod performance {}
-
-#[doc = include_str!("from_descriptors.md")]
-pub mod from_descriptors {}
+#[doc(inline)]
+pub use transition::{DenseTransition, SparseTransition, Transition, TransitionEntries};
 
 /// The README's example compiles.
 #[cfg(doctest)]

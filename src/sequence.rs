@@ -95,7 +95,8 @@ as_another! {
 /// transition leads to step 1, and the first control is not looked at.
 ///
 /// ```
-/// use wayfix::{Belief, Controlled, DenseTransition, Hmm, LikelihoodVector, Prior, SwitchedTransition};
+/// use wayfix::transition::SwitchedTransition;
+/// use wayfix::{Belief, Controlled, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// let park = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
 /// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;

@@ -2,7 +2,8 @@
 
 use std::hint::black_box;
 
-use wayfix::{Hmm, Learning, Likelihood, LikelihoodVector, Transition, TransitionEntries};
+use wayfix::inference::LearningOptions;
+use wayfix::{Hmm, Likelihood, LikelihoodVector, Transition, TransitionEntries};
 
 use crate::ceilings::{Machine, seconds};
 use crate::models::{self, Given, Model};
@@ -142,7 +143,7 @@ impl Report<'_> {
                 ..needs(2 * n * n, (1.0 / segments, sum / 2.0 / segments), 0)
             };
             self.add((&case, "score"), steps, needed, || {
-                black_box(model.hmm.score(&model.seen)).expect(POSSIBLE);
+                black_box(model.hmm.log_likelihood(&model.seen)).expect(POSSIBLE);
             });
             self.smooth(&case, &model, needs(4 * n * n, (2.0 / segments, sum / segments), 8 * n));
             let states = size_of::<usize>();
@@ -178,7 +179,8 @@ impl Report<'_> {
             self.smooth_all(case, &model, steps, Matrix::dense(n).smooth_all(count, steps));
             let Model { hmm, seen } = &model;
             let sequences = model.sequences(count, steps);
-            let once = Learning { iterations: 1, tolerance: 0.0, ..Learning::default() };
+            let once =
+                LearningOptions { iterations: 1, tolerance: 0.0, ..LearningOptions::default() };
             // Two E-steps, each with the two products and the outer one.
             let mut needs = Matrix::dense(n).smooth_all(count, steps);
             (needs.operations, needs.fresh) = (needs.operations + 2 * n * n, None);

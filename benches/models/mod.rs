@@ -63,14 +63,11 @@ pub(crate) fn table(n: usize, steps: usize) -> Model<DenseTransition, TableLikel
     Model { hmm, seen }
 }
 
-/// The sensor of the Canberra map, which names places.
-pub(crate) type Sensor = wayfix::RoundedTails<TableLikelihood>;
-
 /// The Canberra map, with its own sensor, from anywhere.
-pub(crate) fn canberra_table(steps: usize) -> Model<SparseTransition, Sensor> {
+pub(crate) fn canberra_table(steps: usize) -> Model<SparseTransition, TableLikelihood> {
     let (_, transition, sensor) = canberra::hmm(5, 1.0).expect("place 5 exists").into_parts();
     let prior = Prior::BeforeFirstTransition(uniform(transition.states()));
-    let hmm = Hmm::new(prior, transition, sensor).expect("one size");
+    let hmm = Hmm::new(prior, transition, sensor).expect("one size").with_rounded_tails();
     let seen = hmm.simulate(steps, &mut random(4)).observations().to_vec();
     Model { hmm, seen }
 }

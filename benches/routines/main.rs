@@ -52,7 +52,10 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{Hmm, LearnLikelihood, LearnTransition, Learning, Likelihood, TransitionEntries};
+use wayfix::inference::LearningOptions;
+use wayfix::likelihood::LearnLikelihood;
+use wayfix::transition::LearnTransition;
+use wayfix::{Hmm, Likelihood, TransitionEntries};
 
 use models::Model;
 use timed::{Group, POSSIBLE};
@@ -109,11 +112,11 @@ where
     });
     group.single("score", steps, || {
         let (hmm, ys) = one();
-        move || hmm.score(ys)
+        move || hmm.log_likelihood(ys)
     });
     group.batch("score", count * each, || {
         let (hmm, ys) = many();
-        move || hmm.score_all(&ys)
+        move || hmm.log_likelihood_all(&ys)
     });
     group.single("smooth", steps, || {
         let (hmm, ys) = one();
@@ -146,7 +149,7 @@ where
         let (mut smoother, mut seen) = (hmm.fixed_lag(10), seen.iter().cycle());
         move || seen.next().map(|y| smoother.step(y).expect(POSSIBLE))
     });
-    let once = &Learning { iterations: 1, tolerance: 0.0, ..Learning::default() };
+    let once = &LearningOptions { iterations: 1, tolerance: 0.0, ..LearningOptions::default() };
     let learn = |count, steps| {
         let Model { hmm, .. } = &**model;
         let ys = model.sequences(count, steps);

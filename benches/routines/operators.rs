@@ -5,21 +5,21 @@ use std::hint::black_box;
 use criterion::Criterion;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, Exp1};
+use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
 use wayfix::motion::{
-    OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+    OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
-use wayfix::{
-    Belief, DenseTransition, DistanceTransition, DwellTransition, Ends, KroneckerTransition,
-    Odometry, OffMapTransition, PowerTransition, RestartTransition, SparseTransition,
-    TransitionEntries, WindowTransition,
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, WindowTransition,
 };
+use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::timed::Group;
 
 /// All of them, with 1,050 places.
 pub(crate) fn all(criterion: &mut Criterion) {
     let n = 1050;
-    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], Ends::Loop).expect("a window");
+    let window = WindowTransition::new(n, 0, &[0.1, 0.6, 0.2, 0.1], true).expect("a window");
     let uniform = |n| Belief::uniform(n).expect("there are states");
     let turns = DenseTransition::from_fn(4, |i, j| if i == j { 0.7 } else { 0.1 }).expect("turns");
     let times = vec![[0.1, 0.4, 0.3, 0.2]; n];
@@ -30,7 +30,7 @@ pub(crate) fn all(criterion: &mut Criterion) {
     operator(criterion, "restart", &restart);
     let metres = |to: usize, from: usize| 100.0 * ((to + n - from) % n) as f64;
     let distance = DistanceTransition::new(sparse.clone(), metres).expect("lengths");
-    let driven = Odometry { distance: 120.0, variance: 400.0 };
+    let driven = OdometryReading { distance: 120.0, variance: 400.0 };
     operator_with(criterion, "by distance", &distance, &Some(driven));
     let off_map = OffMapTransition::new(sparse, 0.01, 0.1, uniform(n)).expect("one size");
     operator(criterion, "off the map", &off_map);
@@ -46,9 +46,9 @@ pub(crate) fn all(criterion: &mut Criterion) {
 fn route(criterion: &mut Criterion, n: usize) {
     let stretches: Vec<_> = (0..n).map(|place| place / (1 + place % 4)).collect();
     let route = RouteTransition::new(n, false, Speeds::default()).expect("few states");
-    let route = route.with_views(&stretches, ViewRates::default()).expect("a stretch each");
+    let route = route.with_views(&stretches, ViewChangeRates::default()).expect("a stretch each");
     let odometry = Some(0.8);
-    let view = Some(ViewEvidence { view: View::Changed, weight: 0.5 });
+    let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 0.5 });
     for (name, odometry, view) in [
         ("route at 13 speeds", None, None),
         ("route, odometry", odometry, None),

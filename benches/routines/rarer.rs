@@ -4,7 +4,9 @@ use std::cell::LazyCell;
 use std::hint::black_box;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{Labelled, LearnLikelihood, LearnTransition, Learning, Order};
+use wayfix::inference::{LabelledSequence, LearningOptions, Order};
+use wayfix::likelihood::LearnLikelihood;
+use wayfix::transition::LearnTransition;
 
 use crate::models::Model;
 use crate::timed::{Group, POSSIBLE};
@@ -57,10 +59,15 @@ where
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         move || sampler.draw(&mut rng)
     });
-    let once = &Learning { iterations: 1, ..Learning::default() };
+    let once = &LearningOptions { iterations: 1, ..LearningOptions::default() };
     group.single("learn labelled", steps, || {
         let (hmm, ys) = one();
         let path = hmm.viterbi(ys).expect(POSSIBLE).into_states();
-        move || hmm.learn_labelled(&[Labelled { initial: None, states: &path, sequence: ys }], once)
+        move || {
+            hmm.learn_labelled(
+                &[LabelledSequence { initial: None, states: &path, sequence: ys }],
+                once,
+            )
+        }
     });
 }

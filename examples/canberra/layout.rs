@@ -45,7 +45,7 @@ impl Layout {
         let mut roads = Vec::new();
         for from in 0..places.len() {
             for (to, road) in map.roads_from(from) {
-                let two_way = map.neighbours(to).any(|back| back == from);
+                let two_way = map.neighbors(to).any(|back| back == from);
                 if two_way && from > to {
                     continue;
                 }

@@ -152,7 +152,7 @@ impl Task<'_> {
                 masses.push((mass, self.recording.is_right(step, place, tolerance)));
             }
             tried += 1;
-            steps.extend(evaluate::steps_to_localise_correctly(&masses, 0.9, 5)?);
+            steps.extend(evaluate::steps_to_localize_correctly(&masses, 0.9, 5)?);
         }
         steps.sort_unstable();
         let (found, half) = match steps.get(steps.len() / 2) {

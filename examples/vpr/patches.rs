@@ -62,7 +62,7 @@ impl Frames {
                 for left in (0..cols).step_by(patch) {
                     let lines = (top..top + patch).map(|row| &frame[row * cols + left..][..patch]);
                     let pixels = lines.flatten().map(|&pixel| f64::from(pixel));
-                    normalise(pixels, &mut values);
+                    normalize(pixels, &mut values);
                 }
             }
         }
@@ -70,7 +70,7 @@ impl Frames {
     }
 }
 
-fn normalise(pixels: impl Iterator<Item = f64> + Clone, into: &mut Vec<f32>) {
+fn normalize(pixels: impl Iterator<Item = f64> + Clone, into: &mut Vec<f32>) {
     let (count, sum) = pixels.clone().fold((0.0, 0.0), |(n, sum), x| (n + 1.0, sum + x));
     let mean = sum / count;
     let variance = pixels.clone().map(|x| (x - mean).powi(2)).sum::<f64>() / count;
@@ -159,7 +159,7 @@ mod tests {
             let count = frames.count();
             let skip = skip.min(count - 1);
             let Frames { rows, cols, .. } = frames;
-            let normalised = |frame: usize, row: usize, col: usize| {
+            let normalized = |frame: usize, row: usize, col: usize| {
                 let pixel = |r: usize, c: usize| {
                     f64::from(frames.pixels[(frame * rows + r) * cols + c])
                 };
@@ -184,7 +184,7 @@ mod tests {
                 let (i, j) = (at / (count - skip), at % (count - skip) + skip);
                 let pixels = (0..rows).flat_map(|r| (0..cols).map(move |c| (r, c)));
                 let sum: f64 =
-                    pixels.map(|(r, c)| (normalised(i, r, c) - normalised(j, r, c)).abs()).sum();
+                    pixels.map(|(r, c)| (normalized(i, r, c) - normalized(j, r, c)).abs()).sum();
                 prop_assert!((sum / (rows * cols) as f64 - f64::from(*found)).abs() < 1e-5);
             }
         }

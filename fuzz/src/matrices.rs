@@ -1,12 +1,9 @@
 //! Random operators with the matrices that they must equal.
 
-use wayfix::motion::{
-    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
-};
-use wayfix::{
-    Belief, DenseTransition, DistanceTransition, Ends, Odometry, RestartTransition,
-    SparseTransition, SwitchedTransition, TransitionEntries, WindowTransition,
-};
+use wayfix::motion::{OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence};
+use wayfix::motion::{DistanceTransition, OdometryReading};
+use wayfix::transition::{RestartTransition, SwitchedTransition, WindowTransition};
+use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::draw::Draw;
 use crate::model::{Matrix, Range, weight};
@@ -61,26 +58,17 @@ pub(crate) fn plain(draw: &mut Draw<'_>, n: usize, range: Range) -> (Plain, Matr
 }
 
 fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)> {
-    let ends = draw.pick(&[Ends::Loop, Ends::Stop, Ends::Renormalise]);
+    let closed = draw.one_in(2);
     let first = draw.below(9).cast_signed() - 4;
     let count = 1 + draw.below(6);
     let weights = draw.distribution(count, |draw| weight(draw, range));
-    let window = WindowTransition::new(n, first, &weights, ends).ok()?;
+    let window = WindowTransition::new(n, first, &weights, closed).ok()?;
     let mut all = vec![vec![0.0; n]; n];
     let length = n.cast_signed();
     for from in 0..n {
         for (to, weight) in (from.cast_signed() + first..).zip(&weights) {
-            let to = match ends {
-                Ends::Loop => to.rem_euclid(length),
-                Ends::Stop => to.clamp(0, length - 1),
-                Ends::Renormalise if (0..length).contains(&to) => to,
-                Ends::Renormalise => continue,
-            };
+            let to = if closed { to.rem_euclid(length) } else { to.clamp(0, length - 1) };
             all[to.cast_unsigned()][from] += weight;
-        }
-        let sum: f64 = all.iter().map(|row| row[from]).sum();
-        if ends == Ends::Renormalise {
-            all.iter_mut().for_each(|row| row[from] /= sum);
         }
     }
     Some((Plain::Window(window), all))
@@ -111,7 +99,7 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             let odometry = |draw: &mut Draw<'_>| {
                 let distance = draw.pick(&[0.0, 1.0, 1.7, -2.0, 90.0, 150.0, 1e-3, 2.0]);
                 let variance = draw.pick(&[30.0, 100.0, 1e4]);
-                (!draw.one_in(4)).then_some(Odometry { distance, variance })
+                (!draw.one_in(4)).then_some(OdometryReading { distance, variance })
             };
             let controls: Vec<_> = (0..count).map(|_| odometry(draw)).collect();
             let matrices = controls.iter().map(|u| listed(&distance, u)).collect();
@@ -122,7 +110,7 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             let control = |draw: &mut Draw<'_>| {
                 let odometry = draw.pick(&[None, Some(0.0), Some(1.0), Some(1.7), Some(-2.0)]);
                 let odometry = if draw.one_in(8) { Some(1e6) } else { odometry };
-                let view = draw.pick(&[None, Some(View::Changed), Some(View::Unchanged)]);
+                let view = draw.pick(&[None, Some(ViewChange::Changed), Some(ViewChange::Unchanged)]);
                 let weight = draw.pick(&[1.0, 0.5, 0.0, 0.1]);
                 let view = view.map(|view| ViewEvidence { view, weight });
                 RouteControl { odometry, view, before: None }
@@ -159,7 +147,7 @@ fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
         let stretches: Vec<usize> = (0..places).map(|_| draw.below(3)).collect();
         let rates = [0.5, 1e-9, 0.999, 0.1];
         let (standing, alike, moved) = (draw.pick(&rates), draw.pick(&rates), draw.pick(&rates));
-        let rates = ViewRates { standing, alike, moved };
+        let rates = ViewChangeRates { standing, alike, moved };
         route.with_views(&stretches, rates).expect("valid rates")
     } else {
         route

@@ -2,11 +2,9 @@
 //! call goes to the operator itself.
 
 use wayfix::motion::{RouteControl, RouteTransition};
-use wayfix::{
-    DenseTransition, DistanceTransition, LearnTransition, MoveCounts, Odometry, RestartTransition,
-    SparseTransition, Stored, SwitchedTransition, Transition, TransitionEntries, TransitionError,
-    WindowTransition,
-};
+use wayfix::motion::{DistanceTransition, OdometryReading};
+use wayfix::transition::{LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition};
+use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
 
 /// Operators without a control.
 #[derive(Debug, Clone)]
@@ -22,7 +20,7 @@ pub(crate) enum Plain {
 pub(crate) enum Driven {
     Switched(SwitchedTransition<SparseTransition>, Vec<usize>),
     Route(RouteTransition, Vec<RouteControl>),
-    Distance(DistanceTransition, Vec<Option<Odometry>>),
+    Distance(DistanceTransition, Vec<Option<OdometryReading>>),
 }
 
 /// Evaluates the same expression for each operator `a` under its control `u`.

@@ -37,7 +37,7 @@ pub(crate) fn sum(logs: &[f64]) -> f64 {
     largest + logs.iter().map(|log| (log - largest).exp()).sum::<f64>().ln()
 }
 
-fn normalised(logs: &[f64]) -> Vec<f64> {
+fn normalized(logs: &[f64]) -> Vec<f64> {
     let total = sum(logs);
     logs.iter().map(|log| log - total).collect()
 }
@@ -62,7 +62,7 @@ impl Chain {
         let n = scene.states;
         let prior: Vec<f64> = scene.prior.iter().map(|p| p.ln()).collect();
         let mut chain = Self {
-            filtered: vec![normalised(&prior)],
+            filtered: vec![normalized(&prior)],
             prior,
             moves: Vec::new(),
             seen: Vec::new(),
@@ -94,15 +94,15 @@ impl Chain {
                 chain.stop = Some(Stop::Impossible(step));
                 break;
             }
-            let predicted = normalised(&predicted);
+            let predicted = normalized(&predicted);
             let joint: Vec<f64> = predicted.iter().zip(&seen).map(|(p, b)| p + b).collect();
-            let normaliser = sum(&joint);
-            if normaliser == f64::NEG_INFINITY {
+            let normalizer = sum(&joint);
+            if normalizer == f64::NEG_INFINITY {
                 chain.stop = Some(Stop::Impossible(step));
                 break;
             }
-            chain.filtered.push(normalised(&joint));
-            chain.steps.push(normaliser + largest + evidence);
+            chain.filtered.push(normalized(&joint));
+            chain.steps.push(normalizer + largest + evidence);
             chain.log_factors.push(log_factor);
             chain.moves.push(matrix);
             chain.seen.push(seen);
@@ -141,7 +141,7 @@ impl Chain {
         let mut beta = vec![0.0; n];
         for k in (0..=last).rev() {
             let joint: Vec<f64> = self.filtered[k].iter().zip(&beta).map(|(a, b)| a + b).collect();
-            gamma[k] = normalised(&joint);
+            gamma[k] = normalized(&joint);
             if k == 0 {
                 break;
             }
@@ -150,7 +150,7 @@ impl Chain {
             let before = &self.filtered[k - 1];
             let pair = |i: usize, j: usize| before[j] + matrix[i][j] + after[i];
             let all: Vec<f64> = (0..n * n).map(|at| pair(at / n, at % n)).collect();
-            pairs[k - 1] = normalised(&all).chunks(n).map(<[f64]>::to_vec).collect();
+            pairs[k - 1] = normalized(&all).chunks(n).map(<[f64]>::to_vec).collect();
             let back = |j: usize| (0..n).map(|i| matrix[i][j] + after[i]).collect::<Vec<_>>();
             beta = (0..n).map(|j| sum(&back(j))).collect();
             // Only ratios matter. Where the vehicle may be they stay near 0, with all

@@ -31,7 +31,7 @@ use std::fmt;
 use crate::belief::Belief;
 use crate::error::HmmError;
 use crate::hmm::{Hmm, Prior};
-use crate::likelihood::{RoundedTails, TableLikelihood};
+use crate::likelihood::TableLikelihood;
 use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
 use crate::observation::{Confusion, Metric, ObservationError};
 use crate::transition::SparseTransition;
@@ -47,8 +47,8 @@ pub const PLACES: usize = 105;
 const PLACES_CSV: &str = include_str!("places.csv");
 const ROADS_CSV: &str = include_str!("roads.csv");
 
-/// The model of the paper's experiments.
-pub type Model = Hmm<SparseTransition, RoundedTails<TableLikelihood>>;
+/// The model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
+pub type Model = Hmm<SparseTransition, TableLikelihood>;
 
 /// Why there is no model for these arguments.
 #[derive(Debug, Clone, PartialEq)]
@@ -130,14 +130,15 @@ pub fn turning() -> TurningProbabilities {
 /// # Errors
 ///
 /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0.
-pub fn sensor(sigma: f64) -> Result<RoundedTails<TableLikelihood>, ObservationError> {
+pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
     let map = map();
     Confusion::new(&map, MEAN_CORRECT)?.with_gaussian(&map, Metric::Index, sigma)
 }
 
 /// The model of the paper's experiments: the vehicle starts at the place with
 /// the number `initial` (the paper tries 5 and 90), one transition before the
-/// first observation, and the sensor has Gaussian noise of `sigma`.
+/// first observation, and the sensor has Gaussian noise of `sigma`, whose tails are
+/// [rounded](Hmm::with_rounded_tails).
 ///
 /// # Errors
 ///
@@ -146,5 +147,5 @@ pub fn hmm(initial: u64, sigma: f64) -> Result<Model, CanberraError> {
     let state = map().index_of_id(initial).ok_or(CanberraError::Place(initial))?;
     let certain = Belief::certain(PLACES, state).map_err(|_| CanberraError::Place(initial))?;
     let prior = Prior::BeforeFirstTransition(certain);
-    Ok(Hmm::new(prior, turning().into_transition(), sensor(sigma)?)?)
+    Ok(Hmm::new(prior, turning().into_transition(), sensor(sigma)?)?.with_rounded_tails())
 }

@@ -13,7 +13,7 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
-    /// it is 0. (After a sensor with [rounded tails](crate::RoundedTails) that
+    /// it is 0. (In a model with [rounded tails](crate::Hmm::with_rounded_tails) that
     /// counts as 0, too, which was below 2.2e-308 of the whole.)
     Impossible {
         /// The step, from 1.
@@ -127,8 +127,12 @@ impl fmt::Display for InferenceError {
                 f,
                 "the observation of step {step} is impossible in all states that were not pruned"
             ),
-            Self::Likelihood { step, .. } => write!(f, "step {step} has no valid likelihood"),
-            Self::Control { step, .. } => write!(f, "step {step} has no valid control"),
+            Self::Likelihood { step, source } => {
+                write!(f, "step {step} has no valid likelihood: {source}")
+            }
+            Self::Control { step, source } => {
+                write!(f, "step {step} has no valid control: {source}")
+            }
             Self::Predicted { step, state, value } => write!(
                 f,
                 "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
@@ -153,8 +157,8 @@ impl fmt::Display for InferenceError {
 impl Error for InferenceError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Likelihood { source, .. } => Some(source),
-            Self::Control { source, .. } => Some(source),
+            Self::Likelihood { source, .. } => source.source(),
+            Self::Control { source, .. } => source.source(),
             _ => None,
         }
     }
@@ -171,14 +175,14 @@ pub struct SequenceError {
 
 impl fmt::Display for SequenceError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { sequence, .. } = self;
-        write!(f, "sequence {sequence} failed")
+        let Self { sequence, source } = self;
+        write!(f, "sequence {sequence} failed: {source}")
     }
 }
 
 impl Error for SequenceError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
-        Some(&self.source)
+        self.source.source()
     }
 }
 
@@ -195,7 +199,7 @@ pub enum LearnError {
     },
     /// A sequence (or labelled drive) is not valid.
     Sequence(SequenceError),
-    /// A number of [`Learning`](crate::Learning) is NaN, negative or infinite.
+    /// A number of [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or infinite.
     Parameter {
         /// Which one.
         what: &'static str,
@@ -272,8 +276,9 @@ pub enum LearnError {
 impl fmt::Display for LearnError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Nothing { sequences, .. } => {
-                write!(f, "there is no sequence to learn from, of {sequences} given")
+            Self::Nothing { sequences, first } => {
+                write!(f, "there is no sequence to learn from, of {sequences} given")?;
+                first.iter().try_for_each(|first| write!(f, ": {first}"))
             }
             Self::Sequence(error) => fmt::Display::fmt(error, f),
             Self::Parameter { what, value } => {
@@ -299,9 +304,11 @@ impl fmt::Display for LearnError {
                 f,
                 "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
             ),
-            Self::Prior(_) => write!(f, "the prior cannot be estimated"),
-            Self::Transition(_) => write!(f, "the transition operator cannot be estimated"),
-            Self::Likelihood(_) => write!(f, "the sensor cannot be estimated"),
+            Self::Prior(source) => write!(f, "the prior cannot be estimated: {source}"),
+            Self::Transition(source) => {
+                write!(f, "the transition operator cannot be estimated: {source}")
+            }
+            Self::Likelihood(source) => write!(f, "the sensor cannot be estimated: {source}"),
             Self::Hmm(error) => fmt::Display::fmt(error, f),
             Self::Fell { iteration, before, after } => write!(
                 f,
@@ -314,12 +321,12 @@ impl fmt::Display for LearnError {
 impl Error for LearnError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Nothing { first: Some(first), .. } => Some(first),
-            Self::Sequence(error) => error.source(),
-            Self::Prior(source) => Some(source),
-            Self::Transition(source) => Some(source),
-            Self::Likelihood(source) => Some(&**source),
-            Self::Hmm(error) => error.source(),
+            Self::Nothing { first: Some(first), .. } => first.source(),
+            Self::Sequence(source) => source.source(),
+            Self::Prior(source) => source.source(),
+            Self::Transition(source) => source.source(),
+            Self::Likelihood(source) => source.source(),
+            Self::Hmm(source) => source.source(),
             _ => None,
         }
     }

@@ -1,9 +1,9 @@
 //! What can be wrong with models and observations, one enum per concern. What
 //! can be wrong with maps, sensors of places and scores stands with them.
 //!
-//! A message says what was found, where, and what was expected; where an error
-//! has a source, the source says so. States and
-//! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
+//! A message says what was found, where, and what was expected, and ends with that of
+//! its cause. As the cause is in the text, `source` is what is behind the cause, so that a
+//! chain says nothing twice. States and symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 mod inference;
 
@@ -267,13 +267,6 @@ pub enum LikelihoodError {
         /// How many symbols there are.
         symbols: usize,
     },
-    /// A state is said to be known that the model does not have.
-    State {
-        /// The state, from 0.
-        state: usize,
-        /// How many states there are.
-        states: usize,
-    },
     /// The bound on the likelihoods of states that were not listed is not a
     /// valid one.
     Bound {
@@ -318,11 +311,6 @@ impl fmt::Display for LikelihoodError {
                 "symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})",
                 symbols.saturating_sub(1)
             ),
-            Self::State { state, states } => write!(
-                f,
-                "state {state} is given as known, but there are {states} states (0 to {})",
-                states.saturating_sub(1)
-            ),
             Self::Bound { kind, value, expected } => write!(
                 f,
                 "the {kind} of states not listed is bounded by {value}, expected {expected}"
@@ -333,7 +321,7 @@ impl fmt::Display for LikelihoodError {
                 "the observation lists state {state}, but there are {states} states (0 to {})",
                 states.saturating_sub(1)
             ),
-            Self::Sensor(_) => write!(f, "the sensor failed"),
+            Self::Sensor(source) => write!(f, "the sensor failed: {source}"),
         }
     }
 }
@@ -341,7 +329,7 @@ impl fmt::Display for LikelihoodError {
 impl Error for LikelihoodError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Sensor(source) => Some(&**source),
+            Self::Sensor(source) => source.source(),
             _ => None,
         }
     }
@@ -434,7 +422,7 @@ impl fmt::Display for HmmError {
             Self::StateCount { part, found, first, expected } => {
                 write!(f, "the {part} has {found} states, expected {expected} as the {first}")
             }
-            Self::Transition(_) => write!(f, "the transition operator is not valid"),
+            Self::Transition(source) => write!(f, "the transition operator is not valid: {source}"),
         }
     }
 }
@@ -442,7 +430,7 @@ impl fmt::Display for HmmError {
 impl Error for HmmError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Transition(source) => Some(source),
+            Self::Transition(source) => source.source(),
             _ => None,
         }
     }

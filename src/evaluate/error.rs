@@ -82,7 +82,7 @@ impl fmt::Display for EvaluationError {
                 write!(f, "{estimated} estimates or controls for {truth} states, expected one each")
             }
             Self::Empty => write!(f, "no states to score, expected at least one"),
-            Self::Control { index, .. } => write!(f, "control {index} is not valid"),
+            Self::Control { index, source } => write!(f, "control {index} is not valid: {source}"),
             Self::State { index, state, states } => write!(
                 f,
                 "state {state} at index {index} does not exist, there are {states} states (0 to {})",
@@ -110,7 +110,7 @@ impl fmt::Display for EvaluationError {
 impl Error for EvaluationError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::Control { source, .. } => Some(source),
+            Self::Control { source, .. } => source.source(),
             _ => None,
         }
     }

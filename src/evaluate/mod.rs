@@ -13,10 +13,10 @@
 //! - **Probabilities** against what happened: [`ReliabilityDiagram`] with the
 //!   calibration errors, [`brier_score`], [`binary_log_score`], and
 //!   [`log_score`] for beliefs over places.
-//! - **Localisation**: [`steps_to_localise`], [`steps_to_localise_correctly`].
+//! - **Localisation**: [`steps_to_localize`], [`steps_to_localize_correctly`].
 //!
 //! ```
-//! use wayfix::evaluate::{self, PrecisionRecallCurve};
+//! use wayfix::evaluate::{PrecisionRecallCurve, self};
 //!
 //! // Where four pictures were taken; the third shows a new place. And what a
 //! // recogniser says: a place and how sure it is of it.
@@ -53,7 +53,7 @@ mod states;
 
 pub use error::EvaluationError;
 pub use illegal_moves::{illegal_moves, illegal_moves_with};
-pub use localisation::{steps_to_localise, steps_to_localise_correctly};
+pub use localisation::{steps_to_localize, steps_to_localize_correctly};
 pub use precision_recall::{PrecisionRecallCurve, PrecisionRecallPoint};
 pub use recall::{is_within, recall_within};
 pub use reliability::{ReliabilityBin, ReliabilityDiagram};

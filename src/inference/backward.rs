@@ -19,7 +19,7 @@
 //! hold q, predictions are made again.
 
 use super::held::Held;
-use super::step::{Step, is_one, normalise_logs};
+use super::step::{Step, is_one, normalize_logs};
 use crate::error::InferenceError;
 use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Retreat, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
@@ -61,7 +61,7 @@ pub(super) struct Carried {
 /// step with the likelihoods as they are, else 0.
 pub(super) struct Seen<'a, Y: ?Sized> {
     pub(super) observation: &'a Y,
-    pub(super) normaliser: f64,
+    pub(super) normalizer: f64,
 }
 
 impl Backward {
@@ -124,7 +124,7 @@ impl Backward {
     /// had so.
     fn weigh<B: Likelihood>(&mut self, likelihood: &B, seen: &Seen<'_, B::Observation>) -> bool {
         let Self { ratio, carried, scratch, .. } = self;
-        if seen.normaliser == 0.0 || !likelihood.is_at_hand() {
+        if seen.normalizer == 0.0 || !likelihood.is_at_hand() {
             return false;
         }
         // That it is valid has been seen on the way there.
@@ -134,7 +134,7 @@ impl Backward {
         if likelihoods.len() != ratio.len() {
             return false;
         }
-        let factor = 1.0 / (seen.normaliser * carried.sum);
+        let factor = 1.0 / (seen.normalizer * carried.sum);
         kernels::weigh(&carried.q, likelihoods, factor, ratio);
         true
     }
@@ -149,6 +149,7 @@ impl Backward {
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else {
             self.gamma.copy_from_slice(gamma);
+            self.in_logs = false;
             return Ok(());
         };
         step.check_control(control)?;
@@ -175,7 +176,7 @@ impl Backward {
         kernels::lift(alpha, &mut self.gamma);
         self.gamma.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
         let sum = kernels::sum(&self.gamma);
-        kernels::normalise(&mut self.gamma, sum);
+        kernels::normalize(&mut self.gamma, sum);
         // From here on it can go on by what was seen. (Should q overflow, the
         // next sum is not one.)
         let carried = &mut self.carried;
@@ -214,7 +215,7 @@ impl Backward {
             }
             *out += back;
         }
-        match normalise_logs(values, gamma) {
+        match normalize_logs(values, gamma) {
             Some(log) if log.abs() <= 1e-6 + 16.0 * f64::EPSILON * size => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);

@@ -2,17 +2,15 @@
 //! 1970; Rabiner 1989, section III-C).
 
 use super::checkpoints::Order;
-use super::learnable::{LearnLikelihood, LearnTransition};
 use super::lockstep::{self, Group, Memory, Plan};
-use super::pairs::MoveCounts;
-use super::{LogSum, many};
+use super::{LogSum, in_parallel};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::kernels::LANES;
-use crate::likelihood::Likelihood;
+use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{LearnTransition, MoveCounts, Transition};
 
 /// How [`Hmm::learn`] learns.
 ///
@@ -22,12 +20,12 @@ use crate::transition::Transition;
 /// forbidden.
 ///
 /// ```
-/// use wayfix::Learning;
-/// let learning = Learning { transition_pseudo_count: 0.5, keep_prior: true, ..Learning::default() };
+/// use wayfix::inference::LearningOptions;
+/// let learning = LearningOptions { transition_pseudo_count: 0.5, keep_prior: true, ..LearningOptions::default() };
 /// assert_eq!(learning.iterations, 100);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub struct Learning {
+pub struct LearningOptions {
     /// The largest number of re-estimations; 100 unless changed.
     pub iterations: usize,
     /// Stop when one gains less than this, in nats of the objective; 1e-3
@@ -44,7 +42,7 @@ pub struct Learning {
     pub likelihood_pseudo_count: f64,
 }
 
-impl Default for Learning {
+impl Default for LearningOptions {
     fn default() -> Self {
         Self {
             iterations: 100,
@@ -57,7 +55,7 @@ impl Default for Learning {
     }
 }
 
-impl Learning {
+impl LearningOptions {
     pub(super) fn check(&self) -> Result<(), LearnError> {
         for (what, value) in [
             ("tolerance", self.tolerance),
@@ -86,7 +84,7 @@ pub enum StopReason {
 ///
 /// Made by [`Hmm::learn`].
 #[derive(Debug)]
-pub struct Learned<A, B> {
+pub struct LearnedModel<A, B> {
     model: Hmm<A, B>,
     objectives: Vec<f64>,
     log_likelihood: f64,
@@ -94,7 +92,7 @@ pub struct Learned<A, B> {
     left_out: Vec<SequenceError>,
 }
 
-impl<A, B> Learned<A, B> {
+impl<A, B> LearnedModel<A, B> {
     /// The model learned.
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
@@ -158,7 +156,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// any lengths: Baum–Welch, from this model on, to a local maximum.
     ///
     /// Sequences that this model rules out take no part:
-    /// [`Learned::left_out`] names them.
+    /// [`LearnedModel::left_out`] names them.
     ///
     /// Structure is kept: what has probability 0 keeps it. What must not be
     /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration goes twice through
@@ -170,7 +168,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// the bit.
     ///
     /// ```
-    /// use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior, TableLikelihood};
+    /// use wayfix::inference::LearningOptions;
+    /// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     ///
     /// let hmm = Hmm::new(
     ///     Prior::AtFirstObservation(Belief::uniform(2)?),
@@ -178,7 +177,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
     /// )?;
     /// let seen = [vec![0, 0, 0, 0, 1, 1, 1], vec![1, 1, 1, 0, 0, 0, 0, 0]];
-    /// let learned = hmm.learn(&seen, &Learning::default())?;
+    /// let learned = hmm.learn(&seen, &LearningOptions::default())?;
     /// assert!(learned.log_likelihood() > learned.objectives()[0] + 2.0);
     /// assert!(learned.model().transition().get(0, 0) > 0.8); // it seldom changes
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -192,8 +191,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     pub fn learn<S>(
         &self,
         sequences: &[S],
-        learning: &Learning,
-    ) -> Result<Learned<A, B>, LearnError>
+        learning: &LearningOptions,
+    ) -> Result<LearnedModel<A, B>, LearnError>
     where
         A: LearnTransition,
         B: LearnLikelihood,
@@ -229,9 +228,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let converged = gain.is_some_and(|gain| gain < learning.tolerance);
             if converged || iteration == learning.iterations {
                 let reason = if converged { StopReason::Converged } else { StopReason::Iterations };
-                return Ok(Learned { model, objectives, log_likelihood, reason, left_out });
+                return Ok(LearnedModel { model, objectives, log_likelihood, reason, left_out });
             }
-            model = model.maximise(&expected, learning)?;
+            model = model.maximize(&expected, learning)?;
             let failed;
             (expected, failed) = model.expect(&kept);
             if let Some(error) = failed.into_iter().next() {
@@ -265,7 +264,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                         self.expect_together(plan, group, memory)
                     })
                 }
-                None => many::each(some, |(_, sequence)| self.expect_one(*sequence))
+                None => in_parallel::each(some, |(_, sequence)| self.expect_one(*sequence))
                     .into_iter()
                     .zip(some)
                     .map(|(result, (sequence, _))| {
@@ -345,7 +344,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(sequence.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {
-                    result = moves.add_step(number, pairs);
+                    result = pairs.add_to(moves, number);
                 }
             }
         })?;
@@ -355,10 +354,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 
     /// The model that fits the expectations best.
-    pub(super) fn maximise(
+    pub(super) fn maximize(
         &self,
         expected: &Expected<B>,
-        learning: &Learning,
+        learning: &LearningOptions,
     ) -> Result<Self, LearnError> {
         let belief = self.prior().belief();
         let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
@@ -381,10 +380,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             .likelihood()
             .reestimate(&expected.sensor, learning.likelihood_pseudo_count)
             .map_err(LearnError::Likelihood)?;
-        Ok(Self::new(prior, transition, likelihood)?)
+        Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
     }
 
-    fn log_prior(&self, learning: &Learning) -> f64 {
+    fn log_prior(&self, learning: &LearningOptions) -> f64 {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {

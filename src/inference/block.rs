@@ -21,12 +21,15 @@ pub(super) struct Block {
     /// The normaliser of the step to each row, as
     /// [`Advanced`](super::held::Advanced) has it.
     normalisers: Vec<f64>,
+    /// Whether the step to each row was taken in logarithms.
+    by_logs: Vec<bool>,
 }
 
 impl Block {
     pub(super) fn new(states: usize, steps: usize) -> Self {
         let rows = Rows::with_capacity(states, steps + 1);
-        Self { rows, logs: HashMap::new(), normalisers: vec![0.0; steps + 1] }
+        let (normalisers, by_logs) = (vec![0.0; steps + 1], vec![false; steps + 1]);
+        Self { rows, logs: HashMap::new(), normalisers, by_logs }
     }
 
     /// Runs a filter `steps` further and keeps all beliefs, beginning with the
@@ -51,7 +54,7 @@ impl Block {
             let control = sequence.control(step);
             let advanced = filter.step_in_full(control, sequence.observation(step))?;
             each(advanced.log);
-            self.normalisers[row] = advanced.normaliser;
+            (self.normalisers[row], self.by_logs[row]) = (advanced.normalizer, advanced.by_logs);
             self.keep(row, filter);
         }
         Ok(())
@@ -65,10 +68,15 @@ impl Block {
         }
     }
 
+    /// Whether the step to a row was taken in logarithms.
+    pub(super) fn by_logs(&self, row: usize) -> bool {
+        self.by_logs[row]
+    }
+
     /// What was seen on the way to a row, where `observation` is that of its
     /// step.
     pub(super) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Seen<'a, Y> {
-        Seen { observation, normaliser: self.normalisers[row] }
+        Seen { observation, normalizer: self.normalisers[row] }
     }
 
     pub(super) fn held(&self, row: usize) -> Held<'_> {

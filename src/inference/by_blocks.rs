@@ -37,7 +37,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if transition.smallest_entry(control) < LEAST_ENTRY {
             return None;
         }
-        let watch = if diagonal.tails_rounded { Watch::Nothing } else { Watch::Products };
+        let watch = if self.hmm.rounds_tails() { Watch::Nothing } else { Watch::Products };
         let after = &mut *results.lifted;
         let (mut updated, mut states) = (Updated::NONE, 0);
         transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {

@@ -8,8 +8,8 @@
 use super::backward::Backward;
 use super::block::Block;
 use super::filter::Filter;
-use super::filter_state::FilterState;
-use super::pairs::{MoveCounts, Pairs};
+use super::filter_state::FilterSnapshot;
+use super::pairs::Pairs;
 use super::posteriors::Rows;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
@@ -17,7 +17,7 @@ use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::{Transition, TransitionEntries};
+use crate::transition::{MoveCounts, Transition, TransitionEntries};
 
 /// Sequences of fewer numbers (states times steps) than this are one segment:
 /// half a megabyte a block, which a cache holds.
@@ -82,7 +82,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// has to compute its likelihoods.
     ///
     /// ```
-    /// use wayfix::Order;
+    /// use wayfix::inference::Order;
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
@@ -182,7 +182,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let (mut counts, mut result) = (MoveCounts::default(), Ok(()));
         self.smooth_each(sequence, Order::Backward, |step| {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                result = counts.add_step(step.step(), pairs);
+                result = pairs.add_to(&mut counts, step.step());
             }
         })?;
         result.map(|()| counts)
@@ -212,7 +212,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     /// Runs the filter over all, and keeps its state every `length` steps.
-    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterState>, f64), InferenceError> {
+    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
         let mut checkpoints = Vec::new();
         loop {
             let start = self.filter.snapshot();
@@ -238,7 +238,7 @@ where
     /// Returns how many steps it has.
     fn run(
         &mut self,
-        start: &FilterState,
+        start: &FilterSnapshot,
         length: usize,
         end: &[f64],
     ) -> Result<usize, InferenceError> {
@@ -258,7 +258,7 @@ where
         Ok(rows)
     }
 
-    fn step(&self, row: usize, start: &FilterState) -> SmoothedStep<'_, A> {
+    fn step(&self, row: usize, start: &FilterSnapshot) -> SmoothedStep<'_, A> {
         let (n, number) = (self.hmm.states(), start.steps() + row);
         let moves = row > 0 && self.hmm.prior().moves_at(number);
         let pairs = moves.then(|| Pairs {

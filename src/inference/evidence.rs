@@ -56,13 +56,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Advanced, InferenceError> {
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
+        let tails_rounded = self.hmm.rounds_tails();
         let (likelihoods, log_scale) = match diagonal.linear_values() {
             Some(linear) if UNSCALED.contains(&largest) => {
-                (Likelihoods { diagonal, values: linear, scaled: false }, 0.0)
+                (Likelihoods { diagonal, values: linear, scaled: false, tails_rounded }, 0.0)
             }
             _ => {
                 let log_scale = self.scale(diagonal, largest, values)?;
-                (Likelihoods { diagonal, values, scaled: true }, log_scale)
+                (Likelihoods { diagonal, values, scaled: true, tails_rounded }, log_scale)
             }
         };
         let log_factors = log_factor + diagonal.log_factor;
@@ -71,9 +72,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             && let Some((n, form)) =
                 self.advance_in_doubles_by_evidence(likelihoods, before, lifted, results)?
         {
-            let normaliser = if likelihoods.scaled { 0.0 } else { n };
+            let normalizer = if likelihoods.scaled { 0.0 } else { n };
             let log = n.ln() + log_scale + log_factors;
-            return Ok(Advanced { log, normaliser, in_logs: false, form });
+            return Ok(Advanced { log, normalizer, by_logs: false, in_logs: false, form });
         }
         self.predict_in_logs(before, Some(log_factor), results, values)?;
         let advanced = self.update_in_logs(diagonal, log_scale, results)?;

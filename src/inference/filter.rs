@@ -4,15 +4,15 @@ use std::mem;
 use std::ops::Deref;
 
 use super::LogSum;
-use super::filter_state::{FilterState, MOST_STEPS};
+use super::filter_state::{FilterSnapshot, MOST_STEPS};
 use super::held::{Advanced, Form, Held, Lifted, Results};
-use super::step::{Step, Workspace, loses, normalise_logs};
+use super::step::{Step, Workspace, loses, normalize_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, Aligned, LIFT};
 use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::transition::{NoControl, Transition};
 
 /// The streaming filter: the distribution of the present state given all
 /// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
@@ -28,7 +28,7 @@ use crate::transition::Transition;
 ///
 /// What a double does not hold (below 2.2e-308 of the whole) is kept in
 /// logarithms, at some cost in time, so that the filter can come back to such a
-/// state. Only after a sensor with [rounded tails](crate::RoundedTails) it
+/// state. Only in a model with [rounded tails](Hmm::with_rounded_tails) it
 /// becomes 0.
 ///
 /// ```
@@ -56,6 +56,7 @@ use crate::transition::Transition;
 pub struct Filter<M> {
     model: M,
     steps: usize,
+    steps_in_logs: usize,
     belief: Aligned,
     /// The logarithms of the belief, if it has values that doubles do not hold.
     logs: Option<Vec<f64>>,
@@ -85,7 +86,8 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// A filter at the prior. It allocates all that its steps will need.
+    /// A filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
+    /// filter that holds it. It allocates all that its steps will need.
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
@@ -94,6 +96,7 @@ where
         Self {
             lifted: Lifted::new(&belief),
             steps: 0,
+            steps_in_logs: 0,
             belief,
             logs: None,
             log_likelihood: LogSum::default(),
@@ -160,29 +163,34 @@ where
         let Self { after, after_lifted, after_logs, work, .. } = self;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
-        let mut in_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
+        let mut by_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
         // ln p(u), but for the log factor of the evidence.
         let mut log = 0.0;
-        if !in_logs {
+        if !by_logs {
             step.predict(lifted.values(belief), after);
             let sum = match evidence {
                 None => Some(step.check_prediction(after)?),
                 Some(_) => step.evidence_sum(after)?,
             };
             match sum {
-                Some(sum) => (in_logs, log) = (normalise(after, sum), (sum / LIFT).ln()),
-                None => in_logs = true,
+                Some(sum) => {
+                    let loses = normalize(after, sum);
+                    (by_logs, log) = (loses && !model.rounds_tails(), (sum / LIFT).ln());
+                }
+                None => by_logs = true,
             }
         }
-        if in_logs {
+        let mut in_logs = false;
+        if by_logs {
             let mut results = Results { predicted, after, lifted: after_lifted, logs: after_logs };
             let before = Held { linear: belief, logs: logs.as_deref() };
             step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
-            log = normalise_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
-            in_logs = loses(after_logs, after);
+            log = normalize_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
+            in_logs = !model.rounds_tails() && loses(after_logs, after);
         }
         let log = evidence.map_or(0.0, |log_factor| log + log_factor);
-        self.commit(number, &Advanced { log, normaliser: 0.0, in_logs, form: Form::Other });
+        let form = Form::Other;
+        self.commit(number, &Advanced { log, normalizer: 0.0, by_logs, in_logs, form });
         Ok(())
     }
 
@@ -239,6 +247,32 @@ where
         self.steps
     }
 
+    /// How many of the steps so far were taken in logarithms, which is several times
+    /// slower: doubles did not hold the belief before or after, or the observation
+    /// contradicted the prediction too much. A prediction and an update alone count one
+    /// each.
+    ///
+    /// If these are many and the tails of the model are not to be believed anyway, it is
+    /// faster [with rounded tails](Hmm::with_rounded_tails).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 0);
+    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 2);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
+    }
+
     /// The model.
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
@@ -248,9 +282,10 @@ where
     /// A copy of all that the filter knows. A filter that is
     /// [restored](Self::restore) from it goes on with identical bits.
     #[must_use]
-    pub fn snapshot(&self) -> FilterState {
-        FilterState {
+    pub fn snapshot(&self) -> FilterSnapshot {
+        FilterSnapshot {
             steps: self.steps,
+            steps_in_logs: self.steps_in_logs,
             belief: self.belief().to_owned(),
             logs: self.logs.clone(),
             log_likelihood: self.log_likelihood,
@@ -259,8 +294,9 @@ where
 
     /// The same in place of another one of this model. Allocates nothing, unless there
     /// are logarithms now.
-    pub(super) fn snapshot_to(&self, state: &mut FilterState) {
-        (state.steps, state.log_likelihood) = (self.steps, self.log_likelihood);
+    pub(super) fn snapshot_to(&self, state: &mut FilterSnapshot) {
+        (state.steps, state.steps_in_logs) = (self.steps, self.steps_in_logs);
+        state.log_likelihood = self.log_likelihood;
         let belief = state.belief.as_mut_vec();
         belief.clear();
         belief.extend_from_slice(&self.belief);
@@ -272,12 +308,12 @@ where
     /// # Errors
     ///
     /// [`InferenceError::StateCount`] if it has another number of states.
-    pub fn restore(&mut self, snapshot: &FilterState) -> Result<(), InferenceError> {
+    pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), InferenceError> {
         let (found, expected) = (snapshot.belief.states(), self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        self.steps = snapshot.steps;
+        (self.steps, self.steps_in_logs) = (snapshot.steps, snapshot.steps_in_logs);
         self.log_likelihood = snapshot.log_likelihood;
         self.belief.copy_from_slice(snapshot.belief.as_slice());
         if let Some(logs) = &snapshot.logs {
@@ -292,7 +328,7 @@ where
     pub fn restart(&mut self) {
         let Self { model, belief, .. } = self;
         belief.copy_from_slice(model.prior().belief().as_slice());
-        (self.steps, self.log_likelihood) = (0, LogSum::default());
+        (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
         self.lifted.follow(&self.belief);
         self.keep_logs(false);
     }
@@ -348,6 +384,7 @@ where
         self.lifted.commit(advanced.form, &mut self.after_lifted);
         self.keep_logs(advanced.in_logs);
         self.steps = number;
+        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(advanced.by_logs));
         self.log_likelihood.add(advanced.log);
     }
 
@@ -370,7 +407,7 @@ where
 impl<M, A, B> Filter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: Transition<Control = ()>,
+    A: Transition,
     B: Likelihood,
 {
     /// One time step: prediction, then update with `observation`. Returns
@@ -379,8 +416,11 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// Prediction alone: one time step without an observation. The
@@ -389,8 +429,11 @@ where
     /// # Errors
     ///
     /// [`InferenceError`] if the operator does not give a distribution.
-    pub fn predict(&mut self) -> Result<(), InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<(), InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 
     /// The distribution `steps` ahead, without observations. The filter stays
@@ -408,16 +451,19 @@ where
     /// # Errors
     ///
     /// As [`predict`](Self::predict).
-    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError> {
-        self.forecast_with(&vec![(); steps])
+    pub fn forecast(&self, steps: usize) -> Result<Belief, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.forecast_with(&vec![A::Control::NONE; steps])
     }
 }
 
 /// A prediction sums to one but for rounding, which must not add up over many.
 /// Returns whether something rounds to 0.
-fn normalise(predicted: &mut [f64], sum: f64) -> bool {
+fn normalize(predicted: &mut [f64], sum: f64) -> bool {
     let least = f64::MIN_POSITIVE * sum;
     let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);
-    kernels::normalise(predicted, sum);
+    kernels::normalize(predicted, sum);
     loses
 }

@@ -24,15 +24,16 @@ pub(crate) const MOST_STEPS: usize =
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub struct FilterState {
+pub struct FilterSnapshot {
     pub(crate) steps: usize,
+    pub(crate) steps_in_logs: usize,
     pub(crate) belief: Belief,
     /// The logarithms of the belief, if it has values that doubles do not hold.
     pub(crate) logs: Option<Vec<f64>>,
     pub(crate) log_likelihood: LogSum,
 }
 
-impl FilterState {
+impl FilterSnapshot {
     pub(super) fn held(&self) -> Held<'_> {
         Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }
@@ -41,6 +42,13 @@ impl FilterState {
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
+    }
+
+    /// How many of them were taken in logarithms, as
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
     }
 
     /// The belief after these steps.

@@ -14,19 +14,21 @@ use crate::transition::Transition;
 ///
 /// Made by [`Hmm::forward`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Filtering {
+pub struct FilteredSequence {
     posteriors: Posteriors,
     log_likelihoods: Vec<f64>,
     log_likelihood: f64,
+    steps_in_logs: usize,
 }
 
-impl Filtering {
+impl FilteredSequence {
+    /// Of a routine that takes no step in logarithms.
     pub(super) fn new(
         posteriors: Posteriors,
         log_likelihoods: Vec<f64>,
         log_likelihood: f64,
     ) -> Self {
-        Self { posteriors, log_likelihoods, log_likelihood }
+        Self { posteriors, log_likelihoods, log_likelihood, steps_in_logs: 0 }
     }
 
     /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
@@ -45,6 +47,13 @@ impl Filtering {
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
+    }
+
+    /// How many of the steps were taken in logarithms, as
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
     }
 }
 
@@ -71,7 +80,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// [`InferenceError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn forward<S>(&self, sequence: &S) -> Result<Filtering, InferenceError>
+    pub fn forward<S>(&self, sequence: &S) -> Result<FilteredSequence, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
@@ -84,8 +93,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let mut block = Block::new(self.states(), steps);
         block.fill(&mut filter, sequence, steps, |log| log_likelihoods.push(log))?;
         let log_likelihood = filter.log_likelihood();
+        let steps_in_logs = filter.steps_in_logs();
         let posteriors = block.rows.into_posteriors();
-        Ok(Filtering { posteriors, log_likelihoods, log_likelihood })
+        Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood, steps_in_logs })
     }
 
     /// ln p(y_1 … y_T), without storing anything for each step.
@@ -105,7 +115,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # let (slow, fast) = (hmm(0.9)?, hmm(0.5)?);
     /// // Which of two models explains the sightings better, and by how much?
     /// let seen = [0, 0, 0, 0, 1, 1, 1, 1];
-    /// let log_odds = slow.score(&seen)? - fast.score(&seen)?;
+    /// let log_odds = slow.log_likelihood(&seen)? - fast.log_likelihood(&seen)?;
     /// assert!(log_odds > 0.0); // the slow one
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -113,7 +123,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// As [`forward`](Self::forward).
-    pub fn score<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    pub fn log_likelihood<S>(&self, sequence: &S) -> Result<f64, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {

@@ -6,13 +6,13 @@ use std::ops::Deref;
 
 use super::backward::Backward;
 use super::filter::Filter;
-use super::filter_state::FilterState;
+use super::filter_state::FilterSnapshot;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
-use crate::transition::Transition;
+use crate::transition::{NoControl, Transition};
 
 /// The fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last
 /// steps j = k − L … k.
@@ -48,12 +48,12 @@ pub struct FixedLag<M, U> {
     lag: usize,
     /// What the filter knew before each of the last L steps, oldest first, and
     /// what drove the step.
-    past: VecDeque<(FilterState, U)>,
+    past: VecDeque<(FilterSnapshot, U)>,
     /// γ of the present step, of the one before, and so on.
     window: Vec<Vec<f64>>,
     backward: Backward,
     /// Memory of a state that has left the window.
-    spare: Option<FilterState>,
+    spare: Option<FilterSnapshot>,
 }
 
 /// All that a fixed-lag smoother knows: plain data, to be kept, compared, sent
@@ -61,10 +61,10 @@ pub struct FixedLag<M, U> {
 ///
 /// Made by [`FixedLag::snapshot`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct FixedLagState<U> {
+pub struct FixedLagSnapshot<U> {
     pub(crate) lag: usize,
-    pub(crate) present: FilterState,
-    pub(crate) past: Vec<(FilterState, U)>,
+    pub(crate) present: FilterSnapshot,
+    pub(crate) past: Vec<(FilterSnapshot, U)>,
 }
 
 impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
@@ -137,6 +137,14 @@ where
         &self.filter
     }
 
+    /// How many of the steps so far were taken in logarithms, as
+    /// [`Filter::steps_in_logs`] counts. As long as one is in the window, so is the way back
+    /// over it.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.filter.steps_in_logs()
+    }
+
     /// The lag, L.
     #[must_use]
     pub fn lag(&self) -> usize {
@@ -146,9 +154,9 @@ where
     /// A copy of all that the smoother knows. One that is
     /// [restored](Self::restore) from it goes on with identical bits.
     #[must_use]
-    pub fn snapshot(&self) -> FixedLagState<A::Control> {
+    pub fn snapshot(&self) -> FixedLagSnapshot<A::Control> {
         let past = self.past.iter().cloned().collect();
-        FixedLagState { lag: self.lag, present: self.filter.snapshot(), past }
+        FixedLagSnapshot { lag: self.lag, present: self.filter.snapshot(), past }
     }
 
     /// Goes back (or over) to a snapshot, and takes over its lag.
@@ -158,7 +166,10 @@ where
     /// [`InferenceError::StateCount`] if it has another number of states, or
     /// [`InferenceError::Control`] for a control that is not one of the model.
     /// The smoother then is as before.
-    pub fn restore(&mut self, snapshot: &FixedLagState<A::Control>) -> Result<(), InferenceError> {
+    pub fn restore(
+        &mut self,
+        snapshot: &FixedLagSnapshot<A::Control>,
+    ) -> Result<(), InferenceError> {
         let before = self.snapshot();
         self.filter.restore(&snapshot.present)?;
         self.replace(snapshot).or_else(|error| {
@@ -176,7 +187,7 @@ where
         self.window[0].copy_from_slice(self.filter.belief().as_slice());
     }
 
-    fn replace(&mut self, state: &FixedLagState<A::Control>) -> Result<(), InferenceError> {
+    fn replace(&mut self, state: &FixedLagSnapshot<A::Control>) -> Result<(), InferenceError> {
         self.lag = state.lag;
         self.past = state.past.iter().cloned().collect();
         self.smooth()
@@ -229,10 +240,10 @@ where
     }
 }
 
-impl<M, A, B> FixedLag<M, ()>
+impl<M, A, B> FixedLag<M, A::Control>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: Transition<Control = ()>,
+    A: Transition,
     B: Likelihood,
 {
     /// One time step: prediction, update, and back through the window. Returns
@@ -241,8 +252,11 @@ where
     /// # Errors
     ///
     /// As [`Filter::step_with`].
-    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// One time step without an observation.
@@ -250,7 +264,10 @@ where
     /// # Errors
     ///
     /// As [`Filter::predict_with`].
-    pub fn predict(&mut self) -> Result<(), InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<(), InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 }

@@ -150,7 +150,9 @@ pub(super) struct Advanced {
     pub(super) log: f64,
     /// N itself, for the likelihoods as the sensor gave them, where the step was
     /// taken with those; else 0.
-    pub(super) normaliser: f64,
+    pub(super) normalizer: f64,
+    /// Whether the step was taken in logarithms.
+    pub(super) by_logs: bool,
     /// Whether the belief has to be kept as logarithms too.
     pub(super) in_logs: bool,
     /// Where the belief is.

@@ -1,18 +1,16 @@
 //! Estimation by counting, from drives whose states are known.
 
-use super::baum_welch::Learning;
-use super::learnable::{LearnLikelihood, LearnTransition};
-use super::pairs::{self, Move};
+use super::baum_welch::LearningOptions;
 use super::step::Step;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
-use crate::transition::Transition;
+use crate::transition::{self, LearnTransition, Move, Transition};
 
-/// A drive whose states are known, as of a [`Simulation`](crate::Simulation).
+/// A drive whose states are known, as of a [`Simulation`](crate::inference::Simulation).
 #[derive(Debug, Clone, Copy)]
-pub struct Labelled<'a, S: ?Sized> {
+pub struct LabelledSequence<'a, S: ?Sized> {
     /// X_0, where it is known; else the move to X_1 is not counted, nor is
     /// anything learned of the prior. (Under [`Prior::AtFirstObservation`] there
     /// is none, and it is not looked at.)
@@ -33,7 +31,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// pseudo-counts, stays as it is.
     ///
     /// ```
-    /// use wayfix::{Belief, Hmm, Labelled, Learning, Prior, SparseTransition, TableLikelihood};
+    /// use wayfix::inference::{LabelledSequence, LearningOptions};
+    /// use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
     ///
     /// let hmm = Hmm::new(
     ///     Prior::BeforeFirstTransition(Belief::certain(3, 0)?),
@@ -43,8 +42,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     )?,
     ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
     /// )?;
-    /// let drive = Labelled { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
-    /// let learning = Learning { transition_pseudo_count: 1.0, ..Learning::default() };
+    /// let drive = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
+    /// let learning = LearningOptions { transition_pseudo_count: 1.0, ..LearningOptions::default() };
     /// let learned = hmm.learn_labelled(&[drive], &learning)?;
     /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
     /// assert_eq!(learned.transition().get(2, 0), 0.0);
@@ -58,8 +57,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// likelihood, or a control that is not valid.
     pub fn learn_labelled<S>(
         &self,
-        drives: &[Labelled<'_, S>],
-        learning: &Learning,
+        drives: &[LabelledSequence<'_, S>],
+        learning: &LearningOptions,
     ) -> Result<Self, LearnError>
     where
         A: LearnTransition,
@@ -95,20 +94,24 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
-            pairs::sort(&mut moves);
+            transition::sort(&mut moves);
             counts.add(moves);
         }
-        self.maximise(&expected, learning)
+        self.maximize(&expected, learning)
     }
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Whether the model allows what the drive does.
-    fn check_drive<S>(&self, drive: usize, labelled: &Labelled<'_, S>) -> Result<(), LearnError>
+    fn check_drive<S>(
+        &self,
+        drive: usize,
+        labelled: &LabelledSequence<'_, S>,
+    ) -> Result<(), LearnError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let Labelled { initial, states: path, sequence } = *labelled;
+        let LabelledSequence { initial, states: path, sequence } = *labelled;
         let (states, observations) = (path.len(), sequence.steps());
         if states != observations {
             return Err(LearnError::Length { drive, states, observations });

@@ -1,36 +1,15 @@
 //! The same routine for many sequences, in parallel with the feature `rayon`.
 
-use super::filtering::Filtering;
+use super::filtering::FilteredSequence;
 use super::lockstep::{self, Room};
 use super::posteriors::Posteriors;
-use super::smoother::Smoothing;
+use super::smoother::SmoothedSequence;
 use super::viterbi::ViterbiPath;
-use crate::error::{InferenceError, SequenceError};
+use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
-
-/// The result for each sequence, in order.
-pub(super) type Results<R> = Vec<Result<R, SequenceError>>;
-
-/// Applies a routine to each sequence. Each result is made by one thread, and
-/// does not depend on how many there are.
-pub(super) fn each<S: Sync, R: Send>(
-    sequences: &[S],
-    routine: impl Fn(&S) -> Result<R, InferenceError> + Sync,
-) -> Results<R> {
-    let one = |(sequence, s): (usize, &S)| {
-        routine(s).map_err(|source| SequenceError { sequence, source })
-    };
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        sequences.par_iter().enumerate().map(one).collect()
-    }
-    #[cfg(not(feature = "rayon"))]
-    sequences.iter().enumerate().map(one).collect()
-}
 
 /// # Many sequences
 ///
@@ -56,40 +35,40 @@ pub(super) fn each<S: Sync, R: Send>(
 /// let drives = [vec![4, 5, 6], vec![4, 4, 5, 5], vec![80]];
 /// let smoothed = hmm.smooth_all(&drives);
 /// assert_eq!(smoothed[1].as_ref().unwrap().posteriors().steps(), 4);
-/// let scores: Vec<f64> = hmm.score_all(&drives[..2]).into_iter().collect::<Result<_, _>>()?;
+/// let scores: Vec<f64> = hmm.log_likelihood_all(&drives[..2]).into_iter().collect::<Result<_, _>>()?;
 /// # assert_eq!(scores.len(), 2);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     /// [`forward`](Self::forward) for each sequence.
-    pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<Filtering, SequenceError>>
+    pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<FilteredSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let finish = |(logs, log): (Vec<f64>, f64), rows| {
-            Filtering::new(Posteriors::from_part(self.states(), rows), logs, log)
+            FilteredSequence::new(Posteriors::from_part(self.states(), rows), logs, log)
         };
         let single = |sequence: &S| self.forward(sequence);
         lockstep::each(self, sequences, Room::Rows, lockstep::filter, finish, single)
     }
 
     /// [`smooth`](Self::smooth) for each sequence.
-    pub fn smooth_all<S>(&self, sequences: &[S]) -> Vec<Result<Smoothing, SequenceError>>
+    pub fn smooth_all<S>(&self, sequences: &[S]) -> Vec<Result<SmoothedSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let finish =
-            |log: f64, rows| Smoothing::new(Posteriors::from_part(self.states(), rows), log);
+            |log: f64, rows| SmoothedSequence::new(Posteriors::from_part(self.states(), rows), log);
         let single = |sequence: &S| self.smooth(sequence);
         lockstep::each(self, sequences, Room::Rows, lockstep::smooth, finish, single)
     }
 
-    /// [`score`](Self::score) for each sequence.
-    pub fn score_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
+    /// [`log_likelihood`](Self::log_likelihood) for each sequence.
+    pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        let single = |sequence: &S| self.score(sequence);
+        let single = |sequence: &S| self.log_likelihood(sequence);
         lockstep::each(self, sequences, Room::Nothing, lockstep::score, |log, _| log, single)
     }
 

@@ -1,8 +1,27 @@
-//! Filter, smoother, decoder, simulation: one algorithm a file. `step` holds
-//! what they share: a prediction, a checked diagonal, a normaliser.
+//! The verbs of [`Hmm`](crate::Hmm), their options and results: filter, smoother, decoders,
+//! simulation and learning.
+//!
+//! | call | result | cost of a step |
+//! |---|---|---|
+//! | [`Hmm::filter`](crate::Hmm::filter) | [`Filter`], a stream; saved as a [`FilterSnapshot`] | a product |
+//! | [`Hmm::fixed_lag`](crate::Hmm::fixed_lag) | [`FixedLag`], a stream; saved as a [`FixedLagSnapshot`] | a product, and L to smooth |
+//! | [`Hmm::pruned_filter`](crate::Hmm::pruned_filter) | [`PrunedFilter`], a stream with a [`Certificate`], by [`Pruning`] | of the active states |
+//! | [`Hmm::online_viterbi`](crate::Hmm::online_viterbi) | [`OnlineViterbi`], a stream | a max-product |
+//! | [`Hmm::forward`](crate::Hmm::forward) | [`FilteredSequence`], with [`Posteriors`] | a product |
+//! | [`Hmm::smooth`](crate::Hmm::smooth) | [`SmoothedSequence`], with [`Posteriors`] | two products |
+//! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with [`Pairs`] | three products |
+//! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
+//! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | of the beam |
+//! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
+//! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
+//! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products, for each iteration |
+//! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | a count |
+//!
+//! [`formulas`](crate::guide::formulas) derives each, [`performance`](crate::guide::performance)
+//! says what limits it.
 
-// Streams, batches, paths, learning, many: the order in which the docs of `Hmm`
-// list them.
+// One algorithm a file; `step` holds what they share: a prediction, a checked diagonal,
+// a normalizer.
 mod filter;
 mod filter_state;
 
@@ -30,8 +49,8 @@ mod sampler;
 mod simulate;
 
 mod baum_welch;
+mod in_parallel;
 mod labelled;
-mod learnable;
 mod lockstep;
 mod many;
 
@@ -47,23 +66,23 @@ mod scores;
 mod small;
 mod step;
 
-pub use baum_welch::{Learned, Learning, StopReason};
+pub use crate::error::{LearnError, SequenceError};
+pub use baum_welch::{LearnedModel, LearningOptions, StopReason};
 pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
-pub use filter_state::FilterState;
+pub use filter_state::FilterSnapshot;
 pub(crate) use filter_state::MOST_STEPS;
-pub use filtering::Filtering;
-pub use fixed_lag::{FixedLag, FixedLagState};
-pub use labelled::Labelled;
-pub use learnable::{LearnLikelihood, LearnTransition};
+pub use filtering::FilteredSequence;
+pub use fixed_lag::{FixedLag, FixedLagSnapshot};
+pub use labelled::LabelledSequence;
 pub use online_viterbi::OnlineViterbi;
-pub use pairs::{Move, MoveCounts, Pairs};
+pub use pairs::Pairs;
 pub use posteriors::Posteriors;
 pub use pruned::{Certificate, PrunedFilter, Pruning};
 pub use sampler::PathSampler;
 pub use simulate::Simulation;
-pub use smoother::Smoothing;
+pub use smoother::SmoothedSequence;
 pub use viterbi::ViterbiPath;
 
 /// A sum of many logarithms that keeps what rounding would lose (Neumaier

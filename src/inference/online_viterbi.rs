@@ -10,7 +10,7 @@ use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
-use crate::transition::TransitionEntries;
+use crate::transition::{NoControl, TransitionEntries};
 
 /// A decoder for a live stream: it commits the states of a step as soon as the
 /// best paths to all possible present states agree on it, and never revises
@@ -257,7 +257,7 @@ where
 impl<M, A, B> OnlineViterbi<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries<Control = ()>,
+    A: TransitionEntries,
     B: Likelihood,
 {
     /// One step. Returns the states that it commits.
@@ -265,8 +265,11 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<&[usize], InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// One step without an observation. Returns the states that it commits.
@@ -274,7 +277,10 @@ where
     /// # Errors
     ///
     /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<&[usize], InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<&[usize], InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 }

@@ -145,7 +145,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let evidence = self.take_out_evidence(taken_out)?;
         let transition = self.hmm.transition();
         let largest = if let Some(matrix) = self.stored(control) {
-            matrix.maximise(scores, likelihoods, next, from)
+            matrix.maximize(scores, likelihoods, next, from)
         } else {
             transition.max_product(control, scores, next, from);
             if evidence {

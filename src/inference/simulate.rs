@@ -5,7 +5,7 @@ use std::ops::Deref;
 use rand::Rng;
 
 use super::filter::Filter;
-use super::labelled::Labelled;
+use super::labelled::LabelledSequence;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -45,8 +45,12 @@ impl<Y> Simulation<Y> {
 
     /// The drive with its true states, to be learned from.
     #[must_use]
-    pub fn labelled(&self) -> Labelled<'_, [Y]> {
-        Labelled { initial: self.initial, states: &self.states, sequence: &self.observations }
+    pub fn labelled(&self) -> LabelledSequence<'_, [Y]> {
+        LabelledSequence {
+            initial: self.initial,
+            states: &self.states,
+            sequence: &self.observations,
+        }
     }
 }
 

@@ -15,14 +15,16 @@ use crate::transition::Transition;
 ///
 /// Made by [`Hmm::smooth`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Smoothing {
+pub struct SmoothedSequence {
     posteriors: Posteriors,
     log_likelihood: f64,
+    steps_in_logs: usize,
 }
 
-impl Smoothing {
+impl SmoothedSequence {
+    /// Of a routine that takes no step in logarithms.
     pub(super) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
-        Self { posteriors, log_likelihood }
+        Self { posteriors, log_likelihood, steps_in_logs: 0 }
     }
 
     /// p(X_k | y_1 … y_T) for k = 0 … T. At T it is the filtered one.
@@ -35,6 +37,14 @@ impl Smoothing {
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
+    }
+
+    /// How many of the steps were taken in logarithms, forward or back, which is several
+    /// times slower. If these are many and the tails of the model are not to be believed
+    /// anyway, it is faster [with rounded tails](Hmm::with_rounded_tails).
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
     }
 }
 
@@ -66,26 +76,29 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// [`InferenceError`] with the step at which an observation is impossible
     /// or has no valid likelihood, or a control is not valid.
-    pub fn smooth<S>(&self, sequence: &S) -> Result<Smoothing, InferenceError>
+    pub fn smooth<S>(&self, sequence: &S) -> Result<SmoothedSequence, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
         if let Some((posteriors, log_likelihood)) = small::smooth(self, sequence) {
-            return Ok(Smoothing { posteriors, log_likelihood });
+            return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
         let mut filter = self.filter();
         let mut block = Block::new(n, steps);
         block.fill(&mut filter, sequence, steps, |_| ())?;
         let mut backward = Backward::new(n);
+        let mut steps_in_logs = 0;
         for number in (1..=steps).rev() {
             let step = Step::of(self, sequence, number);
             let seen = block.seen(number, sequence.observation(number));
             let gamma = block.rows.row(number);
             backward.retreat_from(&step, &seen, block.held(number - 1), gamma)?;
+            steps_in_logs += usize::from(block.by_logs(number) || backward.in_logs);
             block.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
         let posteriors = block.rows.into_posteriors();
-        Ok(Smoothing { posteriors, log_likelihood: filter.log_likelihood() })
+        let log_likelihood = filter.log_likelihood();
+        Ok(SmoothedSequence { posteriors, log_likelihood, steps_in_logs })
     }
 }

@@ -81,7 +81,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// In linear space, unless logarithms are needed: because the belief before
     /// is kept so, because the observation contradicts the prediction by more
     /// than 2^32, or because a state that is possible would get 0. The last does
-    /// not count after a sensor with rounded tails.
+    /// not count in a model with rounded tails.
     ///
     /// `lifted` follows the belief before.
     pub(super) fn advance(
@@ -101,9 +101,9 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             let (has_evidence, likelihoods) = (evidence.is_some(), (&diagonal, groups));
             let advanced =
                 self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
-            if let Some((normaliser, form)) = advanced {
-                let log = normaliser.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            if let Some((normalizer, form)) = advanced {
+                let log = normalizer.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
+                return Ok(Advanced { log, normalizer, by_logs: false, in_logs: false, form });
             }
         }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
@@ -117,23 +117,25 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         if let Some(log_factor) = self.evidence()? {
             return self.advance_by_evidence(log_factor, diagonal, before, lifted, results, values);
         }
+        let tails_rounded = self.hmm.rounds_tails();
         // As they are, if they can be; whether they are valid is seen on the way.
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
-            let as_they_are = Likelihoods { diagonal, values: linear, scaled: false };
+            let as_they_are =
+                Likelihoods { diagonal, values: linear, scaled: false, tails_rounded };
             let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
-            if let Some((normaliser, form)) = advanced {
-                let log = normaliser.ln() + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser, in_logs: false, form });
+            if let Some((normalizer, form)) = advanced {
+                let log = normalizer.ln() + diagonal.log_factor;
+                return Ok(Advanced { log, normalizer, by_logs: false, in_logs: false, form });
             }
         }
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         let log_scale = self.scale(diagonal, largest, values)?;
         if before.logs.is_none() {
-            let scaled = Likelihoods { diagonal, values, scaled: true };
+            let scaled = Likelihoods { diagonal, values, scaled: true, tails_rounded };
             let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
             if let Some((scaled, form)) = advanced {
                 let log = scaled.ln() + log_scale + diagonal.log_factor;
-                return Ok(Advanced { log, normaliser: 0.0, in_logs: false, form });
+                return Ok(Advanced { log, normalizer: 0.0, by_logs: false, in_logs: false, form });
             }
         }
         self.predict_in_logs(before, None, results, values)?;
@@ -269,12 +271,12 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         for (out, log) in results.logs.iter_mut().zip(diagonal.logs()) {
             *out += log - log_scale;
         }
-        let Some(normaliser) = normalise_logs(results.logs, results.after) else {
+        let Some(normalizer) = normalize_logs(results.logs, results.after) else {
             return Err(InferenceError::Impossible { step: self.number });
         };
-        let log = normaliser + log_scale + diagonal.log_factor;
-        let in_logs = !diagonal.tails_rounded && loses(results.logs, results.after);
-        Ok(Advanced { log, normaliser: 0.0, in_logs, form: Form::Other })
+        let log = normalizer + log_scale + diagonal.log_factor;
+        let in_logs = !self.hmm.rounds_tails() && loses(results.logs, results.after);
+        Ok(Advanced { log, normalizer: 0.0, by_logs: true, in_logs, form: Form::Other })
     }
 
     /// The prediction in logarithms (into those of the results), checked: a
@@ -322,13 +324,15 @@ pub(super) struct Likelihoods<'a> {
     pub(super) values: &'a [f64],
     /// Whether they have been scaled, so that one of 0 may have been above.
     pub(super) scaled: bool,
+    /// Whether the model rounds tails.
+    pub(super) tails_rounded: bool,
 }
 
 impl<'a> Likelihoods<'a> {
     pub(super) fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
         // Without a lift, small results are not held, whatever becomes of them.
         let watch = match self {
-            _ if lift > 1.0 && self.diagonal.tails_rounded => Watch::Nothing,
+            _ if lift > 1.0 && self.tails_rounded => Watch::Nothing,
             Self { scaled: true, .. } => Watch::Predictions,
             Self { scaled: false, .. } => Watch::Products,
         };
@@ -340,13 +344,13 @@ impl<'a> Likelihoods<'a> {
 /// and near enough to one.
 #[inline]
 pub(super) fn holds(updated: &Updated, lift: f64) -> bool {
-    let normaliser = updated.products / lift;
+    let normalizer = updated.products / lift;
     !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)
         && is_one(updated.predicted / lift)
         // So that a NaN is not valid either.
-        && normaliser >= LEAST_NORMALISER * updated.largest_likelihood
-        && normaliser.is_finite()
+        && normalizer >= LEAST_NORMALISER * updated.largest_likelihood
+        && normalizer.is_finite()
 }
 
 /// One, but for rounding and what columns may be off by.
@@ -361,15 +365,15 @@ pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
 
 /// Makes logarithms those of a distribution, and the distribution itself.
 /// Returns the logarithm of their sum, or `None` if it is that of 0.
-pub(super) fn normalise_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+pub(super) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !largest.is_finite() {
         return None;
     }
     linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
     let sum = kernels::sum(linear);
-    kernels::normalise(linear, sum);
-    let normaliser = largest + sum.ln();
+    kernels::normalize(linear, sum);
+    let normalizer = largest + sum.ln();
     logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
-    Some(normaliser)
+    Some(normalizer)
 }

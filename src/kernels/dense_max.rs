@@ -28,19 +28,19 @@ impl DenseLogs {
 
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j
     /// that attains it.
-    pub(crate) fn maximise(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        run(Maximise { matrix: self, x, out, from });
+    pub(crate) fn maximize(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        run(Maximize { matrix: self, x, out, from });
     }
 }
 
-struct Maximise<'a> {
+struct Maximize<'a> {
     matrix: &'a DenseLogs,
     x: &'a [f64],
     out: &'a mut [f64],
     from: &'a mut [u32],
 }
 
-impl Kernel for Maximise<'_> {
+impl Kernel for Maximize<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -126,7 +126,7 @@ mod tests {
             for isa in ALL {
                 let (mut out, mut from) = (vec![f64::NAN; n], vec![u32::MAX; n]);
                 let (matrix, x) = (&logs, &x[..]);
-                run_on(isa, Maximise { matrix, x, out: &mut out, from: &mut from });
+                run_on(isa, Maximize { matrix, x, out: &mut out, from: &mut from });
                 for i in 0..n {
                     let mut best = (f64::NEG_INFINITY, 0);
                     for j in 0..n {

@@ -8,7 +8,7 @@ use super::abreast::{Abreast, Unravel};
 use super::aligned::Aligned;
 use super::lanes::{Eight, Isa, LANES, run_on};
 use super::largest::{Largest, Valid};
-use super::max::{Add, Log2OfLogs, Maximise, Shifted};
+use super::max::{Add, Log2OfLogs, Maximize, Shifted};
 use super::product::{Made, Multiply, Part, Sparse};
 use super::retreat::{BACK_LIFT, Retreat, Weigh};
 use super::segments::{Few, Products};
@@ -256,7 +256,7 @@ proptest! {
             let sum = run_on(isa, Retreat { back: part, alpha: &b, gamma, q });
             let mut from = vec![0; n];
             let log2 = matrix.log2();
-            let largest = run_on(isa, Maximise {
+            let largest = run_on(isa, Maximize {
                 matrix, log2: &log2, x: &x, likelihoods: None, next, from: &mut from,
             });
             (out, seen, sum, from, largest)
@@ -287,7 +287,7 @@ proptest! {
         };
         let (next, from, largest) = everywhere(|isa| {
             let (mut next, mut from) = (vec![f64::NAN; n], vec![0; n]);
-            let largest = run_on(isa, Maximise {
+            let largest = run_on(isa, Maximize {
                 matrix: &matrix, log2: &values, x: &x, likelihoods,
                 next: &mut next, from: &mut from,
             });

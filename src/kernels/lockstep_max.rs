@@ -8,7 +8,7 @@ const BLOCK: usize = 4;
 
 /// `next` = max over j of `log2` A\[i, j\] + `x[j]`, plus the likelihood of i; `from[i]`
 /// the lowest j that attains it. Gives the largest of `next`.
-pub(crate) struct Maximise<'a> {
+pub(crate) struct Maximize<'a> {
     /// The logarithms of the rows.
     pub(crate) log2: Lines<'a>,
     pub(crate) x: &'a [Abreast],
@@ -19,7 +19,7 @@ pub(crate) struct Maximise<'a> {
     pub(crate) from: &'a mut [[u32; LANES]],
 }
 
-impl Kernel for Maximise<'_> {
+impl Kernel for Maximize<'_> {
     type Output = Eight;
 
     #[inline(always)]
@@ -136,7 +136,7 @@ impl<L: Lanes> Out<'_, L> {
     }
 }
 
-/// [`Maximise`] with the instructions chosen.
-pub(crate) fn maximise(work: Maximise<'_>) -> Eight {
+/// [`Maximize`] with the instructions chosen.
+pub(crate) fn maximize(work: Maximize<'_>) -> Eight {
     run(work)
 }

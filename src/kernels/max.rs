@@ -32,7 +32,7 @@ impl Shifted<'_> {
 /// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there
 /// are some; `from[i]` the lowest j that attains it. Gives the largest of
 /// `next`.
-pub(crate) struct Maximise<'a> {
+pub(crate) struct Maximize<'a> {
     pub(crate) matrix: &'a Sliced,
     /// The logarithms of its values.
     pub(crate) log2: &'a Values,
@@ -42,7 +42,7 @@ pub(crate) struct Maximise<'a> {
     pub(crate) from: &'a mut [u32],
 }
 
-impl Kernel for Maximise<'_> {
+impl Kernel for Maximize<'_> {
     type Output = f64;
 
     #[inline(always)]
@@ -51,7 +51,7 @@ impl Kernel for Maximise<'_> {
         let n = matrix.lines();
         assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
         assert!(likelihoods.is_none_or(|b| b.scores.len() == n), "one likelihood per state");
-        let mut each = MaximiseEach::<L> {
+        let mut each = MaximizeEach::<L> {
             likelihoods,
             next: next.as_chunks_mut(),
             from: from.as_chunks_mut(),
@@ -63,7 +63,7 @@ impl Kernel for Maximise<'_> {
     }
 }
 
-struct MaximiseEach<'a, L: Lanes> {
+struct MaximizeEach<'a, L: Lanes> {
     likelihoods: Option<Shifted<'a>>,
     next: (&'a mut [Eight], &'a mut [f64]),
     from: (&'a mut [[u32; LANES]], &'a mut [u32]),
@@ -71,7 +71,7 @@ struct MaximiseEach<'a, L: Lanes> {
     largest: L::V,
 }
 
-impl<L: Lanes> Walk<L> for MaximiseEach<'_, L> {
+impl<L: Lanes> Walk<L> for MaximizeEach<'_, L> {
     type State = Ways<L>;
 
     #[inline(always)]
@@ -168,8 +168,8 @@ impl<L: Lanes> Best<L> {
     }
 }
 
-/// [`Maximise`] with the instructions chosen.
-pub(crate) fn maximise(work: Maximise<'_>) -> f64 {
+/// [`Maximize`] with the instructions chosen.
+pub(crate) fn maximize(work: Maximize<'_>) -> f64 {
     run(work)
 }
 

@@ -1,8 +1,8 @@
 //! Loops over vectors that more than one routine needs.
 //!
 //! Sums run in eight lanes: the compiler can then use vector registers, and
-//! the order of the additions, so the result to the bit, is the same on every
-//! machine.
+//! the order of the additions, so the result to the bit, is the same whatever
+//! instructions a machine has. (Logarithms and exponentials are those of the platform.)
 //!
 //! All unsafe code is here: instructions in `lanes`, indices that have been checked
 //! before in `sliced::walk`, and a system call in `pages`.
@@ -38,7 +38,7 @@ pub(crate) use dense::Dense;
 pub(crate) use dense_max::DenseLogs;
 pub(crate) use lanes::{Eight, Kernel, LANES, Lanes, run};
 pub(crate) use largest::{LARGEST_LOG, Valid, largest};
-pub(crate) use max::{Maximise, Shifted, add_scores, log2_of_logs, maximise};
+pub(crate) use max::{Maximize, Shifted, add_scores, log2_of_logs, maximize};
 pub(crate) use pages::in_large_pages;
 pub(crate) use product::{Made, Sparse};
 pub(crate) use retreat::{BACK_LIFT, Retreat, retreat, weigh};
@@ -91,7 +91,7 @@ pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
 ///
 /// What would be below the smallest normal double becomes 0: the far tails of
 /// a Gaussian sensor alone would double the time of a step.
-pub(crate) fn normalise(x: &mut [f64], sum: f64) {
+pub(crate) fn normalize(x: &mut [f64], sum: f64) {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
     x.iter_mut().for_each(|x| *x = if *x >= least { *x } else { 0.0 } * factor);
 }

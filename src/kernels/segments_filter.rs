@@ -33,10 +33,10 @@ impl<const N: usize> Kernel for Filter<'_, N> {
         let mut factor = lanes.div(one, sum(lanes, &running[0].x));
         let places = out.chunks_mut(model.unlooked).zip(normalisers.chunks_mut(model.unlooked));
         for (steps, (out, normalisers)) in likelihoods.chunks(model.unlooked).zip(places) {
-            for ((b, out), normaliser) in steps.iter().zip(out).zip(normalisers) {
+            for ((b, out), normalizer) in steps.iter().zip(out).zip(normalisers) {
                 running[0].x = ahead(lanes, model.columns, b, &running[0].x);
                 let total = sum(lanes, &running[0].x);
-                lanes.store(lanes.mul(total, factor), normaliser);
+                lanes.store(lanes.mul(total, factor), normalizer);
                 factor = lanes.div(one, total);
                 for (x, out) in running[0].x.iter().zip(out) {
                     lanes.store(lanes.mul(*x, factor), out);

@@ -11,8 +11,6 @@ use crate::kernels::{self, LARGEST_LOG, Valid};
 pub struct Diagonal<'a> {
     pub(crate) values: Values<'a>,
     pub(crate) log_factor: f64,
-    /// Whether what is below the smallest normal double may become 0.
-    pub(crate) tails_rounded: bool,
 }
 
 /// In which form the likelihoods are.
@@ -55,7 +53,7 @@ impl<'a> Diagonal<'a> {
 
     #[inline]
     pub(crate) fn of(values: Values<'a>) -> Self {
-        Self { values, log_factor: 0.0, tails_rounded: false }
+        Self { values, log_factor: 0.0 }
     }
 
     /// For values that are known to be valid and have this maximum.

@@ -11,7 +11,8 @@ use crate::error::LikelihoodError;
 /// It is called once per state and step.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, Hmm, LogLikelihoodFn, Prior};
+/// use wayfix::likelihood::LogLikelihoodFn;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
 ///
 /// // A position along a road, measured with a standard deviation of 20 m.
 /// let places = [0.0, 100.0, 200.0];

@@ -3,6 +3,7 @@
 use rand::Rng;
 
 use super::diagonal::Values;
+use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::{HmmError, LikelihoodError};
 
@@ -10,7 +11,8 @@ use crate::error::{HmmError, LikelihoodError};
 /// diagonals. The observation is a pair; nest it for more than two.
 ///
 /// ```
-/// use wayfix::{FusedLikelihood, Likelihood, LogLikelihoodFn, OptionalLikelihood, TableLikelihood};
+/// use wayfix::likelihood::LogLikelihoodFn;
+/// use wayfix::{FusedLikelihood, Likelihood, OptionalLikelihood, TableLikelihood};
 ///
 /// let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// let odometer = LogLikelihoodFn::new(2, |km: &f64, i| -(km - i as f64).powi(2));
@@ -34,7 +36,11 @@ impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
     /// # Errors
     ///
     /// [`HmmError::StateCount`] if they differ in their number of states.
-    pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
+    pub fn new(first: B1, second: B2) -> Result<Self, HmmError>
+    where
+        B1::Observation: Owned,
+        B2::Observation: Owned,
+    {
         let (expected, found) = (first.states(), second.states());
         if found != expected {
             return Err(HmmError::StateCount {
@@ -83,9 +89,8 @@ where
         let second = self.second.diagonal(second, &mut right[0])?;
         let largest = (first.check(n)?, second.check(n)?);
         let log_factor = first.log_factor + second.log_factor;
-        let tails_rounded = first.tails_rounded && second.tails_rounded;
         if multiply(first.values, second.values, product) {
-            return Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::linear(product) });
+            return Ok(Diagonal { log_factor, ..Diagonal::linear(product) });
         }
         // Shifts of both are taken out first, so that the sums keep their digits.
         let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
@@ -93,11 +98,7 @@ where
         let logs = first.logs().zip(second.logs());
         product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
         let log_factor = log_factor + (shift.0 + shift.1);
-        Ok(Diagonal { log_factor, tails_rounded, ..Diagonal::log(product) })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.first.rounds_tails() && self.second.rounds_tails()
+        Ok(Diagonal { log_factor, ..Diagonal::log(product) })
     }
 }
 

@@ -15,7 +15,9 @@ use crate::kernels::{self, Valid};
 /// O(n) a step on top of the sensor's own.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, GroupedLikelihood, Groups, Hmm, Prior, TableLikelihood};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::likelihood::Groups;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 ///
 /// // Two states of place 0 and one of place 1.
 /// let camera = TableLikelihood::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;
@@ -115,10 +117,6 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
     ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
         let diagonal = self.sensor.diagonal(observation, scratch);
         Some(diagonal.map(|diagonal| (diagonal, &self.groups)))
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
     }
 }
 

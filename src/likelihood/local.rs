@@ -17,7 +17,8 @@ use crate::kernels::Valid;
 /// A beacon beside a road of n places, heard the worse the farther it is:
 ///
 /// ```
-/// use wayfix::{Diagonal, Likelihood, LikelihoodError, LocalLikelihood, Scratch, Unlisted};
+/// use wayfix::likelihood::{LocalLikelihood, Unlisted};
+/// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 ///
 /// struct Beacons(usize);
 ///

@@ -1,30 +1,48 @@
-//! Likelihood operators: from an observation to a diagonal.
+//! Likelihood operators: from an observation to a diagonal, `b_i` = p(y | state i).
+//!
+//! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns at any scale.
+//! Pruned routines ask for [`LocalLikelihood`], simulation for [`SampleObservation`],
+//! learning for [`LearnLikelihood`].
+//!
+//! | for | take |
+//! |---|---|
+//! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
+//! | likelihoods, or their logarithms, computed elsewhere | [`LikelihoodVector`] |
+//! | likelihoods of a few states among many | [`SparseLikelihood`], with [`SparseObservation`] |
+//! | a function of observation and state | [`LogLikelihoodFn`] |
+//! | observations that may be missing | [`OptionalLikelihood`] |
+//! | several sensors | [`FusedLikelihood`] |
+//! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
+//! | several references for each state | [`PooledLikelihood`] |
+//!
+//! Sensors of vehicles are in [`observation`](crate::observation).
 
 mod diagonal;
 mod function;
 mod fused;
 mod grouped;
-mod known;
+mod learn;
 mod local;
 mod optional;
+mod owned;
 mod pooled;
 mod reestimate;
-mod rounded;
 mod shared;
 mod sparse;
 mod table;
 mod vector;
 
+pub use crate::error::TableError;
+pub use crate::groups::{GroupError, Groups};
 pub(crate) use diagonal::Values;
 pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
 pub use grouped::GroupedLikelihood;
-pub use known::KnownState;
+pub use learn::LearnLikelihood;
 pub use local::{LocalLikelihood, Unlisted};
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
-pub use rounded::RoundedTails;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
@@ -32,7 +50,6 @@ pub use vector::LikelihoodVector;
 use rand::Rng;
 
 use crate::error::LikelihoodError;
-use crate::groups::Groups;
 
 /// A likelihood operator B(y): turns one observation into a diagonal with
 /// `b_i` = p(y | `X_k` = i) (paper eq. 7, which means `X_k`).
@@ -109,14 +126,6 @@ pub trait Likelihood {
         None
     }
 
-    /// Whether its tails need not be kept, as those of
-    /// [`RoundedTails`](crate::RoundedTails): asked where the sensor misses, in
-    /// [`OptionalLikelihood`](crate::OptionalLikelihood). False, unless an
-    /// implementation says otherwise.
-    fn rounds_tails(&self) -> bool {
-        false
-    }
-
     /// Whether likelihoods are at hand, so that to ask for them costs nothing: the
     /// smoother then does so a second time, in place of a product with A. False,
     /// unless an implementation says otherwise.
@@ -129,12 +138,13 @@ pub trait Likelihood {
 ///
 /// ```
 /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-/// use wayfix::{SampleObservation, TableLikelihood};
+/// use wayfix::likelihood::SampleObservation;
+/// use wayfix::TableLikelihood;
 ///
 /// let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.0, 1.0]])?;
 /// let mut rng = ChaCha8Rng::seed_from_u64(1);
 /// assert_eq!(table.sample(1, &mut rng), 1);
-/// # Ok::<(), wayfix::TableError>(())
+/// # Ok::<(), wayfix::likelihood::TableError>(())
 /// ```
 pub trait SampleObservation: Likelihood<Observation: Sized> {
     /// Draws what is observed in `state`, which is below

@@ -2,6 +2,7 @@
 
 use rand::Rng;
 
+use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
@@ -27,9 +28,13 @@ pub struct OptionalLikelihood<B> {
     pub(crate) ones: Vec<f64>,
 }
 
-impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
-    /// The same sensor, but it may miss.
-    pub fn new(sensor: B) -> Self {
+impl<B: Likelihood> OptionalLikelihood<B> {
+    /// The same sensor, but it may miss. Its observations are owned:
+    /// `LikelihoodVector::log(n).owned()`.
+    pub fn new(sensor: B) -> Self
+    where
+        B::Observation: Owned,
+    {
         Self { ones: vec![1.0; sensor.states()], sensor }
     }
 
@@ -55,12 +60,7 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         if let Some(observation) = observation {
             return self.sensor.diagonal(observation, scratch);
         }
-        let tails_rounded = self.rounds_tails();
-        Ok(Diagonal { tails_rounded, ..Diagonal::checked(&self.ones, 1.0, None) })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
+        Ok(Diagonal::checked(&self.ones, 1.0, None))
     }
 
     fn is_at_hand(&self) -> bool {

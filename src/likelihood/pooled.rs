@@ -10,7 +10,7 @@ use crate::random::index;
 
 /// A sensor of reference images as one of places: the likelihood of a place is
 /// the mean of those of its images. It is the reverse of
-/// [`GroupedLikelihood`](crate::GroupedLikelihood).
+/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood).
 ///
 /// A sighting matches one image of its place, any as likely as another, so a
 /// place that has many is not favoured for it. The mean is of likelihoods: one
@@ -20,7 +20,9 @@ use crate::random::index;
 /// it gives logarithms.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, Groups, Hmm, LikelihoodVector, PooledLikelihood, Prior};
+/// use wayfix::likelihood::PooledLikelihood;
+/// use wayfix::likelihood::Groups;
+/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// // Two images of place 0, by day and by night, and one of place 1.
 /// let images = Groups::new(vec![0, 0, 1])?;
@@ -140,10 +142,6 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
         self.log_means(diagonal.logs(), shift, sums[0].values(places), pooled);
         let log_factor = diagonal.log_factor + shift;
         Ok(Diagonal { values: Values::Log(pooled), log_factor, ..diagonal })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        self.sensor.rounds_tails()
     }
 }
 

@@ -3,11 +3,10 @@
 use std::error::Error;
 
 use super::{
-    FusedLikelihood, GroupedLikelihood, KnownState, OptionalLikelihood, RoundedTails,
-    TableLikelihood,
+    FusedLikelihood, GroupedLikelihood, LearnLikelihood, Likelihood, OptionalLikelihood,
+    SparseLikelihood, SparseObservation, TableLikelihood,
 };
-use crate::inference::LearnLikelihood;
-use crate::likelihood::Likelihood;
+use crate::fixed::Fixed;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -90,9 +89,6 @@ learns_the_inner! {
             self.sensor.add(statistics, y, posterior);
         },
         with(sensor) Self { sensor, ones: self.ones.clone() };
-    RoundedTails [], 0,
-        add(self, statistics, y, posterior) self.0.add(statistics, y, posterior),
-        with(sensor) Self(sensor);
     GroupedLikelihood [], sensor,
         add(self, statistics, y, posterior) {
             let mut groups = vec![0.0; self.groups.count()];
@@ -136,18 +132,32 @@ where
     }
 }
 
-/// It has nothing to learn; beside another sensor it makes learning
-/// semi-supervised.
-impl LearnLikelihood for KnownState {
+/// It has nothing to learn; with [known states](SparseObservation::known) beside another
+/// sensor it makes learning semi-supervised.
+impl LearnLikelihood for SparseLikelihood {
     type Statistics = ();
 
     fn statistics(&self) {}
 
-    fn add(&self, (): &mut (), _: &Option<usize>, _: &[f64]) {}
+    fn add(&self, (): &mut (), _: &SparseObservation, _: &[f64]) {}
 
     fn merge(&self, (): &mut (), (): &()) {}
 
     fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(*self)
+    }
+}
+
+impl<B: Likelihood + Clone> LearnLikelihood for Fixed<B> {
+    type Statistics = ();
+
+    fn statistics(&self) {}
+
+    fn add(&self, (): &mut (), _: &B::Observation, _: &[f64]) {}
+
+    fn merge(&self, (): &mut (), (): &()) {}
+
+    fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
+        Ok(self.clone())
     }
 }

@@ -38,10 +38,6 @@ macro_rules! as_target {
                 (**self).by_groups(observation, scratch)
             }
 
-            fn rounds_tails(&self) -> bool {
-                (**self).rounds_tails()
-            }
-
             fn is_at_hand(&self) -> bool {
                 (**self).is_at_hand()
             }

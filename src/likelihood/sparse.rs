@@ -12,7 +12,8 @@ use crate::kernels::Valid;
 /// As a [`LocalLikelihood`] a step costs O(states asked + states listed).
 ///
 /// ```
-/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
+/// use wayfix::likelihood::SparseObservation;
+/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
 /// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(3)?);
@@ -24,7 +25,7 @@ use crate::kernels::Valid;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SparseLikelihood {
-    states: usize,
+    pub(crate) states: usize,
 }
 
 /// Likelihoods of some states and one for all others, the observation of
@@ -59,6 +60,33 @@ impl SparseObservation {
             return Err(LikelihoodError::Twice { state: twice[0].0 });
         }
         Ok(Self { listed, elsewhere })
+    }
+
+    /// Hard evidence: it is this state and no other. For a fuel stop, a toll gate, a label.
+    ///
+    /// Beside a real sensor, and where it may be missing, it constrains filter, smoother
+    /// and decoder:
+    ///
+    /// ```
+    /// use wayfix::likelihood::SparseObservation;
+    /// use wayfix::{Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood};
+    ///
+    /// // Around three places, staying or going one on.
+    /// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+    /// let camera = TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?;
+    /// let known = OptionalLikelihood::new(SparseLikelihood::new(3));
+    /// let sensor = FusedLikelihood::new(camera, known)?;
+    /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::certain(3, 0)?), motion, sensor)?;
+    ///
+    /// let seen = [(0, None), (0, None), (1, None)];
+    /// assert_eq!(hmm.viterbi(&seen)?.states(), [0, 0, 1]);
+    /// let toll_gate = [(0, None), (0, None), (1, Some(SparseObservation::known(2)))];
+    /// assert_eq!(hmm.viterbi(&toll_gate)?.states(), [0, 1, 2]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn known(state: usize) -> Self {
+        Self { listed: vec![(state, 1.0)], elsewhere: 0.0 }
     }
 
     /// The states listed, in ascending order, with their likelihoods.

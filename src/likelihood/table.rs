@@ -21,7 +21,7 @@ use crate::random::index;
 /// // One row per state: how often it shows each symbol.
 /// let umbrella = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// assert_eq!(umbrella.probability(1, 0), Some(0.2));
-/// # Ok::<(), wayfix::TableError>(())
+/// # Ok::<(), wayfix::likelihood::TableError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct TableLikelihood {

@@ -9,7 +9,7 @@ impl RoadMap {
     /// The places that a road leads to from here, in ascending order; none if
     /// there is no such place.
     #[must_use]
-    pub fn neighbours(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {
+    pub fn neighbors(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {
         self.outgoing.of(place).iter().map(|&to| to as usize)
     }
 
@@ -87,14 +87,14 @@ impl RoadMap {
     fn search<'a, I: Iterator<Item = &'a u32>>(
         &self,
         place: usize,
-        neighbours: impl Fn(usize) -> I,
+        neighbors: impl Fn(usize) -> I,
     ) -> Vec<Option<u32>> {
         let mut hops = vec![None; self.places().len()];
         let Some(start) = hops.get_mut(place) else { return hops };
         *start = Some(0);
         let mut queue = VecDeque::from([(place, 0)]);
         while let Some((i, so_far)) = queue.pop_front() {
-            for &next in neighbours(i) {
+            for &next in neighbors(i) {
                 if hops[next as usize].is_none() {
                     hops[next as usize] = Some(so_far + 1);
                     queue.push_back((next as usize, so_far + 1));

@@ -1,11 +1,12 @@
 //! Learning how speeds are used, from labelled moves.
 
 use super::Speeds;
+use crate::belief::Belief;
+use crate::error::InferenceError;
 use crate::error::TransitionError;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::LikelihoodVector;
 use crate::transition::DenseTransition;
-use crate::{Belief, InferenceError};
 
 /// For how many steps the probabilities of a change count that are there before: a part that
 /// was driven steadily does not show that the vehicle never stops. (With 30, filters

@@ -179,9 +179,9 @@ impl Speeds {
         let mut matrix = Vec::with_capacity(k * k);
         for to in 0..k {
             for from in 0..k {
-                let neighbours = usize::from(from > 0) + usize::from(from + 1 < k);
-                let near = if neighbours == 0 { 0.0 } else { self.nearby / neighbours as f64 };
-                let lost = if neighbours == 0 { 0.0 } else { self.nearby };
+                let neighbors = usize::from(from > 0) + usize::from(from + 1 < k);
+                let near = if neighbors == 0 { 0.0 } else { self.nearby / neighbors as f64 };
+                let lost = if neighbors == 0 { 0.0 } else { self.nearby };
                 // Rounding may leave less than nothing of 1 − 0.9 − 0.1.
                 let stay = if to == from { (1.0 - lost - self.anywhere).max(0.0) } else { 0.0 };
                 let step = if to.abs_diff(from) == 1 { near } else { 0.0 };

@@ -1,11 +1,15 @@
 //! From distances between images to likelihoods of places.
 
+use std::ops::RangeInclusive;
+
 use super::ObservationError;
 use super::spread::{Spread, rank};
-use super::temperature::{self, TEMPERATURES};
 use crate::error::LikelihoodError;
 use crate::kernels;
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
+
+/// Valid temperatures. The best of 1/τ lies between the same, or nowhere.
+pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// Where doubles hold likelihoods of this range: e^600 is 1e260.
 const LINEAR_RANGE: f64 = 600.0;
@@ -44,11 +48,12 @@ pub enum Offsets {
 ///
 /// ```
 /// use wayfix::observation::AppearanceLikelihood;
-/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+/// use wayfix::transition::WindowTransition;
+/// use wayfix::{Belief, Hmm, Prior};
 ///
 /// // Five reference images along a loop; one place on at each step, or none.
 /// let camera = AppearanceLikelihood::new(5)?.with_temperature(0.5)?;
-/// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], Ends::Loop)?;
+/// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], true)?;
 /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(5)?), motion, camera)?;
 ///
 /// let mut filter = hmm.filter();
@@ -64,14 +69,14 @@ pub enum Offsets {
 /// whose likelihood is that of a match of low rank: most references are wrong
 /// ones, so where even the best are no better than those usually are, the place
 /// is not among them (Xu, Fischer, Sünderhauf and Milford 2021 take a match of
-/// low rank so). [`OffMapTransition`](crate::OffMapTransition) is the motion that
+/// low rank so). [`OffMapTransition`](crate::motion::OffMapTransition) is the motion that
 /// goes with it.
 ///
 /// # Cost and exactness
 ///
 /// O(n) a step, and an exponential for each reference; no allocation after
-/// warm-up. Its tails count as rounded, as those of
-/// [`RoundedTails`](crate::RoundedTails).
+/// warm-up. Over many steps its tails are beyond doubles, and not to be believed: a model is
+/// faster [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the
@@ -188,32 +193,6 @@ impl AppearanceLikelihood {
             Offsets::All => sum / count,
         };
         Ok(Self { offsets: sums.into_iter().map(offset).collect(), ..plain })
-    }
-
-    /// With the temperature that makes labelled queries most probable, each on
-    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None`
-    /// where that is not known (those are left out). It maximises
-    /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
-    /// iteration, of which there are some 60.
-    ///
-    /// A state off the map takes no part.
-    ///
-    /// In sequence it is still too cold, since the errors of one frame come
-    /// again in the next; [`calibrate`](super::calibrate) sees to that.
-    ///
-    /// # Errors
-    ///
-    /// [`ObservationError`] if a row is not valid, a place does not exist or is
-    /// infinitely far, or nothing is labelled; and
-    /// [`ObservationError::Unbounded`] if no temperature is best: every label is
-    /// the best match, say, or none is better than the mean.
-    pub fn with_learned_temperature<R: AsRef<[f32]>>(
-        self,
-        rows: &[R],
-        places: &[Option<usize>],
-    ) -> Result<Self, ObservationError> {
-        let temperature = temperature::most_likely(&self, rows, places)?;
-        self.with_temperature(temperature)
     }
 
     /// The number of references.
@@ -353,11 +332,7 @@ impl Likelihood for AppearanceLikelihood {
         let log_factor = if seen { -(sum / n as f64).ln() } else { 0.0 };
         let diagonal =
             if linear { Diagonal::checked(values, 1.0, None) } else { Diagonal::log(values) };
-        Ok(Diagonal { log_factor, tails_rounded: true, ..diagonal })
-    }
-
-    fn rounds_tails(&self) -> bool {
-        true
+        Ok(Diagonal { log_factor, ..diagonal })
     }
 }
 

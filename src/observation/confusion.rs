@@ -42,15 +42,15 @@ impl Confusion {
         let joined: Vec<Vec<usize>> = (0..n).map(|i| map.joined(i)).collect();
         let pairs: usize = joined.iter().map(Vec::len).sum();
         if pairs == 0 && mean_correct < 1.0 {
-            return Err(ObservationError::NoNeighbours { mean: mean_correct });
+            return Err(ObservationError::NoNeighbors { mean: mean_correct });
         }
         let share = if pairs == 0 { 0.0 } else { (1.0 - mean_correct) * n as f64 / pairs as f64 };
         let mut rows = vec![vec![0.0; n]; n];
         for (i, (row, joined)) in rows.iter_mut().zip(&joined).enumerate() {
             let correct = 1.0 - share * joined.len() as f64;
             if correct <= 0.0 {
-                let (id, neighbours) = (map.places()[i].id, joined.len());
-                return Err(ObservationError::TooManyNeighbours { id, neighbours, correct });
+                let (id, neighbors) = (map.places()[i].id, joined.len());
+                return Err(ObservationError::TooManyNeighbors { id, neighbors, correct });
             }
             row[i] = correct;
             joined.iter().for_each(|&j| row[j] = share);

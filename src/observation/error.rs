@@ -19,16 +19,16 @@ pub enum ObservationError {
         expected: &'static str,
     },
     /// No neighbours at all, so nothing can be confused.
-    NoNeighbours {
+    NoNeighbors {
         /// The mean asked for.
         mean: f64,
     },
     /// A place has so many neighbours that nothing is left for itself.
-    TooManyNeighbours {
+    TooManyNeighbors {
         /// The place's id.
         id: u64,
         /// How many neighbours it has.
-        neighbours: usize,
+        neighbors: usize,
         /// What is left for seeing itself.
         correct: f64,
     },
@@ -87,13 +87,13 @@ impl fmt::Display for ObservationError {
             Self::Parameter { what, value, expected } => {
                 write!(f, "{what} is {value}, expected {expected}")
             }
-            Self::NoNeighbours { mean } => write!(
+            Self::NoNeighbors { mean } => write!(
                 f,
                 "no place has a neighbour, so a mean correct probability of {mean} cannot be reached"
             ),
-            Self::TooManyNeighbours { id, neighbours, correct } => write!(
+            Self::TooManyNeighbors { id, neighbors, correct } => write!(
                 f,
-                "place {id} has {neighbours} neighbours, which leaves it a correct probability of {correct}, expected above 0"
+                "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0"
             ),
             Self::Distances { found, expected } => {
                 write!(f, "{found} distances, expected one for each of {expected} references")

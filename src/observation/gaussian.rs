@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::{Confusion, ObservationError};
 use crate::kernels;
-use crate::likelihood::{RoundedTails, TableLikelihood};
+use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
 
 /// What the distance between two places is, for the Gaussian part of a sensor.
@@ -47,7 +47,8 @@ impl Confusion {
     /// Places have no unit distance in hops and metres, so there G is scaled to
     /// sum to one over all places: it weighs as much as P_c, whatever the unit.
     ///
-    /// Its tails, which reach down to 1e-320, count as rounded.
+    /// Its tails reach down to 1e-320: a model that need not keep them is faster
+    /// [`with_rounded_tails`](crate::Hmm::with_rounded_tails).
     ///
     /// O(n²), and for hops O(n (places + roads)).
     ///
@@ -60,7 +61,7 @@ impl Confusion {
         map: &RoadMap,
         metric: Metric,
         sigma: f64,
-    ) -> Result<RoundedTails<TableLikelihood>, ObservationError> {
+    ) -> Result<TableLikelihood, ObservationError> {
         if !(sigma > 0.0 && sigma.is_finite()) {
             let (what, expected) = ("sigma", "a finite value above 0");
             return Err(ObservationError::Parameter { what, value: sigma, expected });
@@ -83,9 +84,9 @@ impl Confusion {
                 Metric::Hops | Metric::Metres => 1.0 / kernels::sum(&gaussian),
             };
             gaussian.iter_mut().for_each(|g| *g *= height);
-            let normaliser = 1.0 + kernels::sum(&gaussian);
-            row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normaliser);
+            let normalizer = 1.0 + kernels::sum(&gaussian);
+            row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normalizer);
         }
-        Ok(RoundedTails(TableLikelihood::from_rows(&rows)?))
+        Ok(TableLikelihood::from_rows(&rows)?)
     }
 }

@@ -15,7 +15,7 @@
 //! assert_eq!(confusion.probability(0, 104), Some(0.0)); // and never as one far away
 //!
 //! let camera = confusion.with_gaussian(&map, Metric::Metres, 150.0)?;
-//! # let _: wayfix::RoundedTails<wayfix::TableLikelihood> = camera;
+//! # let _: wayfix::TableLikelihood = camera;
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!
@@ -46,5 +46,5 @@ pub use spread::Spread;
 pub(crate) use spread::nearest;
 pub use standardizer::Standardizer;
 pub use temperature::{Calibration, calibrate};
-pub use view::{Views, alike_stretches, view_change};
+pub use view::{ViewComparison, alike_stretches, view_change};
 pub(crate) use view::{next_view, threshold_of_changes};

@@ -1,8 +1,11 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
 use super::spread::scaled;
-use super::standardizer::PRIOR_COUNT;
 use crate::kernels::{Kernel, LANES, Lanes};
+
+/// For how many queries count what is known of a reference before any are seen: a mean of
+/// 0, and the deviation that all references have together.
+pub(super) const PRIOR_COUNT: f64 = 10.0;
 
 /// Scores of a query in its own deviations, which are added to those of before.
 pub(super) struct CountIn<'a> {

@@ -6,10 +6,6 @@ use super::spread::scaled;
 use super::standardize::{CountIn, Standardize};
 use crate::kernels::run;
 
-/// For how many queries count what is known of a reference before any are seen: a mean of
-/// 0, and the deviation that all references have together.
-pub(super) const PRIOR_COUNT: f64 = 10.0;
-
 /// Brings the distances of a query to one scale for all references: first in standard
 /// deviations of the query's own ([`Spread::Query`](super::Spread::Query)), then in those that each reference
 /// has for other queries.
@@ -202,6 +198,7 @@ impl Standardizer {
 
 #[cfg(test)]
 mod tests {
+    use super::super::standardize::PRIOR_COUNT;
     use super::*;
 
     #[test]

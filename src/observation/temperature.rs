@@ -1,19 +1,44 @@
 //! How far distances are to be believed: fitting the temperature.
 
 use std::error::Error;
-use std::ops::RangeInclusive;
 
-use super::{AppearanceLikelihood, ObservationError};
-use crate::inference::LearnLikelihood;
+use super::ObservationError;
+use super::appearance::{AppearanceLikelihood, TEMPERATURES};
 use crate::kernels;
+use crate::likelihood::LearnLikelihood;
 use crate::likelihood::Scratch;
-
-/// Those that may be. The best of 1/τ lies between the same, or nowhere.
-pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
 /// What a re-estimation tries in place of 1/τ: coarse steps to come near, and
 /// fine ones to arrive.
 const FACTORS: [f64; 13] = [1.0, 0.99, 1.01, 0.96, 1.04, 0.9, 1.1, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0];
+
+impl AppearanceLikelihood {
+    /// With the temperature that makes labelled queries most probable, each on
+    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None`
+    /// where that is not known (those are left out). It maximises
+    /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
+    /// iteration, of which there are some 60.
+    ///
+    /// A state off the map takes no part.
+    ///
+    /// In sequence it is still too cold, since the errors of one frame come
+    /// again in the next; [`calibrate`](super::calibrate) sees to that.
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] if a row is not valid, a place does not exist or is
+    /// infinitely far, or nothing is labelled; and
+    /// [`ObservationError::Unbounded`] if no temperature is best: every label is
+    /// the best match, say, or none is better than the mean.
+    pub fn with_learned_temperature<R: AsRef<[f32]>>(
+        self,
+        rows: &[R],
+        places: &[Option<usize>],
+    ) -> Result<Self, ObservationError> {
+        let temperature = most_likely(&self, rows, places)?;
+        self.with_temperature(temperature)
+    }
+}
 
 /// The temperature of [`AppearanceLikelihood::with_learned_temperature`].
 pub(super) fn most_likely<R: AsRef<[f32]>>(
@@ -200,10 +225,11 @@ impl Calibration {
 ///
 /// ```
 /// use wayfix::observation::{AppearanceLikelihood, calibrate};
-/// use wayfix::{Belief, Ends, Hmm, Prior, WindowTransition};
+/// use wayfix::transition::WindowTransition;
+/// use wayfix::{Belief, Hmm, Prior};
 ///
 /// let rows = vec![vec![0.1_f32, 0.9, 0.8], vec![0.5, 0.4, 0.9], vec![0.7, 0.9, 0.6]];
-/// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], Ends::Stop)?;
+/// let motion = WindowTransition::new(3, 0, &[0.1, 0.9], false)?;
 /// let fitted = calibrate(&[2.0, 1.0, 0.5, 0.25], 0.01, |&temperature| {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;

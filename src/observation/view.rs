@@ -2,7 +2,7 @@
 
 use super::ObservationError;
 use super::rows::{self, RowMoments};
-use crate::motion::View;
+use crate::motion::ViewChange;
 
 /// How much two views differ: the mean absolute difference of their rows of
 /// distances, in standard deviations of the second row. 0 for the same row;
@@ -34,22 +34,22 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 /// whatever that one image happens to resemble.
 ///
 /// ```
-/// use wayfix::motion::View;
-/// use wayfix::observation::Views;
+/// use wayfix::motion::ViewChange;
+/// use wayfix::observation::ViewComparison;
 ///
-/// let mut views = Views::new(0.1)?;
-/// assert_eq!(views.next(&[0.2, 0.8, 0.9])?, View::Changed); // the first is new
-/// assert_eq!(views.next(&[0.2, 0.81, 0.9])?, View::Unchanged);
-/// assert_eq!(views.next(&[0.9, 0.3, 0.8])?, View::Changed);
+/// let mut views = ViewComparison::new(0.1)?;
+/// assert_eq!(views.next(&[0.2, 0.8, 0.9])?, ViewChange::Changed); // the first is new
+/// assert_eq!(views.next(&[0.2, 0.81, 0.9])?, ViewChange::Unchanged);
+/// assert_eq!(views.next(&[0.9, 0.3, 0.8])?, ViewChange::Changed);
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
-pub struct Views {
+pub struct ViewComparison {
     threshold: f64,
     last_new: Option<Vec<f32>>,
 }
 
-impl Views {
+impl ViewComparison {
     /// Changes below the threshold (as [`view_change`] measures them) are none.
     ///
     /// # Errors
@@ -84,38 +84,38 @@ impl Views {
     ///
     /// [`ObservationError::Distances`] for a row of another length than before,
     /// which is then not taken.
-    pub fn next(&mut self, distances: &[f32]) -> Result<View, ObservationError> {
+    pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
         let moments = RowMoments::of(distances);
         next_view(&mut self.last_new, self.threshold, distances, &moments)
     }
 }
 
-/// [`Views::threshold_of`] rows with these changes.
+/// [`ViewComparison::threshold_of`] rows with these changes.
 pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
     changes.retain(|change| *change > 0.0 && change.is_finite());
     changes.sort_by(f64::total_cmp);
     changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }
 
-/// [`Views::next`], with the last new row kept elsewhere, for a row with these moments.
+/// [`ViewComparison::next`], with the last new row kept elsewhere, for a row with these moments.
 pub(crate) fn next_view(
     last_new: &mut Option<Vec<f32>>,
     threshold: f64,
     distances: &[f32],
     moments: &RowMoments,
-) -> Result<View, ObservationError> {
+) -> Result<ViewChange, ObservationError> {
     match last_new {
         Some(last) if last.len() != distances.len() => {
             let (found, expected) = (distances.len(), last.len());
             return Err(ObservationError::Distances { found, expected });
         }
         Some(last) if rows::change(last, distances, moments) < threshold => {
-            return Ok(View::Unchanged);
+            return Ok(ViewChange::Unchanged);
         }
         Some(last) => last.copy_from_slice(distances),
         None => *last_new = Some(distances.to_vec()),
     }
-    Ok(View::Changed)
+    Ok(ViewChange::Changed)
 }
 
 /// Which stretch of a route each reference is in, for
@@ -123,7 +123,7 @@ pub(crate) fn next_view(
 /// consecutive references share one if no query tells them apart, that is, if
 /// the columns of `rows` are the same, or their [change](view_change) from the
 /// first of the stretch is below a tenth of the median
-/// ([`Views::threshold_of`] the columns).
+/// ([`ViewComparison::threshold_of`] the columns).
 /// Standing images in a recorded route (a stop at a station, a tunnel) make
 /// such stretches. O(rows × references).
 ///
@@ -138,7 +138,7 @@ pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, Observ
     }
     let column = |i: usize| rows.iter().map(|row| row.as_ref()[i]).collect::<Vec<f32>>();
     let columns: Vec<Vec<f32>> = (0..expected).map(column).collect();
-    let threshold = Views::threshold_of(&columns)?;
+    let threshold = ViewComparison::threshold_of(&columns)?;
     let (mut start, mut stretch) = (0, 0);
     let mut stretches = Vec::with_capacity(expected);
     for (i, column) in columns.iter().enumerate() {

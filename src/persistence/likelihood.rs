@@ -31,25 +31,25 @@ stored! {
         off_map_rank: Option<f64> = camera.off_map_rank(),
     } => Self::from_parts(references, spread, offsets, temperature, off_map_rank);
 
-    [] KnownState: [], |known| {
-        states: usize = known.states,
+    [] SparseLikelihood: [], |sparse| {
+        states: usize = sparse.states,
     } => Ok::<_, Infallible>(Self::new(states));
 
     [B: Likelihood<Observation: Sized>] OptionalLikelihood<B>: [B], |optional| {
         sensor: B = optional.sensor,
     } => optional(sensor);
 
-    [B1: Likelihood, B2: Likelihood] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
+    [B1: Likelihood<Observation: Sized>, B2: Likelihood<Observation: Sized>] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
         first: B1 = fused.first,
         second: B2 = fused.second,
     } => Self::new(first, second);
 
-    [B: Likelihood] GroupedLikelihood<B>: [B], |grouped| {
+    [B: Likelihood] GroupedLikelihood<B> in likelihood: [B], |grouped| {
         sensor: B = grouped.sensor,
         groups: Groups = grouped.groups(),
     } => Self::new(sensor, groups);
 
-    [B: Likelihood] PooledLikelihood<B>: [B], |pooled| {
+    [B: Likelihood] PooledLikelihood<B> in likelihood: [B], |pooled| {
         sensor: B = pooled.sensor,
         groups: Groups = pooled.groups(),
     } => Self::new(sensor, groups);

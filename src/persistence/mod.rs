@@ -2,16 +2,17 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::RoundedTails); all transition operators but those with a
-//! function of yours ([`EvidenceTransition`](crate::EvidenceTransition)); all sensors but
-//! [`LogLikelihoodFn`](crate::LogLikelihoodFn), since a closure can't be stored;
-//! and the snapshots [`FilterState`](crate::FilterState) and
-//! [`FixedLagState`](crate::FixedLagState); and what a recogniser has learned,
+//! [`Fixed`](crate::Fixed); all transition operators but those with a
+//! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
+//! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
+//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
+//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot); and what a recogniser has learned,
 //! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
-//! [`TrackState`](crate::recognition::TrackState).
+//! [`TrackSnapshot`](crate::recognition::TrackSnapshot).
 //!
 //! ```
-//! use wayfix::{Belief, FilterState, Hmm, Prior, SparseTransition, TableLikelihood};
+//! use wayfix::inference::FilterSnapshot;
+//! use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 //!
 //! let hmm = Hmm::new(
 //!     Prior::BeforeFirstTransition(Belief::uniform(2)?),
@@ -26,7 +27,7 @@
 //! // The next morning.
 //! let restored: Hmm<SparseTransition, TableLikelihood> = serde_json::from_str(&model)?;
 //! let mut next = restored.filter();
-//! next.restore(&serde_json::from_str::<FilterState>(&state)?)?;
+//! next.restore(&serde_json::from_str::<FilterSnapshot>(&state)?)?;
 //! filter.step(&1)?;
 //! next.step(&1)?;
 //! assert_eq!(next.snapshot(), filter.snapshot()); // as if it had never stopped
@@ -43,7 +44,9 @@
 //!
 //! What comes back gives the same numbers to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
-//! it, it may read the last bit of a number wrongly.
+//! it, it may read the last bit of a number wrongly. What is computed from there on another
+//! platform may differ in a last bit where there is a logarithm or an exponential: these come
+//! from the platform's mathematical library.
 //!
 //! # Checked
 //!
@@ -61,12 +64,12 @@
 //!
 //! | type | fields |
 //! |---|---|
-//! | `Hmm` | `prior`, `transition`, `likelihood` |
+//! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, whether tails are rounded |
 //! | `DenseTransition` | `states`; `columns`, column after column |
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
 //! | `SwitchedTransition` | `operators` |
-//! | `WindowTransition` | `states`, `first`, `weights`; `ends`: `loop`, `stop` or `renormalise` |
+//! | `WindowTransition` | `states`, `first`, `weights`, `closed` |
 //! | `Speeds` | `values`, ascending; `shares`; `nearby` and `anywhere`, the probabilities of a change; `slack` |
 //! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r |
@@ -78,22 +81,22 @@
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
-//! | `KnownState` | `states` |
+//! | `SparseLikelihood` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
-//! | `FilterState` | `steps`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
-//! | `FixedLagState` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
+//! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
+//! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackState` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
+//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
 //! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, the `Odometry` of a road map an object with `distance`
+//! what it holds, the `OdometryReading` of a road map an object with `distance`
 //! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
 //! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
 //! `before`, which is as `driven` above. The `Options` of a
@@ -205,7 +208,8 @@ stored! {
         prior: Prior = hmm.prior(),
         transition: A = hmm.transition(),
         likelihood: B = hmm.likelihood(),
-    } => Self::new(prior, transition, likelihood);
+        rounds_tails: bool = hmm.rounds_tails(),
+    } => Self::new(prior, transition, likelihood).map(|hmm| hmm.rounding_tails(rounds_tails));
 }
 
 impl<S: AsRef<[f64]>> Serialize for Belief<S> {

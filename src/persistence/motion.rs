@@ -2,7 +2,7 @@
 
 use super::stored;
 use crate::error::TransitionError;
-use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewRates};
+use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 
 stored! {
     [] Speeds in motion: [], |speeds| {
@@ -21,7 +21,7 @@ stored! {
         closed: bool = route.is_closed(),
         speeds: Speeds = route.speeds(),
         odometry: OdometryModel = route.odometry(),
-        views: Option<(Vec<usize>, ViewRates)> = route.views(),
+        views: Option<(Vec<usize>, ViewChangeRates)> = route.views(),
         off_map: Option<OffMap> = route.off_map(),
     } => Self::new(places, closed, speeds)
         .and_then(|route| route.with_odometry(odometry))

@@ -1,10 +1,10 @@
 //! What a recogniser has learned, and what a track knows.
 
 use super::stored;
-use crate::inference::FilterState;
-use crate::motion::{Driven, View};
+use crate::inference::FilterSnapshot;
+use crate::motion::{Driven, ViewChange};
 use crate::observation::Standardizer;
-use crate::recognition::{Options, SensorState, TrackState};
+use crate::recognition::{Options, SensorState, TrackSnapshot};
 
 stored! {
     [] MatchOdds in observation: [], |odds| {
@@ -28,12 +28,12 @@ stored! {
         best_scores: Option<[f64; 2]> = fit.best_scores,
     } => Self::from_parts(options, standardizer, stretches, best_scores);
 
-    [] TrackState in recognition: [], |state| {
-        filter: FilterState = state.filter,
+    [] TrackSnapshot in recognition: [], |state| {
+        filter: FilterSnapshot = state.filter,
         standardizer: Standardizer = state.sensor.standardizer,
         last_view: Option<Vec<Option<f32>>> =
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
-        run: Option<(View, u32)> = state.sensor.run,
+        run: Option<(ViewChange, u32)> = state.sensor.run,
         driven: Option<Driven> = state.sensor.driven,
         gained: Vec<f32> = state.sensor.gained,
     } => track_state(filter, standardizer, last_view, run, driven, gained);
@@ -46,13 +46,13 @@ fn finite(distance: &f32) -> Option<f32> {
 }
 
 fn track_state(
-    filter: FilterState,
+    filter: FilterSnapshot,
     standardizer: Standardizer,
     last_view: Option<Vec<Option<f32>>>,
-    run: Option<(View, u32)>,
+    run: Option<(ViewChange, u32)>,
     driven: Option<Driven>,
     gained: Vec<f32>,
-) -> Result<TrackState, String> {
+) -> Result<TrackSnapshot, String> {
     if let Some(value) = gained.iter().find(|value| !(**value >= 0.0 && value.is_finite())) {
         return Err(format!("a gain of {value}, expected a finite value of at least 0"));
     }
@@ -72,5 +72,8 @@ fn track_state(
             ));
         }
     }
-    Ok(TrackState { filter, sensor: SensorState { standardizer, last_view, run, driven, gained } })
+    Ok(TrackSnapshot {
+        filter,
+        sensor: SensorState { standardizer, last_view, run, driven, gained },
+    })
 }

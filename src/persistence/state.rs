@@ -2,22 +2,23 @@
 
 use super::stored;
 use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::inference::{FilterState, FixedLagState, LogSum, MOST_STEPS};
+use crate::inference::{FilterSnapshot, FixedLagSnapshot, LogSum, MOST_STEPS};
 
 stored! {
-    [] FilterState: [], |state| {
+    [] FilterSnapshot in inference: [], |state| {
         steps: usize = state.steps,
+        steps_in_logs: usize = state.steps_in_logs,
         belief: Belief = state.belief,
         logs: Option<Vec<Option<f64>>> = state.logs.as_ref().map(|logs| {
             logs.iter().map(|log| log.is_finite().then_some(*log)).collect::<Vec<_>>()
         }),
         log_likelihood: [f64; 2] = [state.log_likelihood.sum, state.log_likelihood.lost],
-    } => filter_state(steps, belief, logs, log_likelihood);
+    } => filter_state([steps, steps_in_logs], belief, logs, log_likelihood);
 
-    [U] FixedLagState<U>: [U], |state| {
+    [U] FixedLagSnapshot<U> in inference: [U], |state| {
         lag: usize = state.lag,
-        present: FilterState = state.present,
-        past: Vec<(FilterState, U)> = state.past,
+        present: FilterSnapshot = state.present,
+        past: Vec<(FilterSnapshot, U)> = state.past,
     } => fixed_lag_state(lag, present, past);
 }
 
@@ -29,11 +30,11 @@ fn check_finite([sum, lost]: [f64; 2]) -> Result<(), String> {
 }
 
 fn filter_state(
-    steps: usize,
+    [steps, steps_in_logs]: [usize; 2],
     belief: Belief,
     logs: Option<Vec<Option<f64>>>,
     log_likelihood: [f64; 2],
-) -> Result<FilterState, String> {
+) -> Result<FilterSnapshot, String> {
     if steps > MOST_STEPS {
         return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
     }
@@ -56,14 +57,14 @@ fn filter_state(
     }
     check_finite(log_likelihood)?;
     let [sum, lost] = log_likelihood;
-    Ok(FilterState { steps, belief, logs, log_likelihood: LogSum { sum, lost } })
+    Ok(FilterSnapshot { steps, steps_in_logs, belief, logs, log_likelihood: LogSum { sum, lost } })
 }
 
 fn fixed_lag_state<U>(
     lag: usize,
-    present: FilterState,
-    past: Vec<(FilterState, U)>,
-) -> Result<FixedLagState<U>, String> {
+    present: FilterSnapshot,
+    past: Vec<(FilterSnapshot, U)>,
+) -> Result<FixedLagSnapshot<U>, String> {
     let (found, steps) = (past.len(), present.steps);
     if found != lag.min(steps) {
         return Err(format!(
@@ -84,5 +85,5 @@ fn fixed_lag_state<U>(
             ));
         }
     }
-    Ok(FixedLagState { lag, present, past })
+    Ok(FixedLagSnapshot { lag, present, past })
 }

@@ -6,9 +6,10 @@ use std::convert::Infallible;
 use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
+use crate::motion::{DistanceTransition, OffMapTransition};
 use crate::transition::{
-    DistanceTransition, DwellTransition, Ends, OffMapTransition, RestartTransition,
-    SparseTransition, TiedTransition, Transition, TransitionEntries, check_probability,
+    DwellTransition, RestartTransition, SparseTransition, TiedTransition, Transition,
+    TransitionEntries, check_probability,
 };
 
 stored! {
@@ -28,16 +29,16 @@ stored! {
         probability: Vec<f64> = entries(a, |_, _, p| p),
     } => sparse(states, &to, &from, &probability);
 
-    [] TiedTransition: [], |a| {
+    [] TiedTransition in transition: [], |a| {
         transition: SparseTransition = a.transition,
         parameters: Vec<u32> = a.parameters.iter().map(|parameter| parameter.0).collect::<Vec<_>>(),
     } => tied(transition, &parameters);
 
-    [A: Transition<Control = ()>] SwitchedTransition<A>: [A], |a| {
+    [A: Transition<Control = ()>] SwitchedTransition<A> in transition: [A], |a| {
         operators: Vec<A> = a.operators,
     } => Self::new(operators);
 
-    [] WindowTransition: [], |a| {
+    [] WindowTransition in transition: [], |a| {
         states: usize = a.states(),
         first: isize = a.first,
         weights: Vec<f64> = {
@@ -45,16 +46,16 @@ stored! {
             a.window.iter().for_each(|entry| weights[entry.to] = entry.value);
             weights
         },
-        ends: Ends = a.ends,
-    } => Self::new(states, first, &weights, ends);
+        closed: bool = a.closed,
+    } => Self::new(states, first, &weights, closed);
 
-    [A: Transition] RestartTransition<A>: [A], |a| {
+    [A: Transition] RestartTransition<A> in transition: [A], |a| {
         inner: A = a.inner,
         keep: f64 = a.keep,
         restart: Vec<f64> = a.restart,
     } => restarting(inner, keep, restart);
 
-    [A: Transition] OffMapTransition<A>: [A], |a| {
+    [A: Transition] OffMapTransition<A> in motion: [A], |a| {
         inner: A = a.inner,
         leave: f64 = a.leave,
         stay: f64 = a.stay,
@@ -62,23 +63,23 @@ stored! {
         evidence: Option<f64> = a.evidence,
     } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
 
-    [] DistanceTransition: [], |a| {
+    [] DistanceTransition in motion: [], |a| {
         base: SparseTransition = a.base,
         lengths: Vec<f64> = a.ways.iter().map(|way| way.length).collect::<Vec<_>>(),
     } => distances(base, &lengths);
 
     [A1: Transition, A2: Transition<Control = A1::Control>]
-    KroneckerTransition<A1, A2>: [A1, A2], |a| {
+    KroneckerTransition<A1, A2> in transition: [A1, A2], |a| {
         first: A1 = a.first,
         second: A2 = a.second,
     } => Self::new(first, second);
 
-    [A: Transition] PowerTransition<A>: [A], |a| {
+    [A: Transition] PowerTransition<A> in transition: [A], |a| {
         inner: A = a.inner,
         exponent: u32 = a.exponent(),
     } => Ok::<_, Infallible>(Self::new(inner, exponent));
 
-    [A: Transition] DwellTransition<A>: [A], |a| {
+    [A: Transition] DwellTransition<A> in transition: [A], |a| {
         moves: A = a.moves,
         ages: Vec<Vec<(f64, f64)>> = {
             let age = |state: usize| (a.leave[state], a.stay[state]);

@@ -1,20 +1,9 @@
 //! Choosing the temperature in a way that cannot fool itself.
 
+use super::fit::Calibrated;
 use super::labels::LabelledPart;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
-
-/// Choice of a temperature.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Calibrated {
-    /// The temperatures that were tried, hottest first.
-    pub temperatures: Vec<f64>,
-    /// For each, the mean log score of the filter in each block of the labelled part:
-    /// of the probability that it gave to the places that are right, or next to them.
-    pub scores: Vec<Vec<f64>>,
-    /// Which one was chosen.
-    pub chosen: usize,
-}
 
 /// Factors of the temperature that are tried.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];

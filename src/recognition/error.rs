@@ -6,8 +6,7 @@ use std::fmt;
 use crate::error::{InferenceError, TransitionError};
 use crate::observation::{DescriptorError, ObservationError};
 
-/// Why a recogniser cannot be made, or a query not be recognised. Its text ends with that
-/// of its causes.
+/// Why a recogniser cannot be made, or a query not be recognised.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RecognitionError {
@@ -88,13 +87,15 @@ impl fmt::Display for RecognitionError {
             Self::Count { what, found, expected } => {
                 write!(f, "{found} {what}, expected {expected}")
             }
-            Self::References { traverse, .. } => {
-                write!(f, "the references of traverse {traverse} are not valid")
+            Self::References { traverse, source } => {
+                write!(f, "the references of traverse {traverse} are not valid: {source}")
             }
-            Self::Descriptor { step, .. } => {
-                write!(f, "the descriptor of the query of step {step} is not valid")
+            Self::Descriptor { step, source } => {
+                write!(f, "the descriptor of the query of step {step} is not valid: {source}")
             }
-            Self::Query { step, .. } => write!(f, "the query of step {step} is not valid"),
+            Self::Query { step, source } => {
+                write!(f, "the query of step {step} is not valid: {source}")
+            }
             Self::Label { part, step, place, references } => write!(
                 f,
                 "step {step} of labelled part {part} shows reference {place}, expected one from \
@@ -104,35 +105,23 @@ impl fmt::Display for RecognitionError {
             Self::FewLabels { found } => {
                 write!(f, "{found} labelled steps are on the map, expected at least two in a row")
             }
-            Self::Part { part, .. } => write!(f, "labelled part {part} is not valid"),
-            Self::Motion(_) => write!(f, "the model of motion is not valid"),
-            Self::Inference(_) => write!(f, "a step cannot be taken"),
-        }?;
-        match self.source() {
-            Some(cause) => write_causes(f, cause),
-            None => Ok(()),
+            Self::Part { part, source } => {
+                write!(f, "labelled part {part} is not valid: {source}")
+            }
+            Self::Motion(source) => write!(f, "the model of motion is not valid: {source}"),
+            Self::Inference(source) => write!(f, "a step cannot be taken: {source}"),
         }
-    }
-}
-
-/// Writes a cause and its own causes, unless its text has them.
-fn write_causes(f: &mut fmt::Formatter<'_>, cause: &(dyn Error + 'static)) -> fmt::Result {
-    let (text, next) = (cause.to_string(), cause.source());
-    write!(f, ": {text}")?;
-    match next.filter(|next| !text.contains(&next.to_string())) {
-        Some(next) => write_causes(f, next),
-        None => Ok(()),
     }
 }
 
 impl Error for RecognitionError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
-            Self::References { source, .. } | Self::Descriptor { source, .. } => Some(source),
-            Self::Query { source, .. } => Some(source),
-            Self::Part { source, .. } => Some(&**source),
-            Self::Motion(source) => Some(source),
-            Self::Inference(source) => Some(source),
+            Self::References { source, .. } | Self::Descriptor { source, .. } => source.source(),
+            Self::Query { source, .. } => source.source(),
+            Self::Part { source, .. } => source.source(),
+            Self::Motion(source) => source.source(),
+            Self::Inference(source) => source.source(),
             _ => None,
         }
     }

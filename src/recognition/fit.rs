@@ -1,13 +1,10 @@
-//! Learning from labelled parts of drives.
+//! Result of learning.
 
-use super::calibrate::Calibrated;
-use super::labels::{LabelledPart, Labels, rates};
 use super::warning::Warning;
-use super::{Options, RecognitionError, Recognizer};
-use crate::motion::OdometryModel;
-use crate::observation::{ObservationError, Standardizer, Views, alike_stretches};
+use super::{Options, RecognitionError};
+use crate::observation::Standardizer;
 
-/// Result of learning: the options of a [`Recognizer`], and what it knows of single references.
+/// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what it knows of single references.
 /// With the feature `serde` it can be stored. Equal if what was learned is, whatever the
 /// warnings, which are not stored.
 #[derive(Debug, Clone)]
@@ -17,8 +14,8 @@ pub struct Fit {
     pub(crate) stretches: Option<Vec<usize>>,
     /// The mean and the deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
-    warnings: Vec<Warning>,
-    calibrated: Option<Calibrated>,
+    pub(super) warnings: Vec<Warning>,
+    pub(super) calibrated: Option<Calibrated>,
 }
 
 impl PartialEq for Fit {
@@ -121,74 +118,14 @@ impl Fit {
     }
 }
 
-impl Recognizer {
-    /// Learns from labelled parts: how speeds are used and change, odometry, how often the
-    /// vehicle leaves the map, what counts as a change of view, which references look
-    /// alike, and how each compares with queries; and whether another
-    /// [temperature](crate::observation::MatchOdds) is better. What was learned before is
-    /// replaced, but for the options, which are where learning starts.
-    ///
-    /// [`Fit::warnings`] tells what should make one doubt it. O(steps n k) time, and a
-    /// few times that for the temperature; O(steps n) memory.
-    ///
-    /// # Errors
-    ///
-    /// [`RecognitionError`] for queries or labels that are not valid, or fewer than two
-    /// steps in a row on the map.
-    pub fn fitted<Q: AsRef<[f32]>>(
-        &self,
-        parts: &[LabelledPart<'_, Q>],
-    ) -> Result<Self, RecognitionError> {
-        self.check_labels(parts)?;
-        let mut rows = Vec::new();
-        for (number, part) in parts.iter().enumerate() {
-            let invalid =
-                |source| RecognitionError::Part { part: number, source: Box::new(source) };
-            rows.push(self.compare(*part).map_err(invalid)?);
-        }
-        let mut fit = Fit::new(self.options().clone());
-        let wrong = |source| RecognitionError::Query { step: 0, source };
-        self.fit_camera(&rows, &mut fit).map_err(wrong)?;
-        let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
-        let drives: Vec<&[f64]> = labels.iter().map(|part| &part.moves[..]).collect();
-        fit.options.speeds = fit.options.speeds.learned(&drives)?;
-        let (moves, read): (Vec<f64>, Vec<f64>) =
-            labels.iter().flat_map(|part| part.read.iter().copied()).unzip();
-        let has_odometry = moves.len() > 1;
-        if has_odometry {
-            fit.options.odometry = OdometryModel::learned(&[(moves, read)])?;
-        }
-        fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
-        let fitted = self.with_fit(fit.clone())?;
-        (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
-        fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
-        let (options, calibrated, edge) = fitted.calibrate(parts)?;
-        fit.options = options;
-        fit.calibrated = calibrated;
-        fit.warnings.extend(edge);
-        self.with_fit(fit)
-    }
-
-    fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
-        let longest = rows.iter().max_by_key(|rows| rows.len());
-        let threshold = longest.map_or(Ok(0.0), |rows| Views::threshold_of(rows))?;
-        // Where nothing changes, or labels are too few to tell, what was there before.
-        if threshold > 0.0 {
-            fit.options.view_threshold = threshold;
-        }
-        let mut standardizer = self.shared_references().standardizer()?;
-        let mut new = Vec::new();
-        for part in rows {
-            let mut views = Views::new(fit.options.view_threshold)?;
-            for row in part {
-                if views.next(row)? == crate::motion::View::Changed {
-                    standardizer.observe(row)?;
-                    new.push(row);
-                }
-            }
-        }
-        fit.stretches = Some(alike_stretches(&new)?);
-        fit.standardizer = fit.options.standardize.then_some(standardizer);
-        Ok(())
-    }
+/// Choice of a temperature.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// The temperatures that were tried, hottest first.
+    pub temperatures: Vec<f64>,
+    /// For each, the mean log score of the filter in each block of the labelled part:
+    /// of the probability that it gave to the places that are right, or next to them.
+    pub scores: Vec<Vec<f64>>,
+    /// Which one was chosen.
+    pub chosen: usize,
 }

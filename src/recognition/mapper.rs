@@ -2,8 +2,10 @@
 
 use super::{Options, RecognitionError, Recognizer, Track};
 use crate::error::InferenceError;
-use crate::motion::{OffMap, RouteControl, RouteTransition, View};
-use crate::observation::{Descriptor, DescriptorError, Distance, ReferenceDescriptors, Views};
+use crate::motion::{OffMap, RouteControl, RouteTransition, ViewChange};
+use crate::observation::{
+    Descriptor, DescriptorError, Distance, ReferenceDescriptors, ViewComparison,
+};
 use crate::transition::Transition;
 
 /// Makes the references while the vehicle drives: is this a new place, or one that it has
@@ -49,7 +51,7 @@ pub struct Mapper {
     /// The step at which each was added.
     added: Vec<usize>,
     steps: usize,
-    views: Option<Views>,
+    views: Option<ViewComparison>,
     track: Option<Track>,
 }
 
@@ -162,10 +164,10 @@ impl Mapper {
     /// True if a view differs from the last new one, in the numbers of the descriptor.
     fn is_new_view(&mut self, query: &[f32]) -> bool {
         if self.views.is_none() {
-            self.views = Views::new(self.options.view_threshold).ok();
+            self.views = ViewComparison::new(self.options.view_threshold).ok();
         }
         let view = self.views.as_mut().map(|views| views.next(query));
-        self.references.is_empty() || !matches!(view, Some(Ok(View::Unchanged)))
+        self.references.is_empty() || !matches!(view, Some(Ok(ViewChange::Unchanged)))
     }
 
     /// Valid as a reference, so that it may become one, and as a reading.

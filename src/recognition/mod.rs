@@ -42,8 +42,10 @@ mod adapt;
 mod answer;
 mod calibrate;
 mod error;
+mod examine;
 mod fit;
 mod labels;
+mod learn;
 mod mapper;
 mod options;
 mod recognizer;
@@ -54,9 +56,8 @@ mod track;
 mod warning;
 
 pub use answer::Answer;
-pub use calibrate::Calibrated;
 pub use error::RecognitionError;
-pub use fit::Fit;
+pub use fit::{Calibrated, Fit};
 pub use labels::LabelledPart;
 pub use mapper::{Mapper, Seen};
 pub use options::Options;
@@ -64,5 +65,5 @@ pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]
 pub(crate) use sensor::SensorState;
-pub use track::{Track, TrackState};
+pub use track::{Track, TrackSnapshot};
 pub use warning::Warning;

@@ -1,7 +1,7 @@
 //! Every choice, with its default and the reason.
 
 use super::RecognitionError;
-use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewRates};
+use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 use crate::observation::MatchOdds;
 
 /// The choices of a [`Recognizer`](super::Recognizer). The defaults were found by leaving
@@ -48,8 +48,8 @@ pub struct Options {
     /// True if each reference's mean and deviation are learned from the queries, by
     /// default so: references that look like everything then do not win.
     pub standardize: bool,
-    /// Rates of views that do not change; see [`ViewRates`].
-    pub views: ViewRates,
+    /// Rates of views that do not change; see [`ViewChangeRates`].
+    pub views: ViewChangeRates,
     /// True if changes of the view count as evidence of moving or standing; by default
     /// so.
     pub use_views: bool,
@@ -81,7 +81,7 @@ impl Default for Options {
             habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,
-            views: ViewRates::default(),
+            views: ViewChangeRates::default(),
             use_views: true,
             unchanged_fades: 1.0,
             changed_fades: 0.1,

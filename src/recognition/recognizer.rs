@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::fit::Fit;
 use super::references::References;
 use super::sensor::{Seeing, Sensor};
-use super::{Options, RecognitionError, Recording, Track};
+use super::{Options, RecognitionError};
 use crate::hmm::{Hmm, Prior};
 use crate::kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
@@ -154,28 +154,6 @@ impl Recognizer {
     #[must_use]
     pub fn motion(&self) -> &RouteTransition {
         self.model.transition()
-    }
-
-    /// Follows a vehicle from here on. It may be anywhere to begin with.
-    #[must_use]
-    pub fn track(&self) -> Track {
-        Track::new(self.clone())
-    }
-
-    /// Takes a whole drive: a query for each step, and what odometry said of the way
-    /// before it, in references; empty if there is none. O(steps × n) memory, with 8
-    /// bytes for each.
-    ///
-    /// # Errors
-    ///
-    /// [`RecognitionError`] for a query that is not valid, with its step, or another
-    /// number of odometry readings than of queries.
-    pub fn recording<Q: AsRef<[f32]>>(
-        &self,
-        queries: &[Q],
-        odometry: &[Option<f64>],
-    ) -> Result<Recording, RecognitionError> {
-        Recording::new(self, queries, odometry)
     }
 
     pub(super) fn model(&self) -> &Arc<Model> {

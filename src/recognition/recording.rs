@@ -35,6 +35,24 @@ pub struct PlaceBeliefs {
     log_likelihoods: Vec<f64>,
 }
 
+impl Recognizer {
+    /// Takes a whole drive: a query for each step, and what odometry said of the way
+    /// before it, in references; empty if there is none. O(steps × n) memory, with 8
+    /// bytes for each.
+    ///
+    /// # Errors
+    ///
+    /// [`RecognitionError`] for a query that is not valid, with its step, or another
+    /// number of odometry readings than of queries.
+    pub fn recording<Q: AsRef<[f32]>>(
+        &self,
+        queries: &[Q],
+        odometry: &[Option<f64>],
+    ) -> Result<Recording, RecognitionError> {
+        Recording::new(self, queries, odometry)
+    }
+}
+
 impl Recording {
     pub(super) fn new<Q: AsRef<[f32]>>(
         recognizer: &Recognizer,

@@ -3,7 +3,7 @@
 use super::references::References;
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
-use crate::motion::{Driven, RouteControl, RouteTransition, View, ViewEvidence};
+use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
 use crate::observation::{ObservationError, Standardizer, next_view};
 use crate::transition::Transition;
 
@@ -25,7 +25,7 @@ pub(crate) struct SensorState {
     /// The last view that was new.
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
-    pub(crate) run: Option<(View, u32)>,
+    pub(crate) run: Option<(ViewChange, u32)>,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
     /// Gain of each reference by the last frames, a mean of log-odds.
@@ -82,7 +82,7 @@ impl Sensor {
         seeing.motion.check_control(&control).map_err(refused)?;
         let view = next_view(last_view, options.view_threshold, &self.distances, &moments)
             .map_err(failed)?;
-        if view == View::Unchanged && !nowhere {
+        if view == ViewChange::Unchanged && !nowhere {
             // It says nothing that the frame before has not said.
             out.fill(1.0);
         } else {
@@ -108,8 +108,8 @@ impl Sensor {
         let first = run.is_none();
         *run = Some((view, count));
         let fades = match view {
-            View::Changed => options.changed_fades,
-            View::Unchanged => options.unchanged_fades,
+            ViewChange::Changed => options.changed_fades,
+            ViewChange::Unchanged => options.unchanged_fades,
         };
         let weight = 1.0 / (1.0 + f64::from(count - 1) * fades);
         let evidence = ViewEvidence { view, weight };

@@ -7,7 +7,7 @@ use super::sensor::{Sensor, SensorState};
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
-use crate::inference::{Filter, FilterState, MOST_STEPS};
+use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::transition::Transition;
 
 /// A vehicle that is followed, step by step.
@@ -26,12 +26,20 @@ pub struct Track {
 /// All that a [`Track`] knows: plain data, to be kept and restored. With the feature
 /// `serde` it can be stored, so that a position survives a restart.
 #[derive(Debug, Clone, PartialEq)]
-pub struct TrackState {
-    pub(crate) filter: FilterState,
+pub struct TrackSnapshot {
+    pub(crate) filter: FilterSnapshot,
     pub(crate) sensor: SensorState,
 }
 
-impl TrackState {
+impl Recognizer {
+    /// Follows a vehicle from here on. It may be anywhere to begin with.
+    #[must_use]
+    pub fn track(&self) -> Track {
+        Track::new(self.clone())
+    }
+}
+
+impl TrackSnapshot {
     /// The number of steps taken.
     #[must_use]
     pub fn steps(&self) -> usize {
@@ -141,8 +149,8 @@ impl Track {
 
     /// Returns all that it knows. O(n k).
     #[must_use]
-    pub fn snapshot(&self) -> TrackState {
-        TrackState { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }
+    pub fn snapshot(&self) -> TrackSnapshot {
+        TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }
     }
 
     /// Continues from what a track knew, of this recogniser or one that was fitted alike:
@@ -153,8 +161,8 @@ impl Track {
     /// [`RecognitionError`] for a state of another number of references or speeds, of as
     /// many steps as can be counted, or of a vehicle that is surely lost, though the map is
     /// never left; the track is then as before.
-    pub fn restore(&mut self, state: &TrackState) -> Result<(), RecognitionError> {
-        let TrackState { filter, sensor } = state;
+    pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
+        let TrackSnapshot { filter, sensor } = state;
         let expected = self.recognizer.references();
         let rows = sensor.last_view.as_ref().map(Vec::len);
         for found in [Some(state.references()), rows].into_iter().flatten() {
@@ -174,7 +182,7 @@ impl Track {
     }
 
     /// Somewhere on the map, unless that may be left: answers are given that it is there.
-    fn check_belief(&self, filter: &FilterState) -> Result<(), RecognitionError> {
+    fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
         let states =
             self.recognizer.motion().speeds().values().len() * self.recognizer.references();
         let belief = filter.belief.as_slice();
@@ -203,7 +211,7 @@ impl Track {
         filter.logs = filter.logs.map(|logs| extended(&logs, f64::NEG_INFINITY));
         let sensor = self.sensor.among(recognizer.sensor_of_fit());
         let mut track = Self::new(recognizer);
-        track.restore(&TrackState { filter, sensor: sensor.state().clone() })?;
+        track.restore(&TrackSnapshot { filter, sensor: sensor.state().clone() })?;
         Ok(track)
     }
 

@@ -42,6 +42,50 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
     result
 }
 
+/// Lends `count` numbers to work with, for operators of your own that need memory between two
+/// passes: [`Transition::apply`](crate::Transition::apply) takes `&self`, and one model may
+/// serve many threads.
+///
+/// What the numbers are at first is left over from earlier uses. Buffers are kept for each
+/// thread: the same calls, however they nest, allocate only the first time. If `work` panics,
+/// its buffer is dropped.
+///
+/// ```
+/// use wayfix::transition::{Ends, WindowTransition, with_scratch};
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
+///
+/// /// One operator after the other: first the vehicle moves, then it is shunted.
+/// struct Then<A, B>(A, B);
+///
+/// impl<A: Transition<Control = ()>, B: Transition<Control = ()>> Transition for Then<A, B> {
+///     type Control = ();
+///     fn states(&self) -> usize {
+///         self.0.states()
+///     }
+///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         with_scratch(x.len(), |moved| {
+///             self.0.apply(&(), x, moved);
+///             self.1.apply(&(), moved, out);
+///         });
+///     }
+///     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         with_scratch(x.len(), |shunted| {
+///             self.1.apply_transpose(&(), x, shunted);
+///             self.0.apply_transpose(&(), shunted, out);
+///         });
+///     }
+/// }
+///
+/// let by = |places| WindowTransition::new(5, places, &[1.0], Ends::Loop);
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(5, 0)?);
+/// let hmm = Hmm::new(prior, Then(by(1)?, by(2)?), LikelihoodVector::linear(5))?;
+/// assert_eq!(hmm.filter().forecast(1)?.mode(), 3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn with_scratch<R>(count: usize, work: impl FnOnce(&mut [f64]) -> R) -> R {
+    with(count, work)
+}
+
 /// Apart from [`with`], so that it is not compiled again for each work.
 #[inline(never)]
 fn take<T: Pooled>(count: usize) -> Vec<T> {

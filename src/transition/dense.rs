@@ -184,7 +184,7 @@ impl TransitionEntries for DenseTransition {
         self.check_slices(x, out);
         let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
         let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
-        log2.maximise(x, out, from);
+        log2.maximize(x, out, from);
     }
 }
 

@@ -20,11 +20,13 @@ use crate::kernels::{self, log2};
 ///
 /// Products and steps of Viterbi cost O(states) and one of `moves`. Place
 /// sensors are lifted to states by
-/// [`GroupedLikelihood`](crate::GroupedLikelihood), results brought back to
+/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood), results brought back to
 /// places by [`groups`](Self::groups).
 ///
 /// ```
-/// use wayfix::{Belief, DwellTransition, GroupedLikelihood, Hmm, Prior};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::transition::DwellTransition;
+/// use wayfix::{Belief, Hmm, Prior};
 /// use wayfix::{SparseTransition, TableLikelihood};
 ///
 /// // Around two places; in the first for two or three steps, in the other one.

@@ -4,9 +4,9 @@ use std::f64::consts::LOG2_E;
 use std::fmt;
 use std::marker::PhantomData;
 
+use super::{LearnTransition, MoveCounts};
 use super::{Transition, TransitionEntries, check_slices, log, validate};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, MoveCounts};
 use crate::kernels::{self, LARGEST_LOG, log2};
 
 /// Entries up to this are taken in linear space.
@@ -27,7 +27,8 @@ const LARGEST: f64 = 1e300;
 /// expected, and keeps the likelihood.
 ///
 /// ```
-/// use wayfix::{Belief, EvidenceTransition, Hmm, LikelihoodVector, Prior, SparseTransition};
+/// use wayfix::transition::EvidenceTransition;
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition};
 ///
 /// // Two loops of three places, of 100 m and of 200 m a move. It stays nowhere.
 /// let length = |from: usize| if from < 3 { 100.0 } else { 200.0 };

@@ -21,9 +21,10 @@ use crate::groups::Groups;
 /// a step of Viterbi.
 ///
 /// ```
-/// use wayfix::{Ends, KroneckerTransition, SparseTransition, Transition, WindowTransition};
+/// use wayfix::transition::{KroneckerTransition, WindowTransition};
+/// use wayfix::{SparseTransition, Transition};
 ///
-/// let place = WindowTransition::new(4, 1, &[1.0], Ends::Loop)?; // one on
+/// let place = WindowTransition::new(4, 1, &[1.0], true)?; // one on
 /// let lane = SparseTransition::from_rows(2, &[0.75, 0.25, 0.25, 0.75])?;
 /// let a = KroneckerTransition::new(place, lane)?;
 /// let mut out = [0.0; 8];

@@ -9,7 +9,7 @@ const BAND: f64 = 600.0;
 
 /// A product in logarithms by one in linear space, which is done for each band
 /// of numbers of about the same size.
-pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
+pub(crate) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
     let lift = LIFT.ln();
     out.fill(f64::NEG_INFINITY);
     buffers::with_two(x.len(), |band, sums| {
@@ -45,7 +45,7 @@ pub(super) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64
 }
 
 /// ln Σ of value · exp(x\[index\]) over entries (index, value).
-pub(super) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
+pub(crate) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]) -> f64 {
     let largest = entries.clone().map(|(j, _)| x[j]).fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY {
         return largest;
@@ -60,7 +60,7 @@ pub(super) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
 }
 
 /// ln(e^a + e^b); NaN if one of them is.
-pub(super) fn add(a: f64, b: f64) -> f64 {
+pub(crate) fn add(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
 }

@@ -13,9 +13,10 @@ use crate::kernels::log2;
 /// [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
 ///
 /// ```
-/// use wayfix::{Ends, PowerTransition, SparseTransition, Transition, WindowTransition};
+/// use wayfix::transition::{PowerTransition, WindowTransition};
+/// use wayfix::{SparseTransition, Transition};
 ///
-/// let step = WindowTransition::new(8, 0, &[0.5, 0.5], Ends::Loop)?;
+/// let step = WindowTransition::new(8, 0, &[0.5, 0.5], true)?;
 /// let twice = PowerTransition::new(step, 2);
 /// let mut out = [0.0; 8];
 /// twice.apply(&(), &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);

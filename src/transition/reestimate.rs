@@ -1,8 +1,11 @@
 //! Transition probabilities from expected moves.
 
-use super::{DenseTransition, SparseTransition, SwitchedTransition, Transition, TransitionEntries};
+use super::{
+    DenseTransition, LearnTransition, Move, MoveCounts, SparseTransition, SwitchedTransition,
+    Transition, TransitionEntries,
+};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, Move, MoveCounts};
+use crate::fixed::Fixed;
 
 /// Each entry above 0 with how often the move was expected: (to, from, weight),
 /// column by column. Moves without an entry are an error.
@@ -27,7 +30,7 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
 /// Makes columns of weights distributions; a column of nothing but 0, or
 /// less than a normal double, keeps the entries that it has in the operator. A weight
 /// that is NaN or infinite makes NaN of its column, which no operator takes.
-pub(super) fn normalised<A: TransitionEntries<Control = ()>>(
+pub(super) fn normalized<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
 ) -> Vec<(usize, usize, f64)> {
@@ -52,7 +55,7 @@ fn free<A: TransitionEntries<Control = ()>>(
 ) -> Result<Vec<(usize, usize, f64)>, TransitionError> {
     let mut weights = weights(transition, &counts[0])?;
     weights.iter_mut().for_each(|entry| entry.2 += pseudo_count);
-    Ok(normalised(transition, weights))
+    Ok(normalized(transition, weights))
 }
 
 /// Σ ln p over the entries, times the pseudo-count.
@@ -125,6 +128,21 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
     }
 }
 
+impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
+    /// None: no moves need to be counted.
+    fn families(&self) -> usize {
+        0
+    }
+
+    fn reestimate(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
+        Ok(self.clone())
+    }
+
+    fn log_prior(&self, _: f64) -> f64 {
+        0.0
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,7 +151,7 @@ mod tests {
     fn a_weight_that_is_no_number_is_an_error() {
         let a = DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap();
         for bad in [f64::NAN, f64::INFINITY] {
-            let columns = normalised(&a, vec![(0, 0, bad), (1, 0, 1.0), (0, 1, 0.0), (1, 1, 0.0)]);
+            let columns = normalized(&a, vec![(0, 0, bad), (1, 0, 1.0), (0, 1, 0.0), (1, 1, 0.0)]);
             assert_eq!(columns[2..], [(0, 1, 0.4), (1, 1, 0.6)]);
             let error = SparseTransition::from_triplets(2, columns).unwrap_err().to_string();
             assert!(error.contains("has probability NaN"), "{error}");

@@ -17,7 +17,8 @@ use crate::kernels::{self, log2};
 /// dense: O(n) to list. Viterbi does not list them: O(entries of A + n) a step.
 ///
 /// ```
-/// use wayfix::{Belief, RestartTransition, SparseTransition, Transition};
+/// use wayfix::transition::RestartTransition;
+/// use wayfix::{Belief, SparseTransition, Transition};
 ///
 /// let drive = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
 /// let depot = Belief::certain(2, 0)?;

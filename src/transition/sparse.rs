@@ -7,7 +7,7 @@ use super::stored::Stored;
 use super::{Transition, TransitionEntries, check_columns, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
-use crate::kernels::{Maximise, Shifted, Sliced, Values, maximise};
+use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
 
 /// 2^-100.
 pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
@@ -218,8 +218,8 @@ impl SparseTransition {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }
 
-    /// A step of Viterbi; see [`Maximise`].
-    pub(crate) fn maximise(
+    /// A step of Viterbi; see [`Maximize`].
+    pub(crate) fn maximize(
         &self,
         x: &[f64],
         likelihoods: Option<Shifted<'_>>,
@@ -227,7 +227,7 @@ impl SparseTransition {
         from: &mut [u32],
     ) -> f64 {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
-        maximise(Maximise { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
+        maximize(Maximize { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
     }
 }
 
@@ -273,6 +273,6 @@ impl TransitionEntries for SparseTransition {
     }
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.maximise(x, None, out, from);
+        self.maximize(x, None, out, from);
     }
 }

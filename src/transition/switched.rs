@@ -7,7 +7,8 @@ use crate::error::TransitionError;
 /// drives it. For gears, times of day, or a matrix for each step.
 ///
 /// ```
-/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, SwitchedTransition};
+/// use wayfix::transition::SwitchedTransition;
+/// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// let park = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
 /// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;

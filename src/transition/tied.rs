@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::ops::Deref;
 
-use super::reestimate::{normalised, weights};
+use super::reestimate::{normalized, weights};
+use super::{LearnTransition, MoveCounts};
 use super::{SparseTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
-use crate::inference::{LearnTransition, MoveCounts};
 
 /// A sparse operator with labelled moves: states whose ways out have the same
 /// labels share their probabilities, and ways out of one state with the same
@@ -18,7 +18,8 @@ use crate::inference::{LearnTransition, MoveCounts};
 /// is used as a [`SparseTransition`].
 ///
 /// ```
-/// use wayfix::{SparseTransition, TiedTransition};
+/// use wayfix::transition::TiedTransition;
+/// use wayfix::SparseTransition;
 ///
 /// // On a loop of four places one stays or goes on, everywhere alike.
 /// let moves = (0..4).flat_map(|j| [(j, j, 0.1 * j as f64), ((j + 1) % 4, j, 1.0 - 0.1 * j as f64)]);
@@ -93,7 +94,7 @@ impl TiedTransition {
         for (&(parameter, times), entry) in self.parameters.iter().zip(&mut weights) {
             entry.2 = sums[parameter as usize] / f64::from(times);
         }
-        normalised(&self.transition, weights)
+        normalized(&self.transition, weights)
     }
 }
 

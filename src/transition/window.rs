@@ -6,31 +6,22 @@ use super::{Transition, TransitionEntries, check_count, check_slices, check_sum,
 use crate::error::TransitionError;
 use crate::kernels::log2;
 
-/// What a [`WindowTransition`] does with moves beyond the ends of the route.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Ends {
-    /// The route is closed: after the last place comes the first.
-    Loop,
-    /// Whatever would go beyond an end stops there.
-    Stop,
-    /// What stays on the route is scaled to sum to one.
-    Renormalise,
-}
-
 /// The places of a route in order, and one distribution of how many of them
 /// the vehicle goes on: a banded matrix, of which only the window is stored.
+///
+/// On a closed route, a loop, the first place follows the last; on an open one, what would
+/// go beyond an end stops there.
 ///
 /// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), and
 /// O(w) for each place from which the window reaches beyond an end. Listing
 /// what leads *into* a state costs O(w + those places · log w).
 ///
 /// ```
-/// use wayfix::{Ends, Transition, WindowTransition};
+/// use wayfix::transition::WindowTransition;
+/// use wayfix::Transition;
 ///
 /// // One place back, none, or one on; the route ends after four places.
-/// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], Ends::Stop)?;
+/// let a = WindowTransition::new(4, -1, &[0.125, 0.25, 0.625], false)?;
 /// let mut out = [0.0; 4];
 /// a.apply(&(), &[0.0, 0.0, 0.0, 1.0], &mut out);
 /// assert_eq!(out, [0.0, 0.0, 0.125, 0.875]);
@@ -39,9 +30,9 @@ pub enum Ends {
 #[derive(Debug, Clone)]
 pub struct WindowTransition {
     states: usize,
-    /// What it was made with, to be made of again.
+    /// True if the first place follows the last.
     #[cfg(feature = "serde")]
-    pub(crate) ends: Ends,
+    pub(crate) closed: bool,
     /// Place j goes to j + first + `to` of each entry of the window…
     pub(crate) first: isize,
     pub(crate) window: Vec<Entry>,
@@ -66,21 +57,19 @@ impl WindowTransition {
     /// From place j the vehicle goes to j + `first` + d with probability
     /// `weights[d]`. O(w log w) for each place near an end.
     ///
-    /// On a loop, moves that lead to the same place add up, so the window may
+    /// On a closed route, moves that lead to the same place add up, so the window may
     /// be longer than the route.
     ///
     /// # Errors
     ///
     /// [`TransitionError`] for no states or more than 2^32 − 1 of them, for a
-    /// weight that is NaN, negative or infinite, for weights that do not sum to
-    /// one within 1e-9, and, with [`Ends::Renormalise`],
-    /// [`TransitionError::ColumnSum`] for a place from which every move leaves
-    /// the route.
+    /// weight that is NaN, negative or infinite, and for weights that do not sum to
+    /// one within 1e-9.
     pub fn new(
         states: usize,
         first: isize,
         weights: &[f64],
-        ends: Ends,
+        closed: bool,
     ) -> Result<Self, TransitionError> {
         if states == 0 {
             return Err(TransitionError::Empty);
@@ -93,10 +82,10 @@ impl WindowTransition {
         let leading = weights.iter().take_while(|w| **w == 0.0).count();
         // The same loop, with offsets as near to 0 as can be.
         let around = (first.rem_euclid(n) + (leading % states).cast_signed()) % n;
-        let first = match ends {
-            Ends::Loop if around > n / 2 => around - n,
-            Ends::Loop => around,
-            Ends::Stop | Ends::Renormalise => first.saturating_add_unsigned(leading),
+        let first = match closed {
+            true if around > n / 2 => around - n,
+            true => around,
+            false => first.saturating_add_unsigned(leading),
         };
         let moves = weights[leading..].iter().enumerate().filter(|(_, w)| **w > 0.0);
         let window: Vec<_> = moves.map(|(to, &value)| Entry::new(to, value)).collect();
@@ -108,12 +97,10 @@ impl WindowTransition {
             let to = |entry: &Entry| {
                 from.cast_signed().saturating_add(first).saturating_add_unsigned(entry.to)
             };
-            let reached = window.iter().filter_map(|entry| match (to(entry), ends) {
-                (to, Ends::Loop) => Some((to.rem_euclid(n).cast_unsigned(), entry.value)),
-                (to, Ends::Stop) => Some((to.clamp(0, n - 1).cast_unsigned(), entry.value)),
-                (to, Ends::Renormalise) => {
-                    (0..n).contains(&to).then_some((to.cast_unsigned(), entry.value))
-                }
+            let reached = window.iter().map(|entry| {
+                let to = to(entry);
+                let to = if closed { to.rem_euclid(n) } else { to.clamp(0, n - 1) };
+                (to.cast_unsigned(), entry.value)
             });
             let mut column: Vec<_> = reached.collect();
             column.sort_by_key(|entry| entry.0);
@@ -122,19 +109,14 @@ impl WindowTransition {
                 kept.1 += if same { next.1 } else { 0.0 };
                 same
             });
-            let sum = column.iter().fold(0.0, |sum, entry| sum + entry.1);
-            let scale = if ends == Ends::Renormalise { sum } else { 1.0 };
-            if scale == 0.0 {
-                return Err(TransitionError::ColumnSum { column: from, sum });
-            }
-            Ok(column.into_iter().map(|(to, value)| Entry::new(to, value / scale)).collect())
+            column.into_iter().map(|(to, value)| Entry::new(to, value)).collect::<Vec<_>>()
         };
-        let before = (0..whole.start).map(column).collect::<Result<_, _>>()?;
-        let after = (whole.end..states).map(column).collect::<Result<_, _>>()?;
+        let before = (0..whole.start).map(column).collect();
+        let after = (whole.end..states).map(column).collect();
         Ok(Self {
             states,
             #[cfg(feature = "serde")]
-            ends,
+            closed,
             first,
             window,
             whole,

@@ -1,7 +1,8 @@
 //! After warm-up, a camera allocates nothing.
 
-use wayfix::observation::{AppearanceLikelihood, Offsets, Spread, Views};
-use wayfix::{Belief, Ends, Hmm, OptionalLikelihood, Prior, WindowTransition};
+use wayfix::observation::{AppearanceLikelihood, Offsets, Spread, ViewComparison};
+use wayfix::transition::WindowTransition;
+use wayfix::{Belief, Hmm, OptionalLikelihood, Prior};
 
 use crate::allocations;
 
@@ -35,7 +36,7 @@ fn a_step_allocates_nothing() {
                 }
                 let states = n + usize::from(off_map);
                 let prior = Prior::AtFirstObservation(Belief::uniform(states).unwrap());
-                let motion = WindowTransition::new(states, -20, &[1.0 / 41.0; 41], Ends::Loop);
+                let motion = WindowTransition::new(states, -20, &[1.0 / 41.0; 41], true);
                 let camera = OptionalLikelihood::new(camera);
                 let hmm = Hmm::new(prior, motion.unwrap(), camera).unwrap();
                 let mut filter = hmm.filter();
@@ -54,7 +55,7 @@ fn a_step_allocates_nothing() {
         }
     }
 
-    let mut views = Views::new(0.1).unwrap();
+    let mut views = ViewComparison::new(0.1).unwrap();
     views.next(&row(0)).unwrap();
     let rows: Vec<Vec<f32>> = rows.into_iter().flatten().collect();
     let found = allocations(|| {

@@ -11,6 +11,7 @@ mod operators;
 mod pruned;
 mod recognition;
 mod route;
+mod scratch;
 mod streams;
 
 /// How often this thread asks for memory meanwhile.

@@ -1,7 +1,8 @@
 //! Memory beyond the inputs, at its peak.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{Order, canberra};
+use wayfix::canberra;
+use wayfix::inference::Order;
 
 use crate::peak;
 
@@ -24,7 +25,7 @@ fn memory_is_what_the_docs_say() {
     assert!((block(steps)..block(steps) + 16 * steps + small).contains(&found), "forward: {found}");
     let found = peak(|| hmm.path_sampler(&ys[..steps]).unwrap());
     assert!((block(steps)..block(steps) + 8 * steps + small).contains(&found), "sampler: {found}");
-    let found = peak(|| hmm.score(ys).unwrap());
+    let found = peak(|| hmm.log_likelihood(ys).unwrap());
     assert!(found < small, "score: {found}");
     let found = peak(|| hmm.path_entropy(&ys[..steps]).unwrap());
     assert!(found < small, "entropy: {found}");

@@ -1,10 +1,14 @@
 //! Products of structured operators allocate nothing after the first.
 
+use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
+use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
+use wayfix::transition::{
+    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
+    WindowTransition,
+};
 use wayfix::{
-    Belief, DistanceTransition, DwellTransition, Ends, EvidenceTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, LikelihoodVector, Odometry,
-    OffMapTransition, PooledLikelihood, PowerTransition, Prior, RestartTransition,
-    SparseTransition, TableLikelihood, TransitionEntries, WindowTransition,
+    Belief, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
+    SparseTransition, TableLikelihood, TransitionEntries,
 };
 
 use crate::allocations;
@@ -30,7 +34,7 @@ pub(crate) fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::C
 
 #[test]
 fn products_allocate_nothing_after_the_first() {
-    let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], Ends::Stop).unwrap();
+    let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], false).unwrap();
     let gears = || SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
     let lost = || RestartTransition::new(route(), 0.125, Belief::uniform(20).unwrap()).unwrap();
     let times = vec![vec![0.25, 0.25, 0.5]; 20];
@@ -42,7 +46,7 @@ fn products_allocate_nothing_after_the_first() {
     let metres = |to: usize, from: usize| 50.0 * (from.abs_diff(to) as f64);
     let stored = SparseTransition::from_operator(&route()).unwrap();
     let on_map = DistanceTransition::new(stored, metres).unwrap();
-    check_with("by distance", &on_map, &Some(Odometry { distance: 60.0, variance: 100.0 }));
+    check_with("by distance", &on_map, &Some(OdometryReading { distance: 60.0, variance: 100.0 }));
     let near = |metres: &f64, to: usize, from: usize| {
         -0.5 * ((metres - 50.0 * (from.abs_diff(to) as f64)) / 10.0).powi(2)
     };
@@ -62,16 +66,18 @@ fn products_allocate_nothing_after_the_first() {
     let camera = TableLikelihood::from_rows(&rows.collect::<Vec<_>>()).unwrap();
     let places = dwell().groups().clone();
     let sensor = GroupedLikelihood::new(camera, places).unwrap();
-    let sensor = FusedLikelihood::new(sensor, KnownState::new(60)).unwrap();
+    let sensor =
+        FusedLikelihood::new(sensor, OptionalLikelihood::new(SparseLikelihood::new(60))).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(60).unwrap());
     let hmm = Hmm::new(prior, dwell(), sensor).unwrap();
     let mut filter = hmm.filter();
     filter.step(&(1, None)).unwrap();
+    let known = (0, Some(SparseObservation::known(30)));
     let found = allocations(|| {
         for k in 0..100 {
             filter.step(&(k % 2, None)).unwrap();
         }
-        filter.step(&(0, Some(filter.belief().mode()))).unwrap();
+        filter.step(&known).unwrap();
     });
     assert_eq!(found, 0, "filter");
 

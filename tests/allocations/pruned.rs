@@ -1,9 +1,11 @@
 //! After some steps a pruned filter allocates nothing.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::inference::Pruning;
+use wayfix::likelihood::SparseObservation;
 use wayfix::{
-    Belief, FusedLikelihood, Hmm, KnownState, OptionalLikelihood, Prior, Pruning, SparseLikelihood,
-    SparseObservation, SparseTransition, canberra,
+    Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition,
+    canberra,
 };
 
 use crate::allocations;
@@ -28,7 +30,7 @@ fn a_pruned_step_allocates_nothing_after_the_first_ones() {
     let moves = (0..n).flat_map(|j| [(j, j, 0.25), ((j + 1) % n, j, 0.75)]);
     let motion = SparseTransition::from_triplets(n, moves).unwrap();
     let camera = OptionalLikelihood::new(SparseLikelihood::new(n));
-    let sensor = FusedLikelihood::new(camera, KnownState::new(n)).unwrap();
+    let sensor = FusedLikelihood::new(camera.clone(), camera).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
     let hmm = Hmm::new(prior, motion, sensor).unwrap();
     let seen = |k: usize| {
@@ -36,15 +38,17 @@ fn a_pruned_step_allocates_nothing_after_the_first_ones() {
         let list = if k == 0 { vec![(0, 1.0)] } else { list };
         (k % 7 != 3).then(|| SparseObservation::new(list, 1e-7).unwrap())
     };
-    let ys: Vec<_> = (0..300).map(|k| (seen(k), (k == 200).then_some(200))).collect();
+    let ys: Vec<_> =
+        (0..300).map(|k| (seen(k), (k == 200).then(|| SparseObservation::known(200)))).collect();
     let pruning = Pruning { most_active: 40, ..Pruning::default() };
     let mut filter = hmm.pruned_filter(pruning);
+    let impossible = (None, Some(SparseObservation::known(4000)));
     let mut run = || {
         for y in &ys {
             filter.step(y).unwrap();
         }
         // An observation that is not possible takes none, either.
-        assert!(filter.step(&(None, Some(4000))).is_err());
+        assert!(filter.step(&impossible).is_err());
         filter.restart();
     };
     // Twice, since two beliefs change places at every step.

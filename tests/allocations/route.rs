@@ -1,9 +1,11 @@
 //! Motion along a route allocates nothing after the first step.
 
+use wayfix::likelihood::GroupedLikelihood;
 use wayfix::motion::{
-    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates,
+    ViewEvidence,
 };
-use wayfix::{GroupedLikelihood, Hmm, LikelihoodVector, Prior};
+use wayfix::{Hmm, LikelihoodVector, Prior};
 
 use crate::allocations;
 use crate::operators::check_with;
@@ -15,7 +17,7 @@ fn routes() -> Vec<RouteTransition> {
         let route = RouteTransition::new(20, closed, Speeds::default()).unwrap();
         let model = OdometryModel { scale: 1.1, bias: 0.1, deviation: 0.4 };
         let route = route.with_odometry(model).unwrap();
-        let views = route.clone().with_views(&stretches, ViewRates::default()).unwrap();
+        let views = route.clone().with_views(&stretches, ViewChangeRates::default()).unwrap();
         let off_map = views.clone().with_off_map(OffMap::default()).unwrap();
         routes.extend([route, views, off_map]);
     }
@@ -23,7 +25,8 @@ fn routes() -> Vec<RouteTransition> {
 }
 
 fn controls() -> Vec<RouteControl> {
-    let views = [View::Changed, View::Unchanged].map(|view| ViewEvidence { view, weight: 0.3 });
+    let views =
+        [ViewChange::Changed, ViewChange::Unchanged].map(|view| ViewEvidence { view, weight: 0.3 });
     let views = || std::iter::once(None).chain(views.map(Some));
     let readings = [None, Some(0.7), Some(-9.0)].into_iter();
     readings

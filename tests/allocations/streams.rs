@@ -1,9 +1,8 @@
 //! After it is made, a filter allocates nothing.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::{
-    Filter, FusedLikelihood, Hmm, LikelihoodVector, LogLikelihoodFn, OptionalLikelihood, canberra,
-};
+use wayfix::likelihood::LogLikelihoodFn;
+use wayfix::{Filter, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, canberra};
 
 use crate::allocations;
 

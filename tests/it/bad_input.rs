@@ -2,14 +2,16 @@
 
 use std::error::Error;
 
+use wayfix::likelihood::LogLikelihoodFn;
 use wayfix::map::{
     ByClass, Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule,
 };
 use wayfix::observation::{Confusion, Metric};
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, FusedLikelihood, Hmm, InferenceError, LikelihoodVector,
-    LogLikelihoodFn, Prior, SparseTransition, SwitchedTransition, TableLikelihood, Transition,
-    evaluate,
+    Belief, Controlled, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError,
+    Likelihood, LikelihoodError, LikelihoodVector, Prior, Scratch, SparseTransition,
+    TableLikelihood, Transition, evaluate,
 };
 
 #[cfg(feature = "csv")]
@@ -158,8 +160,8 @@ fn models() {
     );
     let error = Hmm::new(at_0(), Leaky, LikelihoodVector::linear(2)).err().unwrap();
     assert_eq!(
-        error.source().unwrap().to_string(),
-        "column 1 (the transitions out of state 1) sums to 0.9, expected 1"
+        error.to_string(),
+        "the transition operator is not valid: column 1 (the transitions out of state 1) sums to 0.9, expected 1"
     );
     says(
         FusedLikelihood::new(table, LikelihoodVector::linear(2).owned()),
@@ -170,7 +172,7 @@ fn models() {
 #[test]
 fn operators_that_break_their_contract_give_errors_and_no_nan() {
     let error = Hmm::new(at_0(), Twisted, LikelihoodVector::linear(2)).err().unwrap();
-    let text = error.source().unwrap().to_string();
+    let text = error.to_string();
     assert!(text.ends_with("apply and apply_transpose differ"), "{text}");
 
     let hmm = Hmm::new(at_0(), Rate, LikelihoodVector::linear(2)).unwrap();
@@ -248,6 +250,52 @@ fn observations() {
         fused.filter().step(&((), ())),
         "step 1 has no valid likelihood: state 0 has log-likelihood NaN, expected a value from -1e300 to 1e300, or negative infinity",
     );
+}
+
+/// A sensor of a user's own, behind which there is another error.
+#[test]
+fn the_text_ends_with_the_cause_and_the_source_is_what_is_behind_it() {
+    #[derive(Debug)]
+    struct Camera(std::io::Error);
+
+    impl std::fmt::Display for Camera {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            write!(f, "no picture")
+        }
+    }
+
+    impl Error for Camera {
+        fn source(&self) -> Option<&(dyn Error + 'static)> {
+            Some(&self.0)
+        }
+    }
+
+    struct Broken;
+
+    impl Likelihood for Broken {
+        type Observation = ();
+
+        fn states(&self) -> usize {
+            2
+        }
+
+        fn diagonal<'a>(
+            &'a self,
+            (): &'a (),
+            _: &'a mut Scratch,
+        ) -> Result<Diagonal<'a>, LikelihoodError> {
+            Err(LikelihoodError::Sensor(Box::new(Camera(std::io::Error::other("cable")))))
+        }
+    }
+
+    let hmm = Hmm::new(at_0(), still(2), Broken).unwrap();
+    let error = hmm.filter().step(&()).unwrap_err();
+    let said = "step 1 has no valid likelihood: the sensor failed: no picture";
+    assert_eq!(error.to_string(), said);
+    assert_eq!(error.source().unwrap().to_string(), "cable");
+    let error = hmm.smooth_all(&[[()]]).remove(0).unwrap_err();
+    assert_eq!(error.to_string(), format!("sequence 0 failed: {said}"));
+    assert_eq!(text::<()>(Err(error)), format!("sequence 0 failed: {said}: cable"));
 }
 
 #[test]

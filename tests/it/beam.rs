@@ -1,9 +1,10 @@
 //! Viterbi along a beam against the exact one, and against all paths.
 
 use proptest::prelude::*;
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, SparseTransition,
-    SwitchedTransition, canberra,
+    canberra,
 };
 
 use crate::kit::{Kind, Model, Sensor, cases_of, dyadic_models, models, rng};
@@ -119,5 +120,8 @@ fn an_empty_sequence_has_the_empty_path() {
 fn errors_name_the_step() {
     let hmm = canberra::hmm(5, 1.0).unwrap();
     let text = hmm.beam_viterbi(&[4, 999], 1.0).unwrap_err().to_string();
-    assert_eq!(text, "step 2 has no valid likelihood");
+    assert_eq!(
+        text,
+        "step 2 has no valid likelihood: symbol 999 does not exist, the table has 105 symbols (0 to 104)"
+    );
 }

@@ -112,9 +112,9 @@ fn the_sensor_is_equations_2_to_4() {
         let gaussian = |d: usize| {
             (-0.5 * (d as f64 / sigma).powi(2)).exp() / (std::f64::consts::TAU.sqrt() * sigma)
         };
-        let normaliser = 1.0 + (0..105).map(gaussian).sum::<f64>();
+        let normalizer = 1.0 + (0..105).map(gaussian).sum::<f64>();
         for (seen, d) in [(0, 0), (1, 1), (3, 3)] {
-            let expected = (confusion.probability(0, seen).unwrap() + gaussian(d)) / normaliser;
+            let expected = (confusion.probability(0, seen).unwrap() + gaussian(d)) / normalizer;
             assert!((sensor.probability(0, seen).unwrap() - expected).abs() <= 1e-15);
         }
     }

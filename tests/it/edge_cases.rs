@@ -1,10 +1,11 @@
 //! Ties, empty and single-step sequences, one state, factors, and numbers at
 //! the limits of a double.
 
+use wayfix::inference::Order;
+use wayfix::transition::{KroneckerTransition, RestartTransition, SwitchedTransition};
 use wayfix::{
-    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, KroneckerTransition,
-    Likelihood, LikelihoodError, LikelihoodVector, OptionalLikelihood, Order, Prior,
-    RestartTransition, RoundedTails, Scratch, SparseTransition, SwitchedTransition,
+    Belief, DenseTransition, Diagonal, FusedLikelihood, Hmm, InferenceError, Likelihood,
+    LikelihoodError, LikelihoodVector, OptionalLikelihood, Prior, Scratch, SparseTransition,
     TableLikelihood, Transition, TransitionEntries,
 };
 
@@ -164,8 +165,10 @@ fn log_factors_are_added_back_wherever_the_step_is_taken() {
     close(filter.log_likelihood());
 
     let wrong = hmm.filter().step(&([1.0, 1.0], f64::NAN)).unwrap_err();
-    let source = std::error::Error::source(&wrong).unwrap();
-    assert_eq!(source.to_string(), "the log factor is NaN, expected a value from -1e300 to 1e300");
+    assert_eq!(
+        wrong.to_string(),
+        "step 1 has no valid likelihood: the log factor is NaN, expected a value from -1e300 to 1e300"
+    );
 
     // Fused: factors add up, and a product below the range of a double is kept.
     let fused = FusedLikelihood::new(Factored, Factored).unwrap();
@@ -384,7 +387,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             let hmm = Hmm::new(prior, identity(n), LikelihoodVector::linear(n)).unwrap();
             let none: [[f64; 3]; 0] = [];
             let none = none.map(|y| y[..n].to_vec());
-            assert_eq!(hmm.score(&none).unwrap(), 0.0);
+            assert_eq!(hmm.log_likelihood(&none).unwrap(), 0.0);
             assert_eq!(hmm.forward(&none).unwrap().posteriors().steps(), 0);
             assert_eq!(hmm.path_entropy(&none).unwrap(), 0.0);
             assert_eq!(hmm.expected_moves(&none).unwrap().moves().len(), 0);
@@ -404,7 +407,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             assert!(hmm.path_sampler(&none).unwrap().draw(&mut rng).unwrap().is_empty());
 
             let one = [vec![0.5; n]];
-            assert!((hmm.score(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
+            assert!((hmm.log_likelihood(&one).unwrap() - 0.5_f64.ln()).abs() < 1e-15);
             assert!((hmm.path_entropy(&one).unwrap() - (n as f64).ln()).abs() < 1e-15);
             let paths = hmm.k_best(&one, 5).unwrap();
             let states: Vec<_> = paths.iter().map(|path| path.states()[0]).collect();
@@ -450,7 +453,7 @@ fn entries_beyond_a_double_are_right() {
     let hmm = Hmm::new(prior, both, LikelihoodVector::linear(4)).unwrap();
     let ys = [[1.0; 4], [0.0, 0.0, 0.0, 1.0]];
     let expected = -400.0 * 10.0_f64.ln();
-    assert!((hmm.score(&ys).unwrap() - expected).abs() < 1e-9);
+    assert!((hmm.log_likelihood(&ys).unwrap() - expected).abs() < 1e-9);
     let path = hmm.viterbi(&ys).unwrap();
     assert_eq!(path.states(), [0, 3]);
     assert!((path.log_probability() - expected).abs() < 1e-9);
@@ -472,7 +475,7 @@ fn a_tiny_prior_keeps_its_digits_in_decoders() {
         let y = [[0.0, 0.0, 1.0]];
         let expected = least.ln() + to_2.ln();
         let close = |found: f64| assert!((found - expected).abs() < 1e-11, "{found} {expected}");
-        close(hmm.score(&y).unwrap());
+        close(hmm.log_likelihood(&y).unwrap());
         close(hmm.viterbi(&y).unwrap().log_probability());
         close(hmm.k_best(&y, 3).unwrap()[0].log_probability());
     }
@@ -499,16 +502,17 @@ fn priors_and_entries_tie_with_each_other() {
 #[test]
 fn numbers_beyond_reason_are_errors() {
     let hmm = |a| Hmm::new(before(uniform(2)), a, LikelihoodVector::log(2)).unwrap();
-    let error = hmm(identity(2)).score(&[[1e308, 1e308]; 2]).unwrap_err();
-    let source = std::error::Error::source(&error).unwrap().to_string();
+    let error = hmm(identity(2)).log_likelihood(&[[1e308, 1e308]; 2]).unwrap_err();
     assert_eq!(
-        source,
+        error.to_string(),
         format!(
-            "state 0 has log-likelihood {}, expected a value from -1e300 to 1e300, or negative infinity",
+            "step 1 has no valid likelihood: state 0 has log-likelihood {}, expected a value from -1e300 to 1e300, or negative infinity",
             1e308
         )
     );
-    assert!(hmm(identity(2)).score(&[[1e300, -1e300], [-1e300, 1e300]]).unwrap().is_finite());
+    assert!(
+        hmm(identity(2)).log_likelihood(&[[1e300, -1e300], [-1e300, 1e300]]).unwrap().is_finite()
+    );
     let restart = Belief::new(vec![1.0, 1e-200]).unwrap();
     let error = RestartTransition::new(identity(2), 1e-200, restart).unwrap_err();
     assert_eq!(
@@ -540,7 +544,7 @@ fn a_slightly_negative_prediction_is_an_error() {
 }
 
 #[test]
-fn a_missing_sighting_of_a_sensor_with_rounded_tails_rounds_them_too() {
+fn a_missing_sighting_rounds_tails_too() {
     // State 1 keeps 1e-30 of itself at each step: from 1e-300 to below a double.
     let fade =
         SparseTransition::from_triplets(2, [(0, 0, 1.0), (0, 1, 1.0), (1, 1, 1e-30)]).unwrap();
@@ -549,6 +553,6 @@ fn a_missing_sighting_of_a_sensor_with_rounded_tails_rounds_them_too() {
     let vector = LikelihoodVector::log(2).owned();
     let exact = Hmm::new(prior(), &fade, OptionalLikelihood::new(vector)).unwrap();
     assert_eq!(exact.smooth(&seen).unwrap().posteriors().modes()[2], 1);
-    let inside = Hmm::new(prior(), &fade, OptionalLikelihood::new(RoundedTails(vector))).unwrap();
-    assert_eq!(inside.smooth(&seen).unwrap().posteriors().modes()[2], 0);
+    let rounded = exact.with_rounded_tails();
+    assert_eq!(rounded.smooth(&seen).unwrap().posteriors().modes()[2], 0);
 }

@@ -41,7 +41,7 @@ pub(crate) fn check<A: TransitionEntries<Control = usize>>(
 
     let filtering = hmm.forward(&drive).unwrap();
     close_logs(filtering.log_likelihood(), answer.log_likelihood, 1e-12)?;
-    close_logs(hmm.score(&drive).unwrap(), answer.log_likelihood, 1e-12)?;
+    close_logs(hmm.log_likelihood(&drive).unwrap(), answer.log_likelihood, 1e-12)?;
     let smoothing = hmm.smooth(&drive).unwrap();
     close_logs(smoothing.log_likelihood(), answer.log_likelihood, 1e-12)?;
     for k in 0..=model.steps() {

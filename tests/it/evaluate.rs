@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use proptest::prelude::*;
 use wayfix::evaluate::{
     PrecisionRecallCurve, ReliabilityDiagram, RocCurve, binary_log_score, brier_score, is_within,
-    log_score, recall_within, steps_to_localise, steps_to_localise_correctly,
+    log_score, recall_within, steps_to_localize, steps_to_localize_correctly,
 };
 
 use crate::kit::{cases, says};
@@ -287,7 +287,7 @@ fn a_sum_of_a_belief_may_be_rounded_above_one() {
     near(binary_log_score(&[(p, true)]).unwrap(), 0.0);
     near(log_score(&[p]).unwrap(), 0.0);
     near(brier_score(&[(p, false)]).unwrap(), 1.0);
-    assert_eq!(steps_to_localise(&[p], 1.0), Ok(Some(1)));
+    assert_eq!(steps_to_localize(&[p], 1.0), Ok(Some(1)));
     assert!(brier_score(&[(1.0 + 1e-8, true)]).is_err());
 }
 
@@ -307,23 +307,23 @@ fn what_is_no_probability_is_an_error() {
         says(binary_log_score(&pairs), &expected);
         says(log_score(&[0.5, bad]), &expected);
         let expected = format!("mass 1 is {bad}, expected a value from 0 to 1");
-        says(steps_to_localise(&[0.5, bad], 0.5), &expected);
-        says(steps_to_localise_correctly(&pairs, 0.5, 1), &expected);
+        says(steps_to_localize(&[0.5, bad], 0.5), &expected);
+        says(steps_to_localize_correctly(&pairs, 0.5, 1), &expected);
         let expected = format!("the level is {bad}, expected a value from 0 to 1");
-        says(steps_to_localise(&[], bad), &expected);
-        says(steps_to_localise_correctly(&[], bad, 1), &expected);
+        says(steps_to_localize(&[], bad), &expected);
+        says(steps_to_localize_correctly(&[], bad, 1), &expected);
     }
 }
 
 #[test]
 fn localising_by_hand() {
-    assert_eq!(steps_to_localise(&[0.5, 0.75, 0.5, 1.0], 0.75), Ok(Some(2)));
-    assert_eq!(steps_to_localise(&[0.5, 0.75], 0.8), Ok(None));
-    assert_eq!(steps_to_localise(&[0.0], 0.0), Ok(Some(1)));
-    assert_eq!(steps_to_localise(&[], 0.0), Ok(None));
+    assert_eq!(steps_to_localize(&[0.5, 0.75, 0.5, 1.0], 0.75), Ok(Some(2)));
+    assert_eq!(steps_to_localize(&[0.5, 0.75], 0.8), Ok(None));
+    assert_eq!(steps_to_localize(&[0.0], 0.0), Ok(Some(1)));
+    assert_eq!(steps_to_localize(&[], 0.0), Ok(None));
 
     let steps = [(0.9, true), (0.9, false), (0.9, true), (0.1, true), (0.9, true), (0.9, false)];
-    let localised = |hold| steps_to_localise_correctly(&steps, 0.9, hold).unwrap();
+    let localised = |hold| steps_to_localize_correctly(&steps, 0.9, hold).unwrap();
     assert_eq!(localised(0), Some(1));
     assert_eq!(localised(1), Some(1));
     assert_eq!(localised(2), Some(3)); // the first was right for one step only
@@ -331,8 +331,8 @@ fn localising_by_hand() {
     assert_eq!(localised(4), None);
     assert_eq!(localised(usize::MAX), None);
     // Right until the end, which comes too early.
-    assert_eq!(steps_to_localise_correctly(&[(0.0, true), (1.0, true)], 1.0, 2), Ok(None));
-    assert_eq!(steps_to_localise_correctly(&[], 0.0, 0), Ok(None));
+    assert_eq!(steps_to_localize_correctly(&[(0.0, true), (1.0, true)], 1.0, 2), Ok(None));
+    assert_eq!(steps_to_localize_correctly(&[], 0.0, 0), Ok(None));
 }
 
 fn ranges() -> impl Strategy<Value = Option<RangeInclusive<usize>>> {
@@ -517,10 +517,10 @@ proptest! {
             steps.get(k - 1..k - 1 + hold).is_some_and(|held| held.iter().all(|step| step.1))
         };
         let first = (1..=steps.len()).find(reached);
-        prop_assert_eq!(steps_to_localise(&masses, level), Ok(first));
+        prop_assert_eq!(steps_to_localize(&masses, level), Ok(first));
         let right = (1..=steps.len()).find(|k| reached(k) && held(k));
-        prop_assert_eq!(steps_to_localise_correctly(&steps, level, hold), Ok(right));
-        let any = steps_to_localise_correctly(&steps, level, 0);
+        prop_assert_eq!(steps_to_localize_correctly(&steps, level, hold), Ok(right));
+        let any = steps_to_localize_correctly(&steps, level, 0);
         prop_assert_eq!(any, Ok(first));
     }
 }

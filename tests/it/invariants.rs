@@ -71,7 +71,7 @@ proptest! {
                 prop_assert_eq!(filter.steps(), k + 1);
             }
             prop_assert_eq!(filter.log_likelihood(), filtering.log_likelihood());
-            prop_assert_eq!(filter.log_likelihood(), hmm.score(&model).unwrap());
+            prop_assert_eq!(filter.log_likelihood(), hmm.log_likelihood(&model).unwrap());
         }
     }
 

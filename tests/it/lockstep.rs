@@ -2,10 +2,11 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::inference::{LearningOptions, Posteriors};
+use wayfix::transition::{LearnTransition, MoveCounts};
 use wayfix::{
-    Belief, DenseTransition, Fixed, Hmm, LearnTransition, Learning, Likelihood, LikelihoodVector,
-    MoveCounts, OptionalLikelihood, Posteriors, Prior, RoundedTails, SparseTransition,
-    TableLikelihood, TransitionEntries,
+    Belief, DenseTransition, Fixed, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior,
+    SparseTransition, TableLikelihood, TransitionEntries,
 };
 
 use crate::kit::{Sensor, all_close, cases_of, close, prior, rng, same_results, weighted};
@@ -136,9 +137,9 @@ where
         },
     )?;
     same_results(
-        &hmm.score_all(drives),
+        &hmm.log_likelihood_all(drives),
         drives.len(),
-        |i| hmm.score(&drives[i]),
+        |i| hmm.log_likelihood(&drives[i]),
         |f, e| near_log(*f, *e, 1e5),
     )?;
     same_results(
@@ -224,7 +225,7 @@ where
     let (n, m) = (hmm.states(), hmm.likelihood().symbols());
     let counts = counts(hmm, drives);
     prop_assume!(counts.first.iter().sum::<f64>() > 0.0);
-    let learning = Learning { iterations: 1, tolerance: 0.0, ..Learning::default() };
+    let learning = LearningOptions { iterations: 1, tolerance: 0.0, ..LearningOptions::default() };
     let learned = hmm.learn(drives, &learning).unwrap();
     let left_out: Vec<usize> = learned.left_out().iter().map(|error| error.sequence).collect();
     prop_assert_eq!(&left_out, &counts.left_out);
@@ -262,8 +263,8 @@ proptest! {
     #[test]
     fn extremes_are_left_to_who_knows_them(case in instances(true)) {
         check(&Hmm::new(case.prior(), case.sparse(), case.sensor()).unwrap(), &case.drives)?;
-        let rounded = RoundedTails(case.sensor());
-        check(&Hmm::new(case.prior(), case.dense(), rounded).unwrap(), &case.drives)?;
+        let rounded = Hmm::new(case.prior(), case.dense(), case.sensor()).unwrap();
+        check(&rounded.with_rounded_tails(), &case.drives)?;
     }
 
     #[test]
@@ -283,7 +284,7 @@ proptest! {
         let drives = &case.drives[..];
         let all = || format!(
             "{:?} {:?} {:?} {:?}",
-            hmm.forward_all(drives), hmm.smooth_all(drives), hmm.score_all(drives), hmm.viterbi_all(drives)
+            hmm.forward_all(drives), hmm.smooth_all(drives), hmm.log_likelihood_all(drives), hmm.viterbi_all(drives)
         );
         prop_assert_eq!(crate::kit::with_threads(1, all), crate::kit::with_threads(4, all));
     }
@@ -303,7 +304,8 @@ fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
     let mut drives = vec![seen[..2].to_vec(); 9];
     drives[1] = vec![vec![0.0, 1.0], vec![1.0, 1.0]];
     drives.extend([seen[..3].to_vec(), seen.to_vec()]);
-    let learning = Learning { iterations: 1, keep_prior: true, ..Learning::default() };
+    let learning =
+        LearningOptions { iterations: 1, keep_prior: true, ..LearningOptions::default() };
     let learned = hmm.learn(&drives, &learning).unwrap();
     assert_eq!(learned.left_out().len(), 1);
     let mut counts = MoveCounts::default();

@@ -41,13 +41,13 @@ fn neighbours_and_hops() {
     let map = small();
     assert_eq!(map.index_of_id(30), Some(2));
     assert_eq!(map.index_of_id(31), None);
-    assert_eq!(map.neighbours(1).collect::<Vec<_>>(), [2, 3]);
+    assert_eq!(map.neighbors(1).collect::<Vec<_>>(), [2, 3]);
     assert_eq!(map.joined(0), [1, 2, 4]);
     assert_eq!(map.hops_from(0), [Some(0), Some(1), Some(2), Some(2), None]);
     assert_eq!(map.hops_either_way(0), [Some(0), Some(1), Some(1), Some(2), Some(1)]);
     assert!(!map.is_strongly_connected());
     // No place, no facts, and no panic.
-    assert_eq!(map.neighbours(9).count(), 0);
+    assert_eq!(map.neighbors(9).count(), 0);
     assert_eq!(map.roads_from(usize::MAX).count(), 0);
     assert_eq!(map.hops_from(9), [None; 5]);
     assert_eq!(map.road_metres_from(9), [None; 5]);

@@ -2,12 +2,14 @@
 //! from anywhere, kidnapped vehicles, and places that are not on the map.
 
 use rand_distr::{Distribution, StandardNormal};
-use wayfix::motion::{RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates};
-use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors, Views};
-use wayfix::{
-    Belief, Ends, Filter, GroupedLikelihood, Hmm, Likelihood, OffMapTransition, OptionalLikelihood,
-    Prior, RestartTransition, Transition, WindowTransition, evaluate,
+use wayfix::likelihood::GroupedLikelihood;
+use wayfix::motion::OffMapTransition;
+use wayfix::motion::{
+    RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
+use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors, ViewComparison};
+use wayfix::transition::{RestartTransition, WindowTransition};
+use wayfix::{Belief, Filter, Hmm, Likelihood, OptionalLikelihood, Prior, Transition, evaluate};
 
 use crate::kit::rng;
 
@@ -29,7 +31,7 @@ fn rows(drive: &[Option<usize>], seed: u64) -> Vec<Vec<f32>> {
 }
 
 fn ahead() -> WindowTransition {
-    WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], Ends::Loop).unwrap()
+    WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], true).unwrap()
 }
 
 fn camera() -> AppearanceLikelihood {
@@ -65,7 +67,7 @@ fn a_filter_that_starts_anywhere_says_when_it_has_found_its_place() {
     for seed in 0..10 {
         let rows = rows(&drive, seed);
         let masses = masses(&mut hmm.filter(), &drive, &rows);
-        let steps = evaluate::steps_to_localise_correctly(&masses, 0.9, 5).unwrap();
+        let steps = evaluate::steps_to_localize_correctly(&masses, 0.9, 5).unwrap();
         let steps = steps.expect("it finds its place");
         // One image is not enough, and forty are plenty.
         assert!((2..=40).contains(&steps), "seed {seed}: {steps} steps");
@@ -83,7 +85,7 @@ fn a_restart_mix_brings_a_kidnapped_vehicle_back() {
     for seed in 0..10 {
         let rows = rows(&drive, seed);
         let masses_of = |masses: Vec<(f64, bool)>| {
-            evaluate::steps_to_localise_correctly(&masses[50..], 0.9, 5).unwrap()
+            evaluate::steps_to_localize_correctly(&masses[50..], 0.9, 5).unwrap()
         };
         let back = masses_of(masses(&mut mixed.filter(), &drive, &rows));
         assert!(back.is_some_and(|steps| steps <= 40), "seed {seed}: {back:?}");
@@ -153,7 +155,7 @@ fn a_stop_does_not_count_one_image_again_and_again() {
         .unwrap()
         .with_views(
             &(0..PLACES).collect::<Vec<_>>(),
-            ViewRates { standing: 0.95, alike: 0.9, moved: 0.03 },
+            ViewChangeRates { standing: 0.95, alike: 0.9, moved: 0.03 },
         )
         .unwrap();
     let sensor = OptionalLikelihood::new(camera());
@@ -161,11 +163,11 @@ fn a_stop_does_not_count_one_image_again_and_again() {
     let groups = motion.place_groups();
     let hmm = from_anywhere(motion, sensor);
 
-    let mut views = Views::new(0.1).unwrap();
+    let mut views = ViewComparison::new(0.1).unwrap();
     let [mut wise, mut naive] = [hmm.filter(), hmm.filter()];
     for row in &rows[..120] {
         let view = views.next(row).unwrap();
-        let seen = (view == View::Changed).then(|| row.clone());
+        let seen = (view == ViewChange::Changed).then(|| row.clone());
         let view = Some(ViewEvidence { view, weight: 1.0 });
         wise.step_with(&RouteControl { view, ..RouteControl::default() }, &seen).unwrap();
         naive.step_with(&RouteControl::default(), &Some(row.clone())).unwrap();

@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::inference::{Certificate, Pruning};
+use wayfix::likelihood::{LocalLikelihood, SparseObservation};
 use wayfix::{
-    Belief, Certificate, Fixed, FusedLikelihood, Hmm, InferenceError, KnownState, Likelihood,
-    LikelihoodVector, LocalLikelihood, OptionalLikelihood, Prior, PrunedFilter, Pruning,
-    RoundedTails, Scratch, SparseLikelihood, SparseObservation, SparseTransition, TableLikelihood,
-    canberra,
+    Belief, Fixed, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodVector,
+    OptionalLikelihood, Prior, PrunedFilter, Scratch, SparseLikelihood, SparseTransition,
+    TableLikelihood, canberra,
 };
 
 use crate::kit::{cases_of, prior, rng, weighted};
@@ -285,7 +286,10 @@ fn a_place_where_nothing_led_is_not_denied() {
     );
     assert_eq!(
         pruned.step(&seen(n, 0.5)).unwrap_err().to_string(),
-        "step 3 has no valid likelihood"
+        format!(
+            "step 3 has no valid likelihood: the observation lists state {n}, but there are {n} states (0 to {})",
+            n - 1
+        )
     );
     pruned.step(&seen(10, 0.1)).unwrap();
     assert_eq!((pruned.steps(), pruned.mode()), (3, 10));
@@ -378,12 +382,12 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     let table = TableLikelihood::from_rows(&rows).unwrap();
     for symbol in [0, 2] {
         check_local(&table, &symbol);
-        check_local(&RoundedTails(&table), &symbol);
         check_local(&Fixed(Arc::new(table.clone())), &symbol);
         check_local(&OptionalLikelihood::new(table.clone()), &Some(symbol));
-        let fused = FusedLikelihood::new(table.clone(), KnownState::new(6)).unwrap();
+        let known = OptionalLikelihood::new(SparseLikelihood::new(6));
+        let fused = FusedLikelihood::new(table.clone(), known).unwrap();
         check_local(&fused, &(symbol, None));
-        check_local(&fused, &(symbol, Some(4)));
+        check_local(&fused, &(symbol, Some(SparseObservation::known(4))));
         let far = FusedLikelihood::new(LikelihoodVector::log(6).owned(), table.clone()).unwrap();
         check_local(&far, &(vec![-700.0, -701.0, f64::NEG_INFINITY, -702.0, -700.5, -9e9], symbol));
     }
@@ -393,7 +397,7 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     let linear = || LikelihoodVector::linear(6).owned();
     check_local(&FusedLikelihood::new(linear(), linear()).unwrap(), &(small.clone(), small));
     check_local(&SparseLikelihood::new(6), &SparseObservation::new(vec![(2, 0.5)], 0.1).unwrap());
-    check_local(&KnownState::new(6), &Some(3));
+    check_local(&SparseLikelihood::new(6), &SparseObservation::known(3));
     // Of more states than stand out, too.
     let rows: Vec<_> = (0..20).map(|i| [0.01 * f64::from(i), 1.0 - 0.01 * f64::from(i)]).collect();
     let table = TableLikelihood::from_rows(&rows).unwrap();
@@ -417,15 +421,16 @@ fn errors_of_a_sensor_say_what_is_wrong() {
         text(&[1.0, -1.0]),
         "state 1 has likelihood -1, expected a finite value of at least 0"
     );
-    let known = KnownState::new(2).local(&Some(2), &[], &mut [], &mut Scratch::default());
+    let known = SparseObservation::known(2);
+    let known = SparseLikelihood::new(2).local(&known, &[], &mut [], &mut Scratch::default());
     assert_eq!(
         known.unwrap_err().to_string(),
-        "state 2 is given as known, but there are 2 states (0 to 1)"
+        "the observation lists state 2, but there are 2 states (0 to 1)"
     );
 }
 
 /// A sensor of one's own that says nonsense.
-struct Wrong(f64, wayfix::Unlisted);
+struct Wrong(f64, wayfix::likelihood::Unlisted);
 
 impl Likelihood for Wrong {
     type Observation = ();
@@ -448,7 +453,7 @@ impl LocalLikelihood for Wrong {
         _: &[usize],
         out: &mut [f64],
         _: &mut Scratch,
-    ) -> Result<wayfix::Unlisted, wayfix::LikelihoodError> {
+    ) -> Result<wayfix::likelihood::Unlisted, wayfix::LikelihoodError> {
         out.fill(self.0);
         Ok(self.1)
     }
@@ -456,8 +461,7 @@ impl LocalLikelihood for Wrong {
 
 #[test]
 fn nonsense_of_a_sensor_is_an_error_with_the_step() {
-    use std::error::Error;
-    let unlisted = wayfix::Unlisted::at_most;
+    let unlisted = wayfix::likelihood::Unlisted::at_most;
     for (sensor, expected) in [
         (
             Wrong(f64::NAN, unlisted(0.0)),
@@ -474,9 +478,9 @@ fn nonsense_of_a_sensor_is_an_error_with_the_step() {
     ] {
         let hmm = Hmm::new(certain(2, 0), ring(2), sensor).unwrap();
         let error = hmm.pruned_filter(Pruning::default()).step(&()).unwrap_err();
-        assert_eq!(error.to_string(), "step 1 has no valid likelihood");
-        assert_eq!(error.source().unwrap().to_string(), expected);
+        let expected = format!("step 1 has no valid likelihood: {expected}");
+        assert_eq!(error.to_string(), expected);
         let error = hmm.beam_viterbi(&[()], 1.0).unwrap_err();
-        assert_eq!(error.source().unwrap().to_string(), expected);
+        assert_eq!(error.to_string(), expected);
     }
 }

@@ -1,9 +1,11 @@
 //! Textbook models with their exact answers, written out.
 #![allow(clippy::excessive_precision, clippy::unreadable_literal, reason = "printed answers")]
 
+use wayfix::inference::{Order, Pairs};
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
-    Belief, Controlled, DenseTransition, Hmm, InferenceError, LikelihoodVector, Order, Pairs,
-    Prior, SparseTransition, SwitchedTransition, TransitionEntries,
+    Belief, Controlled, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior,
+    SparseTransition, TransitionEntries,
 };
 
 struct Case {

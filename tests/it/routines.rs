@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, HashMap};
 
 use proptest::prelude::*;
-use wayfix::{Hmm, Order, Pairs, SparseTransition, SwitchedTransition, TransitionEntries};
+use wayfix::inference::{Order, Pairs};
+use wayfix::transition::SwitchedTransition;
+use wayfix::{Hmm, SparseTransition, TransitionEntries};
 
 use crate::kit::{Kind, Model, Sensor, cases, close, dyadic_models, log_add, models, rng};
 
@@ -208,7 +210,7 @@ pub(crate) fn check_k_best<A: TransitionEntries<Control = usize>>(
         }
     }
     let distinct: std::collections::BTreeSet<_> =
-        found.iter().map(wayfix::ViterbiPath::states).collect();
+        found.iter().map(wayfix::inference::ViterbiPath::states).collect();
     prop_assert_eq!(distinct.len(), found.len());
     if let Some(first) = found.first() {
         prop_assert_eq!(first, &hmm.viterbi(model).unwrap());

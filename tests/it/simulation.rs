@@ -1,8 +1,9 @@
 //! Drawn drives have the model's frequencies.
 
+use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Belief, DenseTransition, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseTransition,
-    SwitchedTransition, TableLikelihood,
+    TableLikelihood,
 };
 
 use crate::kit::rng;
@@ -88,5 +89,8 @@ fn controls_drive_the_simulation_too() {
     let mut rng = rng(1);
     assert_eq!(hmm.simulate_with(&[0, 1, 1, 0], &mut rng).unwrap().states(), [0, 1, 2, 2]);
     let error = hmm.simulate_with(&[0, 2], &mut rng).unwrap_err();
-    assert_eq!(error.to_string(), "step 2 has no valid control");
+    assert_eq!(
+        error.to_string(),
+        "step 2 has no valid control: unknown control: operator 2, expected one of 2 (0 to 1)"
+    );
 }

@@ -5,10 +5,11 @@ use std::cell::Cell;
 
 use proptest::prelude::*;
 use rand::{Rng, RngExt};
+use wayfix::inference::{Order, Posteriors};
+use wayfix::transition::{KroneckerTransition, RestartTransition};
 use wayfix::{
-    Belief, DenseTransition, Hmm, KroneckerTransition, Likelihood, LikelihoodVector, Order,
-    Posteriors, Prior, RestartTransition, RoundedTails, SparseTransition, TableLikelihood,
-    Transition, TransitionEntries,
+    Belief, DenseTransition, Hmm, Likelihood, LikelihoodVector, Prior, SparseTransition,
+    TableLikelihood, Transition, TransitionEntries,
 };
 
 use crate::kit::{
@@ -31,7 +32,10 @@ where
             Ok(log) => logs.push(log),
             Err(error) => {
                 let expected = with_causes(&error);
-                prop_assert_eq!(with_causes(&hmm.score(ys).unwrap_err()), expected.clone());
+                prop_assert_eq!(
+                    with_causes(&hmm.log_likelihood(ys).unwrap_err()),
+                    expected.clone()
+                );
                 prop_assert_eq!(with_causes(&hmm.forward(ys).unwrap_err()), expected.clone());
                 prop_assert_eq!(with_causes(&hmm.smooth(ys).unwrap_err()), expected);
                 return Ok(());
@@ -58,7 +62,7 @@ where
     let tolerance = 1e-13 * logs.iter().map(|log| log.abs()).sum::<f64>().max(10.0);
     let found = filtering.log_likelihood();
     prop_assert!((found - filter.log_likelihood()).abs() <= tolerance, "{found}");
-    let score = hmm.score(ys).unwrap();
+    let score = hmm.log_likelihood(ys).unwrap();
     prop_assert!((score - filter.log_likelihood()).abs() <= tolerance, "{score}");
 
     let mut smoothed = vec![Vec::new(); ys.len() + 1];
@@ -133,7 +137,7 @@ proptest! {
         if answer.impossible_at.is_some() {
             return Ok(()); // the same error as that of the stream
         }
-        close_logs(hmm.score(&model.logs).unwrap(), answer.log_likelihood, 1e-12)?;
+        close_logs(hmm.log_likelihood(&model.logs).unwrap(), answer.log_likelihood, 1e-12)?;
         let smoothing = hmm.smooth(&model.logs).unwrap();
         close_logs(smoothing.log_likelihood(), answer.log_likelihood, 1e-12)?;
         for (found, expected) in smoothing.posteriors().iter().zip(&answer.smoothed) {
@@ -212,7 +216,8 @@ proptest! {
         let sensor = sensor(n);
         let dense = dense(&m);
         check(&Hmm::new(start.clone(), &dense, sensor.clone()).unwrap(), &ys)?;
-        check(&Hmm::new(start.clone(), &dense, RoundedTails(sensor.clone())).unwrap(), &ys)?;
+        let rounded = Hmm::new(start.clone(), &dense, sensor.clone()).unwrap();
+        check(&rounded.with_rounded_tails(), &ys)?;
         let sparse = SparseTransition::from_operator(&dense).unwrap();
         check(&Hmm::new(start.clone(), &sparse, sensor.clone()).unwrap(), &ys)?;
         check(&Hmm::new(start.clone(), Own(m), sensor.clone()).unwrap(), &ys)?;
@@ -355,7 +360,7 @@ fn entries_beyond_a_double_are_kept() {
     let mut ys = vec![vec![1.0; 4]; 300];
     ys[150] = vec![0.0, 0.0, 0.0, 1.0];
     let expected = -400.0 * 10.0_f64.ln();
-    assert!((hmm.score(&ys).unwrap() - expected).abs() < 1e-9);
+    assert!((hmm.log_likelihood(&ys).unwrap() - expected).abs() < 1e-9);
     assert_eq!(hmm.viterbi(&ys).unwrap().states()[150], 3);
 }
 
@@ -386,7 +391,7 @@ fn long_sequences_take_few_products() {
         let hmm = Hmm::new(draw_prior(n, rng), motion, LikelihoodVector::log(n).owned()).unwrap();
         let ys: Vec<_> = sightings(n, 3000, 0.0, rng).into_iter().flatten().collect();
         hmm.transition().1.set(0);
-        hmm.score(&ys).unwrap();
+        hmm.log_likelihood(&ys).unwrap();
         hmm.smooth(&ys).unwrap();
         hmm.forward(&ys).unwrap();
         assert_eq!(hmm.transition().1.take(), 3 * n);
@@ -404,7 +409,7 @@ fn score_and_smoother_agree() {
         let hmm = Hmm::new(draw_prior(n, rng), motion, sensor).unwrap();
         let ys = sightings(n, 20_000 + n, 0.0, rng);
         let (smoothing, filtering) = (hmm.smooth(&ys).unwrap(), hmm.forward(&ys).unwrap());
-        let (score, beside) = (hmm.score(&ys).unwrap(), smoothing.log_likelihood());
+        let (score, beside) = (hmm.log_likelihood(&ys).unwrap(), smoothing.log_likelihood());
         assert!((score - beside).abs() <= 1e-14 * score.abs(), "{score} and {beside}");
         assert!(n == 4 || score.to_bits() == beside.to_bits());
         let last = |p: &Posteriors| p.get(ys.len()).unwrap().as_slice().to_vec();

@@ -4,10 +4,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
-use wayfix::{
-    Belief, Certificate, FusedLikelihood, Hmm, InferenceError, LikelihoodVector, LocalLikelihood,
-    Pruning,
-};
+use wayfix::inference::{Certificate, Pruning};
+use wayfix::likelihood::LocalLikelihood;
+use wayfix::{Belief, FusedLikelihood, Hmm, InferenceError, LikelihoodVector};
 
 use crate::kit::{Matrix, NEVER, cases, log_sum, prior, sparse, still, transposed, weighted};
 

@@ -1,6 +1,7 @@
 //! Many sequences at once.
 
-use wayfix::{Hmm, SequenceError};
+use wayfix::inference::SequenceError;
+use wayfix::Hmm;
 
 use super::{close, expect, paths, whole};
 use crate::counts::Counts;
@@ -14,7 +15,7 @@ pub(super) fn check(
     chains: &[Chain],
     counts: &mut Counts,
 ) {
-    each("score_all", hmm.score_all(drives), chains, counts, |score, chain| {
+    each("score_all", hmm.log_likelihood_all(drives), chains, counts, |score, chain| {
         close::log("score_all", score, chain.log_likelihood(), chain.size());
     });
     each("forward_all", hmm.forward_all(drives), chains, counts, |filtering, chain| {

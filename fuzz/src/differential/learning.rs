@@ -1,9 +1,9 @@
 //! One step of Baum–Welch against counts by the reference.
 
-use wayfix::{
-    Fixed, Hmm, LearnError, LearnLikelihood, LearnTransition, Learned, Learning, TableLikelihood,
-    TransitionEntries,
-};
+use wayfix::inference::{LearnError, LearnedModel, LearningOptions};
+use wayfix::likelihood::LearnLikelihood;
+use wayfix::transition::LearnTransition;
+use wayfix::{Fixed, Hmm, TableLikelihood, TransitionEntries};
 
 use super::close;
 use crate::counts::Counts;
@@ -120,19 +120,19 @@ fn learn<A, B, S>(
     failed: &[usize],
     nothing: bool,
     counts: &mut Counts,
-) -> Option<Learned<A, B>>
+) -> Option<LearnedModel<A, B>>
 where
     A: LearnTransition + Clone + Sync,
     B: LearnLikelihood + Clone + Sync,
     S: wayfix::Sequence<A::Control, B::Observation> + Sync,
 {
-    let learning = Learning {
+    let learning = LearningOptions {
         iterations: 1,
         tolerance: 0.0,
         prior_pseudo_count: pseudo,
         transition_pseudo_count: pseudo,
         likelihood_pseudo_count: pseudo,
-        ..Learning::default()
+        ..LearningOptions::default()
     };
     match hmm.learn(drives, &learning) {
         Ok(learned) => {
@@ -151,7 +151,7 @@ where
 
 fn compare<B>(
     scene: &Scene,
-    learned: &Learned<Plain, B>,
+    learned: &LearnedModel<Plain, B>,
     expected: &Expected,
     matrix: &Matrix,
     pseudo: f64,

@@ -1,6 +1,7 @@
 //! Most probable paths.
 
-use wayfix::{Hmm, TransitionEntries, ViterbiPath};
+use wayfix::inference::ViterbiPath;
+use wayfix::{Hmm, TransitionEntries};
 
 use super::{Drive, close, expect};
 use crate::counts::Counts;

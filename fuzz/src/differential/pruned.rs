@@ -1,9 +1,8 @@
 //! What pruned routines say that they have proven.
 
-use wayfix::{
-    Hmm, InferenceError, LocalLikelihood, Pruning, SparseLikelihood, SparseObservation,
-    TransitionEntries,
-};
+use wayfix::inference::Pruning;
+use wayfix::likelihood::{LocalLikelihood, SparseObservation};
+use wayfix::{Hmm, InferenceError, SparseLikelihood, TransitionEntries};
 
 use super::{Drive, close, paths};
 use crate::counts::Counts;
@@ -107,7 +106,7 @@ fn beam_of<B: LocalLikelihood<Observation: Sized>>(
     counts: &mut Counts,
 ) {
     let width = draw.pick(&WIDTHS);
-    let exact = hmm.viterbi(drive).ok().map(wayfix::ViterbiPath::into_states);
+    let exact = hmm.viterbi(drive).ok().map(wayfix::inference::ViterbiPath::into_states);
     say(hmm.beam_viterbi(drive, width), width, exact.as_deref(), chain, counts);
 }
 
@@ -119,14 +118,14 @@ pub(super) fn beam<A: TransitionEntries, S: Drive<A>>(
     counts: &mut Counts,
 ) {
     let width = draw.pick(&WIDTHS);
-    let exact = hmm.viterbi(sequence).ok().map(wayfix::ViterbiPath::into_states);
+    let exact = hmm.viterbi(sequence).ok().map(wayfix::inference::ViterbiPath::into_states);
     say(hmm.beam_viterbi(sequence, width), width, exact.as_deref(), chain, counts);
 }
 
 const WIDTHS: [f64; 6] = [0.0, 1.0, 5.0, 30.0, 1000.0, f64::INFINITY];
 
 fn say(
-    found: Result<wayfix::BeamPath, InferenceError>,
+    found: Result<wayfix::inference::BeamPath, InferenceError>,
     width: f64,
     exact: Option<&[usize]>,
     chain: &Chain,

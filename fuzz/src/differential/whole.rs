@@ -1,6 +1,7 @@
 //! Routines for a whole sequence, but for those of paths.
 
-use wayfix::{Hmm, Order, Posteriors, TransitionEntries};
+use wayfix::inference::{Order, Posteriors};
+use wayfix::{Hmm, TransitionEntries};
 
 use super::{Drive, close, expect};
 use crate::counts::Counts;
@@ -15,7 +16,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
 ) {
     let (size, expected) = (chain.size(), chain.log_likelihood());
     let (gamma, pairs) = chain.smoothed(chain.len());
-    if let Some(score) = expect("score", hmm.score(sequence), chain, counts) {
+    if let Some(score) = expect("score", hmm.log_likelihood(sequence), chain, counts) {
         close::log("score", score, expected, size);
         counts.add("scores");
     }
@@ -44,7 +45,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
                 &chain.filtered[k],
             );
             close::belief("smooth_each", k, step.smoothed().as_slice(), &gamma[k]);
-            for m in step.pairs().into_iter().flat_map(wayfix::Pairs::moves) {
+            for m in step.pairs().into_iter().flat_map(wayfix::inference::Pairs::moves) {
                 let expected = pairs[k - 1][m.to][m.from].exp();
                 close::number("weight of a pair", m.weight, expected, 1e-9);
             }

@@ -1,13 +1,17 @@
 //! Models and their parts from JSON.
 
 use serde::{Serialize, de::DeserializeOwned};
+use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
+use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::observation::{AppearanceLikelihood, Spread};
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    TiedTransition,
+};
 use wayfix::{
-    Belief, DenseTransition, DistanceTransition, DwellTransition, FusedLikelihood,
-    GroupedLikelihood, Groups, Hmm, KnownState, KroneckerTransition, Likelihood, LikelihoodVector,
-    OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
-    RestartTransition, RoundedTails, SparseTransition, SwitchedTransition, TableLikelihood,
-    TiedTransition, Transition, TransitionEntries,
+    Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
+    OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
+    TransitionEntries,
 };
 
 use super::json_recognition::recognition;
@@ -134,6 +138,7 @@ fn parts(draw: &mut Draw<'_>, n: usize, belief: Belief, counts: &mut Counts) {
             let motion = sparse(draw, n, Range::Plain);
             let hmm =
                 Hmm::new(Prior::BeforeFirstTransition(belief), motion, table).expect("a model");
+            let hmm = if draw.one_in(2) { hmm.with_rounded_tails() } else { hmm };
             let Some(hmm) = read(draw, &hmm, counts) else { return };
             usable(hmm.transition(), &(), counts);
             for ys in [vec![0], vec![0, 1, 2], vec![2; 12]] {
@@ -156,7 +161,7 @@ fn table(draw: &mut Draw<'_>, n: usize) -> TableLikelihood {
 fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
     let table = table(draw, n);
     let groups = || Groups::new((0..=n).map(|i| i.min(n - 1)).collect()).expect("groups");
-    match draw.below(9) {
+    match draw.below(8) {
         0 => sensor(draw, &table, &1, counts),
         1 => sensor(draw, &LikelihoodVector::log(n).owned(), &vec![-1.0; n], counts),
         2 => {
@@ -167,21 +172,21 @@ fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
             let camera = off_map.unwrap_or(camera);
             sensor(draw, &camera, &(0..n).map(|i| i as f32).collect::<Vec<_>>(), counts);
         }
-        3 => sensor(draw, &KnownState::new(n), &Some(0), counts),
+        3 => sensor(draw, &SparseLikelihood::new(n), &SparseObservation::known(0), counts),
         4 => sensor(draw, &OptionalLikelihood::new(table), &Some(2), counts),
         5 => {
-            let fused = FusedLikelihood::new(table, KnownState::new(n)).expect("as many states");
+            let known = OptionalLikelihood::new(SparseLikelihood::new(n));
+            let fused = FusedLikelihood::new(table, known).expect("as many states");
             sensor(draw, &fused, &(0, None), counts);
         }
         6 => {
             let grouped = GroupedLikelihood::new(table, groups()).expect("as many groups");
             sensor(draw, &grouped, &1, counts);
         }
-        7 => {
+        _ => {
             let pooled = PooledLikelihood::new(self::table(draw, n + 1), groups());
             sensor(draw, &pooled.expect("as many states"), &1, counts);
         }
-        _ => sensor(draw, &RoundedTails(table), &1, counts),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Snapshots of filters and smoothers from JSON.
 
-use wayfix::{FilterState, FixedLagState, Hmm, TransitionEntries};
+use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
+use wayfix::{Hmm, TransitionEntries};
 
 use super::{check_message, read};
 use crate::counts::Counts;
@@ -39,7 +40,7 @@ fn filters<A: TransitionEntries<Control = usize>>(
     let mut filter = hmm.filter();
     let possible = |step: &&(usize, &Observation)| filter.step_with(&step.0, step.1).is_ok();
     let _ = steps.iter().take_while(possible).count();
-    let Some(state) = read::<FilterState>(draw, &filter.snapshot(), counts) else { return };
+    let Some(state) = read::<FilterSnapshot>(draw, &filter.snapshot(), counts) else { return };
     let mut other = hmm.filter();
     if let Err(error) = other.restore(&state) {
         return check_message(&error);
@@ -67,7 +68,7 @@ fn smoothers<A: TransitionEntries<Control = usize>>(
     let mut smoother = hmm.fixed_lag(lag);
     let possible = |step: &&(usize, &Observation)| smoother.step_with(&step.0, step.1).is_ok();
     let _ = steps.iter().take_while(possible).count();
-    let state = read::<FixedLagState<usize>>(draw, &smoother.snapshot(), counts);
+    let state = read::<FixedLagSnapshot<usize>>(draw, &smoother.snapshot(), counts);
     let Some(state) = state else { return };
     let mut other = hmm.fixed_lag(0);
     let before = other.snapshot();

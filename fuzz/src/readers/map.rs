@@ -1,7 +1,8 @@
 //! Maps from CSV files.
 
 use wayfix::map::{MapError, Position, Road, RoadMap, TurningProbabilities, TurningRule};
-use wayfix::{Belief, DistanceTransition, Hmm, KnownState, Odometry, Prior};
+use wayfix::motion::{DistanceTransition, OdometryReading};
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;
@@ -59,7 +60,7 @@ fn check(map: &RoadMap, counts: &mut Counts) {
         let Position { latitude, longitude } = place.position;
         assert!((-90.0..=90.0).contains(&latitude) && (-180.0..=180.0).contains(&longitude));
         let ends = map.roads_from(index).map(|road| road.0);
-        assert!(ends.eq(map.neighbours(index)), "neighbours are the ends of roads");
+        assert!(ends.eq(map.neighbors(index)), "neighbours are the ends of roads");
         assert_eq!(map.hops_from(index).len(), n);
         assert_eq!(map.hops_either_way(index)[index], Some(0));
         assert_eq!(map.road_metres_from(index)[index], Some(0.0));
@@ -90,13 +91,14 @@ fn check(map: &RoadMap, counts: &mut Counts) {
     let base = turning.expect("a rule that holds for every map").into_transition();
     let distances = DistanceTransition::on_map(map, base.clone()).expect("a road for each move");
     let prior = Prior::BeforeFirstTransition(Belief::uniform(n).expect("a place"));
-    let hmm = Hmm::new(prior.clone(), base, KnownState::new(n)).expect("a model");
-    hmm.filter().step(&None).expect("a step");
-    let hmm = Hmm::new(prior, distances, KnownState::new(n)).expect("a model");
+    let (sensor, nothing) = (LikelihoodVector::linear(n), vec![1.0; n]);
+    let hmm = Hmm::new(prior.clone(), base, sensor).expect("a model");
+    hmm.filter().step(&nothing).expect("a step");
+    let hmm = Hmm::new(prior, distances, sensor).expect("a model");
     let mut filter = hmm.filter();
     for odometry in [(250.0, 100.0), (0.0, 1e-9), (1e9, 1e300)] {
         let (distance, variance) = odometry;
-        filter.step_with(&Some(Odometry { distance, variance }), &None).expect("a step");
+        filter.step_with(&Some(OdometryReading { distance, variance }), &nothing).expect("a step");
         let sum: f64 = filter.belief().as_slice().iter().sum();
         assert!((sum - 1.0).abs() < 1e-9, "a belief that sums to {sum}");
     }

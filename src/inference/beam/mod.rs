@@ -87,7 +87,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     /// entry.
     ///
     /// ```
-    /// # use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
+    /// # use wayfix::likelihood::SparseObservation;
+    /// # use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
     /// # let n = 1000;
     /// # let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
     /// # let motion = SparseTransition::from_triplets(n, moves)?;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{FEWEST, FEWEST_STATES, Group, Memory, Outcome, Plan, in_parallel};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
-use crate::inference::many::{self, Results};
+use crate::inference::in_parallel::{self, Results};
 use crate::inference::posteriors::Part;
 use crate::kernels::lockstep::{self, Abreast};
 use crate::kernels::{Aligned, Eight, LANES};
@@ -82,7 +82,7 @@ where
 {
     let few = sequences.len() < FEWEST || hmm.states() < FEWEST_STATES;
     let Some(plan) = (if few { None } else { Plan::new(hmm) }) else {
-        return many::each(sequences, single);
+        return in_parallel::each(sequences, single);
     };
     let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
     order.sort_by_key(|(_, sequence)| sequence.steps());

@@ -53,15 +53,15 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
             std::mem::swap(x, next);
             let inverse = &mut inverse[step - 1];
             for l in 0..LANES {
-                let normaliser = sums[l] / LIFT;
-                inverse[l] = 1.0 / normaliser;
+                let normalizer = sums[l] / LIFT;
+                inverse[l] = 1.0 / normalizer;
                 // A NaN does not hold either.
                 held[l] &= step > group.steps[l]
-                    || normaliser >= LEAST_NORMALISER * sensed.largest[l]
-                        && normaliser.is_finite()
-                        && (!lost[l] || sensed.rounded[l]);
+                    || normalizer >= LEAST_NORMALISER * sensed.largest[l]
+                        && normalizer.is_finite()
+                        && (!lost[l] || self.hmm.rounds_tails());
                 if held[l] && step <= group.steps[l] {
-                    let log = normaliser.ln() + sensed.logs[l];
+                    let log = normalizer.ln() + sensed.logs[l];
                     log_likelihoods[l].add(log);
                     each(l, log);
                 }

@@ -3,10 +3,11 @@
 use super::backward::Carried;
 use super::{Group, Memory, Plan, no_control};
 use crate::inference::baum_welch::Expected;
-use crate::inference::{LearnLikelihood, LearnTransition, Move, MoveCounts};
 use crate::kernels::lockstep::{self, Abreast, Lines};
 use crate::kernels::{BACK_LIFT, LANES};
+use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
+use crate::transition::{LearnTransition, Move, MoveCounts};
 
 /// The expectations of the sequences of a group, added up, and in which lanes it
 /// could have them.

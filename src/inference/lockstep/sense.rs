@@ -16,15 +16,12 @@ pub(super) struct Sensed {
     pub(super) largest: Eight,
     /// ln of what was taken out.
     pub(super) logs: Eight,
-    /// Whether tails may be rounded to 0.
-    pub(super) rounded: [bool; LANES],
 }
 
 /// The likelihoods of one lane.
 struct Row<'a> {
     values: &'a [f64],
     log: f64,
-    rounded: bool,
 }
 
 impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
@@ -42,15 +39,15 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         S: Sequence<A::Control, B::Observation>,
     {
         let mut rows = [&self.ones[..]; LANES];
-        let mut sensed =
-            Sensed { largest: [1.0; LANES], logs: [0.0; LANES], rounded: [true; LANES] };
+        let rounded = self.hmm.rounds_tails();
+        let mut sensed = Sensed { largest: [1.0; LANES], logs: [0.0; LANES] };
         for (l, ((_, sequence), lane)) in group.sequences.iter().zip(lanes).enumerate() {
             if !held[l] || step > group.steps[l] {
                 continue;
             }
             if let Some(row) = self.row(sequence.observation(step), lane) {
                 rows[l] = row.values;
-                (sensed.logs[l], sensed.rounded[l]) = (row.log, row.rounded);
+                sensed.logs[l] = row.log;
             } else {
                 held[l] = false;
             }
@@ -70,7 +67,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
                     None => *held = false,
                 }
             }
-            *held &= !tiny || sensed.rounded[l];
+            *held &= !tiny || rounded;
         }
         sensed
     }
@@ -82,10 +79,10 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         let Lane { scratch, values } = lane;
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
         diagonal.check_shape(n).ok()?;
-        let (log, rounded) = (diagonal.log_factor, diagonal.tails_rounded);
+        let (log, rounded) = (diagonal.log_factor, self.hmm.rounds_tails());
         let logs = match diagonal.values {
             Values::Linear(values) | Values::Checked { linear: values, .. } => {
-                return Some(Row { values, log, rounded });
+                return Some(Row { values, log });
             }
             Values::Log(logs) => logs,
         };
@@ -103,7 +100,7 @@ impl<A: Transition, B: Likelihood> Plan<'_, A, B> {
         };
         values.clear();
         values.extend(logs.iter().map(likelihood));
-        Some(Row { values, log: log + largest, rounded })
+        Some(Row { values, log: log + largest })
     }
 }
 

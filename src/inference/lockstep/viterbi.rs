@@ -6,7 +6,7 @@ use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
 use crate::kernels::lockstep::{self, Abreast};
-use crate::kernels::lockstep_max::{self, Maximise};
+use crate::kernels::lockstep_max::{self, Maximize};
 use crate::kernels::{self, LANES};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -66,7 +66,7 @@ where
             }
             largest
         } else {
-            lockstep_max::maximise(Maximise {
+            lockstep_max::maximize(Maximize {
                 log2: plan.rows.with_values(log2),
                 x: &x,
                 likelihoods: &likelihoods,

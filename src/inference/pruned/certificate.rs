@@ -3,7 +3,7 @@
 /// How much a [`PrunedFilter`](crate::PrunedFilter) may leave out.
 ///
 /// ```
-/// use wayfix::Pruning;
+/// use wayfix::inference::Pruning;
 ///
 /// let pruning = Pruning { tolerance: 1e-9, ..Pruning::default() };
 /// assert_eq!(pruning.most_active, usize::MAX);

@@ -123,7 +123,7 @@ impl Envelope {
         self.estimate.iter_mut().for_each(|p| *p /= sum);
         let unlifted = scale / LIFT;
         let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - LIFT.ln() };
-        log + self.normalise()
+        log + self.normalize()
     }
 
     /// Keeps the states for which that is said of the estimate and the excess.
@@ -146,7 +146,7 @@ impl Envelope {
     }
 
     /// Makes the lower bounds sum to one. Returns the logarithm of their sum.
-    fn normalise(&mut self) -> f64 {
+    fn normalize(&mut self) -> f64 {
         // A sum of numbers that are not negative has as many roundings as these.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.outside *= up;
@@ -189,7 +189,7 @@ impl Envelope {
             *lower = reduced;
         }
         (self.lower[mode], self.excess[mode]) = (known, 0.0);
-        (self.normalise(), ratio.ln_1p())
+        (self.normalize(), ratio.ln_1p())
     }
 
     /// How much the lower bounds miss at most, in parts of their sum.

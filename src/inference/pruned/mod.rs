@@ -17,7 +17,7 @@ use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Scratch};
-use crate::transition::TransitionEntries;
+use crate::transition::{NoControl, TransitionEntries};
 pub use certificate::{Certificate, Pruning};
 
 use envelope::Envelope;
@@ -35,7 +35,9 @@ use step::LARGEST_SHARE;
 /// are active, and some 80 bytes for each of these, as many as there ever were.
 ///
 /// ```
-/// use wayfix::{Belief, Hmm, Prior, Pruning, SparseLikelihood, SparseObservation, SparseTransition};
+/// use wayfix::inference::Pruning;
+/// use wayfix::likelihood::SparseObservation;
+/// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
 /// // Around a hundred thousand places, staying or going one on.
 /// let n = 100_000;
@@ -61,7 +63,7 @@ use step::LARGEST_SHARE;
 /// What has less than a part of the tolerance after a step is dropped, and counted:
 /// for each active state, and for all others together, there is a ceiling on what
 /// was dropped there or comes from what was dropped. The bound is their sum, which
-/// also counts rounding; section 13 of the [formulas](crate::formulas) proves it.
+/// also counts rounding; section 13 of the [formulas](crate::guide::formulas) proves it.
 /// As the bound nears the tolerance, less is dropped, and more states are active.
 ///
 /// The bound depends on what the sensor says of the states that it is not asked
@@ -279,7 +281,7 @@ where
 impl<M, A, B> PrunedFilter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries<Control = ()>,
+    A: TransitionEntries,
     B: LocalLikelihood,
 {
     /// One time step: prediction, then update with `observation`. Says what is
@@ -288,8 +290,11 @@ where
     /// # Errors
     ///
     /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
-        self.step_with(&(), observation)
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
     }
 
     /// Prediction alone: one time step without an observation. The log-likelihood
@@ -298,7 +303,10 @@ where
     /// # Errors
     ///
     /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<Certificate, InferenceError> {
-        self.predict_with(&())
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
     }
 }

@@ -3,12 +3,12 @@
 
 use super::chain::{Chain, LEAST, Matrix, none_between_0_and};
 use super::diagonals::{Diagonals, Factors, Sensed, one_by_one};
-use super::score::start;
+use super::ends::start;
 use super::segments::{self, Segments, Source, eight};
 use super::{columns, control_of, filled_up, room, with_constant, without_room};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::filtering::Filtering;
+use crate::inference::filtering::FilteredSequence;
 use crate::inference::posteriors::Posteriors;
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_filter::{self, Filter};
@@ -23,7 +23,7 @@ const MOST_IN_SEGMENTS: usize = 4;
 const GATHERED: usize = 128;
 
 /// [`Hmm::forward`], or `None` where it takes the general routine.
-pub(in super::super) fn filter<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<Filtering>
+pub(in super::super) fn filter<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<FilteredSequence>
 where
     A: Transition,
     B: Likelihood,
@@ -45,7 +45,7 @@ where
     dispatch(&matrix, prior, moves, &mut Sensed::new(hmm, sequence), &mut out, &mut sum)?;
     without_room(&mut out.values, prior.len());
     let posteriors = Posteriors::from_values(hmm.states(), out.values);
-    Some(Filtering::new(posteriors, out.logs, sum.value()))
+    Some(FilteredSequence::new(posteriors, out.logs, sum.value()))
 }
 
 /// Results.
@@ -82,7 +82,7 @@ fn run<const N: usize>(
     if !moves {
         chain = start(chain, diagonals, &mut factors)?;
         logs[0] = log_of(&chain, &factors);
-        rows[1] = normalised(&chain.values).1;
+        rows[1] = normalized(&chain.values).1;
         done = 1;
     }
     if const { N <= MOST_IN_SEGMENTS } {
@@ -90,7 +90,7 @@ fn run<const N: usize>(
         done = in_segments(&matrix, &mut chain, done, diagonals, &mut factors, place)?;
     }
     sum.add(log_of(&chain, &factors));
-    let mut x = normalised(&chain.values).1;
+    let mut x = normalized(&chain.values).1;
     let mut gathered = [[0.0; N]; GATHERED];
     while done < logs.len() {
         let count = GATHERED.min(logs.len() - done);
@@ -98,7 +98,7 @@ fn run<const N: usize>(
         one_by_one(diagonals, done + 1, gathered, logs)?;
         matrix.unlooked([gathered, &[]])?;
         for ((b, row), log) in gathered.iter().zip(&mut rows[done + 1..]).zip(logs) {
-            let (total, belief) = normalised(&matrix.ahead(b, &x));
+            let (total, belief) = normalized(&matrix.ahead(b, &x));
             (x, *row) = (belief, belief);
             if total == 0.0 || !none_between_0_and(LEAST, &x) {
                 return None;
@@ -121,7 +121,7 @@ fn log_of<const N: usize>(chain: &Chain<N>, factors: &Factors) -> f64 {
 
 /// The sum, and what sums to one.
 #[inline]
-fn normalised<const N: usize>(x: &[f64; N]) -> (f64, [f64; N]) {
+fn normalized<const N: usize>(x: &[f64; N]) -> (f64, [f64; N]) {
     let total: f64 = x.iter().sum();
     let factor = 1.0 / total;
     let mut out = *x;

@@ -10,6 +10,7 @@
 mod chain;
 mod columns;
 mod diagonals;
+mod ends;
 mod filter;
 mod halves;
 mod score;

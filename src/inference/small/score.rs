@@ -1,13 +1,13 @@
 //! The log-likelihood, from both ends of a sequence to its middle:
 //! p(y_1 … y_T) = Σ_i x_m(i) r_m(i) for any m.
 
-use super::super::LogSum;
-use super::chain::{Chain, Matrix, UNLOOKED, none_between_0_and, times};
+use super::chain::{Chain, Matrix, UNLOOKED};
 use super::diagonals::{Diagonals, Factors, Sensed};
+use super::ends::{log_likelihood, middle, start};
 use super::halves::{Put, Stretch, both};
 use super::score_in_segments::in_segments;
 use super::segments;
-use super::{LEAST_FACTOR, columns, control_of, filled_up, with_constant};
+use super::{columns, control_of, filled_up, with_constant};
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
@@ -20,7 +20,7 @@ const GATHERED: usize = 32 * UNLOOKED;
 /// Up to so many states to go through segments is faster, or as fast with AVX2.
 const MOST_IN_SEGMENTS: usize = 3;
 
-/// [`Hmm::score`], or `None` where it takes the general routine.
+/// [`Hmm::log_likelihood`], or `None` where it takes the general routine.
 pub(in super::super) fn score<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
 where
     A: Transition,
@@ -87,39 +87,4 @@ fn from_both_ends<const N: usize>(
         (first, last) = (first + counts[0], last - counts[1]);
     }
     log_likelihood(&chains, &factors)
-}
-
-/// x_1 where nothing moves before the first observation.
-pub(super) fn start<const N: usize>(
-    prior: Chain<N>,
-    diagonals: &mut dyn Diagonals,
-    factors: &mut Factors,
-) -> Option<Chain<N>> {
-    let mut chain = prior;
-    let mut b = [0.0; N];
-    diagonals.ahead(1..2, &mut b, factors)?;
-    none_between_0_and(LEAST_FACTOR, &b).then_some(())?;
-    chain.values = times(&b, &chain.values);
-    chain.look()?;
-    Some(chain)
-}
-
-/// Where the forward half ends: it takes the steps before this one.
-pub(super) fn middle(first: usize, steps: usize) -> usize {
-    first.midpoint(steps + 1)
-}
-
-/// ln p(y_1 … y_T), where the halves meet.
-pub(super) fn log_likelihood<const N: usize>(
-    chains: &[Chain<N>; 2],
-    factors: &[Factors; 2],
-) -> Option<f64> {
-    let both: f64 = times(&chains[0].values, &chains[1].values).iter().sum();
-    let mut sum = LogSum::default();
-    sum.add(both.ln());
-    factors
-        .iter()
-        .zip(chains)
-        .for_each(|(factors, chain)| factors.add_to(&mut sum, chain.exponent));
-    (both > 0.0).then(|| sum.value())
 }

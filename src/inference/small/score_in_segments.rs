@@ -2,7 +2,7 @@
 
 use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors};
-use super::score::{log_likelihood, start};
+use super::ends::{log_likelihood, start};
 use super::segments::{self, Segments, Source};
 use crate::kernels::LANES;
 use crate::kernels::lockstep::Abreast;

@@ -4,8 +4,8 @@
 
 use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors, Sensed};
+use super::ends::{log_likelihood, middle, start};
 use super::halves::{Put, Stretch, both, posterior};
-use super::score::{log_likelihood, middle, start};
 use super::segments;
 use super::smooth_in_segments::in_segments;
 use super::{columns, control_of, filled_up, with_constant, without_room};

@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use super::chain::{Chain, Matrix};
 use super::diagonals::{Diagonals, Factors};
+use super::ends::{log_likelihood, start};
 use super::halves::posterior;
-use super::score::{log_likelihood, start};
 use super::segments::{self, Segments, Source, eight};
 use crate::kernels::lockstep::{Abreast, scatter};
 use crate::kernels::segments_smooth::Smooth;

@@ -2,8 +2,8 @@
 //!
 //! A kernel is written once, for any [`Lanes`], and run with the one that
 //! [`Isa::chosen`] names. All of them add in the same order and none
-//! fuses a product with a sum, so that results are the same to the bit on every
-//! machine.
+//! fuses a product with a sum, so that results are the same to the bit
+//! with each.
 //!
 //! Why it is sound: [`Avx2`] and [`Avx512`] are proofs that the instructions are
 //! there. They have a private field, and only [`run`] makes them, after detection.

@@ -15,8 +15,8 @@ pub use driven::Driven;
 use geometry::Line;
 pub use off_map::OffMap;
 use stencil::{Stencil, Way};
-use views::{Class, Views};
-pub use views::{View, ViewEvidence, ViewRates};
+use views::{Class, ViewComparison};
+pub use views::{ViewChange, ViewChangeRates, ViewEvidence};
 
 use super::{OdometryModel, Speeds};
 use crate::belief::Belief;
@@ -80,14 +80,15 @@ pub enum RouteState {
 ///
 /// ```
 /// use wayfix::motion::{RouteControl, RouteTransition, Speeds};
-/// use wayfix::{Belief, GroupedLikelihood, Hmm, KnownState, Prior};
+/// use wayfix::likelihood::GroupedLikelihood;
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 ///
 /// // 50 images of a route, which the vehicle starts at the tenth of.
 /// let drive = RouteTransition::new(50, false, Speeds::default())?;
 /// let speed = drive.speeds().nearest(2.0);
 /// let start = drive.index(speed, 10).expect("there is such a place");
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 13, start)?);
-/// let sensor = GroupedLikelihood::new(KnownState::new(50), drive.place_groups())?;
+/// let sensor = GroupedLikelihood::new(LikelihoodVector::linear(50), drive.place_groups())?;
 /// let hmm = Hmm::new(prior, drive, sensor)?;
 ///
 /// let mut filter = hmm.filter();
@@ -102,7 +103,7 @@ pub struct RouteTransition {
     line: Line,
     speeds: Speeds,
     odometry: OdometryModel,
-    views: Option<Views>,
+    views: Option<ViewComparison>,
     off_map: Option<OffMap>,
     /// G, row by row: `switching[to * k + from]`.
     switching: Vec<f64>,
@@ -167,14 +168,14 @@ impl RouteTransition {
     pub fn with_views(
         self,
         stretches: &[usize],
-        rates: ViewRates,
+        rates: ViewChangeRates,
     ) -> Result<Self, TransitionError> {
         let (found, expected) = (stretches.len(), self.line.places);
         if found != expected {
             return Err(TransitionError::PartStates { part: "stretches", found, expected });
         }
         rates.check()?;
-        let views = Views { rates, stretches: stretches.to_vec() };
+        let views = ViewComparison { rates, stretches: stretches.to_vec() };
         Ok(Self { views: Some(views), ..self }.with_stencils())
     }
 
@@ -284,7 +285,7 @@ impl RouteTransition {
 
     /// Class of a way, as far as views tell.
     fn class(&self, from: usize, to: usize) -> Class {
-        let alike = |views: &Views| views.stretches[from] == views.stretches[to];
+        let alike = |views: &ViewComparison| views.stretches[from] == views.stretches[to];
         match &self.views {
             _ if from == to => Class::Standing,
             Some(views) if alike(views) => Class::Alike,

@@ -6,7 +6,7 @@ use crate::error::TransitionError;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum View {
+pub enum ViewChange {
     /// Unlike the last new view: the vehicle, or what it sees, has moved.
     Changed,
     /// Like the last new view.
@@ -21,18 +21,18 @@ pub enum View {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ViewEvidence {
     /// Changed or not.
-    pub view: View,
+    pub view: ViewChange,
     /// Weight of the evidence, from 0 to 1.
     pub weight: f64,
 }
 
-/// The probabilities of a [`View::Unchanged`] after a step; that of a
-/// [`View::Changed`] is the rest to one. A *stretch* is a run of references that
+/// The probabilities of a [`ViewChange::Unchanged`] after a step; that of a
+/// [`ViewChange::Changed`] is the rest to one. A *stretch* is a run of references that
 /// look alike ([`alike_stretches`](crate::observation::alike_stretches)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct ViewRates {
+pub struct ViewChangeRates {
     /// If the vehicle is where it was.
     pub standing: f64,
     /// If it is at another place of the same stretch.
@@ -41,7 +41,7 @@ pub struct ViewRates {
     pub moved: f64,
 }
 
-impl Default for ViewRates {
+impl Default for ViewChangeRates {
     /// 0.9, 0.8 and 0.05. Views are to be compared with a threshold that noise rarely
     /// reaches; traffic may pass a vehicle that stands, and walls a vehicle that moves.
     fn default() -> Self {
@@ -51,8 +51,8 @@ impl Default for ViewRates {
 
 /// Views along a route.
 #[derive(Debug, Clone)]
-pub(super) struct Views {
-    pub(super) rates: ViewRates,
+pub(super) struct ViewComparison {
+    pub(super) rates: ViewChangeRates,
     /// The stretch of each place.
     pub(super) stretches: Vec<usize>,
 }
@@ -60,7 +60,7 @@ pub(super) struct Views {
 #[cfg(feature = "serde")]
 impl super::RouteTransition {
     /// The stretch of each place, and how often views stay as they are.
-    pub(crate) fn views(&self) -> Option<(&[usize], ViewRates)> {
+    pub(crate) fn views(&self) -> Option<(&[usize], ViewChangeRates)> {
         self.views.as_ref().map(|views| (&views.stretches[..], views.rates))
     }
 }
@@ -93,7 +93,7 @@ impl Factors {
     }
 }
 
-impl ViewRates {
+impl ViewChangeRates {
     pub(super) fn check(self) -> Result<(), TransitionError> {
         let Self { standing, alike, moved } = self;
         let named = [("standing", standing), ("in a stretch", alike), ("elsewhere", moved)];
@@ -112,8 +112,8 @@ impl ViewRates {
     /// The factors of a view, and the logarithm that was divided out.
     pub(super) fn factors(self, evidence: ViewEvidence) -> (Factors, f64) {
         let p = [self.standing, self.alike, self.moved].map(|unchanged| match evidence.view {
-            View::Changed => 1.0 - unchanged,
-            View::Unchanged => unchanged,
+            ViewChange::Changed => 1.0 - unchanged,
+            ViewChange::Unchanged => unchanged,
         });
         let largest = p.into_iter().fold(0.0, f64::max);
         let [standing, alike, moved] = p.map(|p| (p / largest).powf(evidence.weight));

@@ -135,7 +135,7 @@ pub(super) fn independent<B: Likelihood>(p: &[f64], sensor: B) -> Hmm<Fixed<Dens
     Hmm::new(prior, Fixed(motion), sensor).unwrap()
 }
 
-pub(super) fn normalised(weights: &[f64]) -> Vec<f64> {
+pub(super) fn normalized(weights: &[f64]) -> Vec<f64> {
     let sum: f64 = weights.iter().sum();
     weights.iter().map(|w| w / sum).collect()
 }
@@ -146,7 +146,7 @@ pub(super) fn agrees(
     prior: &[f64],
     logs: &[f64],
 ) -> Result<(), String> {
-    let joint: Vec<f64> = normalised(prior).iter().zip(logs).map(|(p, log)| p.ln() + log).collect();
+    let joint: Vec<f64> = normalized(prior).iter().zip(logs).map(|(p, log)| p.ln() + log).collect();
     let sum = log_sum(joint.iter().copied());
     if sum == NEVER {
         return match found {

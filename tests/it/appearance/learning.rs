@@ -2,10 +2,11 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::inference::LearningOptions;
+use wayfix::likelihood::GroupedLikelihood;
+use wayfix::likelihood::Groups;
 use wayfix::observation::{AppearanceLikelihood, Spread};
-use wayfix::{
-    Belief, DenseTransition, GroupedLikelihood, Groups, Hmm, Learning, OptionalLikelihood, Prior,
-};
+use wayfix::{Belief, DenseTransition, Hmm, OptionalLikelihood, Prior};
 
 use super::definition::*;
 
@@ -21,8 +22,8 @@ fn evidence(plan: &Plan, p: &[f64], rows: &[Vec<f32>], temperature: f64) -> f64 
     rows.iter().map(one).sum()
 }
 
-fn learning(iterations: usize) -> Learning {
-    Learning { keep_prior: true, tolerance: 0.0, iterations, ..Learning::default() }
+fn learning(iterations: usize) -> LearningOptions {
+    LearningOptions { keep_prior: true, tolerance: 0.0, iterations, ..LearningOptions::default() }
 }
 
 /// A plan, rows, and a probability for each state.
@@ -42,7 +43,7 @@ fn unlabelled() -> impl Strategy<Value = (Plan, Vec<Vec<f32>>, Vec<f64>)> {
                     far.for_each(|(row, _)| row.fill(INF));
                 }
                 p.truncate(n + usize::from(off_map.is_some()));
-                (Plan { spread, temperature, off_map, seen: None }, rows, normalised(&p))
+                (Plan { spread, temperature, off_map, seen: None }, rows, normalized(&p))
             },
         )
     })
@@ -111,7 +112,7 @@ proptest! {
         let prior = Prior::AtFirstObservation(Belief::new(p.clone()).unwrap());
         let hmm = Hmm::new(prior, motion, plan.sensor(rows[0].len())).unwrap();
         let (first, second) = rows.split_at(cut.min(rows.len()));
-        let learning = Learning { tolerance: 0.0, iterations: 20, ..Learning::default() };
+        let learning = LearningOptions { tolerance: 0.0, iterations: 20, ..LearningOptions::default() };
         let learned = hmm.learn(&[first, second], &learning).unwrap();
         let objectives = learned.objectives();
         let rounding = 1e-9 * objectives[0].abs().max(1.0);

@@ -2,8 +2,8 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::motion::View;
-use wayfix::observation::{Views, alike_stretches, view_change};
+use wayfix::motion::ViewChange;
+use wayfix::observation::{ViewComparison, alike_stretches, view_change};
 
 use super::definition::*;
 
@@ -58,23 +58,23 @@ proptest! {
         let mut changes: Vec<f64> = rows.windows(2).filter_map(|two| change(&two[0], &two[1])).collect();
         changes.retain(|change| *change > 0.0 && change.is_finite());
         changes.sort_by(f64::total_cmp);
-        let found = Views::threshold_of(&rows).unwrap();
+        let found = ViewComparison::threshold_of(&rows).unwrap();
         // The median of an even number is either of two.
         let len = changes.len();
         let medians = if len == 0 { [0.0; 2] } else { [changes[(len - 1) / 2], changes[len / 2]] };
         prop_assert!(medians.iter().any(|median| same(found, 0.1 * median)), "{found}, {medians:?}");
 
-        let mut views = Views::new(threshold).unwrap();
+        let mut views = ViewComparison::new(threshold).unwrap();
         let mut last: Option<&Vec<f32>> = None;
         for row in &rows {
             let found = views.next(row).unwrap();
             let change = last.map(|last| change(last, row));
             let expected = match change {
-                Some(Some(change)) if change < threshold => View::Unchanged,
-                _ => View::Changed,
+                Some(Some(change)) if change < threshold => ViewChange::Unchanged,
+                _ => ViewChange::Changed,
             };
             prop_assert_eq!(found, expected, "{:?}", change);
-            if found == View::Changed {
+            if found == ViewChange::Changed {
                 last = Some(row);
             }
         }
@@ -119,14 +119,14 @@ fn views_by_hand() {
     assert_eq!(view_change(&[0.0, INF, 1.0, 5.0], &[0.0, 7.0, 2.0, INF]), Ok(0.5));
     let lengths = "2 distances, expected one for each of 3 references";
     assert_eq!(text(view_change(&[0.0; 3], &[0.0; 2])), lengths);
-    assert_eq!(text(Views::threshold_of(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
+    assert_eq!(text(ViewComparison::threshold_of(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
     assert_eq!(text(alike_stretches(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
-    assert_eq!(Views::threshold_of::<[f32; 2]>(&[]), Ok(0.0));
-    assert_eq!(Views::threshold_of(&[[0.0_f32, 1.0]; 3]), Ok(0.0));
+    assert_eq!(ViewComparison::threshold_of::<[f32; 2]>(&[]), Ok(0.0));
+    assert_eq!(ViewComparison::threshold_of(&[[0.0_f32, 1.0]; 3]), Ok(0.0));
     for threshold in [-1.0, f64::NAN, f64::INFINITY] {
         let range = "expected a finite value of at least 0";
         let expected = format!("the threshold of change is {threshold}, {range}");
-        assert_eq!(text(Views::new(threshold)), expected);
+        assert_eq!(text(ViewComparison::new(threshold)), expected);
     }
     // No NaN out, whatever comes in.
     let odd = [f32::NAN, INF, -INF, f32::MAX, f32::MIN, 0.0, 1e-45];
@@ -139,24 +139,27 @@ fn views_by_hand() {
         }
     }
 
-    let mut views = Views::new(0.4).unwrap();
-    assert_eq!(views.next(&[0.0, 2.0]), Ok(View::Changed));
-    assert_eq!(views.next(&[0.0, 2.4]), Ok(View::Unchanged));
+    let mut views = ViewComparison::new(0.4).unwrap();
+    assert_eq!(views.next(&[0.0, 2.0]), Ok(ViewChange::Changed));
+    assert_eq!(views.next(&[0.0, 2.4]), Ok(ViewChange::Unchanged));
     assert_eq!(
         text(views.next(&[0.0, 2.0, 3.0])),
         "3 distances, expected one for each of 2 references"
     );
     // Against the last new one, not the last one.
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(View::Changed));
-    assert_eq!(views.next(&[INF, INF]), Ok(View::Changed), "nothing can be compared");
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(View::Changed), "nor after it");
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(View::Unchanged));
+    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Changed));
+    assert_eq!(views.next(&[INF, INF]), Ok(ViewChange::Changed), "nothing can be compared");
+    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Changed), "nor after it");
+    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Unchanged));
     // Not even of an empty row, which is a row.
-    let mut empty = Views::new(0.4).unwrap();
-    assert_eq!(empty.next(&[]), Ok(View::Changed));
+    let mut empty = ViewComparison::new(0.4).unwrap();
+    assert_eq!(empty.next(&[]), Ok(ViewChange::Changed));
     assert_eq!(text(empty.next(&[1.0])), "1 distances, expected one for each of 0 references");
-    let mut all = Views::new(0.0).unwrap();
-    assert_eq!([all.next(&[1.0]), all.next(&[1.0])], [Ok(View::Changed), Ok(View::Changed)]);
+    let mut all = ViewComparison::new(0.0).unwrap();
+    assert_eq!(
+        [all.next(&[1.0]), all.next(&[1.0])],
+        [Ok(ViewChange::Changed), Ok(ViewChange::Changed)]
+    );
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! What pruned routines prove, with evidence on moves.
 
 use proptest::prelude::*;
-use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Pruning};
+use wayfix::inference::Pruning;
+use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood};
 
 use crate::kit::{Kind, Model, cases, measured_models};
 

@@ -5,9 +5,11 @@ mod bounds;
 mod wide;
 
 use proptest::prelude::*;
+use wayfix::inference::Order;
+use wayfix::transition::EvidenceTransition;
 use wayfix::{
-    Belief, Controlled, EvidenceTransition, Hmm, InferenceError, LikelihoodVector,
-    OptionalLikelihood, Order, Prior, SparseTransition, TransitionEntries,
+    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
+    SparseTransition, TransitionEntries,
 };
 
 use crate::kit::{
@@ -103,7 +105,12 @@ pub(crate) fn check<A: TransitionEntries<Control = usize> + Sync>(
     let each = |i: usize| &drives[i];
     same_results(&hmm.forward_all(&drives), 3, |i| hmm.forward(each(i)), PartialEq::eq)?;
     same_results(&hmm.smooth_all(&drives), 3, |i| hmm.smooth(each(i)), PartialEq::eq)?;
-    same_results(&hmm.score_all(&drives), 3, |i| hmm.score(each(i)), PartialEq::eq)?;
+    same_results(
+        &hmm.log_likelihood_all(&drives),
+        3,
+        |i| hmm.log_likelihood(each(i)),
+        PartialEq::eq,
+    )?;
     same_results(&hmm.viterbi_all(&drives), 3, |i| hmm.viterbi(each(i)), PartialEq::eq)
 }
 
@@ -252,7 +259,7 @@ fn a_log_factor_must_be_a_number() {
     assert_eq!(hmm.filter().step_with(&-1e9, &[1.0]).unwrap(), 0.0);
     let error = hmm.filter().step_with(&f64::NAN, &[1.0]).unwrap_err();
     assert!(matches!(error, InferenceError::EvidenceFactor { step: 1, value } if value.is_nan()));
-    assert!(hmm.score(&Controlled::new(&[NEVER], &[[1.0]]).unwrap()).is_err());
+    assert!(hmm.log_likelihood(&Controlled::new(&[NEVER], &[[1.0]]).unwrap()).is_err());
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! Evidence on moves far beyond the range of doubles.
 
-use wayfix::{
-    Belief, DistanceTransition, EvidenceTransition, Hmm, LikelihoodVector, Odometry,
-    OffMapTransition, Prior, SparseTransition, Transition,
-};
+use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
+use wayfix::transition::EvidenceTransition;
+use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition, Transition};
 
 fn diagonal() -> SparseTransition {
     SparseTransition::from_triplets(2, [(0, 0, 1.0), (1, 1, 1.0)]).unwrap()
@@ -17,14 +16,14 @@ fn a_distance_that_underflows_is_not_lost() {
     let transition = DistanceTransition::new(diagonal(), length).unwrap();
     let prior = Prior::BeforeFirstTransition(Belief::uniform(2).unwrap());
     let hmm = Hmm::new(prior, transition, LikelihoodVector::log(2)).unwrap();
-    let read = [Some(Odometry { distance: 990.0, variance: 100.0 })];
+    let read = [Some(OdometryReading { distance: 990.0, variance: 100.0 })];
     let seen = [[0.0, 5000.0]];
     let drive = wayfix::Controlled::new(&read, &seen).unwrap();
     let expected = 0.5_f64.ln() + 5000.0
         - 0.5 * (2.0 * std::f64::consts::PI * 100.0).ln()
         - 890.0_f64.powi(2) / 200.0;
     let close = |found: f64| assert!((found - expected).abs() < 1e-9, "{found} {expected}");
-    close(hmm.score(&drive).unwrap());
+    close(hmm.log_likelihood(&drive).unwrap());
     let path = hmm.viterbi(&drive).unwrap();
     assert_eq!(path.states(), [1]);
     close(path.log_probability());
@@ -63,7 +62,7 @@ fn entries_far_above_one_are_taken() {
     for entry in [1.0, 1e7, 2e7, 1e20, 1e150, 1e300, 1e307] {
         let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
         let hmm = Hmm::new(prior, Large(entry), LikelihoodVector::linear(2)).unwrap();
-        let found = hmm.score(&[[1.0, 1.0], [1.0, 1.0]]).unwrap();
+        let found = hmm.log_likelihood(&[[1.0, 1.0], [1.0, 1.0]]).unwrap();
         let expected = entry.ln() + 0.75_f64.ln();
         assert!((found - expected).abs() < 1e-12 * expected.abs().max(1.0), "{entry}: {found}");
     }
@@ -79,10 +78,10 @@ fn what_is_never_come_back_to_stays_impossible_off_the_map() {
         let off = off.with_evidence(log).unwrap();
         let prior = Prior::AtFirstObservation(Belief::uniform(3).unwrap());
         let hmm = Hmm::new(prior, off, LikelihoodVector::linear(3)).unwrap();
-        let found = hmm.score(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]).unwrap();
+        let found = hmm.log_likelihood(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]).unwrap();
         let expected = log + (0.5_f64).ln() + (1.0 / 3.0_f64).ln();
         assert!((found - expected).abs() < 1e-11, "{log}: {found} {expected}");
-        let error = hmm.score(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).unwrap_err();
+        let error = hmm.log_likelihood(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).unwrap_err();
         assert!(matches!(error, wayfix::InferenceError::Impossible { step: 2 }), "{error}");
     }
 }

@@ -4,7 +4,8 @@ use std::fmt::Debug;
 
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
-use wayfix::{InferenceError, SequenceError};
+use wayfix::InferenceError;
+use wayfix::inference::SequenceError;
 
 use super::NEVER;
 

@@ -2,7 +2,6 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::Ends;
 
 use super::{Matrix, matrix};
 
@@ -63,8 +62,4 @@ pub(crate) fn rate(exact: bool) -> BoxedStrategy<f64> {
         return prop_oneof![Just(0.0), Just(0.5), Just(1.0)].boxed();
     }
     prop_oneof![1 => Just(0.0), 1 => Just(1.0), 1 => Just(0.25), 4 => 0.0..1.0].boxed()
-}
-
-pub(crate) fn ends() -> impl Strategy<Value = Ends> {
-    prop_oneof![Just(Ends::Loop), Just(Ends::Stop), Just(Ends::Renormalise)]
 }

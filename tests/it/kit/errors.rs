@@ -7,11 +7,7 @@ pub(crate) fn with_causes(error: &(dyn Error + 'static)) -> String {
     let mut text = error.to_string();
     let mut cause = error.source();
     while let Some(error) = cause {
-        // Some say their causes themselves.
-        let own = error.to_string();
-        if !text.contains(&own) {
-            text += &format!(": {own}");
-        }
+        text += &format!(": {error}");
         cause = error.source();
     }
     text

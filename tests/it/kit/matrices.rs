@@ -1,6 +1,7 @@
 //! Dense matrices of operators, entry by entry from their definitions.
 
-use wayfix::{DenseTransition, Ends, SparseTransition, SwitchedTransition};
+use wayfix::transition::SwitchedTransition;
+use wayfix::{DenseTransition, SparseTransition};
 
 /// `matrix[to][from]`.
 pub(crate) type Matrix = Vec<Vec<f64>>;
@@ -69,36 +70,22 @@ pub(crate) fn dwell(moves: &Matrix, leaving: &[Vec<f64>]) -> Matrix {
     })
 }
 
-/// The matrix of a window, move by move; `None` if a column has nothing left.
-pub(crate) fn window(n: usize, first: isize, weights: &[f64], ends: Ends) -> Option<Matrix> {
+/// The matrix of a window, move by move.
+pub(crate) fn window(n: usize, first: isize, weights: &[f64], closed: bool) -> Matrix {
     let places = n.cast_signed();
     let mut m = vec![vec![0.0; n]; n];
     for from in 0..places {
-        let column = from.cast_unsigned();
         for (offset, weight) in (first..).zip(weights) {
             let mut to = from + offset;
-            match ends {
-                Ends::Loop => {
-                    while to < 0 {
-                        to += places;
-                    }
-                    while to >= places {
-                        to -= places;
-                    }
-                }
-                Ends::Stop => to = to.max(0).min(places - 1),
-                Ends::Renormalise if to < 0 || to >= places => continue,
-                Ends::Renormalise => {}
+            while closed && to < 0 {
+                to += places;
             }
-            m[to.cast_unsigned()][column] += weight;
-        }
-        if ends == Ends::Renormalise {
-            let sum: f64 = m.iter().map(|row| row[column]).sum();
-            if sum == 0.0 {
-                return None;
+            while closed && to >= places {
+                to -= places;
             }
-            m.iter_mut().for_each(|row| row[column] /= sum);
+            to = to.max(0).min(places - 1);
+            m[to.cast_unsigned()][from.cast_unsigned()] += weight;
         }
     }
-    Some(m)
+    m
 }

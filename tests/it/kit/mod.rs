@@ -19,7 +19,7 @@ mod threads;
 pub(crate) use cases::{cases, cases_of, rng};
 pub(crate) use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results};
 pub(crate) use draw::{
-    any_distribution, any_stochastic, distribution, ends, normalized, rate, stochastic, transposed,
+    any_distribution, any_stochastic, distribution, normalized, rate, stochastic, transposed,
     weighted,
 };
 pub(crate) use enumerate::Answer;

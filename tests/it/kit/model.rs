@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use wayfix::transition::{EvidenceTransition, SwitchedTransition};
 use wayfix::{
-    Belief, DenseTransition, EvidenceTransition, Hmm, LikelihoodVector, OptionalLikelihood, Prior,
-    Sequence, SparseTransition, SwitchedTransition, Transition,
+    Belief, DenseTransition, Hmm, LikelihoodVector, OptionalLikelihood, Prior, Sequence,
+    SparseTransition, Transition,
 };
 
 use super::{Matrix, Own, OwnMeasured, dense, matrix, sparse};

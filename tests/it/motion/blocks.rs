@@ -1,11 +1,10 @@
 //! Long routes, whose products are taken block by block.
 
+use wayfix::likelihood::GroupedLikelihood;
 use wayfix::motion::{
-    OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence, ViewRates,
+    OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
-use wayfix::{
-    GroupedLikelihood, Hmm, InferenceError, LikelihoodVector, Prior, Transition, TransitionEntries,
-};
+use wayfix::{Hmm, InferenceError, LikelihoodVector, Prior, Transition, TransitionEntries};
 
 /// Of several blocks, the last one short.
 const PLACES: usize = 1291;
@@ -15,7 +14,7 @@ fn routes() -> Vec<RouteTransition> {
     let plain = |closed| RouteTransition::new(PLACES, closed, Speeds::default()).unwrap();
     let mut routes = vec![plain(false), plain(true)];
     for route in routes.clone() {
-        let route = route.with_views(&stretches, ViewRates::default()).unwrap();
+        let route = route.with_views(&stretches, ViewChangeRates::default()).unwrap();
         let never_near = OffMap { near: 0.0, ..OffMap::default() };
         routes.push(route.clone().with_off_map(never_near).unwrap());
         let wherever = OffMap { within: usize::MAX, ..OffMap::default() };
@@ -26,7 +25,7 @@ fn routes() -> Vec<RouteTransition> {
 }
 
 fn control(step: usize) -> RouteControl {
-    let view = [View::Changed, View::Unchanged][step % 3 % 2];
+    let view = [ViewChange::Changed, ViewChange::Unchanged][step % 3 % 2];
     let view = (!step.is_multiple_of(4)).then_some(ViewEvidence { view, weight: 0.7 });
     RouteControl { odometry: (step % 5 < 3).then_some(1.0 + 0.1 * step as f64), view, before: None }
 }

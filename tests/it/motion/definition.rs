@@ -3,8 +3,8 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::motion::{
-    Driven, OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, View, ViewEvidence,
-    ViewRates,
+    Driven, OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange,
+    ViewChangeRates, ViewEvidence,
 };
 
 use crate::kit::{Matrix, transposed, weighted};
@@ -16,7 +16,7 @@ pub(crate) struct Parts {
     pub(crate) closed: bool,
     pub(crate) speeds: Speeds,
     pub(crate) odometry: OdometryModel,
-    pub(crate) views: Option<(Vec<usize>, ViewRates)>,
+    pub(crate) views: Option<(Vec<usize>, ViewChangeRates)>,
     pub(crate) off_map: Option<OffMap>,
 }
 
@@ -64,8 +64,8 @@ impl Parts {
             return ([1.0; 3], None);
         };
         let p = [rates.standing, rates.alike, rates.moved].map(|p| match evidence.view {
-            View::Unchanged => p,
-            View::Changed => 1.0 - p,
+            ViewChange::Unchanged => p,
+            ViewChange::Changed => 1.0 - p,
         });
         let largest = p.into_iter().fold(0.0, f64::max);
         let powers = p.map(|p| (p / largest).powf(evidence.weight));
@@ -82,13 +82,13 @@ impl Parts {
     /// G\[new, old\].
     fn change(&self, new: usize, old: usize) -> f64 {
         let (k, (nearby, anywhere)) = (self.speeds.values().len(), self.speeds.changes());
-        let neighbours = usize::from(old > 0) + usize::from(old + 1 < k);
+        let neighbors = usize::from(old > 0) + usize::from(old + 1 < k);
         let mut p = anywhere * self.speeds.shares()[new];
         if new == old {
-            p += (1.0 - anywhere - if neighbours > 0 { nearby } else { 0.0 }).max(0.0);
+            p += (1.0 - anywhere - if neighbors > 0 { nearby } else { 0.0 }).max(0.0);
         }
         if new.abs_diff(old) == 1 {
-            p += nearby / neighbours as f64;
+            p += nearby / neighbors as f64;
         }
         p
     }
@@ -266,11 +266,8 @@ pub(crate) fn parts(places: usize, speeds_at_most: usize) -> BoxedStrategy<Parts
     let odometry = prop_oneof![1 => Just(OdometryModel::default()), 2 => odometry];
     (1..=places, any::<bool>(), speeds(speeds_at_most), odometry)
         .prop_flat_map(move |(places, closed, speeds, odometry)| {
-            let rates = (rate(), rate(), rate()).prop_map(|(standing, alike, moved)| ViewRates {
-                standing,
-                alike,
-                moved,
-            });
+            let rates = (rate(), rate(), rate())
+                .prop_map(|(standing, alike, moved)| ViewChangeRates { standing, alike, moved });
             let views = proptest::option::weighted(0.7, (vec(0..3_usize, places), rates));
             let off_map = proptest::option::weighted(0.6, off_map());
             (views, off_map).prop_map(move |(views, off_map)| Parts {
@@ -292,7 +289,7 @@ pub(crate) fn control() -> BoxedStrategy<RouteControl> {
         1 => -60.0..60.0,
     ];
     let weight = prop_oneof![3 => 0.0..1.0, 1 => Just(0.0), 2 => Just(1.0)];
-    let view = prop_oneof![Just(View::Changed), Just(View::Unchanged)];
+    let view = prop_oneof![Just(ViewChange::Changed), Just(ViewChange::Unchanged)];
     let view = (view, weight).prop_map(|(view, weight)| ViewEvidence { view, weight });
     let before = (0.0..=1.0, proptest::option::of((-4.0..4.0, 1..12_u32)));
     let before = before.prop_map(|(standing, odometry)| Driven { standing, odometry });

@@ -3,7 +3,8 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::motion::{RouteControl, RouteTransition};
-use wayfix::{SwitchedTransition, Transition, TransitionEntries, TransitionError};
+use wayfix::transition::SwitchedTransition;
+use wayfix::{Transition, TransitionEntries, TransitionError};
 
 use super::definition::{Parts, control, parts};
 use crate::evidence;

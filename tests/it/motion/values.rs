@@ -1,8 +1,8 @@
 //! Values by hand, and errors.
 
 use wayfix::motion::{
-    Driven, OdometryModel, OffMap, RouteControl, RouteState, RouteTransition, Speeds, View,
-    ViewEvidence, ViewRates,
+    Driven, OdometryModel, OffMap, RouteControl, RouteState, RouteTransition, Speeds, ViewChange,
+    ViewChangeRates, ViewEvidence,
 };
 use wayfix::{Hmm, LikelihoodVector, Prior, Transition, TransitionEntries, TransitionError};
 
@@ -12,7 +12,7 @@ fn driven(places: f64) -> RouteControl {
     RouteControl { odometry: Some(places), ..RouteControl::default() }
 }
 
-fn seen(view: View, weight: f64) -> RouteControl {
+fn seen(view: ViewChange, weight: f64) -> RouteControl {
     RouteControl { view: Some(ViewEvidence { view, weight }), ..RouteControl::default() }
 }
 
@@ -68,7 +68,7 @@ fn the_new_speed_moves_and_ends_stop() {
     close(&stop_and_go(false), 1, &[(1, 0.75), (4, go[0]), (5, go[1] + go[2])]);
     close(&stop_and_go(true), 1, &[(1, 0.75), (3, go[2]), (4, go[0]), (5, go[1])]);
     // A view means nothing to a route without views.
-    let view = seen(View::Changed, 1.0);
+    let view = seen(ViewChange::Changed, 1.0);
     assert_eq!(stop_and_go(false).evidence(&view), None);
     assert_eq!(column(&stop_and_go(false), &view, 0), column(&stop_and_go(false), &nothing, 0));
 }
@@ -77,29 +77,29 @@ fn the_new_speed_moves_and_ends_stop() {
 /// places, too.
 #[test]
 fn what_is_measured_is_not_normalised_away() {
-    let rates = ViewRates { standing: 0.8, alike: 0.4, moved: 0.1 };
+    let rates = ViewChangeRates { standing: 0.8, alike: 0.4, moved: 0.1 };
     let route = stop_and_go(false).with_views(&[4, 4, 7], rates).unwrap();
     let sum = |u: &RouteControl, from| column(&route, u, from).iter().map(|e| e.1).sum::<f64>();
-    let unchanged = seen(View::Unchanged, 1.0);
+    let unchanged = seen(ViewChange::Unchanged, 1.0);
     assert!((route.evidence(&unchanged).unwrap() - 0.8_f64.ln()).abs() < 1e-15);
     // At the end what drives on stops, which explains no view well.
     let stays = 0.75 + 0.25 * 0.0625;
     assert!((sum(&unchanged, 2) - (stays + (1.0 - stays) * 0.1 / 0.8)).abs() < 1e-12);
     assert!(sum(&unchanged, 3) < sum(&unchanged, 0));
     // A weight of 0 says nothing.
-    assert!((sum(&seen(View::Changed, 0.0), 4) - 1.0).abs() < 1e-12);
+    assert!((sum(&seen(ViewChange::Changed, 0.0), 4) - 1.0).abs() < 1e-12);
     // A filter that is sure of where it is takes a contradiction as improbable.
     let prior = Prior::AtFirstObservation(route.anywhere());
     let hmm = Hmm::new(prior, &route, LikelihoodVector::linear(6)).unwrap();
     let mut filter = hmm.filter();
     filter.step_with(&RouteControl::default(), &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]).unwrap();
-    let log = filter.step_with(&seen(View::Changed, 1.0), &[1.0; 6]).unwrap();
+    let log = filter.step_with(&seen(ViewChange::Changed, 1.0), &[1.0; 6]).unwrap();
     assert!((log - 0.2_f64.ln()).abs() < 1e-12, "{log}");
 }
 
 #[test]
 fn controls_that_are_none_are_errors_and_the_filter_stays() {
-    let route = stop_and_go(false).with_views(&[0, 1, 2], ViewRates::default()).unwrap();
+    let route = stop_and_go(false).with_views(&[0, 1, 2], ViewChangeRates::default()).unwrap();
     let prior = Prior::AtFirstObservation(route.anywhere());
     let hmm = Hmm::new(prior, &route, LikelihoodVector::linear(6)).unwrap();
     let mut filter = hmm.filter();
@@ -113,9 +113,9 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
         (driven(f64::NAN), reading("NaN")),
         (driven(f64::INFINITY), reading("inf")),
         (driven(-1.5e6), reading("-1500000")),
-        (seen(View::Changed, 1.5), weight("1.5")),
-        (seen(View::Changed, -0.5), weight("-0.5")),
-        (seen(View::Unchanged, f64::NAN), weight("NaN")),
+        (seen(ViewChange::Changed, 1.5), weight("1.5")),
+        (seen(ViewChange::Changed, -0.5), weight("-0.5")),
+        (seen(ViewChange::Unchanged, f64::NAN), weight("NaN")),
         (after(f64::INFINITY, 3), reading("inf")),
         (after(1.0, 0), "the mean of no readings of odometry, expected some".into()),
     ] {
@@ -155,15 +155,15 @@ fn what_is_no_route_is_an_error() {
         odometry(1.0, 0.0, 0.0),
         "the deviation of the odometry is 0, expected from 0.001 to 1e6"
     );
-    let rates = ViewRates { standing: 0.9, alike: 0.5, moved: 0.1 };
+    let rates = ViewChangeRates { standing: 0.9, alike: 0.5, moved: 0.1 };
     assert_eq!(
         route().with_views(&[0, 0], rates).err(),
         Some(TransitionError::PartStates { part: "stretches", found: 2, expected: 3 })
     );
     for (rates, expected) in [
-        (ViewRates { standing: 1.0, ..rates }, "standing is 1"),
-        (ViewRates { alike: f64::NAN, ..rates }, "in a stretch is NaN"),
-        (ViewRates { moved: 0.0, ..rates }, "elsewhere is 0"),
+        (ViewChangeRates { standing: 1.0, ..rates }, "standing is 1"),
+        (ViewChangeRates { alike: f64::NAN, ..rates }, "in a stretch is NaN"),
+        (ViewChangeRates { moved: 0.0, ..rates }, "elsewhere is 0"),
     ] {
         let expected = format!(
             "the probability of an unchanged view {expected}, expected a value of at least 1e-30 and below 1"
@@ -187,7 +187,7 @@ fn what_is_no_route_is_an_error() {
 #[test]
 fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let route = RouteTransition::new(9, false, Speeds::default()).unwrap();
-    let route = route.with_views(&[0, 1, 2, 3, 4, 5, 6, 7, 8], ViewRates::default()).unwrap();
+    let route = route.with_views(&[0, 1, 2, 3, 4, 5, 6, 7, 8], ViewChangeRates::default()).unwrap();
     let route = route.with_off_map(OffMap::default()).unwrap();
     let stay = |u: &RouteControl| column(&route, u, 9 * 13 + 4).last().unwrap().1;
     let mut control = RouteControl::default();
@@ -212,7 +212,7 @@ fn what_was_measured_before_tells_what_to_expect_off_the_map() {
         panic!("{faster:?}")
     };
     assert!((mean_after - 2.5).abs() < 0.5, "{mean_after}");
-    let view = seen(View::Unchanged, 1.0).view;
+    let view = seen(ViewChange::Unchanged, 1.0).view;
     let mut stopped = RouteControl { odometry: None, view, before: control.before };
     // One view may be chance.
     assert!(route.driven(&stopped).standing < 0.5);
@@ -222,7 +222,7 @@ fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let Some(Driven { standing, odometry: None }) = stopped.before else { panic!("{stopped:?}") };
     assert!(standing > 0.9, "{standing}");
     // And it sets off again.
-    let view = seen(View::Changed, 1.0).view;
+    let view = seen(ViewChange::Changed, 1.0).view;
     let mut moves = RouteControl { view, ..stopped };
     for _ in 0..4 {
         moves.before = Some(route.driven(&moves));

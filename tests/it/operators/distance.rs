@@ -2,9 +2,10 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::motion::{DistanceTransition, OdometryReading, OffMapTransition};
+use wayfix::transition::KroneckerTransition;
 use wayfix::{
-    Belief, Controlled, DistanceTransition, Hmm, InferenceError, KroneckerTransition,
-    LikelihoodVector, Odometry, OffMapTransition, Prior, SparseTransition, Transition,
+    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
     TransitionEntries,
 };
 
@@ -15,9 +16,9 @@ use crate::kit::{
 };
 
 /// ln A by the formula.
-fn joint(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
+fn joint(m: &Matrix, lengths: &Matrix, odometry: Option<OdometryReading>) -> Matrix {
     let log = |i: usize, j: usize| {
-        odometry.map_or(0.0, |Odometry { distance, variance }| {
+        odometry.map_or(0.0, |OdometryReading { distance, variance }| {
             let square = (distance - lengths[i][j]).powi(2);
             -0.5 * (2.0 * std::f64::consts::PI * variance).ln() - square / (2.0 * variance)
         })
@@ -26,8 +27,8 @@ fn joint(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
 }
 
 /// The log factor: the density at the nearest length.
-fn log_factor(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Option<f64> {
-    let Odometry { distance, variance } = odometry?;
+fn log_factor(m: &Matrix, lengths: &Matrix, odometry: Option<OdometryReading>) -> Option<f64> {
+    let OdometryReading { distance, variance } = odometry?;
     let there = m.iter().flatten().zip(lengths.iter().flatten()).filter(|entry| *entry.0 > 0.0);
     let squares = there.map(|(_, length)| (distance - length).powi(2));
     let least = squares.fold(f64::INFINITY, f64::min);
@@ -35,7 +36,7 @@ fn log_factor(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Optio
 }
 
 /// Entries, with the log factor taken out.
-fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matrix {
+fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<OdometryReading>) -> Matrix {
     let (logs, log_factor) = (joint(m, lengths, odometry), log_factor(m, lengths, odometry));
     matrix(m.len(), |i, j| (logs[i][j] - log_factor.unwrap_or(0.0)).exp())
 }
@@ -46,12 +47,14 @@ fn by_distance(m: &Matrix, lengths: &Matrix, odometry: Option<Odometry>) -> Matr
 fn road_network(
     most: usize,
     least: i32,
-) -> impl Strategy<Value = (Matrix, Matrix, Vec<Option<Odometry>>)> {
+) -> impl Strategy<Value = (Matrix, Matrix, Vec<Option<OdometryReading>>)> {
     let quarters = |n: i32| (0..n).prop_map(|quarters| 0.25 * f64::from(quarters));
     let variance = move || (least..14_i32).prop_map(|power| 2.0_f64.powi(power));
     let odometry = move || {
-        (quarters(1000), variance())
-            .prop_map(|(distance, variance)| Odometry { distance: distance - 25.0, variance })
+        (quarters(1000), variance()).prop_map(|(distance, variance)| OdometryReading {
+            distance: distance - 25.0,
+            variance,
+        })
     };
     (1..=most).prop_flat_map(move |n| {
         let base = stochastic(false, n);
@@ -160,7 +163,7 @@ pub(crate) fn fork(lengths: &[f64]) -> DistanceTransition {
 }
 
 pub(crate) fn ways(a: &DistanceTransition, distance: f64, variance: f64) -> Vec<(usize, f64)> {
-    let control = Some(Odometry { distance, variance });
+    let control = Some(OdometryReading { distance, variance });
     a.check_control(&control).unwrap();
     a.outgoing(&control, 0).collect()
 }
@@ -168,7 +171,7 @@ pub(crate) fn ways(a: &DistanceTransition, distance: f64, variance: f64) -> Vec<
 #[test]
 fn entries_are_densities_over_that_of_the_nearest_length() {
     let a = fork(&[100.0, 130.0]);
-    let control = Some(Odometry { distance: 130.0, variance: 100.0 });
+    let control = Some(OdometryReading { distance: 130.0, variance: 100.0 });
     assert_eq!(
         a.outgoing(&control, 0).collect::<Vec<_>>(),
         [(1, 0.5 * (-4.5_f64).exp()), (2, 0.5)]
@@ -177,7 +180,7 @@ fn entries_are_densities_over_that_of_the_nearest_length() {
     assert_eq!(a.outgoing(&control, 1).collect::<Vec<_>>(), [(1, (-84.5_f64).exp())]);
     let density = -0.5 * (200.0 * std::f64::consts::PI).ln();
     assert!((a.evidence(&control).unwrap() - density).abs() < 1e-15);
-    let off = Some(Odometry { distance: 150.0, variance: 100.0 });
+    let off = Some(OdometryReading { distance: 150.0, variance: 100.0 });
     assert!((a.evidence(&off).unwrap() - (density - 2.0)).abs() < 1e-15);
     assert_eq!(a.evidence(&None), None);
 }
@@ -191,7 +194,7 @@ fn a_distance_speaks_against_places_without_such_a_way() {
     let prior = Prior::BeforeFirstTransition(Belief::uniform(4).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(4)).unwrap();
     let mut filter = hmm.filter();
-    filter.predict_with(&Some(Odometry { distance: 500.0, variance: 1600.0 })).unwrap();
+    filter.predict_with(&Some(OdometryReading { distance: 500.0, variance: 1600.0 })).unwrap();
     assert!(filter.belief().mass([2, 3]).unwrap() > 1.0 - 1e-15);
     let expected = -0.5 * (2.0 * std::f64::consts::PI * 1600.0).ln() - 2.0_f64.ln();
     assert!((filter.log_likelihood() - expected).abs() < 1e-14);
@@ -217,7 +220,7 @@ fn numbers_at_the_limits_give_distributions_or_errors() {
     let hmm = Hmm::new(prior(), &a, LikelihoodVector::linear(n)).unwrap();
     for distance in extremes.iter().flat_map(|d| [*d, -d]) {
         for &variance in &extremes[1..] {
-            let control = Some(Odometry { distance, variance });
+            let control = Some(OdometryReading { distance, variance });
             a.check_control(&control).unwrap();
             a.apply_transpose(&control, &vec![1.0; n], &mut out);
             assert!(
@@ -261,7 +264,7 @@ fn odometry_tells_ways_apart() {
     let prior = Prior::AtFirstObservation(Belief::certain(4, 0).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(4).owned()).unwrap();
     let seen = vec![vec![1.0; 4]; 3];
-    let metres = |distance| Some(Odometry { distance, variance: 900.0 });
+    let metres = |distance| Some(OdometryReading { distance, variance: 900.0 });
     for (driven, path) in [(120.0, [0, 1, 3]), (270.0, [0, 2, 3]), (200.0, [0, 1, 3])] {
         let controls = [None, metres(driven), None];
         let drive = Controlled::new(&controls, &seen).unwrap();
@@ -289,7 +292,7 @@ fn bad_lengths_and_odometry_are_named() {
 
     let a = fork(&[100.0]);
     let control =
-        |distance, variance| text(a.check_control(&Some(Odometry { distance, variance })));
+        |distance, variance| text(a.check_control(&Some(OdometryReading { distance, variance })));
     let distance = |value: &str| {
         format!("unknown control: an odometry distance of {value}, expected a finite value")
     };

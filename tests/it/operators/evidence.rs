@@ -2,10 +2,13 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::motion::OffMapTransition;
+use wayfix::transition::{
+    DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
+};
 use wayfix::{
-    Belief, DwellTransition, EvidenceTransition, Hmm, InferenceError, KroneckerTransition,
-    LikelihoodVector, OffMapTransition, PowerTransition, Prior, RestartTransition,
-    SparseTransition, Transition, TransitionEntries, TransitionError,
+    Belief, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
+    TransitionEntries, TransitionError,
 };
 
 use crate::kit::{

@@ -1,7 +1,8 @@
 //! Kronecker products: two things side by side.
 
 use proptest::prelude::*;
-use wayfix::{Ends, KroneckerTransition, Transition, WindowTransition};
+use wayfix::Transition;
+use wayfix::transition::{KroneckerTransition, WindowTransition};
 
 use crate::kit::{
     Expected, any_stochastic, assert_operator, cases, dense, kronecker, sparse, still, text,
@@ -29,7 +30,7 @@ proptest! {
 
 #[test]
 fn bad_pairs_are_named() {
-    let long = || WindowTransition::new(100_000, 1, &[1.0], Ends::Loop).unwrap();
+    let long = || WindowTransition::new(100_000, 1, &[1.0], true).unwrap();
     assert_eq!(
         text(KroneckerTransition::new(long(), long())),
         "10000000000 states, expected at most 4294967295 (32-bit indices)"

@@ -1,10 +1,11 @@
 //! Operators within operators.
 
 use proptest::prelude::*;
-use wayfix::{
-    Belief, DwellTransition, Ends, KroneckerTransition, PowerTransition, RestartTransition,
-    SwitchedTransition, Transition, WindowTransition,
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    WindowTransition,
 };
+use wayfix::{Belief, Transition};
 
 use crate::kit::{
     Expected, any_distribution, any_stochastic, assert_operator, cases, dwell, kronecker, power,
@@ -36,7 +37,7 @@ proptest! {
         weights in [any_distribution(false, 4), any_distribution(false, 4)],
     ) {
         let gears = || {
-            let gear = |w: &Vec<f64>| WindowTransition::new(n, 0, w, Ends::Stop).unwrap();
+            let gear = |w: &Vec<f64>| WindowTransition::new(n, 0, w, false).unwrap();
             SwitchedTransition::new(weights.iter().map(gear).collect()).unwrap()
         };
         let belief = Belief::uniform(n).unwrap();
@@ -52,7 +53,7 @@ proptest! {
             "unknown control: operator 2, expected one of 2 (0 to 1)"
         );
         let whole = |weights: &Vec<f64>| {
-            let m = window(n, 0, weights, Ends::Stop).unwrap();
+            let m = window(n, 0, weights, false);
             kronecker(&power(&m, 2), &dwell(&restart(&m, rate, &r), &leaving))
         };
         let controls = [0, 1, 0];

@@ -2,10 +2,15 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::likelihood::GroupedLikelihood;
+use wayfix::likelihood::Groups;
+use wayfix::motion::OffMapTransition;
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition,
+};
 use wayfix::{
-    Belief, DwellTransition, GroupedLikelihood, Groups, Hmm, KroneckerTransition, LikelihoodVector,
-    OffMapTransition, PowerTransition, Prior, RestartTransition, SparseTransition, TableLikelihood,
-    Transition, TransitionEntries,
+    Belief, Hmm, LikelihoodVector, Prior, SparseTransition, TableLikelihood, Transition,
+    TransitionEntries,
 };
 
 use crate::kit::{
@@ -107,7 +112,7 @@ proptest! {
         let of = [0, 1, 2, 0, 1, 2, 3];
         let all: Vec<Vec<f64>> =
             ys.iter().map(|y: &Vec<f64>| of.iter().map(|&g| y[g]).collect()).collect();
-        close_logs(hmm.score(&ys).unwrap(), plain.score(&all).unwrap(), 1e-12)?;
+        close_logs(hmm.log_likelihood(&ys).unwrap(), plain.log_likelihood(&all).unwrap(), 1e-12)?;
         let (path, best) = (hmm.viterbi(&ys).unwrap(), plain.viterbi(&all).unwrap());
         close_logs(path.log_probability(), best.log_probability(), 1e-12)?;
     }
@@ -152,7 +157,7 @@ fn bad_ways_off_the_map_are_named() {
         text(a.groups(&Groups::new(vec![0, 0, 1]).unwrap())),
         "the grouping has 3 states, expected 2 as the operator within"
     );
-    let endless = wayfix::WindowTransition::new(1, 0, &[1.0], wayfix::Ends::Loop).unwrap();
+    let endless = wayfix::transition::WindowTransition::new(1, 0, &[1.0], true).unwrap();
     let one = Belief::uniform(1).unwrap();
     assert_eq!(OffMapTransition::new(endless, 0.5, 0.5, one).unwrap().off_map_state(), 1);
 }

@@ -1,7 +1,8 @@
 //! Powers: several steps in one.
 
 use proptest::prelude::*;
-use wayfix::{Belief, PowerTransition, RestartTransition};
+use wayfix::Belief;
+use wayfix::transition::{PowerTransition, RestartTransition};
 
 use crate::kit::{Expected, any_stochastic, assert_operator, cases, power, rate, restart, sparse};
 

@@ -1,7 +1,8 @@
 //! Restarts: with some rate anywhere.
 
 use proptest::prelude::*;
-use wayfix::{Belief, Ends, RestartTransition, WindowTransition};
+use wayfix::Belief;
+use wayfix::transition::{RestartTransition, WindowTransition};
 
 use crate::kit::{
     Expected, any_distribution, assert_operator, cases, distribution, rate, restart, sparse, still,
@@ -28,8 +29,8 @@ proptest! {
         weights in any_distribution(false, 5), (n, first) in (1..=6_usize, -3..3_isize),
         rate in rate(false),
     ) {
-        let inner = WindowTransition::new(n, first, &weights, Ends::Loop).unwrap();
-        let m = window(n, first, &weights, Ends::Loop).unwrap();
+        let inner = WindowTransition::new(n, first, &weights, true).unwrap();
+        let m = window(n, first, &weights, true);
         let r = vec![1.0 / n as f64; n];
         let a = RestartTransition::new(inner, rate, Belief::uniform(n).unwrap()).unwrap();
         assert_operator(a, &restart(&m, rate, &r))?;

@@ -9,16 +9,19 @@ mod refused;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use serde::{Serialize, de::DeserializeOwned};
+use wayfix::inference::{FixedLagSnapshot, LearningOptions};
+use wayfix::likelihood::{GroupedLikelihood, SparseObservation};
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    TiedTransition, WindowTransition,
+};
 use wayfix::{
-    Belief, DenseTransition, DwellTransition, Ends, Fixed, FixedLagState, FusedLikelihood,
-    GroupedLikelihood, Hmm, KnownState, KroneckerTransition, Learning, LikelihoodVector,
-    OptionalLikelihood, PowerTransition, Prior, RestartTransition, SparseTransition,
-    SwitchedTransition, TableLikelihood, TiedTransition, Transition, TransitionEntries,
-    WindowTransition,
+    Belief, DenseTransition, Fixed, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood,
+    Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition, TransitionEntries,
 };
 
 use self::damage::damage;
-use crate::kit::{Kind, Model, bits, cases, ends, models, weighted};
+use crate::kit::{Kind, Model, bits, cases, models, weighted};
 
 fn json<T: Serialize>(value: &T) -> String {
     serde_json::to_string(value).unwrap()
@@ -72,7 +75,7 @@ struct Parts {
     model: Model,
     first: isize,
     weights: Vec<f64>,
-    ends: Ends,
+    closed: bool,
     rate: f64,
     exponent: u32,
     dwell: Vec<Vec<f64>>,
@@ -87,13 +90,13 @@ fn tiny_and_usual(most: usize) -> impl Strategy<Value = Vec<f64>> {
 fn parts() -> impl Strategy<Value = Parts> {
     let rate = prop_oneof![1 => Just(0.0), 1 => Just(1.0), 4 => 0.0..1.0];
     let model = models(Kind::Extreme).prop_filter("matrices", |model| !model.matrices.is_empty());
-    let window = (-9..9_isize, tiny_and_usual(8), ends());
+    let window = (-9..9_isize, tiny_and_usual(8), any::<bool>());
     (model, window, rate, 0..4_u32, vec(tiny_and_usual(4), 5)).prop_map(
-        |(model, (first, weights, ends), rate, exponent, dwell)| Parts {
+        |(model, (first, weights, closed), rate, exponent, dwell)| Parts {
             model,
             first,
             weights,
-            ends,
+            closed,
             rate,
             exponent,
             dwell,
@@ -116,7 +119,7 @@ impl Parts {
     }
 
     fn window(&self) -> Option<WindowTransition> {
-        WindowTransition::new(self.model.states, self.first, &self.weights, self.ends).ok()
+        WindowTransition::new(self.model.states, self.first, &self.weights, self.closed).ok()
     }
 
     fn nested(&self) -> DwellTransition<RestartTransition<Fixed<TiedTransition>>> {
@@ -129,7 +132,8 @@ impl Parts {
             .map(|i| [0.6, 0.2 - 0.03 * i as f64, 0.2 + 0.03 * i as f64])
             .collect();
         let table = OptionalLikelihood::new(TableLikelihood::from_rows(&table).unwrap());
-        FusedLikelihood::new(table, KnownState::new(self.model.states)).unwrap()
+        let known = OptionalLikelihood::new(SparseLikelihood::new(self.model.states));
+        FusedLikelihood::new(table, known).unwrap()
     }
 
     fn hmm(&self) -> Nested {
@@ -140,7 +144,8 @@ impl Parts {
     }
 }
 
-type Place = FusedLikelihood<OptionalLikelihood<TableLikelihood>, KnownState>;
+type Place =
+    FusedLikelihood<OptionalLikelihood<TableLikelihood>, OptionalLikelihood<SparseLikelihood>>;
 type Nested =
     Hmm<DwellTransition<RestartTransition<Fixed<TiedTransition>>>, GroupedLikelihood<Place>>;
 type Pairs =
@@ -177,7 +182,7 @@ proptest! {
         let table = vec![[0.6, 0.3, 0.1]; parts.model.states];
         let sensor = TableLikelihood::from_rows(&table).unwrap();
         let hmm = Hmm::new(Prior::AtFirstObservation(parts.belief()), parts.tied(), sensor).unwrap();
-        let learning = Learning { iterations: 3, ..Learning::default() };
+        let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
         if let Ok(learned) = hmm.learn(&[ys], &learning) {
             let model = learned.model();
             operator(model.transition(), &());
@@ -238,7 +243,7 @@ proptest! {
             (a, b) => prop_assert_eq!(format!("{:?}", a.err()), format!("{:?}", b.err())),
         }
         let paths = (hmm.viterbi(&ys).ok(), restored.viterbi(&ys).ok());
-        let states = |path: Option<wayfix::ViterbiPath>| path.map(|path| path.states().to_vec());
+        let states = |path: Option<wayfix::inference::ViterbiPath>| path.map(|path| path.states().to_vec());
         prop_assert_eq!(states(paths.0), states(paths.1));
     }
 
@@ -248,8 +253,8 @@ proptest! {
         let n = parts.model.states;
         if let Ok(hmm) = serde_json::from_str::<Nested>(&damage.of(&json(&parts.hmm()))) {
             check_columns(hmm.transition(), &())?;
-            let _ = hmm.smooth(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
-            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(0)), (Some(1), None)]);
+            let _ = hmm.smooth(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
+            let _ = hmm.viterbi(&[(Some(0), None), (None, Some(SparseObservation::known(0))), (Some(1), None)]);
         }
         if let Some(window) = parts.window() {
             let pairs = KroneckerTransition::new(window, parts.sparse()).unwrap();
@@ -268,7 +273,7 @@ proptest! {
         let mut smoother = hmm.fixed_lag(2);
         for (step, y) in parts.model.logs.iter().enumerate() {
             let text = damage.of(&json(&smoother.snapshot()));
-            if let Ok(state) = serde_json::from_str::<FixedLagState<usize>>(&text) {
+            if let Ok(state) = serde_json::from_str::<FixedLagSnapshot<usize>>(&text) {
                 let mut other = hmm.fixed_lag(0);
                 if other.restore(&state).is_ok() {
                     let _ = other.step_with(&step, y);

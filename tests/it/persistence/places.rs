@@ -1,9 +1,8 @@
 //! Operators of places and their sensors come back to the bit, and say what is wrong.
 
-use wayfix::{
-    Belief, DistanceTransition, Groups, KnownState, OffMapTransition, PooledLikelihood,
-    SparseTransition, TransitionEntries,
-};
+use wayfix::likelihood::{Groups, PooledLikelihood};
+use wayfix::motion::{DistanceTransition, OffMapTransition};
+use wayfix::{Belief, SparseLikelihood, SparseTransition, TransitionEntries};
 
 use super::refused::refuses;
 use super::{json, stored};
@@ -78,9 +77,9 @@ fn by_distance() {
 #[test]
 fn pooled() {
     let images = Groups::new(vec![0, 1, 1]).unwrap();
-    let text = json(&stored(&PooledLikelihood::new(KnownState::new(3), images).unwrap()));
+    let text = json(&stored(&PooledLikelihood::new(SparseLikelihood::new(3), images).unwrap()));
     assert_eq!(text, r#"{"version":1,"sensor":{"version":1,"states":3},"groups":[0,1,1]}"#);
-    refuses::<PooledLikelihood<KnownState>>(
+    refuses::<PooledLikelihood<SparseLikelihood>>(
         &text.replace("[0,1,1]", "[0,1]"),
         "the grouping has 2 states, expected 3 as the sensor",
     );

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use wayfix::motion::{OdometryModel, OffMap, Speeds};
 use wayfix::observation::{Distance, MatchOdds, Standardizer};
 use wayfix::recognition::{
-    Answer, Fit, LabelledPart, Options, RecognitionError, Recognizer, Track, TrackState,
+    Answer, Fit, LabelledPart, Options, RecognitionError, Recognizer, Track, TrackSnapshot,
 };
 
 use super::damage::damage;
@@ -88,7 +88,7 @@ fn a_live_position_survives_a_restart() {
         let fit: Fit = serde_json::from_str(&fit).unwrap();
         let again = fresh.unwrap().with_fit(fit).unwrap();
         let mut next = again.track();
-        let state: TrackState = serde_json::from_str(&state).unwrap();
+        let state: TrackSnapshot = serde_json::from_str(&state).unwrap();
         assert_eq!((state.steps(), state.references()), (stop, PLACES));
         assert_eq!(json(&state), json(&stored(&state)));
         next.restore(&state).unwrap();
@@ -127,7 +127,7 @@ fn a_state_of_another_recogniser_is_refused() {
     assert!(matches!(error, RecognitionError::Inference(_)), "{error}");
     let text = json(&before);
     let row = &text[text.find("[0.1,0.5").unwrap()..][..13];
-    let shorter: TrackState = serde_json::from_str(&text.replace(row, "[0.1,0.5]")).unwrap();
+    let shorter: TrackSnapshot = serde_json::from_str(&text.replace(row, "[0.1,0.5]")).unwrap();
     assert!(matches!(own.restore(&shorter), Err(RecognitionError::Count { found: 2, .. })));
     assert_eq!(own.snapshot(), before);
 }
@@ -140,7 +140,7 @@ fn a_state_that_no_step_can_follow_is_refused() {
         let mut track = Recognizer::from_distances(3, options).unwrap().track();
         track.step(&[0.1, 0.5, 0.7], None).unwrap();
         let before = track.snapshot();
-        let changed = |change: &dyn Fn(&mut serde_json::Value)| -> TrackState {
+        let changed = |change: &dyn Fn(&mut serde_json::Value)| -> TrackSnapshot {
             let mut value = serde_json::to_value(&before).unwrap();
             change(&mut value["filter"]);
             serde_json::from_value(value).unwrap()
@@ -264,14 +264,14 @@ fn what_was_not_learned_is_refused() {
     let state = json(&track.snapshot());
     let run = &state[state.find(r#""run":"#).unwrap()..];
     let run = &run[..=run.find(']').unwrap()];
-    refuses::<TrackState>(
+    refuses::<TrackSnapshot>(
         &state.replace(run, r#""run":["changed",0]"#),
         "a run of 0 views, expected at least 1",
     );
 
     let gained = &state[state.find(r#""gained":"#).unwrap()..];
     let refused = |to: &str, expected: &str| {
-        refuses::<TrackState>(&state.replace(gained, &format!(r#""gained":{to}}}"#)), expected);
+        refuses::<TrackSnapshot>(&state.replace(gained, &format!(r#""gained":{to}}}"#)), expected);
     };
     refused("[0.5]", "1 gains, expected 30 as there are references");
     refused("[-0.5]", "a gain of -0.5, expected a finite value of at least 0");
@@ -302,7 +302,7 @@ proptest! {
         let (recognizer, queries) = fitted();
         let mut track = recognizer.track();
         answers(&mut track, &queries[..stop]);
-        if let Ok(state) = serde_json::from_str::<TrackState>(&damage.of(&json(&track.snapshot()))) {
+        if let Ok(state) = serde_json::from_str::<TrackSnapshot>(&damage.of(&json(&track.snapshot()))) {
             let mut other = recognizer.track();
             if other.restore(&state).is_ok() {
                 for query in &queries[stop..] {

@@ -2,9 +2,11 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::likelihood::{GroupedLikelihood, Groups, SparseObservation};
+use wayfix::transition::WindowTransition;
 use wayfix::{
-    Belief, Ends, FusedLikelihood, GroupedLikelihood, Groups, Hmm, KnownState, LikelihoodVector,
-    Prior, TableLikelihood, WindowTransition,
+    Belief, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
+    TableLikelihood,
 };
 
 use crate::kit::{NEVER, any_stochastic, cases, close_logs, normalized, sparse, still, text};
@@ -26,14 +28,16 @@ proptest! {
             logs.iter().enumerate().map(|(i, log)| if rule(i) { *log } else { NEVER }).collect()
         }).collect();
         let sensor = LikelihoodVector::log(n).owned();
-        let fused = FusedLikelihood::new(sensor, KnownState::new(n)).unwrap();
+        let fused = FusedLikelihood::new(sensor, OptionalLikelihood::new(SparseLikelihood::new(n))).unwrap();
+        let seen: Vec<_> = known.iter()
+            .map(|(logs, known)| (logs.clone(), known.map(SparseObservation::known))).collect();
         let plain = Hmm::new(prior.clone(), sparse(&m), sensor).unwrap();
         let hmm = Hmm::new(prior, sparse(&m), fused).unwrap();
-        match (plain.viterbi(&ruled), hmm.viterbi(&known)) {
+        match (plain.viterbi(&ruled), hmm.viterbi(&seen)) {
             (Ok(expected), Ok(found)) => {
                 prop_assert_eq!(found.states(), expected.states());
                 close_logs(found.log_probability(), expected.log_probability(), 1e-12)?;
-                let (found, expected) = (hmm.smooth(&known).unwrap(), plain.smooth(&ruled).unwrap());
+                let (found, expected) = (hmm.smooth(&seen).unwrap(), plain.smooth(&ruled).unwrap());
                 close_logs(found.log_likelihood(), expected.log_likelihood(), 1e-12)?;
             }
             (expected, found) => prop_assert!(expected.is_err() && found.is_err()),
@@ -51,7 +55,7 @@ proptest! {
         let rows: Vec<Vec<f64>> = weights.into_iter().map(|w| normalized(w, 0)).collect();
         let repeated: Vec<_> = of.iter().map(|&g| rows[g].clone()).collect();
         let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
-        let around = WindowTransition::new(n, 0, &[0.5, 0.5], Ends::Loop).unwrap();
+        let around = WindowTransition::new(n, 0, &[0.5, 0.5], true).unwrap();
         let groups = Groups::new(of).unwrap();
         let table = TableLikelihood::from_rows(&rows).unwrap();
         let grouped = Hmm::new(prior.clone(), &around, GroupedLikelihood::new(table, groups).unwrap());
@@ -88,19 +92,23 @@ fn bad_groups_and_unknown_states_are_named() {
         "state 3 does not exist, 3 states are grouped (0 to 2)"
     );
     assert_eq!(
-        text(GroupedLikelihood::new(KnownState::new(3), groups.clone())),
+        text(GroupedLikelihood::new(SparseLikelihood::new(3), groups.clone())),
         "the sensor has 3 states, expected 2 as the number of groups"
     );
 
     let prior = || Prior::AtFirstObservation(Belief::uniform(2).unwrap());
-    let hmm = Hmm::new(prior(), still(2), KnownState::new(2)).unwrap();
-    let error = hmm.smooth(&[None, Some(2)]).unwrap_err();
-    let source = std::error::Error::source(&error).unwrap().to_string();
-    assert_eq!(source, "state 2 is given as known, but there are 2 states (0 to 1)");
+    let hmm = Hmm::new(prior(), still(2), SparseLikelihood::new(2)).unwrap();
+    let error = hmm.smooth(&[1, 2].map(SparseObservation::known)).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "step 2 has no valid likelihood: the observation lists state 2, but there are 2 states (0 to 1)"
+    );
     // A vector of a wrong length is found before it is spread over the states.
     let groups = Groups::new(vec![0, 0]).unwrap();
     let vector = GroupedLikelihood::new(LikelihoodVector::linear(1), groups).unwrap();
     let error = Hmm::new(prior(), still(2), vector).unwrap().filter().step(&[0.5; 3]).unwrap_err();
-    let source = std::error::Error::source(&error).unwrap().to_string();
-    assert_eq!(source, "the likelihood has 3 values, expected one for each of 1 states");
+    assert_eq!(
+        error.to_string(),
+        "step 1 has no valid likelihood: the likelihood has 3 values, expected one for each of 1 states"
+    );
 }

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use serde_json::json;
-use wayfix::{Belief, DenseTransition, Hmm, Learned, Learning, Prior, Simulation, TableLikelihood};
+use wayfix::inference::{LearnedModel, LearningOptions, Simulation};
+use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 
 use crate::model::{Entry, distribution, full, matrix, write_model};
 use crate::race::Races;
@@ -89,8 +90,8 @@ fn learn(
     hmm: &Model,
     seen: &[&[usize]],
     iterations: usize,
-) -> Result<(Learned<DenseTransition, TableLikelihood>, f64), Failure> {
-    let learning = Learning { iterations, tolerance: 0.0, ..Learning::default() };
+) -> Result<(LearnedModel<DenseTransition, TableLikelihood>, f64), Failure> {
+    let learning = LearningOptions { iterations, tolerance: 0.0, ..LearningOptions::default() };
     let start = Instant::now();
     let learned = hmm.learn(seen, &learning)?;
     let seconds = start.elapsed().as_secs_f64();

@@ -51,7 +51,7 @@ fn whole<A: TransitionEntries<Control = ()>>(
 ) {
     let mut run = |routine, contender| races.run(case, routine, ys.len(), vec![contender]);
     run("forward", Contender::wayfix(|| drop(black_box(hmm.forward(black_box(ys))))));
-    run("score", Contender::wayfix(|| drop(black_box(hmm.score(black_box(ys))))));
+    run("score", Contender::wayfix(|| drop(black_box(hmm.log_likelihood(black_box(ys))))));
     run("smooth", Contender::wayfix(|| drop(black_box(hmm.smooth(black_box(ys))))));
     // As to the peers, logarithms are given to the decoder.
     let n = hmm.states();

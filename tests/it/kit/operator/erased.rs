@@ -2,7 +2,8 @@
 
 use std::fmt::Debug;
 
-use wayfix::{Stored, Transition, TransitionEntries, TransitionError};
+use wayfix::transition::Stored;
+use wayfix::{Transition, TransitionEntries, TransitionError};
 
 /// The methods of an operator with the controls of some steps.
 pub(super) trait Steps {

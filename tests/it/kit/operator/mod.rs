@@ -158,7 +158,7 @@ fn assert_steps(
             entries: Own(m.clone()),
             log_factor: log_factor.unwrap_or(0.0),
         });
-        let family = wayfix::SwitchedTransition::new(own.collect()).unwrap();
+        let family = wayfix::transition::SwitchedTransition::new(own.collect()).unwrap();
         let each = EachStep(operator);
         return routines::check((&each, &numbers), (&family, &numbers), matrices, &seen, rounding);
     }
@@ -169,7 +169,7 @@ fn assert_steps(
         routines::check((&at_step, &controls), (&dense[0], &controls), matrices, &seen, rounding)
     } else {
         let numbers: Vec<usize> = (0..matrices.len()).collect();
-        let family = wayfix::SwitchedTransition::new(dense).unwrap();
+        let family = wayfix::transition::SwitchedTransition::new(dense).unwrap();
         let each = EachStep(operator);
         routines::check((&each, &numbers), (&family, &numbers), matrices, &seen, rounding)
     }

@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
-use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, TransitionEntries, ViterbiPath};
+use wayfix::inference::ViterbiPath;
+use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, TransitionEntries};
 
 use super::super::{Matrix, NEVER, all_close, close_logs, prior};
 use super::{Inputs, Rounding};
@@ -87,7 +88,7 @@ impl Outcome {
         let smoothing = match hmm.smooth(&drive) {
             Ok(smoothing) => smoothing,
             Err(error) => {
-                assert!(hmm.score(&drive).is_err() && hmm.viterbi(&drive).is_err());
+                assert!(hmm.log_likelihood(&drive).is_err() && hmm.viterbi(&drive).is_err());
                 return Err(error);
             }
         };
@@ -102,7 +103,7 @@ impl Outcome {
         online.extend(decoder.undecided());
         let moves = hmm.expected_moves(&drive)?;
         Ok(Self {
-            log_likelihoods: [smoothing.log_likelihood(), hmm.score(&drive)?],
+            log_likelihoods: [smoothing.log_likelihood(), hmm.log_likelihood(&drive)?],
             posteriors: smoothing.posteriors().as_slice().to_vec(),
             lagged,
             first: all.lagged().as_slice().to_vec(),

@@ -2,8 +2,8 @@
 
 use std::f64::consts::{LOG2_E, PI};
 
+use super::OdometryReading;
 use crate::kernels::{self, LARGEST_LOG};
-use crate::transition::Odometry;
 
 /// An entry of a column.
 #[derive(Debug, Clone, Copy)]
@@ -18,18 +18,18 @@ pub(crate) struct Way {
 /// The densities of a distance, relative to that of the nearest length of all.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weights {
-    odometry: Odometry,
+    odometry: OdometryReading,
     nearest: f64,
 }
 
 impl Weights {
-    pub(super) fn new(nearest: f64, odometry: Odometry) -> Self {
+    pub(super) fn new(nearest: f64, odometry: OdometryReading) -> Self {
         Self { odometry, nearest }
     }
 
     /// The logarithm of the density at the nearest length.
     pub(super) fn log_factor(&self) -> f64 {
-        let Odometry { distance, variance } = self.odometry;
+        let OdometryReading { distance, variance } = self.odometry;
         // Half of it first, which does not overflow.
         let off = (0.5 * distance - 0.5 * self.nearest) / variance.sqrt();
         -0.5 * ((2.0 * PI).ln() + variance.ln()) - 2.0 * off * off
@@ -61,7 +61,7 @@ impl Weights {
 
 /// [(d − L)² − (d − N)²] / 2 s², from the factors L − N and (L + N) / 2 − d: a
 /// difference of large squares keeps its digits.
-fn excess(odometry: Odometry, length: f64, nearest: f64) -> f64 {
+fn excess(odometry: OdometryReading, length: f64, nearest: f64) -> f64 {
     let gap = length - nearest;
     // A half of the factor, which does not overflow.
     let off = 0.25 * length + 0.25 * nearest - 0.5 * odometry.distance;

@@ -1,53 +1,8 @@
-//! What learning asks of the parts of a model.
+//! Sensors that can be learned.
 
 use std::error::Error;
 
-use super::pairs::MoveCounts;
-use crate::error::TransitionError;
-use crate::likelihood::Likelihood;
-use crate::transition::TransitionEntries;
-
-/// A transition operator that can be estimated from expected moves.
-///
-/// [`SparseTransition`](crate::SparseTransition) and
-/// [`DenseTransition`](crate::DenseTransition) have a free parameter for each
-/// entry above 0, [`TiedTransition`](crate::TiedTransition) shares some of them,
-/// [`SwitchedTransition`](crate::SwitchedTransition) learns each of its
-/// operators, and [`Fixed`](crate::Fixed) keeps any operator as it is.
-#[diagnostic::on_unimplemented(
-    message = "`{Self}` does not say how it is learned",
-    note = "to keep it as it is, wrap it in `wayfix::Fixed`"
-)]
-pub trait LearnTransition: TransitionEntries + Sized {
-    /// How many sets of moves are counted apart: one, unless controls choose
-    /// among several operators; none, if nothing is learned from them.
-    fn families(&self) -> usize {
-        1
-    }
-
-    /// The set, below [`families`](Self::families), in which the moves of a step
-    /// under this control are counted; those of another are not.
-    fn family(&self, control: &Self::Control) -> usize {
-        let _ = control;
-        0
-    }
-
-    /// The operator that makes these moves most probable, each free parameter
-    /// having been seen `pseudo_count` times besides. What is 0 stays 0, and
-    /// what was not seen at all (or less than 2.2e-308 times) stays as it is.
-    ///
-    /// # Errors
-    ///
-    /// [`TransitionError::Forbidden`] for a move that the operator does not
-    /// allow.
-    fn reestimate(&self, counts: &[MoveCounts], pseudo_count: f64)
-    -> Result<Self, TransitionError>;
-
-    /// What the pseudo-counts stand for, the logarithm of a Dirichlet density
-    /// but for a constant: `pseudo_count` Σ ln θ over the free parameters above
-    /// 0.
-    fn log_prior(&self, pseudo_count: f64) -> f64;
-}
+use super::Likelihood;
 
 /// A sensor that can be estimated from observations whose states are known with
 /// some probability: it maximises Σ p ln b(y) over all observations y and
@@ -62,7 +17,8 @@ pub trait LearnTransition: TransitionEntries + Sized {
 ///
 /// ```
 /// use std::error::Error;
-/// use wayfix::{Diagonal, LearnLikelihood, Likelihood, LikelihoodError, Scratch};
+/// use wayfix::likelihood::LearnLikelihood;
+/// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 ///
 /// #[derive(Clone)]
 /// struct Readings(Vec<f64>);
@@ -96,10 +52,11 @@ pub trait LearnTransition: TransitionEntries + Sized {
 ///     }
 /// }
 ///
-/// # use wayfix::{Belief, DenseTransition, Hmm, Learning, Prior};
+/// # use wayfix::inference::LearningOptions;
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.8, 0.2, 0.2, 0.8])?, Readings(vec![0.0, 1.0]))?;
-/// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &Learning::default())?;
+/// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &LearningOptions::default())?;
 /// let means = &learned.model().likelihood().0;
 /// assert!((means[0] + 5.0).abs() < 0.1 && (means[1] - 5.0).abs() < 0.1);
 /// # Ok::<(), Box<dyn Error>>(())
@@ -140,7 +97,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>>;
 
-    /// As [`LearnTransition::log_prior`]; 0 for a sensor that has no use for
+    /// As [`LearnTransition::log_prior`](crate::transition::LearnTransition::log_prior); 0 for a sensor that has no use for
     /// pseudo-counts.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         let _ = pseudo_count;

@@ -1,18 +1,21 @@
 //! Motion on any map, driven by odometry.
 
+mod reading;
 mod weights;
 
-use super::{Odometry, SparseTransition, Transition, TransitionEntries, check_slices, log};
+pub use reading::OdometryReading;
+
 use crate::error::TransitionError;
 use crate::kernels::log2;
 use crate::map::RoadMap;
+use crate::transition::{SparseTransition, Transition, TransitionEntries, check_slices, log};
 use weights::{Way, Weights, nearest};
 
 /// A sparse operator each of whose moves has a length, and which knows by
 /// odometry how far a step has led: on a junction a vehicle that has driven
 /// 200 m took the road of that length.
 ///
-/// The control of a step is an `Option<Odometry>`: a distance d with its
+/// The control of a step is an `Option<OdometryReading>`: a distance d with its
 /// variance s², in the unit of the lengths (metres, on a map), which is
 /// [evidence on the move](Transition::evidence). With B for the
 /// operator that is given as a base, and L for the lengths,
@@ -31,7 +34,7 @@ use weights::{Way, Weights, nearest};
 /// it was taken for at the place: for sightings within ±r metres, evenly, r² / 3
 /// for either end, 2 r² / 3 together. A density with heavier tails, for an odometer that
 /// is sometimes wrong altogether, is for an
-/// [`EvidenceTransition`](crate::EvidenceTransition).
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition).
 ///
 /// Densities are taken relative to that of the length of the whole map which is nearest to
 /// the distance. Products and a step of Viterbi cost O(E), with an exponential for each of E
@@ -42,7 +45,8 @@ use weights::{Way, Weights, nearest};
 /// 8 bytes a state.
 ///
 /// ```
-/// use wayfix::{DistanceTransition, Odometry, SparseTransition, Transition};
+/// use wayfix::motion::{DistanceTransition, OdometryReading};
+/// use wayfix::{SparseTransition, Transition};
 ///
 /// // From place 0 a road of 100 m leads to place 1, and one of 200 m to place 2.
 /// let roads = [(1, 0, 0.5), (2, 0, 0.5), (1, 1, 1.0), (2, 2, 1.0)];
@@ -51,7 +55,7 @@ use weights::{Way, Weights, nearest};
 /// let mut out = [0.0; 3];
 /// a.apply(&None, &[1.0, 0.0, 0.0], &mut out);
 /// assert_eq!(out, [0.0, 0.5, 0.5]);
-/// let driven = Odometry { distance: 190.0, variance: 900.0 };
+/// let driven = OdometryReading { distance: 190.0, variance: 900.0 };
 /// a.apply(&Some(driven), &[1.0, 0.0, 0.0], &mut out);
 /// assert!(out[2] > 50.0 * out[1]);
 /// # Ok::<(), wayfix::TransitionError>(())
@@ -90,7 +94,8 @@ impl DistanceTransition {
     /// metres; a move that stays has the length 0.
     ///
     /// ```
-    /// use wayfix::{DistanceTransition, canberra};
+    /// use wayfix::motion::DistanceTransition;
+    /// use wayfix::canberra;
     ///
     /// let turning = canberra::turning().into_transition();
     /// let a = DistanceTransition::on_map(&canberra::map(), turning)?;
@@ -166,7 +171,7 @@ impl DistanceTransition {
         &self.ways[self.starts[from]..self.starts[from + 1]]
     }
 
-    fn weights(&self, odometry: Odometry) -> Weights {
+    fn weights(&self, odometry: OdometryReading) -> Weights {
         Weights::new(nearest(&self.lengths, odometry.distance), odometry)
     }
 
@@ -184,13 +189,13 @@ impl DistanceTransition {
 }
 
 impl Transition for DistanceTransition {
-    type Control = Option<Odometry>;
+    type Control = Option<OdometryReading>;
 
     fn states(&self) -> usize {
         self.base.states()
     }
 
-    fn apply(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
+    fn apply(&self, control: &Option<OdometryReading>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply(&(), x, out) };
         check_slices(self.states(), x, out);
         let weights = self.weights(odometry);
@@ -200,7 +205,7 @@ impl Transition for DistanceTransition {
         }
     }
 
-    fn apply_transpose(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
+    fn apply_transpose(&self, control: &Option<OdometryReading>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_transpose(&(), x, out) };
         check_slices(self.states(), x, out);
         let weights = self.weights(odometry);
@@ -209,7 +214,7 @@ impl Transition for DistanceTransition {
         }
     }
 
-    fn apply_log(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
+    fn apply_log(&self, control: &Option<OdometryReading>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_log(&(), x, out) };
         check_slices(self.states(), x, out);
         let weights = self.weights(odometry);
@@ -222,7 +227,7 @@ impl Transition for DistanceTransition {
         }
     }
 
-    fn apply_transpose_log(&self, control: &Option<Odometry>, x: &[f64], out: &mut [f64]) {
+    fn apply_transpose_log(&self, control: &Option<OdometryReading>, x: &[f64], out: &mut [f64]) {
         let Some(odometry) = *control else { return self.base.apply_transpose_log(&(), x, out) };
         check_slices(self.states(), x, out);
         let weights = self.weights(odometry);
@@ -232,11 +237,11 @@ impl Transition for DistanceTransition {
         }
     }
 
-    fn evidence(&self, control: &Option<Odometry>) -> Option<f64> {
+    fn evidence(&self, control: &Option<OdometryReading>) -> Option<f64> {
         control.map(|odometry| self.weights(odometry).log_factor())
     }
 
-    fn needs_logs(&self, control: &Option<Odometry>) -> bool {
+    fn needs_logs(&self, control: &Option<OdometryReading>) -> bool {
         control.is_some_and(|odometry| {
             let ends = [self.lengths.first(), self.lengths.last()];
             let weights = self.weights(odometry);
@@ -245,15 +250,15 @@ impl Transition for DistanceTransition {
         })
     }
 
-    fn check_control(&self, control: &Option<Odometry>) -> Result<(), TransitionError> {
-        control.as_ref().map_or(Ok(()), Odometry::check)
+    fn check_control(&self, control: &Option<OdometryReading>) -> Result<(), TransitionError> {
+        control.as_ref().map_or(Ok(()), OdometryReading::check)
     }
 }
 
 impl TransitionEntries for DistanceTransition {
     fn incoming(
         &self,
-        control: &Option<Odometry>,
+        control: &Option<OdometryReading>,
         to: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let weights = control.map(|odometry| self.weights(odometry));
@@ -266,7 +271,7 @@ impl TransitionEntries for DistanceTransition {
 
     fn outgoing(
         &self,
-        control: &Option<Odometry>,
+        control: &Option<OdometryReading>,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let weights = control.map(|odometry| self.weights(odometry));
@@ -279,7 +284,7 @@ impl TransitionEntries for DistanceTransition {
 
     fn incoming_log2(
         &self,
-        control: &Option<Odometry>,
+        control: &Option<OdometryReading>,
         to: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let weights = control.map(|odometry| self.weights(odometry));
@@ -294,7 +299,7 @@ impl TransitionEntries for DistanceTransition {
 
     fn outgoing_log2(
         &self,
-        control: &Option<Odometry>,
+        control: &Option<OdometryReading>,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
         let weights = control.map(|odometry| self.weights(odometry));
@@ -306,7 +311,7 @@ impl TransitionEntries for DistanceTransition {
 
     fn max_product(
         &self,
-        control: &Option<Odometry>,
+        control: &Option<OdometryReading>,
         x: &[f64],
         out: &mut [f64],
         from: &mut [u32],

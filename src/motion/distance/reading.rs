@@ -3,18 +3,18 @@
 use crate::error::TransitionError;
 
 /// What the wheels say of a step: a distance, with the variance of its error, in the unit
-/// of the lengths of a [`DistanceTransition`](crate::DistanceTransition), such as metres.
+/// of the lengths of a [`DistanceTransition`](crate::motion::DistanceTransition), such as metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct Odometry {
+pub struct OdometryReading {
     /// How far it has driven; finite.
     pub distance: f64,
     /// The variance of the distance, in squared units; finite and above 0.
     pub variance: f64,
 }
 
-impl Odometry {
+impl OdometryReading {
     /// Whether the numbers are ones that a distance and a variance can have.
     pub(crate) fn check(&self) -> Result<(), TransitionError> {
         let Self { distance, variance } = self;

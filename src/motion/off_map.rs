@@ -2,14 +2,14 @@
 
 use std::f64::consts::LOG2_E;
 
-use super::{
-    Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
-    scaled,
-};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::kernels::{self, log2};
+use crate::transition::{
+    Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
+    scaled,
+};
 
 /// An operator with one state more, the last one: off the map, or where nobody
 /// has been before. For a vehicle that may leave the map and come back, and for
@@ -37,7 +37,8 @@ use crate::kernels::{self, log2};
 /// lead off the map, which takes O(n) to list.
 ///
 /// ```
-/// use wayfix::{Belief, OffMapTransition, SparseTransition, Transition};
+/// use wayfix::motion::OffMapTransition;
+/// use wayfix::{Belief, SparseTransition, Transition};
 ///
 /// let drive = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
 /// let gate = Belief::certain(2, 0)?;
@@ -138,11 +139,14 @@ impl<A: Transition> OffMapTransition<A> {
     /// the last group.
     ///
     /// ```
-    /// use wayfix::{Belief, Ends, KroneckerTransition, OffMapTransition, WindowTransition};
-    /// use wayfix::{GroupedLikelihood, TableLikelihood};
+    /// use wayfix::motion::OffMapTransition;
+    /// use wayfix::transition::{KroneckerTransition, WindowTransition};
+    /// use wayfix::Belief;
+    /// use wayfix::likelihood::GroupedLikelihood;
+    /// use wayfix::TableLikelihood;
     ///
-    /// let place = WindowTransition::new(2, 1, &[1.0], Ends::Stop)?;
-    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], Ends::Loop)?;
+    /// let place = WindowTransition::new(2, 1, &[1.0], false)?;
+    /// let gear = WindowTransition::new(3, 0, &[0.75, 0.25], true)?;
     /// let pairs = KroneckerTransition::new(place, gear)?;
     /// let places = pairs.first_groups();
     /// let a = OffMapTransition::new(pairs, 0.125, 0.5, Belief::uniform(6)?)?;

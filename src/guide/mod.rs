@@ -1,0 +1,11 @@
+//! Pages to read: what every routine computes, what limits its speed, and the way from
+//! image descriptors to a position.
+
+#[doc = include_str!("formulas.md")]
+pub mod formulas {}
+
+#[doc = include_str!("performance.md")]
+pub mod performance {}
+
+#[doc = include_str!("from_descriptors.md")]
+pub mod from_descriptors {}

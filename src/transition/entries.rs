@@ -1,0 +1,113 @@
+//! The entries of a transition operator.
+
+use super::Transition;
+use crate::kernels::log2;
+
+/// A transition operator whose entries can be listed.
+///
+/// Only entries above 0 are listed, each state at most once, in ascending
+/// order: ties in decoding then go to the lowest state. Entries are those of the
+/// product; what lists others gives wrong results, or an error where pairs do not
+/// sum to one, and what lists states that do not exist panics. Inference asks only for
+/// states below [`states`](Transition::states); for others the operators of
+/// this crate panic.
+///
+/// # Implement it yourself
+///
+/// ```
+/// use wayfix::{Transition, TransitionEntries};
+/// # struct Around(usize);
+/// # impl Transition for Around {
+/// #     type Control = ();
+/// #     fn states(&self) -> usize { self.0 }
+/// #     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {}
+/// #     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {}
+/// # }
+///
+/// // The loop of the example at `Transition`.
+/// impl TransitionEntries for Around {
+///     fn incoming(&self, _: &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+///         let mut from = [((to + self.0 - 1) % self.0, 0.9), (to, 0.1)];
+///         from.sort_by_key(|entry| entry.0);
+///         from.into_iter()
+///     }
+///     fn outgoing(&self, _: &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+///         let mut to = [((from + 1) % self.0, 0.9), (from, 0.1)];
+///         to.sort_by_key(|entry| entry.0);
+///         to.into_iter()
+///     }
+/// }
+///
+/// assert_eq!(Around(4).outgoing(&(), 3).collect::<Vec<_>>(), [(0, 0.9), (3, 0.1)]);
+/// ```
+pub trait TransitionEntries: Transition {
+    /// The entries into a state, row `to` of A: pairs (from, probability).
+    fn incoming(&self, control: &Self::Control, to: usize) -> impl Iterator<Item = (usize, f64)>;
+
+    /// The entries out of a state, column `from` of A: pairs (to, probability).
+    fn outgoing(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)>;
+
+    /// The entries into a state as decoders add them: pairs (from, log2 p), in
+    /// which an operator that is a product adds the logarithms of its factors.
+    fn incoming_log2(
+        &self,
+        control: &Self::Control,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.incoming(control, to).map(|(from, p)| (from, log2(p)))
+    }
+
+    /// The entries out of a state as [`incoming_log2`](Self::incoming_log2) gives those
+    /// into one: pairs (to, log2 p).
+    fn outgoing_log2(
+        &self,
+        control: &Self::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.outgoing(control, from).map(|(to, p)| (to, log2(p)))
+    }
+
+    /// The step of Viterbi, a product in which a maximum stands for the sum:
+    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
+    /// that attains it, the lowest one of several. Here and in the operators
+    /// of this crate, logarithms are rounded to multiples of 2^-45: their sums
+    /// are then exact, and paths with the same factors tie.
+    ///
+    /// Where nothing leads to i, or only states at −∞ do, `out[i]` is −∞ and
+    /// `from[i]` means nothing. O(entries), unless an operator knows better.
+    fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
+            let entries = self.incoming_log2(control, i).map(|(j, log2)| (j as u32, log2));
+            (*out, *from) = best_of(entries, x);
+        }
+    }
+}
+
+/// The best of `log2 A[i, j] + x[j]` and its j: the first of several.
+#[inline]
+pub(crate) fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
+    let mut best = (f64::NEG_INFINITY, 0);
+    for (j, log2) in entries {
+        let value = log2 + x[j as usize];
+        if value > best.0 {
+            best = (value, j);
+        }
+    }
+    best
+}
+
+/// Two lists of entries in ascending order as one, in which entries of the same
+/// state are added.
+pub(super) fn merge(
+    a: impl Iterator<Item = (usize, f64)>,
+    b: impl Iterator<Item = (usize, f64)>,
+    plus: impl Fn(f64, f64) -> f64,
+) -> impl Iterator<Item = (usize, f64)> {
+    let (mut a, mut b) = (a.peekable(), b.peekable());
+    std::iter::from_fn(move || match (a.peek(), b.peek()) {
+        (Some(x), Some(y)) if x.0 == y.0 => Some((x.0, plus(a.next()?.1, b.next()?.1))),
+        (Some(x), Some(y)) if x.0 > y.0 => b.next(),
+        (None, _) => b.next(),
+        _ => a.next(),
+    })
+}

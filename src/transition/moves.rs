@@ -1,0 +1,97 @@
+//! Moves between states, and how often each was made.
+
+/// One move between two steps, and how probable it is or how often it is
+/// expected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Move {
+    /// The state that is left.
+    pub from: usize,
+    /// The state that is reached.
+    pub to: usize,
+    /// p(from, to), or an expected number.
+    pub weight: f64,
+}
+
+/// By `from`, then by `to`. Here, since each sort by a closure of its own is code of its own.
+pub(crate) fn sort(moves: &mut [Move]) {
+    moves.sort_by_key(|m| (m.from, m.to));
+}
+
+/// The expected number of moves between states.
+///
+/// A sum of [pairwise posteriors](crate::inference::Pairs), or of the moves of drives whose
+/// states are known. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves)
+/// and [`MoveCounts::of_path`].
+///
+/// ```
+/// use wayfix::transition::MoveCounts;
+///
+/// let mut counts = MoveCounts::of_path(&[0, 1, 1, 2]);
+/// counts.merge(&MoveCounts::of_path(&[1, 2]));
+/// assert_eq!(counts.get(1, 2), 2.0);
+/// assert_eq!(counts.moves().map(|step| step.weight).sum::<f64>(), 4.0);
+/// ```
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MoveCounts {
+    /// By `from`, then by `to`.
+    moves: Vec<Move>,
+}
+
+impl MoveCounts {
+    /// The moves of a path of known states.
+    #[must_use]
+    pub fn of_path(states: &[usize]) -> Self {
+        let mut moves: Vec<Move> = states
+            .windows(2)
+            .map(|pair| Move { from: pair[0], to: pair[1], weight: 1.0 })
+            .collect();
+        sort(&mut moves);
+        let mut counts = Self::default();
+        counts.add(moves);
+        counts
+    }
+
+    /// All moves counted, by the state that is left, then by the one reached.
+    #[must_use]
+    pub fn moves(&self) -> impl ExactSizeIterator<Item = Move> {
+        self.moves.iter().copied()
+    }
+
+    /// How often a move is expected, 0 if it was never seen. O(log moves).
+    #[must_use]
+    pub fn get(&self, from: usize, to: usize) -> f64 {
+        let found = self.moves.binary_search_by_key(&(from, to), |m| (m.from, m.to));
+        found.map_or(0.0, |at| self.moves[at].weight)
+    }
+
+    /// Adds the counts of another. O(moves).
+    pub fn merge(&mut self, other: &Self) {
+        self.add(other.moves());
+    }
+
+    /// Adds moves that come in ascending order, and returns their sum. What is
+    /// there already costs one comparison.
+    pub(crate) fn add(&mut self, moves: impl IntoIterator<Item = Move>) -> f64 {
+        let known = self.moves.len();
+        let (mut at, mut sum) = (0, 0.0);
+        for m in moves {
+            sum += m.weight;
+            let key = (m.from, m.to);
+            while at < known && (self.moves[at].from, self.moves[at].to) < key {
+                at += 1;
+            }
+            if at < known && (self.moves[at].from, self.moves[at].to) == key {
+                self.moves[at].weight += m.weight;
+                continue;
+            }
+            match self.moves[known..].last_mut() {
+                Some(last) if (last.from, last.to) == key => last.weight += m.weight,
+                _ => self.moves.push(m),
+            }
+        }
+        if self.moves.len() > known {
+            sort(&mut self.moves);
+        }
+        sum
+    }
+}

@@ -1,0 +1,226 @@
+//! The products of a transition operator.
+
+use super::{Stored, buffers, log};
+use crate::error::TransitionError;
+
+/// A transition operator A, whose columns sum to one:
+/// A\[i, j\] = p(`X_k` = i | `X_{k-1}` = j), as in the paper's eq. 6.
+///
+/// Two products are all that filter and smoother need, so an operator does not
+/// have to store a matrix. What also needs single entries (Viterbi,
+/// simulation) asks for [`TransitionEntries`](super::TransitionEntries).
+///
+/// An operator may depend on a **control**: what drives the step from k − 1 to
+/// k, such as odometry, elapsed time or a gear. An operator without one has
+/// `Control = ()`, and its columns are checked when a model is built from it.
+///
+/// A control may also be **evidence on the move**: what was measured between two
+/// steps, such as odometry or a compass. It does not choose an operator; it has a
+/// likelihood p(u | `X_{k-1}`, `X_k`) that multiplies the entries of A, whose
+/// columns then do not sum to one. [`evidence`](Self::evidence) says so, and
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition) puts a likelihood of moves on
+/// any operator.
+///
+/// Entries below 2.2e-308 have lost digits, and what they lead to may be lost.
+///
+/// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator too, so
+/// that models can share a large one.
+///
+/// # Implement it yourself
+///
+/// A drive around a loop: one place on with probability 0.9, else stay.
+///
+/// ```
+/// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
+///
+/// struct Around(usize);
+///
+/// impl Transition for Around {
+///     type Control = ();
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         (0..self.0).for_each(|i| out[i] = 0.1 * x[i] + 0.9 * x[(i + self.0 - 1) % self.0]);
+///     }
+///     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {
+///         (0..self.0).for_each(|j| out[j] = 0.1 * x[j] + 0.9 * x[(j + 1) % self.0]);
+///     }
+/// }
+///
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?);
+/// let hmm = Hmm::new(prior, Around(4), LikelihoodVector::linear(4))?;
+/// let mut filter = hmm.filter();
+/// filter.predict()?;
+/// assert_eq!(filter.belief().as_slice(), [0.1, 0.9, 0.0, 0.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// Memory between two passes is lent by [`with_scratch`](crate::transition::with_scratch).
+///
+/// With a control, the metres driven since the last sighting, on a line of
+/// places 100 m apart (n of them; what comes near the end stays there):
+///
+/// ```
+/// use wayfix::{Transition, TransitionError};
+///
+/// struct Line(usize);
+///
+/// impl Line {
+///     /// The places on either side of where the vehicle comes to.
+///     fn reached(&self, from: usize, metres: f64) -> [(usize, f64); 2] {
+///         let at = (from as f64 + metres / 100.0).min(self.0 as f64 - 1.0);
+///         let share = at.fract();
+///         [(at as usize, 1.0 - share), ((at as usize + 1).min(self.0 - 1), share)]
+///     }
+/// }
+///
+/// impl Transition for Line {
+///     type Control = f64;
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn apply(&self, &metres: &f64, x: &[f64], out: &mut [f64]) {
+///         out.fill(0.0);
+///         for (j, x) in x.iter().enumerate() {
+///             self.reached(j, metres).iter().for_each(|(i, p)| out[*i] += p * x);
+///         }
+///     }
+///     fn apply_transpose(&self, &metres: &f64, x: &[f64], out: &mut [f64]) {
+///         for (j, out) in out.iter_mut().enumerate() {
+///             *out = self.reached(j, metres).iter().map(|(i, p)| p * x[*i]).sum();
+///         }
+///     }
+///     fn check_control(&self, &metres: &f64) -> Result<(), TransitionError> {
+///         let valid = metres >= 0.0 && metres.is_finite();
+///         if valid { Ok(()) } else { Err(TransitionError::Control(format!("{metres} m driven"))) }
+///     }
+/// }
+/// # use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
+/// # let prior = Prior::BeforeFirstTransition(Belief::certain(4, 0)?);
+/// # let hmm = Hmm::new(prior, Line(4), LikelihoodVector::linear(4))?;
+/// let mut filter = hmm.filter();
+/// filter.predict_with(&150.0)?;
+/// assert_eq!(filter.belief().as_slice(), [0.0, 0.5, 0.5, 0.0]);
+/// assert!(filter.predict_with(&f64::NAN).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub trait Transition {
+    /// What the operator of a step depends on; `()` if on nothing.
+    type Control: 'static;
+
+    /// The number of states, n.
+    fn states(&self) -> usize;
+
+    /// `out = A x`: the distribution one step later. Overwrites all of `out`.
+    ///
+    /// Must be linear in `x`, for `x` of any non-negative scale. Inference
+    /// calls it with two slices of n values, after
+    /// [`check_control`](Self::check_control) has accepted the control; the
+    /// operators of this crate panic on slices of another length.
+    fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
+
+    /// `out = A' x`, the transpose (paper eq. 12). Overwrites all of `out`.
+    /// The rest is as for [`apply`](Self::apply).
+    fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
+
+    /// The same product in logarithms: `out[i]` = ln Σ over j of A\[i, j\]
+    /// exp(`x[j]`), for `x` of any range, with −∞ for 0.
+    ///
+    /// Inference takes it where a double does not hold a belief. The default
+    /// calls [`apply`](Self::apply) once for every 600 nats of range, and
+    /// allocates; the operators of this crate sum entry by entry.
+    fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
+        log::by_bands(x, out, |x, out| self.apply(control, x, out));
+    }
+
+    /// As [`apply_log`](Self::apply_log), with A'.
+    fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
+        log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
+    }
+
+    /// The evidence on the move in a control: `None`, as by default, if the control
+    /// only chooses the operator, whose columns are then distributions; they are
+    /// checked to be so. `Some(log_factor)` if something was measured, u: the entries
+    /// of this step then are
+    ///
+    /// ```text
+    /// A[i, j] p(u | X_{k-1} = j, X_k = i) exp(−log_factor)
+    /// ```
+    ///
+    /// They are finite and at least 0, and their columns may have any sum, also 0.
+    /// Inference normalises the belief, not the columns: the sum of a prediction is
+    /// p(u | y_1 … y_{k-1}), and its logarithm becomes part of the log-likelihood,
+    /// with `log_factor` added.
+    ///
+    /// All methods give these entries, those of
+    /// [`TransitionEntries`](super::TransitionEntries) too. The factor should be such that the largest
+    /// entry is near 1: a step whose sum is above 2^7 or below 2^-100 is taken in
+    /// logarithms, which takes longer. Called with a control that
+    /// [`check_control`](Self::check_control) has accepted, more than once a step: it
+    /// should cost little.
+    fn evidence(&self, control: &Self::Control) -> Option<f64> {
+        let _ = control;
+        None
+    }
+
+    /// Whether entries of a step with [evidence](Self::evidence) are beyond doubles:
+    /// above 0 but below 2.2e-308, or above 1.7e308. Inference then takes the step in
+    /// logarithms, and asks for entries by
+    /// [`incoming_log2`](super::TransitionEntries::incoming_log2) and
+    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2) alone. By default they never
+    /// are: what is below then may be lost, which is at most 1e-277 of a prediction, since
+    /// the sum of one that is taken in doubles is at least 2^-100. Called a few times a
+    /// step.
+    fn needs_logs(&self, control: &Self::Control) -> bool {
+        let _ = control;
+        false
+    }
+
+    /// [`apply`](Self::apply) block by block: hands over the first state of a block and its
+    /// values, while they are in the processor's first cache; each state once. By default
+    /// one block of all. A filter calls it in place of `apply` where
+    /// [`smallest_entry`](Self::smallest_entry) allows.
+    fn apply_in_blocks(
+        &self,
+        control: &Self::Control,
+        x: &[f64],
+        take: &mut dyn FnMut(usize, &[f64]),
+    ) {
+        buffers::with(self.states(), |out| {
+            self.apply(control, x, out);
+            take(0, out);
+        });
+    }
+
+    /// A bound from below on the entries above 0 of a step, and on all factors that a product
+    /// multiplies by on its way to them; 0, as by default, if none is known. From 2^-100 on,
+    /// products with beliefs keep their digits, so that a filter need not scale them:
+    /// operators that also write [blocks](Self::apply_in_blocks) then take half the time.
+    /// Called once a step.
+    fn smallest_entry(&self, control: &Self::Control) -> f64 {
+        let _ = control;
+        0.0
+    }
+
+    /// The matrix of a step, if it is one that this crate stores: inference
+    /// then goes through it by itself, and does with each product at once what
+    /// else there is to do. `None`, unless an operator hands on that of another,
+    /// which it must equal. It is not looked at where there is
+    /// [evidence](Self::evidence).
+    fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
+        let _ = control;
+        None
+    }
+
+    /// Whether there is an operator for this control; all are accepted unless
+    /// an implementation says otherwise.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Control`] with the reason.
+    fn check_control(&self, control: &Self::Control) -> Result<(), TransitionError> {
+        let _ = control;
+        Ok(())
+    }
+}
