@@ -11,6 +11,7 @@ pub use inference::{InferenceError, LearnError, SequenceError};
 
 use std::error::Error;
 use std::fmt;
+use std::sync::Arc;
 
 /// Why a vector is not a probability distribution over states.
 #[derive(Debug, Clone, PartialEq)]
@@ -234,7 +235,7 @@ impl fmt::Display for TransitionError {
 impl Error for TransitionError {}
 
 /// Why an observation gives no likelihood.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum LikelihoodError {
     /// A likelihood (or log-likelihood) is not a valid one.
@@ -297,7 +298,7 @@ pub enum LikelihoodError {
         states: usize,
     },
     /// A sensor of your own has failed.
-    Sensor(Box<dyn Error + Send + Sync>),
+    Sensor(Arc<dyn Error + Send + Sync>),
 }
 
 impl fmt::Display for LikelihoodError {
