@@ -41,6 +41,9 @@
 //! | [`Hmm::fixed_lag`] | [`FixedLag`]: the last L steps, given all so far |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the best path, as far as it is final |
 //!
+//! What a stream knows is plain data: `snapshot` and `restore` copy it, and
+//! [`to_bytes`](FilterState::to_bytes) and `from_bytes` store it, to the bit.
+//!
 //! Those for a **whole [`Sequence`]** take observations, or observations with
 //! [controls](Controlled):
 //!
@@ -191,17 +194,17 @@ pub mod recognition;
 
 pub use belief::{Belief, BeliefView};
 pub use error::{
-    BeliefError, HmmError, InferenceError, LearnError, LikelihoodError, SequenceError, TableError,
-    TransitionError,
+    BeliefError, HmmError, InferenceError, LearnError, LikelihoodError, SequenceError,
+    SnapshotError, TableError, TransitionError,
 };
 pub use fixed::Fixed;
 pub use groups::{GroupError, Groups};
 pub use hmm::{Hmm, Prior};
 pub use inference::{
     BeamPath, Certificate, Filter, FilterState, Filtering, FixedLag, FixedLagState, Labelled,
-    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi, Order,
-    Pairs, PathSampler, Posteriors, PrunedFilter, Pruning, Simulation, SmoothedStep, Smoothing,
-    StopReason, ViterbiPath,
+    LearnLikelihood, LearnTransition, Learned, Learning, Move, MoveCounts, OnlineViterbi,
+    OnlineViterbiState, Order, Pairs, PathSampler, Posteriors, PrunedFilter, PrunedFilterState,
+    Pruning, Simulation, SmoothedStep, Smoothing, StopReason, ViterbiPath,
 };
 pub use likelihood::{
     Diagonal, FusedLikelihood, GroupedLikelihood, KnownState, Likelihood, LikelihoodVector,

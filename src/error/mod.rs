@@ -6,8 +6,10 @@
 //! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 mod inference;
+mod snapshot;
 
 pub use inference::{InferenceError, LearnError, SequenceError};
+pub use snapshot::SnapshotError;
 
 use std::error::Error;
 use std::fmt;

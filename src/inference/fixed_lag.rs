@@ -7,6 +7,7 @@ use std::ops::Deref;
 use super::backward::Backward;
 use super::filter::Filter;
 use super::filter_state::FilterState;
+use super::fixed_lag_state::FixedLagState;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
@@ -55,17 +56,6 @@ pub struct FixedLag<M, U> {
     backward: Backward,
     /// Memory of states that have left the window.
     spare: Vec<FilterState>,
-}
-
-/// All that a fixed-lag smoother knows: plain data, to be kept, compared, sent
-/// elsewhere, and restored.
-///
-/// Made by [`FixedLag::snapshot`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct FixedLagState<U> {
-    pub(crate) lag: usize,
-    pub(crate) present: FilterState,
-    pub(crate) past: Vec<(FilterState, U)>,
 }
 
 impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {

@@ -7,10 +7,12 @@ mod filter;
 mod filter_state;
 
 mod fixed_lag;
+mod fixed_lag_state;
 
 mod pruned;
 
 mod online_viterbi;
+mod online_viterbi_state;
 
 mod filtering;
 
@@ -38,6 +40,7 @@ mod many;
 mod backward;
 mod block;
 mod by_blocks;
+mod bytes;
 mod evidence;
 mod frontier;
 mod held;
@@ -54,14 +57,22 @@ pub use filter::Filter;
 pub use filter_state::FilterState;
 pub(crate) use filter_state::MOST_STEPS;
 pub use filtering::Filtering;
-pub use fixed_lag::{FixedLag, FixedLagState};
+pub use fixed_lag::FixedLag;
+pub use fixed_lag_state::FixedLagState;
 pub use labelled::Labelled;
 pub use learnable::{LearnLikelihood, LearnTransition};
 pub use online_viterbi::OnlineViterbi;
+#[cfg(feature = "serde")]
+pub(crate) use online_viterbi_state::Node;
+pub use online_viterbi_state::OnlineViterbiState;
 pub use pairs::{Move, MoveCounts, Pairs};
 pub use posteriors::Posteriors;
-pub use pruned::{Certificate, PrunedFilter, Pruning};
+#[cfg(feature = "serde")]
+pub(crate) use pruned::Envelope;
+pub use pruned::{Certificate, PrunedFilter, PrunedFilterState, Pruning};
 pub use sampler::PathSampler;
+#[cfg(feature = "serde")]
+pub(crate) use scores::TakenOut;
 pub use simulate::Simulation;
 pub use smoother::Smoothing;
 pub use viterbi::ViterbiPath;
@@ -84,6 +95,11 @@ impl LogSum {
             (value - sum) + self.sum
         };
         self.sum = sum;
+    }
+
+    /// The same with nothing that is not looked at: a NaN is what was lost of infinity.
+    fn known(self) -> Self {
+        if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
     fn value(self) -> f64 {

@@ -37,4 +37,6 @@ mod sensors;
 mod simulation;
 mod single;
 mod small;
+mod snapshots;
+mod streams;
 mod wide_range;
