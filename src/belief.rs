@@ -156,13 +156,26 @@ impl<S: AsRef<[f64]>> Belief<S> {
     /// The most probable state; of several, the lowest. O(n).
     #[must_use]
     pub fn mode(&self) -> usize {
+        self.peak().0
+    }
+
+    /// The [mode](Self::mode) and its probability. O(n).
+    ///
+    /// ```
+    /// let belief = wayfix::Belief::new(vec![0.1, 0.6, 0.3])?;
+    /// let (place, probability) = belief.peak();
+    /// assert_eq!((place, probability), (1, 0.6));
+    /// # Ok::<(), wayfix::BeliefError>(())
+    /// ```
+    #[must_use]
+    pub fn peak(&self) -> (usize, f64) {
         let mut best = (0, f64::NEG_INFINITY);
         for (i, &p) in self.values().iter().enumerate() {
             if p > best.1 {
                 best = (i, p);
             }
         }
-        best.0
+        best
     }
 
     /// The Shannon entropy −Σ p ln p, in nats: 0 when certain, ln n when

@@ -33,6 +33,13 @@ pub enum GroupError {
         /// The states, or groups, that there are.
         expected: usize,
     },
+    /// A slice for results that has not a place for each group.
+    Output {
+        /// Its length.
+        found: usize,
+        /// The groups that there are.
+        expected: usize,
+    },
 }
 
 impl fmt::Display for GroupError {
@@ -49,6 +56,9 @@ impl fmt::Display for GroupError {
             ),
             Self::Belief { found, expected } => {
                 write!(f, "the belief has {found} states, expected {expected}")
+            }
+            Self::Output { found, expected } => {
+                write!(f, "there is room for {found} groups, expected {expected}")
             }
         }
     }
@@ -184,13 +194,47 @@ impl Groups {
     ///
     /// [`GroupError::Belief`] if the belief is not over these states.
     pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, GroupError> {
+        let mut sums = vec![0.0; self.count()];
+        self.marginal_into(belief, &mut sums)?;
+        Ok(Belief::known(sums))
+    }
+
+    /// The same into a slice with a place for each group, which allocates nothing:
+    /// for each step of a stream. O(n).
+    ///
+    /// ```
+    /// use wayfix::likelihood::Groups;
+    /// use wayfix::Belief;
+    ///
+    /// let districts = Groups::new(vec![0, 0, 1])?;
+    /// let belief = Belief::new(vec![0.25, 0.5, 0.25])?;
+    /// let mut probabilities = [0.0; 2];
+    /// districts.marginal_into(&belief, &mut probabilities)?;
+    /// assert_eq!(probabilities, [0.75, 0.25]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`GroupError::Belief`] if the belief is not over these states,
+    /// [`GroupError::Output`] if the slice is of another length. It then is as
+    /// before.
+    pub fn marginal_into<S: AsRef<[f64]>>(
+        &self,
+        belief: &Belief<S>,
+        out: &mut [f64],
+    ) -> Result<(), GroupError> {
         let (found, expected) = (belief.states(), self.of.len());
         if found != expected {
             return Err(GroupError::Belief { found, expected });
         }
-        let mut sums = vec![0.0; self.count()];
-        self.add_up(belief.values(), &mut sums);
-        Ok(Belief::known(sums))
+        let (found, expected) = (out.len(), self.count());
+        if found != expected {
+            return Err(GroupError::Output { found, expected });
+        }
+        out.fill(0.0);
+        self.add_up(belief.values(), out);
+        Ok(())
     }
 
     /// `sums[group] += Σ` of the values of its states, in the order of the states.

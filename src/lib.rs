@@ -41,6 +41,9 @@
 //! | [`Hmm::pruned_filter`] | [`PrunedFilter`]: the filter for millions of states, within a bound that it proves |
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the most probable path, as far as it is final |
 //!
+//! A stream is plain data: `snapshot` and `restore` copy it,
+//! [`to_bytes`](inference::FilterSnapshot::to_bytes) and `from_bytes` store it, to the bit.
+//!
 //! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):
 //!

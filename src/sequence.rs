@@ -128,6 +128,18 @@ impl<'a, U, T> Controlled<'a, U, T> {
         }
         Ok(Self { controls, observations })
     }
+
+    /// The controls, as many as observations.
+    #[must_use]
+    pub fn controls(&self) -> &'a [U] {
+        self.controls
+    }
+
+    /// The observations.
+    #[must_use]
+    pub fn observations(&self) -> &'a [T] {
+        self.observations
+    }
 }
 
 impl<U, T> Clone for Controlled<'_, U, T> {

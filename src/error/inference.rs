@@ -9,7 +9,7 @@ use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 ///
 /// Steps are counted from 1: step k is about observation `y_k`, which is
 /// `ys[k - 1]` of a batch.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum InferenceError {
     /// The model rules the observation out: its probability given all before
@@ -165,7 +165,7 @@ impl Error for InferenceError {
 }
 
 /// Which of many sequences failed, and why.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SequenceError {
     /// Its index, from 0.
     pub sequence: usize,

@@ -6,11 +6,14 @@
 //! chain says nothing twice. States and symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 mod inference;
+mod snapshot;
 
 pub use inference::{InferenceError, LearnError, SequenceError};
+pub use snapshot::SnapshotError;
 
 use std::error::Error;
 use std::fmt;
+use std::sync::Arc;
 
 /// Why a vector is not a probability distribution over states.
 #[derive(Debug, Clone, PartialEq)]
@@ -234,7 +237,7 @@ impl fmt::Display for TransitionError {
 impl Error for TransitionError {}
 
 /// Why an observation gives no likelihood.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum LikelihoodError {
     /// A likelihood (or log-likelihood) is not a valid one.
@@ -290,7 +293,7 @@ pub enum LikelihoodError {
         states: usize,
     },
     /// A sensor of your own has failed.
-    Sensor(Box<dyn Error + Send + Sync>),
+    Sensor(Arc<dyn Error + Send + Sync>),
 }
 
 impl fmt::Display for LikelihoodError {

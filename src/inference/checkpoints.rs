@@ -8,7 +8,7 @@
 use super::backward::Backward;
 use super::block::Block;
 use super::filter::Filter;
-use super::filter_state::FilterSnapshot;
+use super::filter_snapshot::FilterSnapshot;
 use super::pairs::Pairs;
 use super::posteriors::Rows;
 use super::step::Step;

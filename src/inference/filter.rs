@@ -4,7 +4,7 @@ use std::mem;
 use std::ops::Deref;
 
 use super::LogSum;
-use super::filter_state::{FilterSnapshot, MOST_STEPS};
+use super::filter_snapshot::{FilterSnapshot, next_step};
 use super::held::{Advanced, Form, Held, Lifted, Results};
 use super::step::{Step, Workspace, loses, normalize_logs};
 use crate::belief::{Belief, BeliefView};
@@ -130,19 +130,13 @@ where
         Ok(self.step_in_full(control, observation)?.log)
     }
 
-    /// The number of the next step.
-    fn next_step(&self) -> Result<usize, InferenceError> {
-        let steps = self.steps;
-        if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
-    }
-
     /// A step, with all that it gives.
     pub(super) fn step_in_full(
         &mut self,
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<Advanced, InferenceError> {
-        let number = self.next_step()?;
+        let number = next_step(self.steps)?;
         let control = self.model.prior().moves_at(number).then_some(control);
         self.advance(number, control, observation)
     }
@@ -157,7 +151,7 @@ where
     /// [`InferenceError`] if the control is not valid, or if it is evidence that is
     /// [impossible](InferenceError::ImpossibleMove).
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
-        let number = self.next_step()?;
+        let number = next_step(self.steps)?;
         let control = self.model.prior().moves_at(number).then_some(control);
         let Self { model, belief, logs, lifted, predicted, .. } = self;
         let Self { after, after_lifted, after_logs, work, .. } = self;

@@ -6,7 +6,8 @@ use std::ops::Deref;
 
 use super::backward::Backward;
 use super::filter::Filter;
-use super::filter_state::FilterSnapshot;
+use super::filter_snapshot::FilterSnapshot;
+use super::fixed_lag_snapshot::FixedLagSnapshot;
 use super::step::Step;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
@@ -21,7 +22,8 @@ use crate::transition::{NoControl, Transition};
 /// smoother does, and gives, but for rounding, what [`Hmm::smooth`] would of the
 /// observations so far. A step costs one product for the filter and two for
 /// each step of the window, O(L) products in all; memory is 2 n (L + 1) numbers.
-/// After an error it is as it was before the call.
+/// Once the window is full, nothing is allocated. After an error it is as it was
+/// before the call.
 ///
 /// `M` is how the model is held, as for [`Filter`].
 ///
@@ -46,25 +48,14 @@ use crate::transition::{NoControl, Transition};
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
     lag: usize,
-    /// What the filter knew before each of the last L steps, oldest first, and
+    /// What the filter knew before each of the last L moves, oldest first, and
     /// what drove the step.
     past: VecDeque<(FilterSnapshot, U)>,
-    /// γ of the present step, of the one before, and so on.
+    /// γ of the present step, of the one before, and so on; then memory for more.
     window: Vec<Vec<f64>>,
     backward: Backward,
-    /// Memory of a state that has left the window.
-    spare: Option<FilterSnapshot>,
-}
-
-/// All that a fixed-lag smoother knows: plain data, to be kept, compared, sent
-/// elsewhere, and restored.
-///
-/// Made by [`FixedLag::snapshot`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct FixedLagSnapshot<U> {
-    pub(crate) lag: usize,
-    pub(crate) present: FilterSnapshot,
-    pub(crate) past: Vec<(FilterSnapshot, U)>,
+    /// Memory of states that have left the window.
+    spare: Vec<FilterSnapshot>,
 }
 
 impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
@@ -88,7 +79,7 @@ where
         let backward = Backward::new(model.states());
         let window = vec![model.prior().belief().as_slice().to_vec()];
         let (filter, past) = (Filter::new(model), VecDeque::new());
-        Self { filter, lag, past, window, backward, spare: None }
+        Self { filter, lag, past, window, backward, spare: Vec::new() }
     }
 
     /// One time step under a control, which drives the transition that leads
@@ -103,7 +94,7 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<f64, InferenceError> {
-        self.advance(control, |filter| filter.step_with(control, observation))
+        self.advance(Some(control), |filter| filter.step_with(control, observation))
     }
 
     /// One time step without an observation.
@@ -112,23 +103,61 @@ where
     ///
     /// As [`Filter::predict_with`].
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
-        self.advance(control, |filter| filter.predict_with(control))
+        self.advance(Some(control), |filter| filter.predict_with(control))
     }
 
-    /// p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or 0 until
-    /// there are more steps. It will not be revised.
+    /// Update with an observation alone: no time passes. For a further sensor at
+    /// the same step, or after [`predict_with`](Self::predict_with). All steps of
+    /// the window take it into account, as if it had come with the last
+    /// observation. Returns the logarithm of its probability given all before.
+    ///
+    /// Before any step it is as [`Filter::update`] says. Costs as a step, but for
+    /// the product of the prediction.
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::step_with`].
+    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
+        self.advance(None, |filter| filter.update(observation))
+    }
+
+    /// Puts another belief in place of the present one, as when a vehicle is
+    /// told where it is, or lost. Steps and log-likelihood stay.
+    ///
+    /// A new stretch begins: the window has the present step alone, and grows from
+    /// here. The steps before are gone, since what is seen from now on
+    /// says nothing of them.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if it has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+        self.filter.relocate(belief)?;
+        self.begin();
+        Ok(())
+    }
+
+    /// p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or the first
+    /// step of the stretch (0, unless there was a [relocation](Self::relocate))
+    /// until there are more steps. No later step will revise it.
     #[must_use]
     pub fn lagged(&self) -> BeliefView<'_> {
-        Belief::view(&self.window[self.window.len() - 1])
+        Belief::view(&self.window[self.past.len()])
     }
 
-    /// p(X_j | y_1 … y_k) for a step j of the window, k − L to k (from 0 on);
-    /// `None` outside. After the last observation these are the rest of the
-    /// smoothed drive.
+    /// p(X_j | y_1 … y_k) for a step j of the window, k − L to k (from the first
+    /// step of the stretch on); `None` outside. After the last observation these
+    /// are the rest of the smoothed drive.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) X_0 is
+    /// the same state as X_1.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
-        let back = self.filter.steps().checked_sub(step)?;
-        self.window.get(back).map(|gamma| Belief::view(gamma))
+        let steps = self.filter.steps();
+        let back = steps.checked_sub(step).filter(|back| *back <= self.lag)?;
+        let same = step == 0 && steps > 0 && !self.filter.model().prior().moves_at(1);
+        let row = back - usize::from(same);
+        (row <= self.past.len()).then(|| Belief::view(&self.window[row]))
     }
 
     /// The filter inside: present belief, log-likelihood, steps, forecasts.
@@ -182,8 +211,12 @@ where
     /// Back to the prior, with no steps taken.
     pub fn restart(&mut self) {
         self.filter.restart();
-        self.past.clear();
-        self.window.truncate(1);
+        self.begin();
+    }
+
+    /// The window of a stretch that begins with the present belief.
+    fn begin(&mut self) {
+        self.spare.extend(self.past.drain(..).map(|(state, _)| state));
         self.window[0].copy_from_slice(self.filter.belief().as_slice());
     }
 
@@ -193,41 +226,52 @@ where
         self.smooth()
     }
 
+    /// A step under a control, or an update without one.
     fn advance<R>(
         &mut self,
-        control: &A::Control,
+        control: Option<&A::Control>,
         step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
     ) -> Result<R, InferenceError> {
-        let mut before = self.spare.take().unwrap_or_else(|| self.filter.snapshot());
+        let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
         self.filter.snapshot_to(&mut before);
-        match step(&mut self.filter) {
-            Ok(result) => {
-                self.past.push_back((before, control.clone()));
-                if let Err(error) = self.smooth() {
-                    // The operator breaks its contract: back to where it did not.
-                    if let Some((before, _)) = self.past.pop_back() {
-                        self.filter.restore(&before)?;
-                    }
-                    self.smooth()?;
-                    return Err(error);
-                }
-                if self.past.len() > self.lag {
-                    self.spare = self.past.pop_front().map(|oldest| oldest.0);
-                }
-                Ok(result)
-            }
+        let result = match step(&mut self.filter) {
+            Ok(result) => result,
             Err(error) => {
-                self.spare = Some(before);
-                Err(error)
+                self.spare.push(before);
+                return Err(error);
             }
+        };
+        let moves = self.filter.model().prior().moves_at(before.steps() + 1);
+        let unmoved = match control.filter(|_| moves) {
+            Some(control) => {
+                self.past.push_back((before, control.clone()));
+                None
+            }
+            None => Some(before),
+        };
+        if let Err(error) = self.smooth() {
+            // The operator breaks its contract: back to where it did not.
+            if let Some(before) = unmoved.or_else(|| self.past.pop_back().map(|last| last.0)) {
+                self.filter.restore(&before)?;
+                self.spare.push(before);
+            }
+            self.smooth()?;
+            return Err(error);
         }
+        self.spare.extend(unmoved);
+        if self.past.len() > self.lag {
+            self.spare.extend(self.past.pop_front().map(|oldest| oldest.0));
+        }
+        Ok(result)
     }
 
     /// From the filtered belief back through the window.
     fn smooth(&mut self) -> Result<(), InferenceError> {
         let Self { filter, lag, past, window, backward, .. } = self;
         let back = past.len().min(*lag);
-        window.resize_with(back + 1, || vec![0.0; filter.belief().states()]);
+        if window.len() <= back {
+            window.resize_with(back + 1, || vec![0.0; filter.belief().states()]);
+        }
         window[0].copy_from_slice(filter.belief().as_slice());
         for (row, (state, control)) in (1..=back).zip(past.iter().rev()) {
             let number = state.steps() + 1;

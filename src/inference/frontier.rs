@@ -42,7 +42,7 @@ impl Frontier {
         moves: Option<(&A, &A::Control)>,
         wanted: &[usize],
     ) {
-        let Self { places, reached, candidates } = self;
+        let Self { reached, candidates, .. } = self;
         candidates.iter().for_each(|&state| reached[state / 64] = 0);
         candidates.clear();
         let mut list = |state: usize| {
@@ -62,6 +62,26 @@ impl Frontier {
             }
             None => followed.iter().for_each(|&state| list(state)),
         }
+        self.add_wanted(wanted);
+    }
+
+    /// Lists the states for which that is said, in ascending order, and whatever else
+    /// is wanted.
+    pub(super) fn list_reached(&mut self, leads: impl Iterator<Item = bool>, wanted: &[usize]) {
+        let Self { reached, candidates, .. } = self;
+        candidates.iter().for_each(|&state| reached[state / 64] = 0);
+        candidates.clear();
+        for (state, _) in leads.enumerate().filter(|entry| entry.1) {
+            reached[state / 64] |= 1 << (state % 64);
+            candidates.push(state);
+        }
+        if !wanted.is_empty() {
+            self.add_wanted(wanted);
+        }
+    }
+
+    fn add_wanted(&mut self, wanted: &[usize]) {
+        let Self { places, reached, candidates } = self;
         let first = candidates.len();
         for &state in wanted.iter().filter(|&&state| state < places.len()) {
             let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));

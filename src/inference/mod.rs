@@ -23,13 +23,15 @@
 // One algorithm a file; `step` holds what they share: a prediction, a checked diagonal,
 // a normalizer.
 mod filter;
-mod filter_state;
+mod filter_snapshot;
 
 mod fixed_lag;
+mod fixed_lag_snapshot;
 
 mod pruned;
 
 mod online_viterbi;
+mod online_viterbi_snapshot;
 
 mod filtering;
 
@@ -57,6 +59,7 @@ mod many;
 mod backward;
 mod block;
 mod by_blocks;
+mod bytes;
 mod evidence;
 mod frontier;
 mod held;
@@ -66,21 +69,29 @@ mod scores;
 mod small;
 mod step;
 
-pub use crate::error::{LearnError, SequenceError};
+pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use baum_welch::{LearnedModel, LearningOptions, StopReason};
 pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
 pub use filter::Filter;
-pub use filter_state::FilterSnapshot;
-pub(crate) use filter_state::MOST_STEPS;
+pub use filter_snapshot::FilterSnapshot;
+pub(crate) use filter_snapshot::MOST_STEPS;
 pub use filtering::FilteredSequence;
-pub use fixed_lag::{FixedLag, FixedLagSnapshot};
+pub use fixed_lag::FixedLag;
+pub use fixed_lag_snapshot::FixedLagSnapshot;
 pub use labelled::LabelledSequence;
 pub use online_viterbi::OnlineViterbi;
+#[cfg(feature = "serde")]
+pub(crate) use online_viterbi_snapshot::Node;
+pub use online_viterbi_snapshot::OnlineViterbiSnapshot;
 pub use pairs::Pairs;
 pub use posteriors::Posteriors;
-pub use pruned::{Certificate, PrunedFilter, Pruning};
+#[cfg(feature = "serde")]
+pub(crate) use pruned::Envelope;
+pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
 pub use sampler::PathSampler;
+#[cfg(feature = "serde")]
+pub(crate) use scores::TakenOut;
 pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
 pub use viterbi::ViterbiPath;
@@ -103,6 +114,11 @@ impl LogSum {
             (value - sum) + self.sum
         };
         self.sum = sum;
+    }
+
+    /// The same with nothing that is not looked at: a NaN is what was lost of infinity.
+    fn known(self) -> Self {
+        if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
     fn value(self) -> f64 {

@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 use std::mem;
 use std::ops::Deref;
 
+use super::filter_snapshot::next_step;
+use super::online_viterbi_snapshot::{Node, OnlineViterbiSnapshot};
 use super::scores::{TakenOut, best};
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
@@ -66,6 +68,12 @@ struct Level {
     uses: Vec<u32>,
     /// How many nodes are used.
     alive: usize,
+}
+
+impl Level {
+    fn new(states: usize) -> Self {
+        Self { from: vec![0; states], uses: vec![0; states], alive: 0 }
+    }
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
@@ -156,6 +164,60 @@ where
         &self.model
     }
 
+    /// A copy of all that the decoder knows: of the paths that may still be the best
+    /// one, not of the states that it has committed. A decoder that is
+    /// [restored](Self::restore) from it goes on with identical bits.
+    #[must_use]
+    pub fn snapshot(&self) -> OnlineViterbiSnapshot {
+        let levels = self.levels.iter().enumerate().map(|(at, level)| {
+            let nodes = (0..).zip(level.uses.iter().zip(&level.from));
+            let alive = nodes.filter(|(_, (uses, _))| **uses > 0);
+            // (Those before the oldest undecided step have been committed.)
+            let node = |(state, (_, &from))| Node { state, from: if at == 0 { 0 } else { from } };
+            alive.map(node).collect()
+        });
+        OnlineViterbiSnapshot {
+            steps: self.steps,
+            scores: self.scores.clone(),
+            taken_out: self.taken_out.clone(),
+            levels: levels.collect(),
+        }
+    }
+
+    /// Goes back (or over) to a snapshot. Costs O(n) and n for each undecided step.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if it has another number of states.
+    pub fn restore(&mut self, snapshot: &OnlineViterbiSnapshot) -> Result<(), InferenceError> {
+        let (found, expected) = (snapshot.scores.len(), self.model.states());
+        if found != expected {
+            return Err(InferenceError::StateCount { what: "snapshot", found, expected });
+        }
+        self.steps = snapshot.steps;
+        self.taken_out = snapshot.taken_out.clone();
+        self.scores.copy_from_slice(&snapshot.scores);
+        self.committed.clear();
+        self.spare.extend(self.levels.drain(..));
+        for nodes in &snapshot.levels {
+            let mut level = self.spare.pop().unwrap_or_else(|| Level::new(expected));
+            level.from.fill(0);
+            level.uses.fill(0);
+            level.alive = nodes.len();
+            for &Node { state, from } in nodes {
+                level.from[state as usize] = from;
+                // At the end of the tree, a use stands for being possible.
+                level.uses[state as usize] = 1;
+            }
+            if let Some(before) = self.levels.back_mut() {
+                before.uses.fill(0);
+                nodes.iter().for_each(|node| before.uses[node.from as usize] += 1);
+            }
+            self.levels.push_back(level);
+        }
+        Ok(())
+    }
+
     /// Back to before the first step.
     pub fn restart(&mut self) {
         self.scores.fill(0.0);
@@ -168,8 +230,8 @@ where
         control: &A::Control,
         observation: Option<&B::Observation>,
     ) -> Result<&[usize], InferenceError> {
+        let number = next_step(self.steps)?;
         let Self { model, scores, next, from, work, taken_out, .. } = self;
-        let number = self.steps + 1;
         let control = model.prior().moves_at(number).then_some(control);
         let step = Step { hmm: &**model, number, control };
         let mut taken_out = taken_out.clone();
@@ -195,8 +257,7 @@ where
     /// uses.
     fn grow(&mut self) {
         let n = self.scores.len();
-        let fresh = || Level { from: vec![0; n], uses: vec![0; n], alive: 0 };
-        let mut level = self.spare.pop().unwrap_or_else(fresh);
+        let mut level = self.spare.pop().unwrap_or_else(|| Level::new(n));
         level.from.copy_from_slice(&self.from);
         let possible = self.scores.iter().map(|score| u32::from(*score > f64::NEG_INFINITY));
         level.uses.iter_mut().zip(possible).for_each(|(uses, possible)| *uses = possible);

@@ -73,10 +73,36 @@ impl Posteriors {
         Some(Belief::view(values))
     }
 
-    /// The distributions of steps 0 to T, in order: T + 1 of them. Beside
-    /// observations, skip the first.
+    /// The distributions of the steps with an observation, 1 to T, in order: T of
+    /// them, beside the observations and the [modes](Self::modes).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, LikelihoodVector::linear(2))?;
+    /// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
+    /// let posteriors = smoothing.posteriors();
+    /// assert_eq!((posteriors.iter().len(), posteriors.with_start().len()), (2, 3));
+    /// assert_eq!(posteriors.iter().next(), posteriors.get(1));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
-        self.as_slice().chunks_exact(self.states).map(Belief::view)
+        self.rows(1)
+    }
+
+    /// The distributions of steps 0 to T, in order: T + 1 of them, the first of
+    /// which is that of X_0.
+    pub fn with_start(
+        &self,
+    ) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
+        self.rows(0)
+    }
+
+    fn rows(
+        &self,
+        first: usize,
+    ) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
+        self.as_slice()[first * self.states..].chunks_exact(self.states).map(Belief::view)
     }
 
     /// The most probable state of each step with an observation, 1 to T, so
@@ -87,7 +113,7 @@ impl Posteriors {
     /// legal one. For that there is [`Hmm::viterbi`](crate::Hmm::viterbi).
     #[must_use]
     pub fn modes(&self) -> Vec<usize> {
-        self.iter().skip(1).map(|belief| belief.mode()).collect()
+        self.iter().map(|belief| belief.mode()).collect()
     }
 
     /// All numbers, step after step: state i of step k at k n + i.

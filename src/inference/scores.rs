@@ -17,11 +17,11 @@ use crate::transition::TransitionEntries;
 const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
 
 /// What was taken out of the scores.
-#[derive(Debug, Clone, Default)]
-pub(super) struct TakenOut {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct TakenOut {
     /// An integer, exactly.
-    pub(super) whole: f64,
-    pub(super) factors: LogSum,
+    pub(crate) whole: f64,
+    pub(crate) factors: LogSum,
 }
 
 impl TakenOut {

@@ -91,7 +91,7 @@ impl Speeds {
         let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
         for drive in seen.iter().filter(|drive| !drive.is_empty()) {
             let smoothing = hmm.smooth(drive)?;
-            for belief in smoothing.posteriors().iter().skip(1) {
+            for belief in smoothing.posteriors().iter() {
                 used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
             }
             for moved in hmm.expected_moves(drive)?.moves() {

@@ -1,6 +1,7 @@
 //! From distances between images to likelihoods of places.
 
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use super::ObservationError;
 use super::spread::{Spread, rank};
@@ -16,11 +17,16 @@ const LINEAR_RANGE: f64 = 600.0;
 
 /// Which references' average scores are taken off, in
 /// [`AppearanceLikelihood::with_offsets`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+///
+/// ```
+/// assert_eq!(wayfix::observation::Offsets::default(), wayfix::observation::Offsets::Hubs);
+/// ```
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Offsets {
     /// Those that look more like the queries than references do on average:
     /// they lose. The cautious choice, where the queries are of a part of the
     /// route, and references elsewhere only look unlike that part.
+    #[default]
     Hubs,
     /// All: those that look less like them gain, too.
     All,
@@ -337,5 +343,5 @@ impl Likelihood for AppearanceLikelihood {
 }
 
 fn sensor(error: ObservationError) -> LikelihoodError {
-    LikelihoodError::Sensor(Box::new(error))
+    LikelihoodError::Sensor(Arc::new(error))
 }

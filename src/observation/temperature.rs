@@ -234,7 +234,7 @@ impl Calibration {
 ///     let camera = AppearanceLikelihood::new(3)?.with_temperature(temperature)?;
 ///     let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(3)?), &motion, camera)?;
 ///     let smoothing = hmm.smooth(&rows)?;
-///     let beliefs = smoothing.posteriors().iter().skip(1); // the first is of step 0
+///     let beliefs = smoothing.posteriors().iter();
 ///     let scores = beliefs.zip([0, 1, 2]).map(|(belief, place)| belief.as_slice()[place].ln());
 ///     Ok::<_, Box<dyn std::error::Error>>(scores.collect())
 /// })?;

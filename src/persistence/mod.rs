@@ -5,8 +5,11 @@
 //! [`Fixed`](crate::Fixed); all transition operators but those with a
 //! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
 //! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
-//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
-//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot); and what a recogniser has learned,
+//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot),
+//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot),
+//! [`PrunedFilterSnapshot`](crate::inference::PrunedFilterSnapshot) and
+//! [`OnlineViterbiSnapshot`](crate::inference::OnlineViterbiSnapshot) (which also have a smaller form,
+//! without this feature: [`to_bytes`](crate::inference::FilterSnapshot::to_bytes)); and what a recogniser has learned,
 //! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
 //! [`TrackSnapshot`](crate::recognition::TrackSnapshot).
 //!
@@ -88,6 +91,8 @@
 //! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
+//! | `PrunedFilterSnapshot` | `states` of the model, `steps`; `tolerance`, or null for ∞; `most_active`, or null for any number; the states that are `active`, and for each its `estimate`, `lower` bound and the `excess` above that (null for ∞); `others`, the bounds on another state and on all of these; `bound`; `log_likelihood` and `log_excess`, as sum and remainder; `log_lost`, whether nothing is known of it; `share`, the part of the tolerance that a step may drop |
+//! | `OnlineViterbiSnapshot` | `steps`; `scores` (null for −∞); what was `taken_out` of them, a whole number, a sum and its remainder; `undecided`, for each such step pairs of a state and the one before |
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |

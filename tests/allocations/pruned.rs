@@ -20,10 +20,15 @@ fn a_pruned_step_allocates_nothing_after_the_first_ones() {
             filter.step(y).unwrap();
         }
         filter.predict().unwrap();
+        for y in &drive.observations()[..10] {
+            let _ = filter.update(y);
+        }
         filter.restart();
     };
     run(&mut filter);
     run(&mut filter);
+    let snapshot = filter.snapshot();
+    assert_eq!(allocations(|| filter.restore(&snapshot).unwrap()), 0, "restore");
     assert_eq!(allocations(|| run(&mut filter)), 0, "on the map");
 
     let n = 5000;

@@ -40,6 +40,21 @@ fn a_step_allocates_nothing() {
         }
     });
     assert_eq!(found, 0, "fixed lag, once the window is full");
+    let found = allocations(|| {
+        let elsewhere = plain.prior().belief();
+        for y in &drive.observations()[1000..1100] {
+            smoother.step(y).unwrap();
+            smoother.update(y).unwrap();
+        }
+        smoother.relocate(elsewhere).unwrap();
+        for y in &drive.observations()[1100..1200] {
+            // (Where it has been put may not go with what is seen.)
+            if smoother.step(y).is_err() {
+                smoother.relocate(elsewhere).unwrap();
+            }
+        }
+    });
+    assert_eq!(found, 0, "updates and relocations");
     // A level of the tree is two vectors, and levels are used again.
     let mut most = [0, 0];
     let mut other = plain.online_viterbi();

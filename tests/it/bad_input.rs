@@ -284,7 +284,9 @@ fn the_text_ends_with_the_cause_and_the_source_is_what_is_behind_it() {
             (): &'a (),
             _: &'a mut Scratch,
         ) -> Result<Diagonal<'a>, LikelihoodError> {
-            Err(LikelihoodError::Sensor(Box::new(Camera(std::io::Error::other("cable")))))
+            Err(LikelihoodError::Sensor(std::sync::Arc::new(Camera(std::io::Error::other(
+                "cable",
+            )))))
         }
     }
 

@@ -29,7 +29,7 @@ proptest! {
         }
         if let Ok(smoothing) = hmm.smooth(&model) {
             let filtering = hmm.forward(&model).unwrap();
-            for belief in filtering.posteriors().iter().chain(smoothing.posteriors().iter()) {
+            for belief in filtering.posteriors().with_start().chain(smoothing.posteriors().with_start()) {
                 is_distribution(belief.as_slice())?;
             }
         }

@@ -38,5 +38,7 @@ mod sensors;
 mod simulation;
 mod single;
 mod small;
+mod snapshots;
 mod steps_in_logs;
+mod streams;
 mod wide_range;

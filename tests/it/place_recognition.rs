@@ -117,7 +117,7 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
         }
         let smoothing = hmm.smooth(&rows).unwrap();
         let smoothed: Vec<f64> =
-            smoothing.posteriors().iter().skip(1).map(|belief| belief.as_slice()[off]).collect();
+            smoothing.posteriors().iter().map(|belief| belief.as_slice()[off]).collect();
         let path = hmm.viterbi(&rows).unwrap();
         let decoded: Vec<f64> =
             path.states().iter().map(|state| f64::from(u8::from(*state == off))).collect();

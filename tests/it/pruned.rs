@@ -5,15 +5,15 @@ use std::sync::Arc;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::inference::{Certificate, Pruning};
+use wayfix::inference::{Certificate, PrunedFilterSnapshot, Pruning};
 use wayfix::likelihood::{LocalLikelihood, SparseObservation};
 use wayfix::{
     Belief, Fixed, FusedLikelihood, Hmm, InferenceError, Likelihood, LikelihoodVector,
     OptionalLikelihood, Prior, PrunedFilter, Scratch, SparseLikelihood, SparseTransition,
-    TableLikelihood, canberra,
+    TableLikelihood, TransitionEntries, canberra,
 };
 
-use crate::kit::{cases_of, prior, rng, weighted};
+use crate::kit::{Own, cases_of, matrix, prior, rng, weighted};
 
 /// A model of a few states, and what is seen of it: an optional symbol, and a list.
 #[derive(Debug, Clone)]
@@ -42,9 +42,18 @@ impl Case {
             column.iter().enumerate().map(move |(to, p)| (to, from, *p))
         });
         let motion = SparseTransition::from_triplets(self.states, entries).unwrap();
+        Hmm::new(self.prior(), motion, self.sensor()).unwrap()
+    }
+
+    fn sensor(&self) -> Sensor {
         let camera = OptionalLikelihood::new(TableLikelihood::from_rows(&self.table).unwrap());
-        let sensor = FusedLikelihood::new(camera, SparseLikelihood::new(self.states)).unwrap();
-        Hmm::new(self.prior(), motion, sensor).unwrap()
+        FusedLikelihood::new(camera, SparseLikelihood::new(self.states)).unwrap()
+    }
+
+    /// The same with an operator of which there is no matrix.
+    fn by_lists(&self) -> Hmm<Own, Sensor> {
+        let own = Own(matrix(self.states, |to, from| self.columns[from][to]));
+        Hmm::new(self.prior(), own, self.sensor()).unwrap()
     }
 
     fn prunes(&self) -> bool {
@@ -113,7 +122,7 @@ fn instances() -> impl Strategy<Value = Case> {
 fn distance<M, A, B>(pruned: &PrunedFilter<M>, exact: &[f64]) -> f64
 where
     M: std::ops::Deref<Target = Hmm<A, B>>,
-    A: wayfix::TransitionEntries<Control = ()>,
+    A: TransitionEntries<Control = ()>,
     B: LocalLikelihood,
 {
     let difference = |(i, p): (usize, &f64)| (p - pruned.probability(i).unwrap()).abs();
@@ -125,82 +134,277 @@ proptest! {
 
     #[test]
     fn the_bound_holds_at_each_step(case in instances()) {
-        let hmm = case.hmm();
-        let mut pruned = hmm.pruned_filter(case.pruning);
-        let exact = case.exact();
-        for (k, seen) in case.seen.iter().enumerate() {
-            let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
-            let step = pruned.step(seen);
-            let Some((belief, log)) = exact.get(k) else {
-                // What is impossible is never taken for possible.
-                let impossible = InferenceError::Impossible { step: k + 1 }.to_string();
-                let dropped = InferenceError::Pruned { step: k + 1 }.to_string();
-                let error = step.unwrap_err().to_string();
-                prop_assert!(error == impossible || error == dropped, "{}", error);
-                prop_assert!(case.prunes() || error == impossible);
-                break;
-            };
-            match step {
-                Ok(certificate) => {
-                    let (found, bound) = (distance(&pruned, belief), certificate.bound());
-                    prop_assert!(found <= bound + 1e-14, "step {}: {found:e} > {bound:e}", k + 1);
-                    prop_assert!((0.0..=1.0).contains(&bound));
-                    prop_assert_eq!(certificate.holds(), bound <= case.pruning.tolerance);
-                    prop_assert_eq!(certificate, pruned.certificate());
-                    let range = pruned.log_likelihood();
-                    prop_assert!(
-                        range.start() - 1e-10 <= *log && *log <= range.end() + 1e-10,
-                        "step {}: {log} in {range:?}", k + 1
-                    );
-                    let sum: f64 = pruned.probabilities().iter().sum();
-                    prop_assert!((sum - 1.0).abs() < 1e-14);
-                    prop_assert!(pruned.active().is_sorted_by(|a, b| a < b));
-                    prop_assert!(pruned.active().len() <= case.pruning.most_active);
-                    prop_assert_eq!(pruned.steps(), k + 1);
-                }
-                Err(error) => {
-                    // The observation is possible, so this must not be denied.
-                    let expected = InferenceError::Pruned { step: k + 1 }.to_string();
-                    prop_assert_eq!(error.to_string(), expected);
-                    prop_assert!(case.prunes());
-                    prop_assert_eq!(pruned.active(), before.0);
-                    prop_assert_eq!(pruned.probabilities(), before.1);
-                    prop_assert_eq!(pruned.steps(), k);
-                    break;
-                }
-            }
-        }
+        check_bound(&case, &case.hmm())?;
+    }
+
+    /// The same by lists alone, also from many states.
+    #[test]
+    fn the_bound_holds_at_each_step_by_lists(case in instances()) {
+        check_bound(&case, &case.by_lists())?;
     }
 
     #[test]
     fn without_tolerance_it_is_the_exact_filter(case in instances()) {
-        let hmm = case.hmm();
-        let mut exact = hmm.filter();
-        let mut pruned = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
-        for seen in &case.seen {
-            match exact.step(seen) {
-                Ok(_) => {
-                    let bound = pruned.step(seen).unwrap().bound();
-                    // It counts roundings, which unlikely observations magnify.
-                    prop_assert!(bound < 1e-6, "{bound:e}");
-                    for (i, p) in exact.belief().as_slice().iter().enumerate() {
-                        let found = pruned.probability(i).unwrap();
-                        prop_assert!((found - p).abs() <= 1e-12 * p, "{i}: {found:e}, {p:e}");
-                    }
-                    let range = pruned.log_likelihood();
-                    let log = exact.log_likelihood();
-                    prop_assert!((range.start() - log).abs() <= 1e-11 * (1.0 + log.abs()));
-                    prop_assert!((range.end() - log).abs() <= 1e-11 * (1.0 + log.abs()));
-                    let largest = exact.belief().as_slice().iter().copied().fold(0.0, f64::max);
-                    prop_assert!(pruned.probability(pruned.mode()).unwrap() >= largest * (1.0 - 1e-12));
-                }
-                Err(error) => {
-                    let found = pruned.step(seen).unwrap_err();
-                    prop_assert_eq!(found.to_string(), error.to_string());
-                }
+        check_exact(&case, &case.hmm())?;
+    }
+
+    #[test]
+    fn without_tolerance_it_is_the_exact_filter_by_lists(case in instances()) {
+        check_exact(&case, &case.by_lists())?;
+    }
+
+    /// Steps, predictions and updates in any order, with a restart from bytes at one.
+    #[test]
+    fn the_bound_holds_after_each_verb(
+        case in instances(),
+        verbs in vec(0..4_u8, 25),
+        stop in 0..25_usize,
+    ) {
+        check_verbs(&case, &case.hmm(), &verbs, stop)?;
+        check_verbs(&case, &case.by_lists(), &verbs, stop)?;
+    }
+}
+
+type Model<A> = Hmm<A, Sensor>;
+
+fn check_bound<A>(case: &Case, hmm: &Model<A>) -> Result<(), TestCaseError>
+where
+    A: TransitionEntries<Control = ()>,
+{
+    let mut pruned = hmm.pruned_filter(case.pruning);
+    let exact = case.exact();
+    for (k, seen) in case.seen.iter().enumerate() {
+        let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
+        let step = pruned.step(seen);
+        let Some((belief, log)) = exact.get(k) else {
+            // What is impossible is never taken for possible.
+            let impossible = InferenceError::Impossible { step: k + 1 }.to_string();
+            let dropped = InferenceError::Pruned { step: k + 1 }.to_string();
+            let error = step.unwrap_err().to_string();
+            prop_assert!(error == impossible || error == dropped, "{}", error);
+            prop_assert!(case.prunes() || error == impossible);
+            break;
+        };
+        match step {
+            Ok(certificate) => {
+                let (found, bound) = (distance(&pruned, belief), certificate.bound());
+                prop_assert!(found <= bound + 1e-14, "step {}: {found:e} > {bound:e}", k + 1);
+                prop_assert!((0.0..=1.0).contains(&bound));
+                prop_assert_eq!(certificate.holds(), bound <= case.pruning.tolerance);
+                prop_assert_eq!(certificate, pruned.certificate());
+                let range = pruned.log_likelihood();
+                prop_assert!(
+                    range.start() - 1e-10 <= *log && *log <= range.end() + 1e-10,
+                    "step {}: {log} in {range:?}",
+                    k + 1
+                );
+                let sum: f64 = pruned.probabilities().iter().sum();
+                prop_assert!((sum - 1.0).abs() < 1e-14);
+                prop_assert!(pruned.active().is_sorted_by(|a, b| a < b));
+                prop_assert!(pruned.active().len() <= case.pruning.most_active);
+                prop_assert_eq!(pruned.steps(), k + 1);
+            }
+            Err(error) => {
+                // The observation is possible, so this must not be denied.
+                let expected = InferenceError::Pruned { step: k + 1 }.to_string();
+                prop_assert_eq!(error.to_string(), expected);
+                prop_assert!(case.prunes());
+                prop_assert_eq!(pruned.active(), before.0);
+                prop_assert_eq!(pruned.probabilities(), before.1);
+                prop_assert_eq!(pruned.steps(), k);
+                break;
             }
         }
     }
+    Ok(())
+}
+
+fn check_exact<A>(case: &Case, hmm: &Model<A>) -> Result<(), TestCaseError>
+where
+    A: TransitionEntries<Control = ()>,
+{
+    let mut exact = hmm.filter();
+    let mut pruned = hmm.pruned_filter(Pruning { tolerance: 0.0, ..Pruning::default() });
+    for seen in &case.seen {
+        match exact.step(seen) {
+            Ok(_) => {
+                let bound = pruned.step(seen).unwrap().bound();
+                // It counts roundings, which unlikely observations magnify.
+                prop_assert!(bound < 1e-6, "{bound:e}");
+                for (i, p) in exact.belief().as_slice().iter().enumerate() {
+                    let found = pruned.probability(i).unwrap();
+                    prop_assert!((found - p).abs() <= 1e-12 * p, "{i}: {found:e}, {p:e}");
+                }
+                let range = pruned.log_likelihood();
+                let log = exact.log_likelihood();
+                prop_assert!((range.start() - log).abs() <= 1e-11 * (1.0 + log.abs()));
+                prop_assert!((range.end() - log).abs() <= 1e-11 * (1.0 + log.abs()));
+                let largest = exact.belief().as_slice().iter().copied().fold(0.0, f64::max);
+                prop_assert!(pruned.probability(pruned.mode()).unwrap() >= largest * (1.0 - 1e-12));
+            }
+            Err(error) => {
+                let found = pruned.step(seen).unwrap_err();
+                prop_assert_eq!(found.to_string(), error.to_string());
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_verbs<A>(
+    case: &Case,
+    hmm: &Model<A>,
+    verbs: &[u8],
+    stop: usize,
+) -> Result<(), TestCaseError>
+where
+    A: TransitionEntries<Control = ()>,
+{
+    let (mut exact, mut pruned) = (hmm.filter(), hmm.pruned_filter(case.pruning));
+    for (k, (seen, verb)) in case.seen.iter().zip(verbs).enumerate() {
+        let before = pruned.snapshot();
+        let (expected, found) = match verb {
+            0 => (exact.predict(), pruned.predict()),
+            1 | 2 => (exact.update(seen).map(|_| ()), pruned.update(seen)),
+            _ => (exact.step(seen).map(|_| ()), pruned.step(seen)),
+        };
+        prop_assert!(expected.is_ok() || found.is_err());
+        let certificate = match found {
+            Ok(certificate) => certificate,
+            Err(error) => {
+                // (Of the possible, only that is said which may have been dropped.)
+                let dropped = matches!(error, InferenceError::Pruned { .. });
+                prop_assert!(dropped || expected.is_err(), "{}", error);
+                prop_assert_eq!(pruned.snapshot(), before);
+                break;
+            }
+        };
+        let (belief, bound) = (exact.belief(), certificate.bound());
+        let distance = distance(&pruned, belief.as_slice());
+        prop_assert!(distance <= bound + 1e-14, "{k}, verb {verb}: {distance:e} > {bound:e}");
+        prop_assert_eq!(certificate, pruned.certificate());
+        prop_assert_eq!(pruned.steps(), exact.steps());
+        let (range, log) = (pruned.log_likelihood(), exact.log_likelihood());
+        prop_assert!(range.start() - 1e-10 <= log && log <= range.end() + 1e-10);
+        if k == stop {
+            let snapshot = pruned.snapshot();
+            prop_assert_eq!(snapshot.certificate(), certificate);
+            let state = PrunedFilterSnapshot::from_bytes(&snapshot.to_bytes()).unwrap();
+            prop_assert_eq!(&state, &snapshot);
+            // Into one that knows something else.
+            let mut other = hmm.pruned_filter(Pruning::default());
+            let _ = other.step(&case.seen[0]);
+            other.restore(&state).unwrap();
+            prop_assert_eq!(other.snapshot(), snapshot);
+            prop_assert_eq!(other.log_likelihood(), pruned.log_likelihood());
+            let _ = pruned.predict().and_then(|_| pruned.step(seen));
+            let _ = other.predict().and_then(|_| other.step(seen));
+            prop_assert_eq!(other.snapshot().to_bytes(), pruned.snapshot().to_bytes());
+            pruned.restore(&state).unwrap();
+            prop_assert_eq!(pruned.snapshot(), state);
+            for i in 0..case.states {
+                let at = pruned.active().iter().position(|active| *active == i);
+                let p = at.map_or(0.0, |at| pruned.probabilities()[at]);
+                prop_assert_eq!(pruned.probability(i), Some(p));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// From a wide belief, products with the whole matrix and lists say the same.
+#[test]
+fn a_wide_start_goes_over_to_lists() {
+    let n = 3000;
+    let motion = ring(n);
+    let rows: Vec<Vec<(usize, f64)>> = (0..n).map(|i| motion.incoming(&(), i).collect()).collect();
+    let prior = || Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+    let sensor = || LikelihoodVector::linear(n);
+    let whole = Hmm::new(prior(), motion, sensor()).unwrap();
+    let lists = Hmm::new(prior(), Listed(rows), sensor()).unwrap();
+    for most_active in [usize::MAX, 1500] {
+        let pruning = Pruning { most_active, ..Pruning::default() };
+        let mut exact = whole.filter();
+        let (mut one, mut other) = (whole.pruned_filter(pruning), lists.pruned_filter(pruning));
+        let mut counts = Vec::new();
+        for k in 0..40_usize {
+            // At first little is seen, then the place.
+            let sharp = 0.02 * (k as f64 - 3.0).max(0.0);
+            let like = |i: usize| {
+                let off = i.abs_diff(700 + k * 3 / 4) as f64;
+                (-sharp * off.min(60.0)).exp() * (1.0 + 0.1 * (i as f64).sin())
+            };
+            let y: Vec<f64> = (0..n).map(like).collect();
+            exact.step(&y[..]).unwrap();
+            let bounds = [one.step(&y[..]).unwrap(), other.step(&y[..]).unwrap()];
+            let belief = exact.belief().as_slice();
+            for (found, bound) in [distance(&one, belief), distance(&other, belief)]
+                .into_iter()
+                .zip(bounds.map(Certificate::bound))
+            {
+                assert!(found <= bound, "step {k}: {found:e} > {bound:e}");
+            }
+            let range = one.log_likelihood();
+            let log = exact.log_likelihood();
+            assert!(range.start() - 1e-9 <= log && log <= range.end() + 1e-9, "{range:?} {log}");
+            let [one_bound, other_bound] = bounds.map(Certificate::bound);
+            assert!((one_bound - other_bound).abs() <= 1e-3 * other_bound + 1e-12);
+            assert_eq!(one.active().len(), other.active().len());
+            counts.push(one.active().len());
+        }
+        let many = if most_active < n { most_active } else { n };
+        assert!(counts[0] == many && counts[39] < n / 5, "{counts:?}");
+        assert_eq!(one.certificate().holds(), most_active == usize::MAX);
+    }
+}
+
+/// Entries by row, with no matrix to be found in them.
+struct Listed(Vec<Vec<(usize, f64)>>);
+
+impl wayfix::Transition for Listed {
+    type Control = ();
+    fn states(&self) -> usize {
+        self.0.len()
+    }
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        for (out, row) in out.iter_mut().zip(&self.0) {
+            *out = row.iter().map(|(j, a)| a * x[*j]).sum();
+        }
+    }
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        for (x, row) in x.iter().zip(&self.0) {
+            row.iter().for_each(|(j, a)| out[*j] += a * x);
+        }
+    }
+}
+
+impl TransitionEntries for Listed {
+    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.0[to].iter().copied()
+    }
+    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
+        // (Of the ring: stay or go one on.)
+        let n = self.0.len();
+        let to = [from, (from + 1) % n];
+        to.into_iter().flat_map(move |i| {
+            self.0[i].iter().filter(move |entry| entry.0 == from).map(move |entry| (i, entry.1))
+        })
+    }
+}
+
+#[test]
+fn a_snapshot_of_another_model_is_refused() {
+    let models =
+        [4, 5].map(|n| Hmm::new(certain(n, 0), ring(n), SparseLikelihood::new(n)).unwrap());
+    let snapshot = models[0].pruned_filter(Pruning::default()).snapshot();
+    let mut other = models[1].pruned_filter(Pruning::default());
+    let before = other.snapshot();
+    assert_eq!(
+        other.restore(&snapshot).unwrap_err().to_string(),
+        "the snapshot has 4 states, expected 5 as the model"
+    );
+    assert_eq!(other.snapshot(), before);
 }
 
 /// A loop of places: stay or go one on.

@@ -144,7 +144,7 @@ fn parts(draw: &mut Draw<'_>, n: usize, belief: Belief, counts: &mut Counts) {
             for ys in [vec![0], vec![0, 1, 2], vec![2; 12]] {
                 let smoothing = hmm.smooth(&ys);
                 assert_eq!(smoothing.is_ok(), hmm.viterbi(&ys).is_ok());
-                for belief in smoothing.iter().flat_map(|s| s.posteriors().iter()) {
+                for belief in smoothing.iter().flat_map(|s| s.posteriors().with_start()) {
                     assert!((belief.as_slice().iter().sum::<f64>() - 1.0).abs() < 1e-9);
                 }
             }

@@ -18,6 +18,18 @@ pub(super) struct Predicted {
     terms: usize,
 }
 
+/// The sums over the ways into a state; lifted, but for the last.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sums {
+    pub(super) estimate: f64,
+    pub(super) lower: f64,
+    pub(super) excess: f64,
+    /// The entries out of states that are not followed.
+    pub(super) beyond: f64,
+    /// How many ways there are at most.
+    pub(super) terms: usize,
+}
+
 /// The sums of a step before it is scaled.
 pub(super) struct Raw {
     /// Σ of the estimates, lifted.
@@ -38,6 +50,17 @@ impl Envelope {
         moves: Option<&Moves<'_, A>>,
         frontier: &Frontier,
     ) -> Predicted {
+        self.predict_by(before, moves, frontier, |i| before.sums(i, moves, frontier))
+    }
+
+    /// The same by sums that are had otherwise.
+    pub(super) fn predict_by<A: TransitionEntries>(
+        &mut self,
+        before: &Self,
+        moves: Option<&Moves<'_, A>>,
+        frontier: &Frontier,
+        mut sums: impl FnMut(usize) -> Sums,
+    ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
         // What comes to a state from outside only.
@@ -55,30 +78,7 @@ impl Envelope {
                 self.push(i, 0.0, 0.0, self.elsewhere);
                 continue;
             }
-            let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
-            let (mut beyond, mut terms) = (0.0, 0);
-            let mut add = |j: usize, a: f64, off: f64| {
-                terms += 1;
-                if let Some(at) = frontier.place(j) {
-                    estimate += a * (before.estimate[at] * LIFT);
-                    let least = before.lower[at] * LIFT;
-                    lower += a * (1.0 - off) * least;
-                    excess += a * (1.0 + off) * (before.excess[at] * LIFT);
-                    if off > 0.0 {
-                        // (What is beyond doubles is 0, but for so much.)
-                        let tiny = 2.0 * f64::MIN_POSITIVE;
-                        excess += 2.0 * off * (a * least) * ROUNDED_UP;
-                        excess += tiny * (least + before.excess[at] * LIFT);
-                    }
-                } else {
-                    let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
-                    beyond += a * (1.0 + off) + most;
-                }
-            };
-            match moves {
-                Some(moves) => moves.incoming(i, add),
-                None => add(i, 1.0, 0.0),
-            }
+            let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / LIFT;
             excess += times(beyond, before.elsewhere * LIFT);
@@ -88,6 +88,41 @@ impl Envelope {
             self.push(i, estimate, lower, excess);
         }
         predicted
+    }
+
+    /// The sums over the ways into a state, entry by entry.
+    #[inline]
+    fn sums<A: TransitionEntries>(
+        &self,
+        i: usize,
+        moves: Option<&Moves<'_, A>>,
+        frontier: &Frontier,
+    ) -> Sums {
+        let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
+        let (mut beyond, mut terms) = (0.0, 0);
+        let mut add = |j: usize, a: f64, off: f64| {
+            terms += 1;
+            if let Some(at) = frontier.place(j) {
+                estimate += a * (self.estimate[at] * LIFT);
+                let least = self.lower[at] * LIFT;
+                lower += a * (1.0 - off) * least;
+                excess += a * (1.0 + off) * (self.excess[at] * LIFT);
+                if off > 0.0 {
+                    // (What is beyond doubles is 0, but for so much.)
+                    let tiny = 2.0 * f64::MIN_POSITIVE;
+                    excess += 2.0 * off * (a * least) * ROUNDED_UP;
+                    excess += tiny * (least + self.excess[at] * LIFT);
+                }
+            } else {
+                let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };
+                beyond += a * (1.0 + off) + most;
+            }
+        };
+        match moves {
+            Some(moves) => moves.incoming(i, add),
+            None => add(i, 1.0, 0.0),
+        }
+        Sums { estimate, lower, excess, beyond, terms }
     }
 
     /// Takes the likelihoods of the candidates, and drops what they rule out.

@@ -40,6 +40,10 @@ pub enum Certificate {
 }
 
 impl Certificate {
+    pub(super) fn of(bound: f64, pruning: Pruning) -> Self {
+        if bound <= pruning.tolerance { Self::Held(bound) } else { Self::Exceeded(bound) }
+    }
+
     /// The bound, from 0 to 1.
     #[must_use]
     pub fn bound(self) -> f64 {

@@ -21,20 +21,29 @@ const IDLE: f64 = 256.0;
 ///            s α(i) ≤ elsewhere                for every other state,
 ///          Σ s α(i) ≤ outside                  over all of these
 /// ```
-#[derive(Debug, Clone, Default)]
-pub(super) struct Envelope {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Envelope {
     /// In ascending order.
-    pub(super) states: Vec<usize>,
+    pub(crate) states: Vec<usize>,
     /// Sums to one.
-    pub(super) estimate: Vec<f64>,
+    pub(crate) estimate: Vec<f64>,
     /// Sums to one, unless nothing is known.
-    pub(super) lower: Vec<f64>,
-    pub(super) excess: Vec<f64>,
-    pub(super) elsewhere: f64,
-    pub(super) outside: f64,
+    pub(crate) lower: Vec<f64>,
+    pub(crate) excess: Vec<f64>,
+    pub(crate) elsewhere: f64,
+    pub(crate) outside: f64,
 }
 
 impl Envelope {
+    /// A copy of another one, in the memory that there is.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.states.clone_from(&other.states);
+        self.estimate.clone_from(&other.estimate);
+        self.lower.clone_from(&other.lower);
+        self.excess.clone_from(&other.excess);
+        (self.elsewhere, self.outside) = (other.elsewhere, other.outside);
+    }
+
     /// The belief itself, nothing pruned.
     pub(super) fn start(&mut self, belief: &[f64]) {
         self.clear();

@@ -24,6 +24,9 @@ pub(super) struct Bounds {
     pub(super) entry: f64,
     pub(super) row: f64,
     pub(super) column: f64,
+    /// The most entries of a row, and the smallest entry, where these have been counted.
+    pub(super) terms: usize,
+    pub(super) smallest: f64,
 }
 
 /// Whether entries are taken as numbers, or as powers of two, of which a whole one is
@@ -45,6 +48,8 @@ pub(super) struct Moves<'a, A: Transition> {
 }
 
 impl Bounds {
+    const NONE: Self = Self { entry: 0.0, row: 0.0, column: 0.0, terms: 0, smallest: 0.0 };
+
     /// Those of an operator without a control and without evidence, the same for all
     /// steps. O(E).
     pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
@@ -53,14 +58,18 @@ impl Bounds {
         if transition.evidence(control).is_some() {
             return None;
         }
-        let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN };
+        let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN, terms: 0, smallest: 1.0 };
         for i in 0..transition.states() {
             let (mut sum, mut terms) = (0.0, 0_u32);
             for (_, a) in transition.incoming(control, i) {
                 largest.entry = f64::max(largest.entry, a);
+                if a > 0.0 {
+                    largest.smallest = largest.smallest.min(a);
+                }
                 sum += a;
                 terms += 1;
             }
+            largest.terms = largest.terms.max(terms as usize);
             largest.row = f64::max(largest.row, sum * (1.0 + f64::from(terms) * f64::EPSILON));
         }
         Some(largest)
@@ -77,7 +86,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         constant: Option<Bounds>,
         (followed, is_open): (&[usize], bool),
     ) -> Self {
-        let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN };
+        let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
         let mut moves = Self { transition, control, bounds, evidence, form: Form::Linear };
         if evidence.is_some() {
@@ -157,7 +166,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 
     /// The bounds, by all entries. O(E).
     fn largest(&self) -> Bounds {
-        let mut bounds = Bounds { entry: 0.0, row: 0.0, column: 0.0 };
+        let mut bounds = Bounds::NONE;
         for state in 0..self.transition.states() {
             let mut line = Line::default();
             self.incoming(state, |_, a, off| line.add(a, off));

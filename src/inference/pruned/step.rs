@@ -7,6 +7,7 @@ use super::super::step::{Step, is_one};
 use super::envelope::LEAST_KEPT;
 use super::moves::Moves;
 use super::weights::Weights;
+use super::wide::Wide;
 use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -20,7 +21,7 @@ pub(super) const LARGEST_SHARE: f64 = 1e-8;
 /// Sums of predictions with evidence that doubles hold, lifted and weighed.
 const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
 /// The least part.
-const LEAST_SHARE: f64 = 1e-30;
+pub(super) const LEAST_SHARE: f64 = 1e-30;
 /// Where the bound is above this part of the tolerance, less is dropped…
 const NEAR: f64 = 1e-3;
 /// …by this factor from one step to the next, else a little more.
@@ -37,19 +38,23 @@ where
     /// error.
     pub(super) fn advance(
         &mut self,
-        control: &A::Control,
+        number: usize,
+        control: Option<&A::Control>,
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
-        let number = self.steps + 1;
-        let Self { model, belief, next, frontier, wanted, values, scratch, .. } = self;
-        let control = model.prior().moves_at(number).then_some(control);
+        let Self { model, belief, next, frontier, wide, wanted, values, scratch, .. } = self;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().standing_out(observation, wanted);
         }
-        frontier.list(&belief.states, control.map(|control| (model.transition(), control)), wanted);
+        let operator = control.map(|control| (model.transition(), control));
+        let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
+        match operator {
+            Some(operator) if is_wide => wide.predict(belief, operator, wanted, frontier),
+            _ => frontier.list(&belief.states, operator, wanted),
+        }
         let candidates = frontier.candidates();
         values.clear();
         values.resize(candidates.len(), 1.0);
@@ -74,7 +79,11 @@ where
                 (&belief.states, is_open),
             )
         });
-        let mut predicted = next.predict(belief, moves.as_ref(), frontier);
+        let mut predicted = if is_wide {
+            next.predict_by(belief, moves.as_ref(), frontier, wide.sums(moves.as_ref()))
+        } else {
+            next.predict(belief, moves.as_ref(), frontier)
+        };
         if evidence.is_none() {
             if !is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });

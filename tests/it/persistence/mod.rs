@@ -5,6 +5,7 @@ mod motion;
 mod places;
 mod recognition;
 mod refused;
+mod streams;
 
 use proptest::collection::vec;
 use proptest::prelude::*;

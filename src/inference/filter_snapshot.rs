@@ -2,11 +2,17 @@
 
 use super::LogSum;
 use super::held::Held;
-use crate::belief::Belief;
+use crate::belief::{Belief, SUM_TOLERANCE};
+use crate::error::InferenceError;
 
 /// The most steps that a filter takes and a snapshot holds: a double can count them.
 pub(crate) const MOST_STEPS: usize =
     if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
+
+/// The number of the step after so many.
+pub(super) fn next_step(steps: usize) -> Result<usize, InferenceError> {
+    if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
+}
 
 /// All that a filter knows after k steps: plain data, to be kept, compared,
 /// sent elsewhere, and restored.
@@ -34,6 +40,40 @@ pub struct FilterSnapshot {
 }
 
 impl FilterSnapshot {
+    /// From parts that may be damaged.
+    pub(crate) fn checked(
+        [steps, steps_in_logs]: [usize; 2],
+        belief: Belief,
+        logs: Option<Vec<f64>>,
+        log_likelihood: LogSum,
+    ) -> Result<Self, String> {
+        if steps > MOST_STEPS {
+            return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
+        }
+        if let Some(logs) = &logs {
+            let (found, expected) = (logs.len(), belief.states());
+            if found != expected {
+                return Err(format!("{found} logarithms for a belief over {expected} states"));
+            }
+            for (state, (log, p)) in logs.iter().zip(belief.as_slice()).enumerate() {
+                // NaN agrees with nothing.
+                let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
+                if !agree {
+                    return Err(format!(
+                        "state {state} has probability {p}, expected exp({log}) as its logarithm says"
+                    ));
+                }
+            }
+        }
+        let LogSum { sum, lost } = log_likelihood;
+        if !(sum.is_finite() && lost.is_finite()) {
+            return Err(format!(
+                "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
+            ));
+        }
+        Ok(Self { steps, steps_in_logs, belief, logs, log_likelihood })
+    }
+
     pub(super) fn held(&self) -> Held<'_> {
         Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }

@@ -1,0 +1,112 @@
+//! A prediction from many states at once, by products with the whole matrix.
+
+use super::advance::Sums;
+use super::envelope::{Envelope, LIFT};
+use super::moves::{Bounds, Moves};
+use crate::inference::frontier::Frontier;
+use crate::kernels::Aligned;
+use crate::transition::Transition;
+
+/// The part of all states from which on products go through the whole matrix: it takes
+/// about as long then as to list the states and to look up each entry, on 27,143 places
+/// with five entries each; from all of these, half as long.
+const WIDE: f64 = 0.2;
+/// Entries of at least this, times whatever is kept of a belief, are numbers above 0.
+const LEAST_ENTRY: f64 = 1e-200;
+/// Excess of less than this does not overflow in sums over all states.
+const LARGEST_EXCESS: f64 = 1e20;
+
+/// Memory for such predictions, and the results of the last one.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Wide {
+    memory: Option<Box<Memory>>,
+}
+
+#[derive(Debug, Clone)]
+struct Memory {
+    before: Aligned,
+    estimate: Aligned,
+    lower: Aligned,
+    excess: Aligned,
+    /// The entries out of states that are not followed.
+    beyond: Aligned,
+}
+
+impl Wide {
+    /// Whether a step is taken so: from many states, by a stored matrix that is the same
+    /// at all steps and without evidence, whose products are then the sums over its
+    /// entries, of any order.
+    pub(super) fn is_for<A: Transition>(
+        before: &Envelope,
+        transition: &A,
+        control: Option<&A::Control>,
+        constant: Option<&Bounds>,
+    ) -> bool {
+        let (Some(control), Some(bounds)) = (control, constant) else { return false };
+        before.states.len() as f64 > WIDE * transition.states() as f64
+            && bounds.smallest >= LEAST_ENTRY
+            && before.excess.iter().all(|excess| *excess < LARGEST_EXCESS)
+            && transition.stored(control).is_some()
+    }
+
+    /// Makes the products, and lists the states to which the step leads.
+    pub(super) fn predict<A: Transition>(
+        &mut self,
+        before: &Envelope,
+        (transition, control): (&A, &A::Control),
+        wanted: &[usize],
+        frontier: &mut Frontier,
+    ) {
+        let new = || {
+            let zeros = Aligned::new(transition.states(), 0.0);
+            let (estimate, lower) = (zeros.clone(), zeros.clone());
+            let (excess, beyond) = (zeros.clone(), zeros.clone());
+            Box::new(Memory { before: zeros, estimate, lower, excess, beyond })
+        };
+        let memory = self.memory.get_or_insert_with(new);
+        let Memory { before: x, estimate, lower, excess, beyond } = &mut **memory;
+        let products =
+            [(&before.estimate, estimate), (&before.lower, lower), (&before.excess, excess)];
+        for (values, out) in products {
+            if values.iter().all(|value| *value == 0.0) {
+                out.fill(0.0);
+                continue;
+            }
+            x.fill(0.0);
+            for (&state, value) in before.states.iter().zip(values) {
+                x[state] = value * LIFT;
+            }
+            transition.apply(control, x, out);
+        }
+        if before.is_open() {
+            x.fill(1.0);
+            before.states.iter().for_each(|&state| x[state] = 0.0);
+            transition.apply(control, x, beyond);
+        } else {
+            beyond.fill(0.0);
+        }
+        // (What is followed has an estimate or an excess above 1e-290, or is of the prior:
+        // no product with an entry has become 0.)
+        let leads = memory.estimate.iter().zip(&*memory.excess);
+        let leads = leads.map(|(estimate, excess)| *estimate > 0.0 || *excess > 0.0);
+        frontier.list_reached(leads, wanted);
+    }
+
+    /// The sums over the ways into a state, of the last prediction.
+    pub(super) fn sums<A: Transition>(
+        &self,
+        moves: Option<&Moves<'_, A>>,
+    ) -> impl FnMut(usize) -> Sums {
+        let (memory, terms) = (self.memory.as_deref(), moves.map_or(1, |moves| moves.bounds.terms));
+        move |i| match memory {
+            Some(memory) => Sums {
+                estimate: memory.estimate[i],
+                lower: memory.lower[i],
+                excess: memory.excess[i],
+                beyond: memory.beyond[i],
+                terms,
+            },
+            None => Sums::default(),
+        }
+    }
+}

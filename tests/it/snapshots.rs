@@ -1,0 +1,299 @@
+//! What streams know, as bytes: back to the bit, and damage is found.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::inference::{
+    FilterSnapshot, FixedLagSnapshot, OnlineViterbiSnapshot, PrunedFilterSnapshot, Pruning,
+    SnapshotError,
+};
+use wayfix::{
+    Belief, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood,
+    SparseTransition,
+};
+
+use crate::kit::{Kind, cases, models};
+
+fn control(control: &usize, out: &mut Vec<u8>) {
+    out.extend(vec![7; *control]);
+}
+
+fn its_control(bytes: &[u8]) -> Option<usize> {
+    bytes.iter().all(|byte| *byte == 7).then_some(bytes.len())
+}
+
+/// As the format says.
+fn checksum(bytes: &[u8]) -> u64 {
+    let mut padded = bytes.to_vec();
+    padded.resize((bytes.len() / 8 + 1) * 8, 0);
+    let words = padded.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word));
+    words.fold(bytes.len() as u64, |sum, word| {
+        (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29)
+    })
+}
+
+/// With the sum that it should have.
+fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn states_come_back_to_the_bit(model in models(Kind::Extreme), lag in 0..4_usize) {
+        let hmm = model.hmm(model.sparse());
+        let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(lag));
+        for k in 0..model.steps() {
+            let bytes = filter.snapshot().to_bytes();
+            let state = FilterSnapshot::from_bytes(&bytes).unwrap();
+            prop_assert_eq!(&state, &filter.snapshot());
+            prop_assert_eq!(state.to_bytes(), bytes);
+            let bytes = smoother.snapshot().to_bytes_with(control);
+            let state = FixedLagSnapshot::from_bytes_with(&bytes, its_control).unwrap();
+            prop_assert_eq!(&state, &smoother.snapshot());
+            prop_assert_eq!(state.to_bytes_with(control), bytes);
+            if filter.step_with(&k, &model.logs[k]).is_err() {
+                break;
+            }
+            smoother.step_with(&k, &model.logs[k]).unwrap();
+        }
+    }
+
+    /// A decoder that goes on from a snapshot commits the same states, to the end.
+    #[test]
+    fn a_decoder_goes_on_as_if_it_had_never_stopped(
+        model in models(Kind::Extreme),
+        stop in 0..7_usize,
+    ) {
+        let hmm = model.hmm(model.sparse());
+        let (mut decoder, mut other) = (hmm.online_viterbi(), hmm.online_viterbi());
+        let mut path = Vec::new();
+        for k in 0..model.steps() {
+            if k >= stop {
+                let snapshot = decoder.snapshot();
+                let state = OnlineViterbiSnapshot::from_bytes(&snapshot.to_bytes()).unwrap();
+                prop_assert_eq!(&state, &snapshot);
+                prop_assert_eq!(state.steps(), k);
+                if k == stop {
+                    other.restore(&state).unwrap();
+                }
+                prop_assert_eq!(other.snapshot().to_bytes(), snapshot.to_bytes());
+                prop_assert_eq!(other.undecided(), decoder.undecided());
+            } else {
+                // (It knows something else until then.)
+                let _ = other.predict_with(&k);
+            }
+            let step = decoder.step_with(&k, &model.logs[k]).map(<[usize]>::to_vec);
+            if k >= stop {
+                let found = other.step_with(&k, &model.logs[k]).map(<[usize]>::to_vec);
+                prop_assert_eq!(format!("{found:?}"), format!("{step:?}"));
+                let logs = [&other, &decoder].map(|decoder| decoder.log_probability().to_bits());
+                prop_assert_eq!(logs[0], logs[1]);
+                prop_assert_eq!(decoder.snapshot().log_probability().to_bits(), logs[0]);
+            }
+            let Ok(step) = step else { return Ok(()) };
+            path.extend(step);
+        }
+        path.extend(if stop < model.steps() { other.undecided() } else { decoder.undecided() });
+        let batch = hmm.viterbi(&model).unwrap();
+        prop_assert_eq!(path, batch.states());
+    }
+
+    /// Whatever happens to bytes, there is an error or a state that a stream can go on
+    /// from. With the sum of the damaged bytes, too, as if they were written so.
+    #[test]
+    fn damaged_bytes_are_refused_or_work(
+        model in models(Kind::Extreme),
+        changes in vec((any::<prop::sample::Index>(), any::<u8>(), any::<bool>()), 1..4),
+        cut in prop_oneof![3 => Just(None), 1 => any::<prop::sample::Index>().prop_map(Some)],
+        special in prop_oneof![2 => Just(None), 1 => prop::sample::select(vec![
+            0, 1, u64::MAX, 1 << 63, 1 << 40, f64::NAN.to_bits(), f64::INFINITY.to_bits(), 1,
+            (-1.0_f64).to_bits(), 1e300_f64.to_bits(), 1.0_f64.to_bits(), (1 << 53) + 1, 1 << 53,
+        ]).prop_map(Some)],
+    ) {
+        let hmm = model.hmm(model.sparse());
+        let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(2));
+        let mut decoder = hmm.online_viterbi();
+        let plain = {
+            let n = model.states;
+            let motion = SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap();
+            let sensor = OptionalLikelihood::new(SparseLikelihood::new(n));
+            Hmm::new(model.prior(), motion, sensor).unwrap()
+        };
+        let mut pruned = plain.pruned_filter(Pruning::default());
+        for k in 0..=model.steps() {
+            for (kind, bytes) in [
+                filter.snapshot().to_bytes(),
+                smoother.snapshot().to_bytes_with(control),
+                decoder.snapshot().to_bytes(),
+                pruned.snapshot().to_bytes(),
+            ].into_iter().enumerate() {
+                let mut damaged = bytes.clone();
+                for (at, with, add) in &changes {
+                    let at = at.index(damaged.len());
+                    if *add { damaged.insert(at, *with) } else { damaged[at] ^= with }
+                }
+                if let Some(cut) = cut {
+                    damaged.truncate(cut.index(damaged.len()));
+                }
+                // A number of eight bytes is replaced.
+                let mut replaced = bytes[..bytes.len() - 8].to_vec();
+                if let Some(special) = special {
+                    let at = 8 + changes[0].0.index(replaced.len() / 8 - 1) * 8;
+                    replaced[at..at + 8].copy_from_slice(&special.to_le_bytes());
+                }
+                let resealed = damaged[..damaged.len().saturating_sub(8)].to_vec();
+                for (sealed, damaged) in
+                    [(false, damaged), (true, sealed(resealed)), (true, sealed(replaced))]
+                {
+                    let sealed = sealed || damaged == bytes;
+                    match kind {
+                        0 => if let Ok(state) = FilterSnapshot::from_bytes(&damaged) {
+                            prop_assert!(sealed);
+                            let mut other = hmm.filter();
+                            if other.restore(&state).is_ok() {
+                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
+                                check(other.belief().as_slice())?;
+                                prop_assert!(!other.log_likelihood().is_nan());
+                            }
+                        },
+                        1 => if let Ok(state) = FixedLagSnapshot::from_bytes_with(&damaged, its_control) {
+                            prop_assert!(sealed);
+                            let mut other = hmm.fixed_lag(1);
+                            if other.restore(&state).is_ok() {
+                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
+                                check(other.lagged().as_slice())?;
+                            }
+                        },
+                        2 => if let Ok(state) = OnlineViterbiSnapshot::from_bytes(&damaged) {
+                            prop_assert!(sealed);
+                            let mut other = hmm.online_viterbi();
+                            if other.restore(&state).is_ok() {
+                                let _ = other.step_with(&0, &model.logs.first().cloned().flatten());
+                                prop_assert!(other.undecided().iter().all(|i| *i < model.states));
+                                prop_assert!(!other.log_probability().is_nan());
+                            }
+                        },
+                        _ => if let Ok(state) = PrunedFilterSnapshot::from_bytes(&damaged) {
+                            prop_assert!(sealed);
+                            let mut other = plain.pruned_filter(Pruning::default());
+                            if other.restore(&state).is_ok() {
+                                let _ = other.step(&None);
+                                check(other.probabilities())?;
+                                prop_assert!((0.0..=1.0).contains(&other.certificate().bound()));
+                                let range = other.log_likelihood();
+                                prop_assert!(!range.start().is_nan() && !range.end().is_nan());
+                            }
+                        },
+                    }
+                }
+            }
+            let Some(y) = model.logs.get(k) else { break };
+            if filter.step_with(&k, y).is_err() {
+                break;
+            }
+            smoother.step_with(&k, y).unwrap();
+            decoder.step_with(&k, y).unwrap();
+            pruned.step(&None).unwrap();
+        }
+    }
+}
+
+fn check(belief: &[f64]) -> Result<(), TestCaseError> {
+    let sum: f64 = belief.iter().sum();
+    prop_assert!((sum - 1.0).abs() < 1e-6 && belief.iter().all(|p| *p >= 0.0), "{belief:?}");
+    Ok(())
+}
+
+fn ring(n: usize) -> Hmm<SparseTransition, LikelihoodVector> {
+    let moves = (0..n).flat_map(|j| [(j, j, 0.25), ((j + 1) % n, j, 0.75)]);
+    let motion = SparseTransition::from_triplets(n, moves).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::certain(n, 10).unwrap());
+    Hmm::new(prior, motion, LikelihoodVector::linear(n)).unwrap()
+}
+
+#[test]
+fn states_that_are_ruled_out_take_a_bit() {
+    let n = 8930;
+    let hmm = ring(n);
+    let mut filter = hmm.filter();
+    (0..3).for_each(|_| _ = filter.step(&vec![0.5; n][..]).unwrap());
+    // Three states, a bit for each, three numbers of steps and sums, two lengths, and the
+    // ends.
+    let expected = 8 * (3 + n.div_ceil(64) + 3 + 2 + 2);
+    assert_eq!(filter.snapshot().to_bytes().len(), expected);
+    let mut pruned = hmm.pruned_filter(Pruning::default());
+    (0..3).for_each(|_| _ = pruned.step(&vec![0.5; n][..]).unwrap());
+    let length = pruned.snapshot().to_bytes().len();
+    assert!(length < 300, "{length}");
+    let mut decoder = hmm.online_viterbi();
+    (0..3).for_each(|_| _ = decoder.step(&vec![0.5; n][..]).unwrap());
+    let length = decoder.snapshot().to_bytes().len();
+    assert!(length < 1400, "{length}");
+}
+
+#[test]
+fn bytes_of_something_else_say_what_they_are() {
+    let hmm = ring(20);
+    let mut filter = hmm.filter();
+    filter.step(&[0.5; 20]).unwrap();
+    let bytes = filter.snapshot().to_bytes();
+    let refused = |bytes: &[u8], expected: &str| {
+        assert_eq!(FilterSnapshot::from_bytes(bytes).unwrap_err().to_string(), expected);
+    };
+    refused(b"", "the snapshot ends after 0 bytes, expected at least 16");
+    refused(b"wayf", "the snapshot ends after 4 bytes, expected at least 16");
+    refused(b"{}", "the bytes do not begin as those of a snapshot");
+    refused(b"a long text that is no snapshot", "the bytes do not begin as those of a snapshot");
+    let other = hmm.online_viterbi().snapshot().to_bytes();
+    refused(&other, "the bytes are of type OnlineViterbiSnapshot, expected FilterSnapshot");
+    let changed = |at: usize, to: u8| {
+        let mut changed = bytes.clone();
+        changed[at] = to;
+        changed
+    };
+    refused(&changed(6, 99), "the bytes are of type unknown, expected FilterSnapshot");
+    refused(&changed(7, 2), "the bytes are of version 2, expected 1");
+    assert!(matches!(
+        FilterSnapshot::from_bytes(&changed(40, 5)),
+        Err(SnapshotError::Checksum { .. })
+    ));
+    assert!(matches!(
+        FilterSnapshot::from_bytes(&bytes[..bytes.len() - 1]),
+        Err(SnapshotError::Checksum { .. })
+    ));
+    let within = &bytes[..bytes.len() - 8];
+    let expected = format!(
+        "the snapshot ends after {} bytes, expected at least {}",
+        bytes.len() - 8,
+        bytes.len()
+    );
+    refused(&sealed(within[..within.len() - 8].to_vec()), &expected);
+    refused(&sealed([within, &[0; 3]].concat()), "3 bytes after the snapshot, expected 0");
+    // A length that no memory holds.
+    let mut long = within.to_vec();
+    long[32..40].copy_from_slice(&(1_u64 << 60).to_le_bytes());
+    assert!(matches!(FilterSnapshot::from_bytes(&sealed(long)), Err(SnapshotError::Length { .. })));
+    let mut smoother = hmm.fixed_lag(2);
+    (0..3).for_each(|_| _ = smoother.step(&[0.5; 20]).unwrap());
+    let bytes = smoother.snapshot().to_bytes();
+    let error = FixedLagSnapshot::<usize>::from_bytes_with(&bytes, |_| None).unwrap_err();
+    assert_eq!(error, SnapshotError::Control { index: 0 });
+}
+
+#[test]
+fn a_decoder_of_another_model_is_refused() {
+    let mut decoder = ring(20).online_viterbi().snapshot();
+    let hmm = ring(21);
+    let mut other = hmm.online_viterbi();
+    other.predict().unwrap();
+    let before = other.snapshot();
+    let error = other.restore(&decoder).unwrap_err();
+    assert!(matches!(error, InferenceError::StateCount { found: 20, expected: 21, .. }));
+    assert_eq!(other.snapshot(), before);
+    decoder = before.clone();
+    other.restart();
+    other.restore(&decoder).unwrap();
+    assert_eq!(other.snapshot(), before);
+}
