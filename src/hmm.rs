@@ -60,7 +60,7 @@ impl Prior {
 /// // Rain or no rain, and whether an umbrella is seen (Russell and Norvig).
 /// let hmm = Hmm::new(
 ///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 ///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 /// )?;
 /// let (umbrella, none) = (0, 1);

@@ -43,7 +43,7 @@ use crate::transition::Transition;
 ///
 /// let model: Arc<Model> = Arc::new(Hmm::new(
 ///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 ///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 /// )?);
 /// let mut car = Car { position: Filter::new(Arc::clone(&model)) };

@@ -14,7 +14,7 @@ use crate::error::LikelihoodError;
 /// use wayfix::{Belief, FusedLikelihood, Hmm, KnownState, Prior, SparseTransition, TableLikelihood};
 ///
 /// // Around three places, staying or going one on.
-/// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+/// let motion = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]])?;
 /// let camera = TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?;
 /// let sensor = FusedLikelihood::new(camera, KnownState::new(3))?;
 /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::certain(3, 0)?), motion, sensor)?;

@@ -19,7 +19,7 @@ use crate::error::LikelihoodError;
 /// ```
 /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, RoundedTails};
 ///
-/// let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+/// let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// let exact = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
 /// let seen = [[0.0, -800.0], [-1000.0, 0.0]];

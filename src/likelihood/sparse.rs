@@ -14,7 +14,7 @@ use crate::kernels::Valid;
 /// ```
 /// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseObservation, SparseTransition};
 ///
-/// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+/// let motion = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(3)?);
 /// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(3))?;
 /// let mut filter = hmm.filter();

@@ -15,7 +15,7 @@
 //!
 //! let hmm = Hmm::new(
 //!     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-//!     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+//!     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 //!     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 //! )?;
 //! let mut filter = hmm.filter();

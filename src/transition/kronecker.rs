@@ -24,7 +24,7 @@ use crate::groups::Groups;
 /// use wayfix::{Ends, KroneckerTransition, SparseTransition, Transition, WindowTransition};
 ///
 /// let place = WindowTransition::new(4, 1, &[1.0], Ends::Loop)?; // one on
-/// let lane = SparseTransition::from_rows(2, &[0.75, 0.25, 0.25, 0.75])?;
+/// let lane = SparseTransition::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;
 /// let a = KroneckerTransition::new(place, lane)?;
 /// let mut out = [0.0; 8];
 /// a.apply(&(), &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);

@@ -20,6 +20,7 @@ mod sparse;
 mod stored;
 mod switched;
 mod tied;
+mod weights;
 mod window;
 
 pub use dense::DenseTransition;
@@ -395,6 +396,19 @@ fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
         Some(column) => Err(TransitionError::ColumnSum { column, sum: sums[column] }),
         None => Ok(()),
     }
+}
+
+/// The same of a matrix that is at hand: if its rows sum to one instead, it was given as
+/// its transpose, and the error says so.
+fn check_columns_of(sums: &[f64], row: impl Fn(usize) -> f64) -> Result<(), TransitionError> {
+    check_columns(sums).map_err(|error| match error {
+        TransitionError::ColumnSum { column, sum }
+            if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
+        {
+            TransitionError::RowsSumToOne { column, sum }
+        }
+        error => error,
+    })
 }
 
 /// n as an index of 32 bits.

@@ -39,7 +39,7 @@ use crate::kernels::{self, log2};
 /// ```
 /// use wayfix::{Belief, OffMapTransition, SparseTransition, Transition};
 ///
-/// let drive = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
+/// let drive = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?;
 /// let gate = Belief::certain(2, 0)?;
 /// let a = OffMapTransition::new(drive, 0.25, 0.5, gate)?;
 /// let mut out = [0.0; 3];

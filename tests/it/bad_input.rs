@@ -46,21 +46,58 @@ fn transitions() {
         "a transition operator needs at least one state, found none",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5; 3]),
+        DenseTransition::from_row_major(2, &[0.5; 3]),
         "3 values given for 2 states, expected 4 (states squared)",
     );
     says(
-        SparseTransition::from_rows(2, &[0.5; 5]),
+        SparseTransition::from_row_major(2, &[0.5; 5]),
         "5 values given for 2 states, expected 4 (states squared)",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5, 0.45, 0.5, 0.45]),
+        DenseTransition::from_rows(&[[0.5, 0.45], [0.5, 0.45]]),
         "column 1 (the transitions out of state 1) sums to 0.9, expected 1",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5, f64::INFINITY, 0.5, 0.0]),
+        DenseTransition::from_rows(&[[0.5, f64::INFINITY], [0.5, 0.0]]),
         "the transition from state 1 to state 0 has probability inf, expected a finite value of at least 0",
     );
+    let long = [vec![0.5, 0.5], vec![0.5, 0.5, 0.0]];
+    let found = "row 1 has 3 values, expected 2, as many as rows";
+    says(DenseTransition::from_rows(&long), found);
+    says(SparseTransition::from_rows(&long), found);
+    let none = "a transition operator needs at least one state, found none";
+    says(DenseTransition::from_rows::<[f64; 1]>(&[]), none);
+    says(SparseTransition::from_rows::<[f64; 1]>(&[]), none);
+    // The rows of the books, p(to j | from i) at i, j.
+    let rows = [[0.9, 0.1], [0.5, 0.5]];
+    let transposed = "column 0 (the transitions out of state 0) sums to 1.4, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)";
+    says(DenseTransition::from_rows(&rows), transposed);
+    says(SparseTransition::from_rows(&rows), transposed);
+    says(SparseTransition::from_row_major(2, rows.as_flattened()), transposed);
+    says(DenseTransition::from_row_major(2, rows.as_flattened()), transposed);
+    says(sparse(&[(0, 0, 0.9), (0, 1, 0.1), (1, 0, 0.5), (1, 1, 0.5)]), transposed);
+
+    let weights = |weights: &[_]| SparseTransition::from_weights(2, weights.iter().copied());
+    for (bad, found) in [(-1.0, "-1"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        says(
+            weights(&[(0, 0, 2.0), (1, 0, bad), (1, 1, 1.0)]),
+            &format!(
+                "the transition from state 0 to state 1 has weight {found}, expected a finite value of at least 0"
+            ),
+        );
+    }
+    for of_1 in [&[(1, 0, 3.0)][..], &[(1, 0, 3.0), (0, 1, 0.0)]] {
+        says(
+            weights(of_1),
+            "column 1 (the transitions out of state 1) has no weight above 0, expected at least one",
+        );
+    }
+    says(
+        weights(&[(0, 0, 1.0), (0, 2, 1.0)]),
+        "the transition from state 2 to state 0 is out of range, there are 2 states (0 to 1)",
+    );
+    says(SparseTransition::from_weights(0, []), none);
+
     let of = |n| DenseTransition::from_fn(n, |i, j| f64::from(i == j)).unwrap();
     says(
         SwitchedTransition::new(vec![of(2), of(3)]),

@@ -38,7 +38,7 @@ pub fn json_models(bytes: &[u8], counts: &mut Counts) {
 }
 
 fn sparse(draw: &mut Draw<'_>, n: usize, range: Range) -> SparseTransition {
-    SparseTransition::from_rows(n, &matrices::matrix(draw, n, range).concat()).expect("a matrix")
+    SparseTransition::from_rows(&matrices::matrix(draw, n, range)).expect("a matrix")
 }
 
 fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &mut Counts) {
