@@ -23,6 +23,7 @@ mod tied;
 mod weights;
 mod window;
 
+pub(crate) use compressed::Compressed;
 pub use dense::DenseTransition;
 pub use distance::DistanceTransition;
 pub use dwell::DwellTransition;

@@ -70,7 +70,7 @@ impl SparseTransition {
     }
 
     /// Rows and columns.
-    pub(super) fn compressed(
+    pub(crate) fn compressed(
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<(Compressed, Compressed), TransitionError> {

@@ -32,6 +32,15 @@ impl SparseTransition {
         states: usize,
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<Self, TransitionError> {
+        let (rows, columns) = Self::compressed_weights(states, weights)?;
+        Ok(Self::from_compressed(rows, columns, 0.0))
+    }
+
+    /// Rows and columns, of weights.
+    pub(crate) fn compressed_weights(
+        states: usize,
+        weights: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<(Compressed, Compressed), TransitionError> {
         if states == 0 {
             return Err(TransitionError::Empty);
         }
@@ -72,6 +81,6 @@ impl SparseTransition {
             let sum: f64 = moves[start..].iter().map(|weight| weight.2).sum();
             moves[start..].iter_mut().for_each(|weight| weight.2 /= sum);
         }
-        Self::from_triplets(states, moves)
+        Self::compressed(states, moves)
     }
 }

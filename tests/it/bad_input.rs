@@ -327,7 +327,7 @@ fn road(from: u64, to: u64) -> Road {
 
 #[test]
 fn maps_by_code() {
-    says(RoadMap::new([], []), "a map needs at least one place, found none");
+    says(RoadMap::<Position>::new([], []), "a map needs at least one place, found none");
     says(RoadMap::new([place(7), place(7)], []), "place 7 is given twice");
     says(
         RoadMap::new([place(1), place(2)], [road(1, 2), road(2, 1), road(1, 2)]),
@@ -475,6 +475,43 @@ fn turning_and_sensors() {
         Confusion::new(&star, 0.5),
         "place 1 has 5 neighbours, which leaves it a correct probability of -0.5, expected above 0",
     );
+    let entries = |entries: &[_]| Confusion::from_entries(2, entries.iter().copied());
+    let weights = |weights: &[_]| Confusion::from_weights(2, weights.iter().copied());
+    says(
+        entries(&[(0, 0, 0.5), (0, 1, 0.4), (1, 1, 1.0)]),
+        "the probabilities of what state 0 shows sum to 0.9, expected 1",
+    );
+    says(entries(&[(0, 1, 1.0)]), "the probabilities of what state 1 shows sum to 0, expected 1");
+    // What is seen need not sum to one, and it is no hint if it does.
+    says(
+        entries(&[(0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.25), (1, 1, 0.75)]),
+        "the probabilities of what state 0 shows sum to 0.75, expected 1",
+    );
+    for (bad, found) in [(-0.5, "-0.5"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let expected = "expected a finite value of at least 0";
+        says(
+            entries(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
+            &format!("state 0 shows symbol 1 with probability {found}, {expected}"),
+        );
+        says(
+            weights(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
+            &format!("place 0 is seen as 1 with weight {found}, {expected}"),
+        );
+    }
+    let out = "place 0 seen as place 2 is out of range, there are 2 places (0 to 1)";
+    says(entries(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
+    says(weights(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
+    says(
+        entries(&[(0, 1, 0.5), (0, 1, 0.5), (1, 1, 1.0)]),
+        "the probability that place 0 is seen as 1 is given twice",
+    );
+    says(
+        weights(&[(0, 0, 2.0), (1, 0, 0.0)]),
+        "place 1 has no weight above 0, expected at least one",
+    );
+    let none = "a table needs at least one state and one symbol, found 0 states and 0 symbols";
+    says(Confusion::from_entries(0, []), none);
+    says(Confusion::from_weights(0, []), none);
     let confusion = Confusion::new(&map, 0.9).unwrap();
     says(
         confusion.with_gaussian(&map, Metric::Hops, -1.0),

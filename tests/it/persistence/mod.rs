@@ -103,7 +103,6 @@ fn parts() -> impl Strategy<Value = Parts> {
 
 impl Parts {
     fn sparse(&self) -> SparseTransition {
-        let n = self.model.states;
         SparseTransition::from_rows(&self.model.matrices[0]).unwrap()
     }
 
