@@ -9,7 +9,7 @@ use std::ops::Deref;
 /// use wayfix::inference::LearningOptions;
 /// use wayfix::Fixed;
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
-/// # let motion = DenseTransition::from_rows(2, &[0.6, 0.4, 0.4, 0.6])?;
+/// # let motion = DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?;
 /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 ///

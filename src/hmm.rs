@@ -60,7 +60,7 @@ impl Prior {
 /// // Rain or no rain, and whether an umbrella is seen (Russell and Norvig).
 /// let hmm = Hmm::new(
 ///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 ///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 /// )?;
 /// let (umbrella, none) = (0, 1);
@@ -113,7 +113,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// ```
     /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
     ///
-    /// let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+    /// let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
     /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// let exact = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
     /// let seen = [[0.0, -800.0], [-1000.0, 0.0]];

@@ -16,7 +16,7 @@ pub(crate) fn matrix(draw: &mut Draw<'_>, n: usize, range: Range) -> Matrix {
 }
 
 fn sparse(matrix: &Matrix) -> SparseTransition {
-    SparseTransition::from_rows(matrix.len(), &matrix.concat()).expect("a stochastic matrix")
+    SparseTransition::from_rows(matrix).expect("a stochastic matrix")
 }
 
 /// What an operator lists, where its definition is too long to repeat here. Its
@@ -36,7 +36,7 @@ pub(crate) fn plain(draw: &mut Draw<'_>, n: usize, range: Range) -> (Plain, Matr
     match draw.below(10) {
         0..=2 => (Plain::Sparse(sparse(&inner)), inner),
         3..=5 => {
-            let dense = DenseTransition::from_rows(n, &inner.concat());
+            let dense = DenseTransition::from_rows(&inner);
             (Plain::Dense(dense.expect("a stochastic matrix")), inner)
         }
         6 => {

@@ -94,6 +94,15 @@ pub enum TransitionError {
         /// How many values were given.
         found: usize,
     },
+    /// A row has not a value for each state.
+    RowLength {
+        /// The row, from 0.
+        row: usize,
+        /// Values found.
+        found: usize,
+        /// How many rows there are, and so states.
+        expected: usize,
+    },
     /// A probability is NaN, negative or infinite.
     Entry {
         /// The state that is reached (row of A).
@@ -125,6 +134,27 @@ pub enum TransitionError {
         column: usize,
         /// What its column sums to.
         sum: f64,
+    },
+    /// The same of a matrix whose rows sum to one: it is given as its transpose.
+    RowsSumToOne {
+        /// The state that is left.
+        column: usize,
+        /// What its column sums to.
+        sum: f64,
+    },
+    /// A weight is NaN, negative or infinite.
+    Weight {
+        /// The state that is reached.
+        to: usize,
+        /// The state that is left.
+        from: usize,
+        /// What was found.
+        value: f64,
+    },
+    /// No weight above 0 leads out of a state.
+    NoWeight {
+        /// The state that is left.
+        column: usize,
     },
     /// The two products are not those of one matrix and its transpose.
     Transpose {
@@ -191,6 +221,9 @@ impl fmt::Display for TransitionError {
                 "{found} values given for {states} states, expected {} (states squared)",
                 states.saturating_mul(*states)
             ),
+            Self::RowLength { row, found, expected } => {
+                write!(f, "row {row} has {found} values, expected {expected}, as many as rows")
+            }
             Self::Entry { to, from, value } => write!(
                 f,
                 "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
@@ -206,6 +239,18 @@ impl fmt::Display for TransitionError {
             Self::ColumnSum { column, sum } => write!(
                 f,
                 "column {column} (the transitions out of state {column}) sums to {sum}, expected 1"
+            ),
+            Self::RowsSumToOne { column, sum } => write!(
+                f,
+                "column {column} (the transitions out of state {column}) sums to {sum}, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)"
+            ),
+            Self::Weight { to, from, value } => write!(
+                f,
+                "the transition from state {from} to state {to} has weight {value}, expected a finite value of at least 0"
+            ),
+            Self::NoWeight { column } => write!(
+                f,
+                "column {column} (the transitions out of state {column}) has no weight above 0, expected at least one"
             ),
             Self::Transpose { forward, backward } => write!(
                 f,

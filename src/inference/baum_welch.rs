@@ -173,7 +173,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// let hmm = Hmm::new(
     ///     Prior::AtFirstObservation(Belief::uniform(2)?),
-    ///     DenseTransition::from_rows(2, &[0.6, 0.4, 0.4, 0.6])?,
+    ///     DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?,
     ///     TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
     /// )?;
     /// let seen = [vec![0, 0, 0, 0, 1, 1, 1], vec![1, 1, 1, 0, 0, 0, 0, 0]];

@@ -86,7 +86,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     ///
     /// // How probable is it that the weather changed on the way to each day?
     /// let mut changed = Vec::new();
@@ -165,7 +165,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     /// let counts = hmm.expected_moves(&[0, 0, 1, 0, 0])?;
     /// assert!((counts.get(0, 0) - 2.080_186_188_659_151).abs() < 1e-12);
     /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -23,7 +23,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.5]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, table)?;
     /// // Nothing is known of two states that are drawn anew at each of 3 steps.
     /// assert!((hmm.path_entropy(&[0, 1, 0])? - 8.0_f64.ln()).abs() < 1e-12);
     /// # Ok::<(), Box<dyn std::error::Error>>(())

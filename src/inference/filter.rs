@@ -43,7 +43,7 @@ use crate::transition::{NoControl, Transition};
 ///
 /// let model: Arc<Model> = Arc::new(Hmm::new(
 ///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-///     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+///     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 ///     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 /// )?);
 /// let mut car = Car { position: Filter::new(Arc::clone(&model)) };
@@ -252,7 +252,7 @@ where
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let stay = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
+    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
     /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
     /// let mut filter = hmm.filter();
     /// filter.step(&[0.0, -10.0])?;

@@ -20,7 +20,7 @@ pub(super) fn next_step(steps: usize) -> Result<usize, InferenceError> {
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9])?, LikelihoodVector::linear(2))?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
 /// let mut filter = hmm.filter();
 /// filter.step(&[0.9, 0.2])?;
 /// let snapshot = filter.snapshot();

@@ -69,7 +69,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     /// let filtering = hmm.forward(&[0, 0, 1])?;
     /// assert_eq!(filtering.posteriors().modes(), [0, 0, 1]);
     /// assert!((filtering.log_likelihoods()[0] - 0.55_f64.ln()).abs() < 1e-15);
@@ -109,7 +109,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # let hmm = |stay: f64| -> Result<_, Box<dyn std::error::Error>> {
     /// #     let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// #     let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// #     let a = DenseTransition::from_rows(2, &[stay, 1.0 - stay, 1.0 - stay, stay])?;
+    /// #     let a = DenseTransition::from_rows(&[[stay, 1.0 - stay], [1.0 - stay, stay]])?;
     /// #     Ok(Hmm::new(prior, a, table)?)
     /// # };
     /// # let (slow, fast) = (hmm(0.9)?, hmm(0.5)?);

@@ -31,7 +31,7 @@ use crate::transition::{NoControl, Transition};
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
 /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
 /// let mut smoother = hmm.fixed_lag(2);
 /// for sighting in [0, 0, 1, 0, 0] {
 ///     smoother.step(&sighting)?;

@@ -36,7 +36,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     /// let paths = hmm.k_best(&[0, 0, 1, 0, 0], 3)?;
     /// assert_eq!(paths[0].states(), [0, 0, 1, 0, 0]);
     /// assert_eq!(paths[1].states(), [0; 5]);

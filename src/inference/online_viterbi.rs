@@ -30,7 +30,7 @@ use crate::transition::{NoControl, TransitionEntries};
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
 /// let mut decoder = hmm.online_viterbi();
 /// let mut path = Vec::new();
 /// for sighting in [0, 0, 1, 0, 0] {

@@ -17,7 +17,7 @@ use crate::kernels::{Aligned, in_large_pages};
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, LikelihoodVector::linear(2))?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, LikelihoodVector::linear(2))?;
 /// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
 /// let posteriors = smoothing.posteriors();
 /// assert_eq!(posteriors.steps(), 2);
@@ -79,7 +79,7 @@ impl Posteriors {
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, LikelihoodVector::linear(2))?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, LikelihoodVector::linear(2))?;
     /// let smoothing = hmm.smooth(&[[0.9, 0.2], [0.9, 0.2]])?;
     /// let posteriors = smoothing.posteriors();
     /// assert_eq!((posteriors.iter().len(), posteriors.with_start().len()), (2, 3));

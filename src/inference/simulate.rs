@@ -68,7 +68,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     ///
     /// let hmm = Hmm::new(
     ///     Prior::BeforeFirstTransition(Belief::certain(2, 0)?),
-    ///     DenseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?,
+    ///     DenseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?,
     ///     TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?,
     /// )?;
     /// let drive = hmm.simulate(3, &mut ChaCha8Rng::seed_from_u64(1));

@@ -65,7 +65,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     /// let smoothing = hmm.smooth(&[0, 0, 1, 0, 0])?;
     /// let third = smoothing.posteriors().get(3).unwrap();
     /// assert!((third.as_slice()[0] - 0.307_483_576_006_617_7).abs() < 1e-12);

@@ -65,7 +65,7 @@ impl<T> DerefMut for Half<T> {
 }
 
 /// What there is for values of 64 bits, or for those of 32.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Width<D, S> {
     Double(D),
     Single(S),

@@ -19,7 +19,7 @@ use crate::error::{HmmError, LikelihoodError};
 /// let both = FusedLikelihood::new(OptionalLikelihood::new(camera), odometer)?;
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, both)?;
+/// let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, both)?;
 /// let smoothing = hmm.smooth(&[(Some(0), 0.2), (None, 0.4)])?;
 /// # assert_eq!(smoothing.posteriors().modes(), [0, 0]);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -55,7 +55,7 @@ use super::Likelihood;
 /// # use wayfix::inference::LearningOptions;
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.8, 0.2, 0.2, 0.8])?, Readings(vec![0.0, 1.0]))?;
+/// let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?, Readings(vec![0.0, 1.0]))?;
 /// let learned = hmm.learn(&[[-5.1, -4.9, 5.2], [4.8, 5.0, -5.0]], &LearningOptions::default())?;
 /// let means = &learned.model().likelihood().0;
 /// assert!((means[0] + 5.0).abs() < 0.1 && (means[1] - 5.0).abs() < 0.1);

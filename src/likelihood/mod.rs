@@ -85,7 +85,7 @@ use crate::error::LikelihoodError;
 /// }
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior};
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.5; 4])?, Odd(2))?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, Odd(2))?;
 /// # let mut filter = hmm.filter();
 /// # filter.step(&true)?;
 /// # assert!((filter.belief().as_slice()[1] - 0.9).abs() < 1e-15);

@@ -14,7 +14,7 @@ use crate::error::LikelihoodError;
 ///
 /// let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
-/// let transition = DenseTransition::from_rows(2, &[0.5, 0.0, 0.5, 1.0])?;
+/// let transition = DenseTransition::from_rows(&[[0.5, 0.0], [0.5, 1.0]])?;
 /// let hmm = Hmm::new(prior, transition, OptionalLikelihood::new(camera))?;
 /// let mut filter = hmm.filter();
 /// filter.step(&None)?;

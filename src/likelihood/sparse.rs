@@ -15,7 +15,7 @@ use crate::kernels::Valid;
 /// use wayfix::likelihood::SparseObservation;
 /// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
-/// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+/// let motion = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]])?;
 /// let prior = Prior::AtFirstObservation(Belief::uniform(3)?);
 /// let hmm = Hmm::new(prior, motion, SparseLikelihood::new(3))?;
 /// let mut filter = hmm.filter();
@@ -72,7 +72,7 @@ impl SparseObservation {
     /// use wayfix::{Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood};
     ///
     /// // Around three places, staying or going one on.
-    /// let motion = SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.0, 0.5, 0.5])?;
+    /// let motion = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]])?;
     /// let camera = TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?;
     /// let known = OptionalLikelihood::new(SparseLikelihood::new(3));
     /// let sensor = FusedLikelihood::new(camera, known)?;

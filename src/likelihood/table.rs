@@ -101,7 +101,7 @@ impl TableLikelihood {
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
     /// let filter = hmm.filter();
     /// let tomorrow = hmm.likelihood().predictive(&filter.forecast(1)?)?;
     /// assert!((tomorrow.as_slice()[0] - 0.55).abs() < 1e-15);

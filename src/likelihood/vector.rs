@@ -12,7 +12,7 @@ use crate::error::LikelihoodError;
 /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
 /// let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// let transition = DenseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?;
+/// let transition = DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
 /// let hmm = Hmm::new(prior, transition, LikelihoodVector::log(2))?;
 /// let mut filter = hmm.filter();
 /// filter.step(&[-100_000.0, -100_000.0 + 3f64.ln()])?;

@@ -7,14 +7,12 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::MapError;
-use super::road_map::Builder;
-use super::{Place, Position, Road, RoadMap};
+use super::builder::Builder;
+use super::{CleaningReport, Coordinates, MapError, Place, PlanePosition, Road, RoadMap};
 
 /// Characters of a field in an error.
 const LONGEST: usize = 60;
 
-const PLACES: [&str; 4] = ["id", "latitude", "longitude", "name"];
 const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];
 
 impl RoadMap {
@@ -34,16 +32,7 @@ impl RoadMap {
         places: impl AsRef<Path>,
         roads: impl AsRef<Path>,
     ) -> Result<Self, MapError> {
-        let open = |path: &Path| {
-            let file = path.display().to_string();
-            match File::open(path) {
-                Ok(reader) => Ok((file, reader)),
-                Err(error) => Err(MapError::Read { file, reason: error.to_string() }),
-            }
-        };
-        let (places, places_reader) = open(places.as_ref())?;
-        let (roads, roads_reader) = open(roads.as_ref())?;
-        read((&places, places_reader), (&roads, roads_reader))
+        read_files(Builder::strict(), places.as_ref(), roads.as_ref()).map(|read| read.0)
     }
 
     /// The same from readers; errors call them "places" and "roads".
@@ -64,24 +53,142 @@ impl RoadMap {
     ///
     /// As [`from_csv_files`](Self::from_csv_files).
     pub fn from_csv(places: impl Read, roads: impl Read) -> Result<Self, MapError> {
-        read(("places", places), ("roads", roads))
+        read(Builder::strict(), ("places", places), ("roads", roads)).map(|read| read.0)
+    }
+
+    /// As [`from_csv_files`](Self::from_csv_files), but what
+    /// [`cleaned`](Self::cleaned) drops is no error. Places and roads are numbered in
+    /// the report from 0, headers and empty lines not counted.
+    ///
+    /// # Errors
+    ///
+    /// As [`from_csv_files`](Self::from_csv_files), of whatever
+    /// [`cleaned`](Self::cleaned) refuses.
+    pub fn cleaned_from_csv_files(
+        places: impl AsRef<Path>,
+        roads: impl AsRef<Path>,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        read_files(Builder::cleaning(), places.as_ref(), roads.as_ref())
+    }
+
+    /// The same from readers; errors call them "places" and "roads".
+    ///
+    /// # Errors
+    ///
+    /// As [`cleaned_from_csv_files`](Self::cleaned_from_csv_files).
+    pub fn cleaned_from_csv(
+        places: impl Read,
+        roads: impl Read,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        read(Builder::cleaning(), ("places", places), ("roads", roads))
     }
 }
 
-fn read(places: (&str, impl Read), roads: (&str, impl Read)) -> Result<RoadMap, MapError> {
-    let mut builder = Builder::default();
-    each_line(places, PLACES, |line| {
-        let (id, latitude, longitude) = (line.id(0)?, line.number(1)?, line.number(2)?);
-        let position = Position { latitude, longitude };
+impl RoadMap<PlanePosition> {
+    /// Reads a map of a plane from two CSV files with headers.
+    ///
+    /// As [`RoadMap::from_csv_files`], but places are `id,x,y,name`, with positions in
+    /// metres, and a road whose length is empty is as long as the straight line between
+    /// its ends.
+    ///
+    /// # Errors
+    ///
+    /// As [`RoadMap::from_csv_files`].
+    pub fn from_plane_csv_files(
+        places: impl AsRef<Path>,
+        roads: impl AsRef<Path>,
+    ) -> Result<Self, MapError> {
+        read_files(Builder::strict(), places.as_ref(), roads.as_ref()).map(|read| read.0)
+    }
+
+    /// The same from readers; errors call them "places" and "roads".
+    ///
+    /// ```
+    /// use wayfix::map::RoadMap;
+    ///
+    /// let places = "id,x,y,name\n1,0,0,dock\n2,30,40,shelf\n";
+    /// let roads = "from,to,class,length_m\n1,2,main,70\n2,1,street,\n";
+    /// let warehouse = RoadMap::from_plane_csv(places.as_bytes(), roads.as_bytes())?;
+    /// assert_eq!(warehouse.road_metres_from(0), [Some(0.0), Some(70.0)]);
+    /// assert_eq!(warehouse.road_metres_from(1), [Some(50.0), Some(0.0)]);
+    /// # Ok::<(), wayfix::map::MapError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`RoadMap::from_csv_files`].
+    pub fn from_plane_csv(places: impl Read, roads: impl Read) -> Result<Self, MapError> {
+        read(Builder::strict(), ("places", places), ("roads", roads)).map(|read| read.0)
+    }
+
+    /// As [`from_plane_csv_files`](Self::from_plane_csv_files), but what
+    /// [`cleaned`](Self::cleaned) drops is no error. Places and roads are numbered in
+    /// the report from 0, headers and empty lines not counted.
+    ///
+    /// # Errors
+    ///
+    /// As [`RoadMap::cleaned_from_csv_files`].
+    pub fn cleaned_from_plane_csv_files(
+        places: impl AsRef<Path>,
+        roads: impl AsRef<Path>,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        read_files(Builder::cleaning(), places.as_ref(), roads.as_ref())
+    }
+
+    /// The same from readers; errors call them "places" and "roads".
+    ///
+    /// # Errors
+    ///
+    /// As [`RoadMap::cleaned_from_csv_files`].
+    pub fn cleaned_from_plane_csv(
+        places: impl Read,
+        roads: impl Read,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        read(Builder::cleaning(), ("places", places), ("roads", roads))
+    }
+}
+
+fn read_files<P: Coordinates>(
+    builder: Builder<P>,
+    places: &Path,
+    roads: &Path,
+) -> Result<(RoadMap<P>, CleaningReport), MapError> {
+    let open = |path: &Path| {
+        let file = path.display().to_string();
+        match File::open(path) {
+            Ok(reader) => Ok((file, reader)),
+            Err(error) => Err(MapError::Read { file, reason: error.to_string() }),
+        }
+    };
+    let (places, places_reader) = open(places)?;
+    let (roads, roads_reader) = open(roads)?;
+    read(builder, (&places, places_reader), (&roads, roads_reader))
+}
+
+fn read<P: Coordinates>(
+    mut builder: Builder<P>,
+    places: (&str, impl Read),
+    roads: (&str, impl Read),
+) -> Result<(RoadMap<P>, CleaningReport), MapError> {
+    let [(first, _), (second, _)] = P::AXES;
+    each_line(places, ["id", first, second, "name"], |line| {
+        let (id, position) = (line.id(0)?, P::from_values([line.number(1)?, line.number(2)?]));
         builder
             .place(Place { id, position, name: line.text(3).to_owned() })
             .map_err(|error| error.to_string())
     })?;
     each_line(roads, ROADS, |line| {
-        let (from, to, class, metres) = (line.id(0)?, line.id(1)?, line.text(2), line.number(3)?);
-        builder
-            .road(Road { from, to, class: excerpt(class).parse()?, metres })
-            .map_err(|error| error.to_string())
+        let (from, to, class) = (line.id(0)?, line.id(1)?, line.text(2));
+        let metres = match line.text(3) {
+            "" if P::MAY_BE_STRAIGHT => None,
+            _ => Some(line.number(3)?),
+        };
+        let class = excerpt(class).parse()?;
+        match metres {
+            Some(metres) => builder.road(Road { from, to, class, metres }),
+            None => builder.straight(from, to, class),
+        }
+        .map_err(|error| error.to_string())
     })?;
     builder.build()
 }

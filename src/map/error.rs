@@ -17,16 +17,18 @@ pub enum MapError {
         /// The id.
         id: u64,
     },
-    /// A coordinate is not on Earth.
+    /// A coordinate is not on Earth, or not in the plane.
     Coordinate {
         /// The place's id.
         id: u64,
-        /// "latitude" or "longitude".
+        /// "latitude" or "longitude", "x" or "y".
         coordinate: &'static str,
         /// What was found.
         value: f64,
         /// The largest magnitude that is valid.
         limit: f64,
+        /// "degrees" or "metres".
+        unit: &'static str,
     },
     /// A road starts or ends at a place that does not exist.
     UnknownPlace {
@@ -81,9 +83,9 @@ impl fmt::Display for MapError {
         match self {
             Self::Empty => write!(f, "a map needs at least one place, found none"),
             Self::DuplicatePlace { id } => write!(f, "place {id} is given twice"),
-            Self::Coordinate { id, coordinate, value, limit } => write!(
+            Self::Coordinate { id, coordinate, value, limit, unit } => write!(
                 f,
-                "place {id} has {coordinate} {value}, expected degrees from {} to {limit}",
+                "place {id} has {coordinate} {value}, expected {unit} from {} to {limit}",
                 -limit
             ),
             Self::UnknownPlace { from, to, missing } => write!(

@@ -1,11 +1,10 @@
 //! Facts of the graph: neighbours, hops, metres, connectivity.
 
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, VecDeque};
+use std::collections::VecDeque;
 
-use super::{Position, RoadMap};
+use super::{Coordinates, RoadMap};
 
-impl RoadMap {
+impl<P> RoadMap<P> {
     /// The places that a road leads to from here, in ascending order; none if
     /// there is no such place.
     #[must_use]
@@ -40,38 +39,11 @@ impl RoadMap {
 
     /// The length in metres of the shortest drive from a place to each place,
     /// `None` where none leads (everywhere, if there is no such place).
-    /// O(roads log roads), by Dijkstra (1959).
+    /// O((places + roads) log roads), by Dijkstra (1959).
     #[must_use]
     pub fn road_metres_from(&self, place: usize) -> Vec<Option<f64>> {
-        let mut metres = vec![None; self.places().len()];
-        // Non-negative doubles are in the order of their bits.
-        let mut queue = BinaryHeap::from([(Reverse(0.0_f64.to_bits()), place)]);
-        while let Some((Reverse(bits), i)) = queue.pop() {
-            let Some(reached @ None) = metres.get_mut(i) else { continue };
-            let so_far = f64::from_bits(bits);
-            *reached = Some(so_far);
-            for (to, road) in self.roads_from(i) {
-                queue.push((Reverse((so_far + road.metres).to_bits()), to));
-            }
-        }
-        metres
-    }
-
-    /// The straight distance between two places in metres, `None` if one does
-    /// not exist.
-    #[must_use]
-    pub fn metres_between(&self, place: usize, other: usize) -> Option<f64> {
-        let (a, b) = (self.places().get(place)?, self.places().get(other)?);
-        Some(a.position.metres_to(b.position))
-    }
-
-    /// The place nearest to a position; of several, the lowest. `None` if the
-    /// position is not a number. O(places).
-    #[must_use]
-    pub fn nearest(&self, position: Position) -> Option<usize> {
-        let metres = self.places().iter().map(|place| place.position.metres_to(position));
-        let numbers = metres.enumerate().filter(|(_, metres)| !metres.is_nan());
-        numbers.min_by(|a, b| a.1.total_cmp(&b.1)).map(|nearest| nearest.0)
+        let reached = self.reach(place, None).into_iter();
+        reached.map(|reached| reached.map(|reached| reached.metres)).collect()
     }
 
     /// Whether a drive leads from every place to every other.
@@ -102,5 +74,24 @@ impl RoadMap {
             }
         }
         hops
+    }
+}
+
+impl<P: Coordinates> RoadMap<P> {
+    /// The straight distance between two places in metres, `None` if one does
+    /// not exist.
+    #[must_use]
+    pub fn metres_between(&self, place: usize, other: usize) -> Option<f64> {
+        let (a, b) = (self.places().get(place)?, self.places().get(other)?);
+        Some(a.position.metres_to(b.position))
+    }
+
+    /// The place nearest to a position; of several, the lowest. `None` if the
+    /// position is not a number. O(places).
+    #[must_use]
+    pub fn nearest(&self, position: P) -> Option<usize> {
+        let metres = self.places().iter().map(|place| place.position.metres_to(position));
+        let numbers = metres.enumerate().filter(|(_, metres)| !metres.is_nan());
+        numbers.min_by(|a, b| a.1.total_cmp(&b.1)).map(|nearest| nearest.0)
     }
 }

@@ -3,7 +3,10 @@
 //!
 //! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built by code or read from two
 //! CSV files, and answers what users ask of a map: neighbours, hops, metres,
-//! the nearest place. A [`TurningRule`] (or your own frequencies) gives
+//! the nearest place, the shortest drive. Places are on Earth (a [`Position`] in degrees)
+//! or in a plane (a [`PlanePosition`] in metres, for a warehouse). Files as they come, with
+//! roads given twice or leading nowhere, are [cleaned](RoadMap::cleaned), with a
+//! report. A [`TurningRule`] (or your own frequencies) gives
 //! [`TurningProbabilities`] Φ, and these the transition operator A = Φ'.
 //!
 //! ```
@@ -29,15 +32,20 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod builder;
+mod cleaning;
 #[cfg(feature = "csv")]
 mod csv;
 mod error;
 mod graph;
 mod position;
 mod road_map;
+mod shortest;
 mod turning;
 
+pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
-pub use position::Position;
+pub use position::{Coordinates, PlanePosition, Position};
 pub use road_map::{Place, Road, RoadClass, RoadMap};
+pub use shortest::RoadPath;
 pub use turning::{ByClass, TurningProbabilities, TurningRule};

@@ -1,7 +1,34 @@
 //! Where a place is.
 
+use std::fmt::Debug;
+
 /// The mean radius of the Earth in metres (IUGG).
 const EARTH_RADIUS: f64 = 6_371_008.8;
+
+/// How it is said where places are: [on Earth](Position), or
+/// [in a plane](PlanePosition). For these two types alone.
+pub trait Coordinates: Copy + PartialEq + Debug + axes::Axes {
+    /// The straight distance in metres; NaN if a coordinate is.
+    #[must_use]
+    fn metres_to(self, other: Self) -> f64;
+}
+
+/// Parts of [`Coordinates`] that are not for others.
+pub(super) mod axes {
+    /// Two numbers with names, and what they may be.
+    pub trait Axes: Sized {
+        /// Name and largest magnitude of each.
+        const AXES: [(&'static str, f64); 2];
+        /// The unit of both.
+        const UNIT: &'static str;
+        /// Whether a road without a length is a straight one.
+        const MAY_BE_STRAIGHT: bool;
+        /// From the numbers, in the order of the axes.
+        fn from_values(values: [f64; 2]) -> Self;
+        /// The numbers, in the order of the axes.
+        fn values(self) -> [f64; 2];
+    }
+}
 
 /// A position on Earth, in degrees of WGS84.
 ///
@@ -31,5 +58,71 @@ impl Position {
         let h = half_sine(b - a) + a.cos() * b.cos() * half_sine(longitudes);
         let h = if h > 1.0 { 1.0 } else { h }; // rounding; NaN stays
         2.0 * EARTH_RADIUS * h.sqrt().asin()
+    }
+}
+
+impl Coordinates for Position {
+    fn metres_to(self, other: Self) -> f64 {
+        self.metres_to(other)
+    }
+}
+
+impl axes::Axes for Position {
+    const AXES: [(&'static str, f64); 2] = [("latitude", 90.0), ("longitude", 180.0)];
+    const UNIT: &'static str = "degrees";
+    const MAY_BE_STRAIGHT: bool = false;
+
+    fn from_values([latitude, longitude]: [f64; 2]) -> Self {
+        Self { latitude, longitude }
+    }
+
+    fn values(self) -> [f64; 2] {
+        [self.latitude, self.longitude]
+    }
+}
+
+/// A position in a plane, in metres from any origin: a warehouse, a yard, a
+/// projected map (UTM).
+///
+/// ```
+/// use wayfix::map::PlanePosition;
+///
+/// let dock = PlanePosition { x: 0.0, y: 0.0 };
+/// let shelf = PlanePosition { x: 30.0, y: 40.0 };
+/// assert_eq!(dock.metres_to(shelf), 50.0);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlanePosition {
+    /// Along the first axis, at most 1e9 in size.
+    pub x: f64,
+    /// Along the second axis, at most 1e9 in size.
+    pub y: f64,
+}
+
+impl PlanePosition {
+    /// The Euclidean distance in metres.
+    #[must_use]
+    pub fn metres_to(self, other: Self) -> f64 {
+        (other.x - self.x).hypot(other.y - self.y)
+    }
+}
+
+impl Coordinates for PlanePosition {
+    fn metres_to(self, other: Self) -> f64 {
+        self.metres_to(other)
+    }
+}
+
+impl axes::Axes for PlanePosition {
+    const AXES: [(&'static str, f64); 2] = [("x", 1e9), ("y", 1e9)];
+    const UNIT: &'static str = "metres";
+    const MAY_BE_STRAIGHT: bool = true;
+
+    fn from_values([x, y]: [f64; 2]) -> Self {
+        Self { x, y }
+    }
+
+    fn values(self) -> [f64; 2] {
+        [self.x, self.y]
     }
 }

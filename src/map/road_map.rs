@@ -4,17 +4,18 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-use super::MapError;
-use super::Position;
+use super::builder::Builder;
+use super::{CleaningReport, Coordinates, MapError, Position};
 
-/// A place: a state of the model that can be pointed at.
+/// A place: a state of the model that can be pointed at, on Earth or elsewhere (see
+/// [`Coordinates`]).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Place {
+pub struct Place<P = Position> {
     /// What roads call it. Ids need not be consecutive; states are numbered
     /// from 0 in the order of the places.
     pub id: u64,
     /// Where it is.
-    pub position: Position,
+    pub position: P,
     /// What people call it; may be empty.
     pub name: String,
 }
@@ -70,17 +71,27 @@ pub struct Road {
     pub metres: f64,
 }
 
-/// Places and directed roads, checked.
+impl Road {
+    /// A straight road between two places: its length is the distance between them.
+    #[must_use]
+    pub fn straight<P: Coordinates>(from: &Place<P>, to: &Place<P>, class: RoadClass) -> Self {
+        let metres = from.position.metres_to(to.position);
+        Self { from: from.id, to: to.id, class, metres }
+    }
+}
+
+/// Places and directed roads, checked. Places are on Earth, or in a plane where they are
+/// given so: a `RoadMap<PlanePosition>`.
 ///
 /// Places are named by their **index** (from 0, the state of the model) in all
 /// methods, except where the name says id. See the [module](super) for an
 /// example.
 #[derive(Debug, Clone)]
-pub struct RoadMap {
-    places: Vec<Place>,
-    indices: HashMap<u64, u32>,
+pub struct RoadMap<P = Position> {
+    pub(super) places: Vec<Place<P>>,
+    pub(super) indices: HashMap<u64, u32>,
     /// In order of their ends, as indices.
-    roads: Vec<Road>,
+    pub(super) roads: Vec<Road>,
     pub(super) outgoing: Adjacency,
     pub(super) incoming: Adjacency,
 }
@@ -94,7 +105,7 @@ pub(super) struct Adjacency {
 
 impl Adjacency {
     /// From pairs (place, other end), sorted.
-    fn new(places: usize, pairs: &[(u32, u32)]) -> Self {
+    pub(super) fn new(places: usize, pairs: &[(u32, u32)]) -> Self {
         let starts = (0..=places).map(|i| pairs.partition_point(|pair| (pair.0 as usize) < i));
         Self { starts: starts.collect(), ends: pairs.iter().map(|pair| pair.1).collect() }
     }
@@ -111,28 +122,80 @@ impl Adjacency {
     }
 }
 
-impl RoadMap {
+impl<P: Coordinates> RoadMap<P> {
     /// A map of places and the roads between them, in any order.
     /// O((places + roads) log).
     ///
     /// # Errors
     ///
     /// [`MapError`] for no places, an id given twice, a position that is not
-    /// on Earth, a road given twice or to itself, a road from or to a place
-    /// that does not exist, or a length that is not above 0.
+    /// on Earth or in the plane, a road given twice or to itself, a road from or to a
+    /// place that does not exist, or a length that is not above 0.
     pub fn new(
-        places: impl IntoIterator<Item = Place>,
+        places: impl IntoIterator<Item = Place<P>>,
         roads: impl IntoIterator<Item = Road>,
     ) -> Result<Self, MapError> {
-        let mut builder = Builder::default();
+        Self::built(Builder::strict(), places, roads).map(|built| built.0)
+    }
+
+    /// A map of what files have: as [`new`](Self::new), but what is there twice or leads
+    /// nowhere is dropped, and reported.
+    ///
+    /// - Of parallel roads, which lead from the same place to the same other one, the
+    ///   shortest is kept; of several, the first.
+    /// - Roads from a place to itself are dropped, whatever their length.
+    /// - Places with the id and the position of an earlier one are dropped.
+    ///
+    /// ```
+    /// use wayfix::map::{Place, Position, Road, RoadClass, RoadMap};
+    ///
+    /// let place = |id, latitude| Place {
+    ///     id,
+    ///     position: Position { latitude, longitude: 149.13 },
+    ///     name: String::new(),
+    /// };
+    /// let road = |from, to, metres| Road { from, to, class: RoadClass::Street, metres };
+    /// let (map, report) = RoadMap::cleaned(
+    ///     [place(1, -35.280), place(2, -35.281)],
+    ///     [road(1, 2, 130.0), road(2, 2, 40.0), road(1, 2, 112.0), road(2, 1, 112.0)],
+    /// )?;
+    /// assert_eq!(map.roads(), [road(1, 2, 112.0), road(2, 1, 112.0)]);
+    /// assert_eq!(report.parallel_roads()[0].index, 0);
+    /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
+    /// assert_eq!(
+    ///     report.to_string(),
+    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (1 parallel, 1 loops)"
+    /// );
+    /// # Ok::<(), wayfix::map::MapError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`MapError`] for what has no remedy: no places, an id given to two positions, a
+    /// position that is not on Earth or in the plane, a road from or to a place that does
+    /// not exist, or a length that is not above 0.
+    pub fn cleaned(
+        places: impl IntoIterator<Item = Place<P>>,
+        roads: impl IntoIterator<Item = Road>,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        Self::built(Builder::cleaning(), places, roads)
+    }
+
+    fn built(
+        mut builder: Builder<P>,
+        places: impl IntoIterator<Item = Place<P>>,
+        roads: impl IntoIterator<Item = Road>,
+    ) -> Result<(Self, CleaningReport), MapError> {
         places.into_iter().try_for_each(|place| builder.place(place))?;
         roads.into_iter().try_for_each(|road| builder.road(road))?;
         builder.build()
     }
+}
 
+impl<P> RoadMap<P> {
     /// All places, in the order of their indices.
     #[must_use]
-    pub fn places(&self) -> &[Place] {
+    pub fn places(&self) -> &[Place<P>] {
         &self.places
     }
 
@@ -155,67 +218,5 @@ impl RoadMap {
         let range = self.outgoing.range(place);
         let ends = self.outgoing.ends[range.clone()].iter().map(|&end| end as usize);
         ends.zip(&self.roads[range])
-    }
-}
-
-/// Takes places, then roads, and checks each as it comes, so that a reader of
-/// files can tell the line.
-#[derive(Debug, Default)]
-pub(super) struct Builder {
-    places: Vec<Place>,
-    indices: HashMap<u64, u32>,
-    roads: HashMap<(u32, u32), Road>,
-}
-
-impl Builder {
-    pub(super) fn place(&mut self, place: Place) -> Result<(), MapError> {
-        let Position { latitude, longitude } = place.position;
-        for (coordinate, value, limit) in
-            [("latitude", latitude, 90.0), ("longitude", longitude, 180.0)]
-        {
-            if !(-limit..=limit).contains(&value) {
-                return Err(MapError::Coordinate { id: place.id, coordinate, value, limit });
-            }
-        }
-        if self.indices.insert(place.id, self.places.len() as u32).is_some() {
-            return Err(MapError::DuplicatePlace { id: place.id });
-        }
-        self.places.push(place);
-        Ok(())
-    }
-
-    pub(super) fn road(&mut self, road: Road) -> Result<(), MapError> {
-        let Road { from, to, metres, .. } = road;
-        let index = |id: u64| {
-            let index = self.indices.get(&id).copied();
-            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
-        };
-        let ends = (index(from)?, index(to)?);
-        if from == to {
-            return Err(MapError::Loop { id: from });
-        }
-        if !(metres > 0.0 && metres.is_finite()) {
-            return Err(MapError::Length { from, to, length: metres });
-        }
-        if self.roads.insert(ends, road).is_some() {
-            return Err(MapError::DuplicateRoad { from, to });
-        }
-        Ok(())
-    }
-
-    pub(super) fn build(self) -> Result<RoadMap, MapError> {
-        let Self { places, indices, roads } = self;
-        if places.is_empty() {
-            return Err(MapError::Empty);
-        }
-        let mut sorted: Vec<_> = roads.into_iter().collect();
-        sorted.sort_unstable_by_key(|road| road.0);
-        let mut pairs: Vec<_> = sorted.iter().map(|road| road.0).collect();
-        let outgoing = Adjacency::new(places.len(), &pairs);
-        pairs.iter_mut().for_each(|(from, to)| std::mem::swap(from, to));
-        pairs.sort_unstable();
-        let incoming = Adjacency::new(places.len(), &pairs);
-        let roads = sorted.into_iter().map(|road| road.1).collect();
-        Ok(RoadMap { places, indices, roads, outgoing, incoming })
     }
 }

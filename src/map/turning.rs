@@ -103,8 +103,8 @@ impl TurningProbabilities {
     /// [`TurningError`] for a turn without a road, an entry that is NaN,
     /// negative, infinite, out of range or given twice, or a row that does not
     /// sum to one within 1e-9.
-    pub fn new(
-        map: &RoadMap,
+    pub fn new<P>(
+        map: &RoadMap<P>,
         entries: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<Self, TurningError> {
         let n = map.places().len();
@@ -135,7 +135,7 @@ impl TurningProbabilities {
     /// # Errors
     ///
     /// [`TurningError::Rule`] for a number out of its range.
-    pub fn by_rule(map: &RoadMap, rule: &TurningRule) -> Result<Self, TurningError> {
+    pub fn by_rule<P>(map: &RoadMap<P>, rule: &TurningRule) -> Result<Self, TurningError> {
         rule.check()?;
         let mut entries = Vec::with_capacity(map.places().len() + map.roads().len());
         for from in 0..map.places().len() {
@@ -186,7 +186,7 @@ impl TurningProbabilities {
     /// assert!(tied.parameters() < 100);
     /// ```
     #[must_use]
-    pub fn tied(self, map: &RoadMap) -> TiedTransition {
+    pub fn tied<P>(self, map: &RoadMap<P>) -> TiedTransition {
         TiedTransition::new(self.transition, |from, to| {
             let road = map.roads_from(from).find(|road| road.0 == to);
             road.map_or(0, |(_, road)| 1 + road.class as usize)

@@ -77,7 +77,7 @@ impl Speeds {
     fn relearned(&self, before: &Self, seen: &[Vec<Vec<f64>>]) -> Result<Self, InferenceError> {
         let k = self.values().len();
         let failed = |source| InferenceError::Control { step: 0, source };
-        let matrix = DenseTransition::from_rows(k, &self.switching()).map_err(failed)?;
+        let matrix = DenseTransition::from_row_major(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
         let Ok(shares) = shares else { return Ok(self.clone()) };
         let hmm = Hmm::new(

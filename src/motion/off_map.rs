@@ -40,7 +40,7 @@ use crate::transition::{
 /// use wayfix::motion::OffMapTransition;
 /// use wayfix::{Belief, SparseTransition, Transition};
 ///
-/// let drive = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
+/// let drive = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?;
 /// let gate = Belief::certain(2, 0)?;
 /// let a = OffMapTransition::new(drive, 0.25, 0.5, gate)?;
 /// let mut out = [0.0; 3];

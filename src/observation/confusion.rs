@@ -1,36 +1,48 @@
 //! The discrete part of the sensor, P_c.
 
 use super::ObservationError;
+use crate::error::{TableError, TransitionError};
 use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
+use crate::transition::{Compressed, SparseTransition};
 
-/// P_c: a place is seen as itself, or mistaken for a place that a road joins
-/// with it (in either direction); for no other (paper section II-B).
+/// P_c: a place is seen as itself, or mistaken for a few others.
 ///
-/// Each neighbour takes the same share q of a place's probability, so that a
-/// busy junction is harder to tell from its neighbours than a quiet corner:
-/// P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours. The share is chosen so
-/// that the mean of P_c(i | i) over all places is the one asked for; in the
-/// paper that is 0.7.
+/// [From a map](Self::new) it is mistaken for the places that a road joins with it (in
+/// either direction), and for no other (paper section II-B). Each neighbour takes the same
+/// share q of a place's probability, so that a busy junction is harder to tell from its
+/// neighbours than a quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours.
+/// The share is chosen so that the mean of P_c(i | i) over all places is the one asked for;
+/// in the paper that is 0.7. Measured confusions are taken by
+/// [`from_entries`](Self::from_entries) and [`from_weights`](Self::from_weights).
 ///
-/// Holds n² numbers, as the sensors made from it do: meant for up to some
-/// thousands of places. See the [module](super) for an example.
+/// Only what is above 0 is stored, in 24 bytes an entry and 24 a place: 100,000 places with a
+/// few confusions each take some megabytes. A confusion is a sensor of its own, a
+/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is
+/// seen; each step costs O(n), and O(states asked + places seen as this one) in pruned
+/// routines. A sensor with [Gaussian noise](Self::with_gaussian), as a
+/// [table](Self::into_table), holds n² numbers: for up to some thousands of places. See the
+/// [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
-    /// P_c(j | i) at `rows[i][j]`.
-    pub(super) rows: Vec<Vec<f64>>,
+    /// P_c(j | i) at the line j and the index i.
+    pub(super) by_seen: Compressed,
+    /// The same at the line i and the index j.
+    pub(super) by_place: Compressed,
+    /// The largest P_c(j | i) over i, for each j.
+    pub(super) largest: Vec<f64>,
 }
 
 impl Confusion {
     /// The confusion of the places of a map, with this mean probability of a
-    /// correct observation. O(n²).
+    /// correct observation. O((places + roads) log).
     ///
     /// # Errors
     ///
     /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is
     /// below 1 and no place has a neighbour, or if a place has so many
     /// neighbours that nothing would be left for itself.
-    pub fn new(map: &RoadMap, mean_correct: f64) -> Result<Self, ObservationError> {
+    pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
             return Err(ObservationError::Parameter {
                 what: "the mean probability of a correct observation",
@@ -45,31 +57,198 @@ impl Confusion {
             return Err(ObservationError::NoNeighbors { mean: mean_correct });
         }
         let share = if pairs == 0 { 0.0 } else { (1.0 - mean_correct) * n as f64 / pairs as f64 };
-        let mut rows = vec![vec![0.0; n]; n];
-        for (i, (row, joined)) in rows.iter_mut().zip(&joined).enumerate() {
+        let mut entries = Vec::with_capacity(n + pairs);
+        for (i, joined) in joined.iter().enumerate() {
             let correct = 1.0 - share * joined.len() as f64;
             if correct <= 0.0 {
                 let (id, neighbors) = (map.places()[i].id, joined.len());
                 return Err(ObservationError::TooManyNeighbors { id, neighbors, correct });
             }
-            row[i] = correct;
-            joined.iter().for_each(|&j| row[j] = share);
+            entries.push((i, i, correct));
+            entries.extend(joined.iter().map(|&j| (i, j, share)));
         }
-        Ok(Self { rows })
+        Self::from_entries(n, entries)
+    }
+
+    /// From entries (place, seen as, probability) in any order, by index: what is not
+    /// given is 0. O(places + entries).
+    ///
+    /// ```
+    /// use wayfix::observation::Confusion;
+    ///
+    /// // Aisles 0 and 1 look alike; aisle 2 is never mistaken.
+    /// let entries = [(0, 0, 0.8), (0, 1, 0.2), (1, 1, 0.9), (1, 0, 0.1), (2, 2, 1.0)];
+    /// let confusion = Confusion::from_entries(3, entries)?;
+    /// assert_eq!(confusion.probability(0, 1), Some(0.2));
+    /// assert_eq!(confusion.probability(2, 1), Some(0.0));
+    /// # Ok::<(), wayfix::observation::ObservationError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] for no places, an index out of range, a probability that is
+    /// NaN, negative or infinite, an entry above 0 given twice, a place whose
+    /// probabilities do not sum to one within 1e-9, or more than 2^31 − 1 places or
+    /// 2^32 − 1 entries.
+    pub fn from_entries(
+        places: usize,
+        entries: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<Self, ObservationError> {
+        let entries = entries.into_iter().map(|(place, seen_as, p)| (seen_as, place, p));
+        Self::of(SparseTransition::compressed(places, entries))
+    }
+
+    /// From weights (place, seen as, weight) of any scale, such as the numbers of times that a
+    /// place was seen as another: weights of the same pair are added up, and
+    /// those of a place divided by their sum. O(places + weights).
+    ///
+    /// ```
+    /// use wayfix::observation::Confusion;
+    ///
+    /// let seen = [(0, 0, 1.0), (0, 1, 1.0), (0, 0, 2.0), (1, 1, 5.0)];
+    /// let confusion = Confusion::from_weights(2, seen)?;
+    /// assert_eq!(confusion.probability(0, 0), Some(0.75));
+    /// # Ok::<(), wayfix::observation::ObservationError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`ObservationError`] for no places, an index out of range, a weight that is NaN,
+    /// negative or infinite, a place without a weight above 0, or more than 2^31 − 1
+    /// places or 2^32 − 1 weights.
+    pub fn from_weights(
+        places: usize,
+        weights: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<Self, ObservationError> {
+        let weights = weights.into_iter().map(|(place, seen_as, w)| (seen_as, place, w));
+        Self::of(SparseTransition::compressed_weights(places, weights))
+    }
+
+    /// From what a matrix of p(to: seen | from: place) has for rows and columns: its columns
+    /// sum to one, as those of a transition do.
+    fn of(
+        lines: Result<(Compressed, Compressed), TransitionError>,
+    ) -> Result<Self, ObservationError> {
+        let (by_seen, by_place) = lines.map_err(|error| of_pairs(&error))?;
+        let maximum = |j| by_seen.line(j).map(|entry| entry.1).fold(0.0, f64::max);
+        let largest = (0..by_seen.lines()).map(maximum).collect();
+        Ok(Self { by_seen, by_place, largest })
+    }
+
+    /// The number of places.
+    #[must_use]
+    pub fn places(&self) -> usize {
+        self.largest.len()
+    }
+
+    /// How many probabilities are above 0.
+    #[must_use]
+    pub fn entries(&self) -> usize {
+        self.by_seen.entries()
     }
 
     /// P_c(seen | place), by index, or `None` where there is no such place.
+    /// O(log entries of the place).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
-        self.rows.get(place)?.get(seen).copied()
+        let places = self.places();
+        if place >= places || seen >= places {
+            return None;
+        }
+        let at = self.by_place.indices(place).binary_search(&(seen as u32)).ok();
+        Some(at.and_then(|at| self.by_place.line(place).nth(at)).map_or(0.0, |entry| entry.1))
     }
 
-    /// The sensor without Gaussian noise. O(n²).
+    /// Something of each entry, place by place.
+    #[cfg(feature = "serde")]
+    pub(crate) fn entries_of<T>(&self, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
+        let places = 0..self.places();
+        let entries = places.flat_map(|place| {
+            let line = self.by_place.line(place);
+            line.map(move |(seen_as, p)| (place, seen_as, p))
+        });
+        entries.map(|(place, seen_as, p)| part(place, seen_as, p)).collect()
+    }
+
+    /// From the parts of entries, as they are stored.
+    #[cfg(feature = "serde")]
+    pub(crate) fn from_lists(
+        places: usize,
+        place: &[u32],
+        seen_as: &[u32],
+        probability: &[f64],
+    ) -> Result<Self, ObservationError> {
+        for (what, found) in [
+            ("the number of values in `seen_as`", seen_as.len()),
+            ("the number of values in `probability`", probability.len()),
+        ] {
+            if found != place.len() {
+                let (value, expected) = (found as f64, "as many as in `place`");
+                return Err(ObservationError::Parameter { what, value, expected });
+            }
+        }
+        if place.len() < places {
+            // Before there is memory for each place, so that a wrong number of them does not
+            // take all that there is.
+            let (what, value) = ("the number of places", places as f64);
+            let expected = "at most as many as entries";
+            return Err(ObservationError::Parameter { what, value, expected });
+        }
+        let entries = place.iter().zip(seen_as).zip(probability);
+        let entries = entries.map(|((place, seen_as), p)| (*place as usize, *seen_as as usize, *p));
+        Self::from_entries(places, entries)
+    }
+
+    /// P_c(j | i) over all j.
+    pub(super) fn row(&self, place: usize) -> Vec<f64> {
+        let mut row = vec![0.0; self.places()];
+        self.by_place.line(place).for_each(|(seen, p)| row[seen] = p);
+        row
+    }
+
+    /// The sensor without Gaussian noise as a table, in which each step borrows what this
+    /// confusion writes out. O(n²), in memory too.
     ///
     /// # Errors
     ///
     /// None in practice: the rows sum to one.
     pub fn into_table(self) -> Result<TableLikelihood, ObservationError> {
-        Ok(TableLikelihood::from_rows(&self.rows)?)
+        let rows: Vec<_> = (0..self.places()).map(|place| self.row(place)).collect();
+        Ok(TableLikelihood::from_rows(&rows)?)
+    }
+}
+
+/// What is wrong with moves from places to what they are seen as, in words of sensors.
+fn of_pairs(error: &TransitionError) -> ObservationError {
+    match *error {
+        TransitionError::Empty => TableError::Empty { states: 0, symbols: 0 }.into(),
+        TransitionError::OutOfRange { to, from, states } => {
+            ObservationError::OutOfRange { place: from, seen_as: to, places: states }
+        }
+        TransitionError::Entry { to, from, value } => {
+            TableError::Entry { state: from, symbol: to, value }.into()
+        }
+        TransitionError::Weight { to, from, value } => {
+            ObservationError::Weight { place: from, seen_as: to, value }
+        }
+        TransitionError::Duplicate { to, from } => {
+            ObservationError::Twice { place: from, seen_as: to }
+        }
+        TransitionError::ColumnSum { column, sum }
+        | TransitionError::RowsSumToOne { column, sum } => {
+            TableError::RowSum { state: column, sum }.into()
+        }
+        TransitionError::NoWeight { column } => ObservationError::NoWeight { place: column },
+        TransitionError::TooMany { what: "states", count } => ObservationError::Parameter {
+            what: "the number of places",
+            value: count as f64,
+            expected: "at most 2147483647",
+        },
+        // Of the errors of sparse matrices, only the number of entries is left.
+        _ => ObservationError::Parameter {
+            what: "the number of entries",
+            value: f64::INFINITY,
+            expected: "at most 4294967295",
+        },
     }
 }

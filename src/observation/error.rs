@@ -32,6 +32,36 @@ pub enum ObservationError {
         /// What is left for seeing itself.
         correct: f64,
     },
+    /// A place of a confusion is beyond the last one.
+    OutOfRange {
+        /// The place, by index.
+        place: usize,
+        /// The place that it is seen as.
+        seen_as: usize,
+        /// How many places there are.
+        places: usize,
+    },
+    /// An entry of a confusion was given twice.
+    Twice {
+        /// The place, by index.
+        place: usize,
+        /// The place that it is seen as.
+        seen_as: usize,
+    },
+    /// A weight of a confusion is NaN, negative or infinite.
+    Weight {
+        /// The place, by index.
+        place: usize,
+        /// The place that it is seen as.
+        seen_as: usize,
+        /// What was found.
+        value: f64,
+    },
+    /// No weight of a place is above 0.
+    NoWeight {
+        /// The place, by index.
+        place: usize,
+    },
     /// A row has not a distance for each reference.
     Distances {
         /// Distances found.
@@ -95,6 +125,21 @@ impl fmt::Display for ObservationError {
                 f,
                 "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0"
             ),
+            Self::OutOfRange { place, seen_as, places } => write!(
+                f,
+                "place {place} seen as place {seen_as} is out of range, there are {places} places (0 to {})",
+                places.saturating_sub(1)
+            ),
+            Self::Twice { place, seen_as } => {
+                write!(f, "the probability that place {place} is seen as {seen_as} is given twice")
+            }
+            Self::Weight { place, seen_as, value } => write!(
+                f,
+                "place {place} is seen as {seen_as} with weight {value}, expected a finite value of at least 0"
+            ),
+            Self::NoWeight { place } => {
+                write!(f, "place {place} has no weight above 0, expected at least one")
+            }
             Self::Distances { found, expected } => {
                 write!(f, "{found} distances, expected one for each of {expected} references")
             }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::{Confusion, ObservationError};
 use crate::kernels;
 use crate::likelihood::TableLikelihood;
-use crate::map::RoadMap;
+use crate::map::{Coordinates, RoadMap};
 
 /// What the distance between two places is, for the Gaussian part of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -21,7 +21,7 @@ pub enum Metric {
 
 impl Metric {
     /// The distances from place i to all, infinite where nothing leads.
-    fn distances(self, map: &RoadMap, i: usize) -> Vec<f64> {
+    fn distances<P: Coordinates>(self, map: &RoadMap<P>, i: usize) -> Vec<f64> {
         let n = map.places().len();
         match self {
             Self::Index => (0..n).map(|j| i.abs_diff(j) as f64).collect(),
@@ -56,9 +56,9 @@ impl Confusion {
     ///
     /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or
     /// if the map has not the places of this confusion.
-    pub fn with_gaussian(
+    pub fn with_gaussian<P: Coordinates>(
         &self,
-        map: &RoadMap,
+        map: &RoadMap<P>,
         metric: Metric,
         sigma: f64,
     ) -> Result<TableLikelihood, ObservationError> {
@@ -66,15 +66,16 @@ impl Confusion {
             let (what, expected) = ("sigma", "a finite value above 0");
             return Err(ObservationError::Parameter { what, value: sigma, expected });
         }
-        if map.places().len() != self.rows.len() {
+        if map.places().len() != self.places() {
             return Err(ObservationError::Parameter {
                 what: "the number of places of the map",
                 value: map.places().len() as f64,
                 expected: "that of the confusion",
             });
         }
-        let mut rows = self.rows.clone();
-        for (i, row) in rows.iter_mut().enumerate() {
+        let mut rows = Vec::with_capacity(self.places());
+        for i in 0..self.places() {
+            let mut row = self.row(i);
             let distances = metric.distances(map, i);
             let mut gaussian: Vec<f64> =
                 distances.iter().map(|d| (-0.5 * (d / sigma).powi(2)).exp()).collect();
@@ -86,6 +87,7 @@ impl Confusion {
             gaussian.iter_mut().for_each(|g| *g *= height);
             let normalizer = 1.0 + kernels::sum(&gaussian);
             row.iter_mut().zip(&gaussian).for_each(|(p, g)| *p = (*p + g) / normalizer);
+            rows.push(row);
         }
         Ok(TableLikelihood::from_rows(&rows)?)
     }

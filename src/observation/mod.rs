@@ -19,6 +19,9 @@
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!
+//! A confusion alone is a sensor, too, of any number of places: from a map, or from
+//! [counts](Confusion::from_weights) of what was taken for what.
+//!
 //! A camera that names no place but gives a descriptor of what it sees is
 //! matched with those of the map: [`ReferenceDescriptors`] tells how unlike it
 //! is to each.
@@ -30,6 +33,7 @@ mod error;
 mod gaussian;
 mod odds;
 mod rows;
+mod seen_places;
 mod spread;
 mod standardize;
 mod standardizer;

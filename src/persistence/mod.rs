@@ -19,7 +19,7 @@
 //!
 //! let hmm = Hmm::new(
 //!     Prior::BeforeFirstTransition(Belief::uniform(2)?),
-//!     SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?,
+//!     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
 //!     TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?,
 //! )?;
 //! let mut filter = hmm.filter();
@@ -84,6 +84,7 @@
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
+//! | `Confusion` | `places`; `place`, `seen_as` and `probability` of each entry, in any order |
 //! | `SparseLikelihood` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
 //! | `FusedLikelihood` | `first`, `second` |

@@ -51,7 +51,7 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
 /// its buffer is dropped.
 ///
 /// ```
-/// use wayfix::transition::{Ends, WindowTransition, with_scratch};
+/// use wayfix::transition::{WindowTransition, with_scratch};
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
 ///
 /// /// One operator after the other: first the vehicle moves, then it is shunted.
@@ -76,7 +76,7 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
 ///     }
 /// }
 ///
-/// let by = |places| WindowTransition::new(5, places, &[1.0], Ends::Loop);
+/// let by = |places| WindowTransition::new(5, places, &[1.0], true);
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(5, 0)?);
 /// let hmm = Hmm::new(prior, Then(by(1)?, by(2)?), LikelihoodVector::linear(5))?;
 /// assert_eq!(hmm.filter().forecast(1)?.mode(), 3);

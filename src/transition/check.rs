@@ -48,6 +48,22 @@ pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     }
 }
 
+/// The same of a matrix that is at hand: if its rows sum to one instead, it was given as
+/// its transpose, and the error says so.
+pub(super) fn check_columns_of(
+    sums: &[f64],
+    row: impl Fn(usize) -> f64,
+) -> Result<(), TransitionError> {
+    check_columns(sums).map_err(|error| match error {
+        TransitionError::ColumnSum { column, sum }
+            if (0..sums.len()).all(|i| (row(i) - 1.0).abs() <= SUM_TOLERANCE) =>
+        {
+            TransitionError::RowsSumToOne { column, sum }
+        }
+        error => error,
+    })
+}
+
 /// n as an index of 32 bits.
 pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
     if u32::try_from(count).is_err() {

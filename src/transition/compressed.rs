@@ -7,8 +7,8 @@ use crate::kernels::{Sliced, Width};
 
 /// Sparse lines: rows of A, or its columns. Line i occupies
 /// `indices[starts[i]..starts[i + 1]]`; within a line, indices ascend.
-#[derive(Debug, Clone)]
-pub(super) struct Compressed {
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Compressed {
     starts: Vec<u32>,
     indices: Vec<u32>,
     values: Width<Vec<f64>, Vec<f32>>,
@@ -56,12 +56,12 @@ impl Compressed {
     }
 
     /// How many lines there are.
-    pub(super) fn lines(&self) -> usize {
+    pub(crate) fn lines(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// How many entries there are.
-    pub(super) fn entries(&self) -> usize {
+    pub(crate) fn entries(&self) -> usize {
         self.indices.len()
     }
 
@@ -76,7 +76,7 @@ impl Compressed {
     }
 
     /// Where each line begins, and the end.
-    pub(super) fn starts(&self) -> &[u32] {
+    pub(crate) fn starts(&self) -> &[u32] {
         &self.starts
     }
 
@@ -87,7 +87,7 @@ impl Compressed {
 
     /// The indices of a line.
     #[inline]
-    pub(super) fn indices(&self, line: usize) -> &[u32] {
+    pub(crate) fn indices(&self, line: usize) -> &[u32] {
         &self.indices[self.range(line)]
     }
 
@@ -116,7 +116,7 @@ impl Compressed {
 
     /// The entries of a line, in ascending order of their index.
     #[inline]
-    pub(super) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+    pub(crate) fn line(&self, line: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         let range = self.range(line);
         let indices = &self.indices[range.clone()];
         let values = match &self.values {

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::sparse::LEAST_PLAIN;
 use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns, check_count, log};
+use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{self, Dense, DenseLogs};
@@ -18,8 +18,9 @@ use crate::kernels::{self, Dense, DenseLogs};
 /// ```
 /// use wayfix::{DenseTransition, Transition};
 ///
-/// // Row i is what leads to state i; columns sum to one.
-/// let a = DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6])?;
+/// // Row i is what leads to state i, column j what leads out of state j: columns sum to one.
+/// // From state 0 the vehicle goes on to state 1 with 0.3, from there back with 0.4.
+/// let a = DenseTransition::from_rows(&[[0.7, 0.4], [0.3, 0.6]])?;
 /// let mut out = [0.0; 2];
 /// a.apply(&(), &[1.0, 0.0], &mut out);
 /// assert_eq!(out, [0.7, 0.3]);
@@ -35,15 +36,41 @@ pub struct DenseTransition {
 }
 
 impl DenseTransition {
-    /// From a matrix, row after row: `matrix[i * n + j]` = A\[i, j\] =
-    /// p(i | j). O(n²).
+    /// From the rows of A: `rows[i][j]` = A\[i, j\] = p(to i | from j), so that
+    /// **columns** sum to one. O(n²).
+    ///
+    /// Books that write p(to j | from i) at row i and column j mean the transpose:
+    /// [`from_fn`](Self::from_fn) takes it with `|to, from| p[from][to]`.
+    ///
+    /// ```
+    /// use wayfix::DenseTransition;
+    ///
+    /// let a = DenseTransition::from_rows(&[[0.9, 0.5], [0.1, 0.5]])?;
+    /// assert_eq!(a.get(1, 0), 0.1); // to state 1 from state 0
+    ///
+    /// let error = DenseTransition::from_rows(&[[0.9, 0.1], [0.5, 0.5]]).unwrap_err();
+    /// assert!(error.to_string().contains("the rows sum to one: transpose"));
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
     ///
     /// # Errors
     ///
-    /// [`TransitionError`] for no states, unless there are n × n values, for a
+    /// [`TransitionError`] for no states, for a row that has not n values, for a
     /// value that is NaN, negative or infinite, or for a column that does not
     /// sum to one within 1e-9.
-    pub fn from_rows(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
+    pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TransitionError> {
+        check_rows(rows)?;
+        Self::from_fn(rows.len(), |i, j| rows[i].as_ref()[j])
+    }
+
+    /// As [`from_rows`](Self::from_rows), with one row after another in one slice:
+    /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_rows`](Self::from_rows), or
+    /// [`TransitionError::WrongLength`] unless there are n × n values.
+    pub fn from_row_major(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
         check_square(states, matrix.len())?;
         Self::from_fn(states, |i, j| matrix[i * states + j])
     }
@@ -73,7 +100,7 @@ impl DenseTransition {
                 *sum += value;
             }
         }
-        check_columns(&sums)?;
+        check_columns_of(&sums, |to| (0..states).map(|from| matrix.column(from)[to]).sum())?;
         let plain = !matrix.values().iter().any(|&p| 0.0 < p && p < LEAST_PLAIN);
         Ok(Self { matrix, plain, log2: OnceLock::new() })
     }
@@ -185,6 +212,19 @@ impl TransitionEntries for DenseTransition {
         let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
         let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
         log2.maximize(x, out, from);
+    }
+}
+
+/// As many values in each row as there are rows, and at least one.
+pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
+    let expected = rows.len();
+    if expected == 0 {
+        return Err(TransitionError::Empty);
+    }
+    let lengths = rows.iter().map(|row| row.as_ref().len()).enumerate();
+    match lengths.into_iter().find(|(_, found)| *found != expected) {
+        Some((row, found)) => Err(TransitionError::RowLength { row, found, expected }),
+        None => Ok(()),
     }
 }
 

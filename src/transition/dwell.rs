@@ -30,7 +30,7 @@ use crate::kernels::{self, log2};
 /// use wayfix::{SparseTransition, TableLikelihood};
 ///
 /// // Around two places; in the first for two or three steps, in the other one.
-/// let moves = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
+/// let moves = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?;
 /// let bus = DwellTransition::new(moves, &[vec![0.0, 0.5, 0.5], vec![1.0]])?;
 /// let places = bus.groups().clone();
 /// let prior = Prior::AtFirstObservation(bus.arriving(&Belief::certain(2, 0)?)?);

@@ -25,7 +25,7 @@ use crate::groups::Groups;
 /// use wayfix::{SparseTransition, Transition};
 ///
 /// let place = WindowTransition::new(4, 1, &[1.0], true)?; // one on
-/// let lane = SparseTransition::from_rows(2, &[0.75, 0.25, 0.25, 0.75])?;
+/// let lane = SparseTransition::from_rows(&[[0.75, 0.25], [0.25, 0.75]])?;
 /// let a = KroneckerTransition::new(place, lane)?;
 /// let mut out = [0.0; 8];
 /// a.apply(&(), &[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);

@@ -44,11 +44,13 @@ mod sparse;
 mod stored;
 mod switched;
 mod tied;
+mod weights;
 mod window;
 
 pub use buffers::with_scratch;
-use check::{check_columns, refuse_evidence};
+use check::{check_columns_of, refuse_evidence};
 pub(crate) use check::{check_count, check_probability, check_slices, check_sum, scaled, validate};
+pub(crate) use compressed::Compressed;
 pub use dense::DenseTransition;
 pub use dwell::DwellTransition;
 pub use entries::TransitionEntries;

@@ -93,7 +93,7 @@ impl LearnTransition for DenseTransition {
         for (to, from, p) in free(self, counts, pseudo_count)? {
             matrix[to * n + from] = p;
         }
-        Self::from_rows(n, &matrix)
+        Self::from_row_major(n, &matrix)
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_weight_that_is_no_number_is_an_error() {
-        let a = DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap();
+        let a = DenseTransition::from_rows(&[[0.7, 0.4], [0.3, 0.6]]).unwrap();
         for bad in [f64::NAN, f64::INFINITY] {
             let columns = normalized(&a, vec![(0, 0, bad), (1, 0, 1.0), (0, 1, 0.0), (1, 1, 0.0)]);
             assert_eq!(columns[2..], [(0, 1, 0.4), (1, 1, 0.6)]);

@@ -20,7 +20,7 @@ use crate::kernels::{self, log2};
 /// use wayfix::transition::RestartTransition;
 /// use wayfix::{Belief, SparseTransition, Transition};
 ///
-/// let drive = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0])?;
+/// let drive = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?;
 /// let depot = Belief::certain(2, 0)?;
 /// let a = RestartTransition::new(drive, 0.25, depot)?;
 /// let mut out = [0.0; 2];

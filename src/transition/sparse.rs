@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::compressed::Compressed;
 use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns, check_count, log};
+use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
@@ -70,7 +70,7 @@ impl SparseTransition {
     }
 
     /// Rows and columns.
-    pub(super) fn compressed(
+    pub(crate) fn compressed(
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<(Compressed, Compressed), TransitionError> {
@@ -106,7 +106,7 @@ impl SparseTransition {
             }
             rows.line(to).for_each(|(from, value)| sums[from] += value);
         }
-        check_columns(&sums)?;
+        check_columns_of(&sums, |to| rows.line(to).map(|entry| entry.1).sum())?;
         let columns = rows.transposed();
         Ok((rows, columns))
     }
@@ -122,14 +122,43 @@ impl SparseTransition {
         Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
     }
 
-    /// From a dense matrix, row after row: `matrix[i * n + j]` = A\[i, j\] =
-    /// p(i | j). O(n²).
+    /// From the rows of A, zeros and all: `rows[i][j]` = A\[i, j\] = p(to i | from j),
+    /// so that **columns** sum to one. O(n²).
+    ///
+    /// ```
+    /// use wayfix::SparseTransition;
+    ///
+    /// // A one-way street from state 0 to state 1, where the vehicle parks.
+    /// let a = SparseTransition::from_rows(&[[0.75, 0.0], [0.25, 1.0]])?;
+    /// assert_eq!((a.get(1, 0), a.get(0, 1)), (0.25, 0.0)); // (to, from)
+    ///
+    /// let error = SparseTransition::from_rows(&[[0.75, 0.25], [0.0, 1.0]]).unwrap_err();
+    /// assert!(error.to_string().contains("the rows sum to one: transpose"));
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
+    /// [`TransitionError::RowLength`] for a row that has not n values.
+    pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TransitionError> {
+        super::dense::check_rows(rows)?;
+        let entries = rows
+            .iter()
+            .enumerate()
+            .flat_map(|(i, row)| row.as_ref().iter().enumerate().map(move |(j, &p)| (i, j, p)));
+        // Without zeros, so that there is no room made for them.
+        Self::from_triplets(rows.len(), entries.filter(|entry| entry.2 != 0.0))
+    }
+
+    /// As [`from_rows`](Self::from_rows), with one row after another in one slice:
+    /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
     ///
     /// # Errors
     ///
     /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
     /// [`TransitionError::WrongLength`] unless there are n × n values.
-    pub fn from_rows(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
+    pub fn from_row_major(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
         super::dense::check_square(states, matrix.len())?;
         // Without zeros, so that there is no room made for them.
         let entries = matrix.iter().enumerate().filter(|entry| *entry.1 != 0.0);

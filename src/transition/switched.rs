@@ -10,8 +10,8 @@ use crate::error::TransitionError;
 /// use wayfix::transition::SwitchedTransition;
 /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
 ///
-/// let park = DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0])?;
-/// let drive = DenseTransition::from_rows(2, &[0.2, 0.0, 0.8, 1.0])?;
+/// let park = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
+/// let drive = DenseTransition::from_rows(&[[0.2, 0.0], [0.8, 1.0]])?;
 /// let gears = SwitchedTransition::new(vec![park, drive])?;
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(2, 0)?);
 /// let hmm = Hmm::new(prior, gears, LikelihoodVector::linear(2))?;

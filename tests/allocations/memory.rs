@@ -1,10 +1,11 @@
 //! Memory beyond the inputs, at its peak.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::canberra;
 use wayfix::inference::Order;
+use wayfix::observation::Confusion;
+use wayfix::{Belief, Hmm, Prior, SparseTransition, canberra};
 
-use crate::peak;
+use crate::{allocations, peak};
 
 #[test]
 fn memory_is_what_the_docs_say() {
@@ -52,4 +53,30 @@ fn memory_is_what_the_docs_say() {
     }
     let counts = peak(|| hmm.expected_moves(&ys[..steps]).unwrap());
     assert!(counts < 7 * block(142) + 64 * 420, "expected moves: {counts}");
+}
+
+fn alike_neighbours(n: usize) -> Confusion {
+    let places = 0..n;
+    let entries =
+        places.flat_map(|i| [(i, i, 0.75), (i, (i + 1) % n, 0.125), (i, (i + n - 1) % n, 0.125)]);
+    Confusion::from_entries(n, entries).unwrap()
+}
+
+#[test]
+fn a_confusion_takes_what_its_entries_do() {
+    let n = 100_000;
+    let mut confusion = None;
+    let found = allocation_counter::measure(|| confusion = Some(alike_neighbours(n)));
+    let places = i64::try_from(n).unwrap();
+    assert!(found.bytes_current <= 24 * 3 * places + 24 * places, "{}", found.bytes_current);
+    assert!(found.bytes_max <= 64 * 3 * n as u64, "{}", found.bytes_max);
+    drop(confusion);
+
+    let n = 1000;
+    let stay = SparseTransition::from_triplets(n, (0..n).map(|i| (i, i, 1.0))).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+    let hmm = Hmm::new(prior, stay, alike_neighbours(n)).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&7).unwrap();
+    assert_eq!(allocations(|| drop(filter.step(&8))), 0);
 }

@@ -35,7 +35,7 @@ pub(crate) fn check_with<A: TransitionEntries>(name: &str, a: &A, control: &A::C
 #[test]
 fn products_allocate_nothing_after_the_first() {
     let route = || WindowTransition::new(20, -1, &[0.25, 0.25, 0.5], false).unwrap();
-    let gears = || SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
+    let gears = || SparseTransition::from_rows(&[[0.5, 0.25], [0.5, 0.75]]).unwrap();
     let lost = || RestartTransition::new(route(), 0.125, Belief::uniform(20).unwrap()).unwrap();
     let times = vec![vec![0.25, 0.25, 0.5]; 20];
     let dwell = || DwellTransition::new(lost(), &times).unwrap();

@@ -48,21 +48,58 @@ fn transitions() {
         "a transition operator needs at least one state, found none",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5; 3]),
+        DenseTransition::from_row_major(2, &[0.5; 3]),
         "3 values given for 2 states, expected 4 (states squared)",
     );
     says(
-        SparseTransition::from_rows(2, &[0.5; 5]),
+        SparseTransition::from_row_major(2, &[0.5; 5]),
         "5 values given for 2 states, expected 4 (states squared)",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5, 0.45, 0.5, 0.45]),
+        DenseTransition::from_rows(&[[0.5, 0.45], [0.5, 0.45]]),
         "column 1 (the transitions out of state 1) sums to 0.9, expected 1",
     );
     says(
-        DenseTransition::from_rows(2, &[0.5, f64::INFINITY, 0.5, 0.0]),
+        DenseTransition::from_rows(&[[0.5, f64::INFINITY], [0.5, 0.0]]),
         "the transition from state 1 to state 0 has probability inf, expected a finite value of at least 0",
     );
+    let long = [vec![0.5, 0.5], vec![0.5, 0.5, 0.0]];
+    let found = "row 1 has 3 values, expected 2, as many as rows";
+    says(DenseTransition::from_rows(&long), found);
+    says(SparseTransition::from_rows(&long), found);
+    let none = "a transition operator needs at least one state, found none";
+    says(DenseTransition::from_rows::<[f64; 1]>(&[]), none);
+    says(SparseTransition::from_rows::<[f64; 1]>(&[]), none);
+    // The rows of the books, p(to j | from i) at i, j.
+    let rows = [[0.9, 0.1], [0.5, 0.5]];
+    let transposed = "column 0 (the transitions out of state 0) sums to 1.4, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)";
+    says(DenseTransition::from_rows(&rows), transposed);
+    says(SparseTransition::from_rows(&rows), transposed);
+    says(SparseTransition::from_row_major(2, rows.as_flattened()), transposed);
+    says(DenseTransition::from_row_major(2, rows.as_flattened()), transposed);
+    says(sparse(&[(0, 0, 0.9), (0, 1, 0.1), (1, 0, 0.5), (1, 1, 0.5)]), transposed);
+
+    let weights = |weights: &[_]| SparseTransition::from_weights(2, weights.iter().copied());
+    for (bad, found) in [(-1.0, "-1"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        says(
+            weights(&[(0, 0, 2.0), (1, 0, bad), (1, 1, 1.0)]),
+            &format!(
+                "the transition from state 0 to state 1 has weight {found}, expected a finite value of at least 0"
+            ),
+        );
+    }
+    for of_1 in [&[(1, 0, 3.0)][..], &[(1, 0, 3.0), (0, 1, 0.0)]] {
+        says(
+            weights(of_1),
+            "column 1 (the transitions out of state 1) has no weight above 0, expected at least one",
+        );
+    }
+    says(
+        weights(&[(0, 0, 1.0), (0, 2, 1.0)]),
+        "the transition from state 2 to state 0 is out of range, there are 2 states (0 to 1)",
+    );
+    says(SparseTransition::from_weights(0, []), none);
+
     let of = |n| DenseTransition::from_fn(n, |i, j| f64::from(i == j)).unwrap();
     says(
         SwitchedTransition::new(vec![of(2), of(3)]),
@@ -340,7 +377,7 @@ fn road(from: u64, to: u64) -> Road {
 
 #[test]
 fn maps_by_code() {
-    says(RoadMap::new([], []), "a map needs at least one place, found none");
+    says(RoadMap::<Position>::new([], []), "a map needs at least one place, found none");
     says(RoadMap::new([place(7), place(7)], []), "place 7 is given twice");
     says(
         RoadMap::new([place(1), place(2)], [road(1, 2), road(2, 1), road(1, 2)]),
@@ -488,6 +525,43 @@ fn turning_and_sensors() {
         Confusion::new(&star, 0.5),
         "place 1 has 5 neighbours, which leaves it a correct probability of -0.5, expected above 0",
     );
+    let entries = |entries: &[_]| Confusion::from_entries(2, entries.iter().copied());
+    let weights = |weights: &[_]| Confusion::from_weights(2, weights.iter().copied());
+    says(
+        entries(&[(0, 0, 0.5), (0, 1, 0.4), (1, 1, 1.0)]),
+        "the probabilities of what state 0 shows sum to 0.9, expected 1",
+    );
+    says(entries(&[(0, 1, 1.0)]), "the probabilities of what state 1 shows sum to 0, expected 1");
+    // What is seen need not sum to one, and it is no hint if it does.
+    says(
+        entries(&[(0, 0, 0.5), (1, 0, 0.5), (0, 1, 0.25), (1, 1, 0.75)]),
+        "the probabilities of what state 0 shows sum to 0.75, expected 1",
+    );
+    for (bad, found) in [(-0.5, "-0.5"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+        let expected = "expected a finite value of at least 0";
+        says(
+            entries(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
+            &format!("state 0 shows symbol 1 with probability {found}, {expected}"),
+        );
+        says(
+            weights(&[(0, 0, 1.0), (0, 1, bad), (1, 1, 1.0)]),
+            &format!("place 0 is seen as 1 with weight {found}, {expected}"),
+        );
+    }
+    let out = "place 0 seen as place 2 is out of range, there are 2 places (0 to 1)";
+    says(entries(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
+    says(weights(&[(0, 2, 1.0), (1, 1, 1.0)]), out);
+    says(
+        entries(&[(0, 1, 0.5), (0, 1, 0.5), (1, 1, 1.0)]),
+        "the probability that place 0 is seen as 1 is given twice",
+    );
+    says(
+        weights(&[(0, 0, 2.0), (1, 0, 0.0)]),
+        "place 1 has no weight above 0, expected at least one",
+    );
+    let none = "a table needs at least one state and one symbol, found 0 states and 0 symbols";
+    says(Confusion::from_entries(0, []), none);
+    says(Confusion::from_weights(0, []), none);
     let confusion = Confusion::new(&map, 0.9).unwrap();
     says(
         confusion.with_gaussian(&map, Metric::Hops, -1.0),

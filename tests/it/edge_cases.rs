@@ -44,7 +44,7 @@ fn first_best(prior: &[f64], a: &[[f64; 3]; 3], ys: &[[f64; 3]]) -> Vec<usize> {
     best.1
 }
 
-fn check_ties<A: TransitionEntries<Control = ()>>(make: impl Fn(&[f64]) -> A) {
+fn check_ties<A: TransitionEntries<Control = ()>>(make: impl Fn(&[[f64; 3]]) -> A) {
     let columns = [[0.5, 0.25, 0.25], [0.25, 0.5, 0.25], [0.125, 0.125, 0.75], [0.5, 0.5, 0.0]];
     let prior = [0.25, 0.5, 0.25];
     let rows = [[1.0, 1.0, 1.0], [0.5, 1.0, 0.25], [1.0, 0.5, 0.5], [0.0, 1.0, 1.0]];
@@ -53,7 +53,7 @@ fn check_ties<A: TransitionEntries<Control = ()>>(make: impl Fn(&[f64]) -> A) {
         let a: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| column(j)[i]));
         let hmm = Hmm::new(
             Prior::AtFirstObservation(Belief::new(prior.to_vec()).unwrap()),
-            make(a.as_flattened()),
+            make(&a),
             LikelihoodVector::linear(3),
         )
         .unwrap();
@@ -69,8 +69,8 @@ fn check_ties<A: TransitionEntries<Control = ()>>(make: impl Fn(&[f64]) -> A) {
 
 #[test]
 fn viterbi_ties_go_to_the_lowest_last_state_then_the_last_but_one() {
-    check_ties(|a| DenseTransition::from_rows(3, a).unwrap());
-    check_ties(|a| SparseTransition::from_rows(3, a).unwrap());
+    check_ties(|a| DenseTransition::from_rows(a).unwrap());
+    check_ties(|a| SparseTransition::from_rows(a).unwrap());
 }
 
 /// Two states that see the same factors in another order, and never change:
@@ -96,7 +96,7 @@ fn the_same_factors_in_another_order_tie() {
 #[test]
 fn when_all_is_tied_state_0_it_is() {
     for n in [1, 2, 9, 20] {
-        let a = SparseTransition::from_rows(n, &vec![1.0 / n as f64; n * n]).unwrap();
+        let a = SparseTransition::from_rows(&vec![vec![1.0 / n as f64; n]; n]).unwrap();
         let hmm = Hmm::new(before(uniform(n)), a, LikelihoodVector::linear(n)).unwrap();
         let ys = vec![vec![1.0; n]; 5];
         assert_eq!(hmm.viterbi(&ys).unwrap().states(), [0; 5]);
@@ -123,7 +123,7 @@ fn an_empty_sequence_leaves_the_prior() {
 
 #[test]
 fn one_state_is_always_that_state() {
-    let a = SparseTransition::from_rows(1, &[1.0]).unwrap();
+    let a = SparseTransition::from_rows(&[[1.0]]).unwrap();
     let hmm = Hmm::new(before(uniform(1)), a, LikelihoodVector::linear(1)).unwrap();
     let smoothing = hmm.smooth(&[[0.5], [1e-300], [1e300]]).unwrap();
     assert!(smoothing.posteriors().as_slice().iter().all(|p| *p == 1.0));
@@ -302,7 +302,7 @@ fn one_large_outlier_is_forgotten() {
 #[test]
 fn a_centimetre_sensor_may_be_wrong_by_kilometres() {
     // 0 and 1 are one component, 2 another; each can be left to itself only.
-    let a = SparseTransition::from_rows(3, &[0.3, 0.6, 0.0, 0.7, 0.4, 0.0, 0.0, 0.0, 1.0]);
+    let a = SparseTransition::from_rows(&[[0.3, 0.6, 0.0], [0.7, 0.4, 0.0], [0.0, 0.0, 1.0]]);
     let hmm = Hmm::new(before(uniform(3)), a.unwrap(), LikelihoodVector::log(3)).unwrap();
     for far in [1e8, 1e10, 1.3e12, 1e14] {
         let ys = [[-far, -far, 0.0], [0.0, -1.0, -2.0 * far], [-1.0, 0.0, 0.0]];
@@ -337,7 +337,7 @@ fn a_probability_of_1e_300_keeps_its_digits() {
 
 #[test]
 fn a_missing_observation_is_a_prediction() {
-    let a = DenseTransition::from_rows(2, &[0.7, 0.2, 0.3, 0.8]).unwrap();
+    let a = DenseTransition::from_rows(&[[0.7, 0.2], [0.3, 0.8]]).unwrap();
     let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]]).unwrap();
     let hmm = Hmm::new(before(uniform(2)), a, OptionalLikelihood::new(table)).unwrap();
     let (mut missing, mut predicted) = (hmm.filter(), hmm.filter());

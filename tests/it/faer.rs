@@ -28,7 +28,7 @@ fn dense_and_sparse_operators_take_faer_views() {
     }
     // A transposed view has other strides, and is another matrix.
     let error = DenseTransition::from_faer(a.transpose()).unwrap_err();
-    assert!(matches!(error, TransitionError::ColumnSum { column: 0, .. }));
+    assert!(matches!(error, TransitionError::RowsSumToOne { column: 0, .. }));
 }
 
 #[test]

@@ -335,7 +335,7 @@ proptest! {
 
 #[test]
 fn what_learning_drops_is_no_parameter_any_more() {
-    let a = SparseTransition::from_rows(2, &[0.5, 0.5, 0.5, 0.5]).unwrap();
+    let a = SparseTransition::from_rows(&[[0.5, 0.5], [0.5, 0.5]]).unwrap();
     let tied = TiedTransition::new(a, |from, to| usize::from(from != to));
     assert_eq!(tied.parameters(), 2);
     let prior = Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0]).unwrap());
@@ -392,7 +392,7 @@ fn tied_turning_probabilities_are_found_again() {
 fn a_sequence_that_cannot_be_is_left_out_and_named() {
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::uniform(2).unwrap()),
-        DenseTransition::from_rows(2, &[0.6, 0.4, 0.4, 0.6]).unwrap(),
+        DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]]).unwrap(),
         TableLikelihood::from_rows(&[[0.7, 0.3, 0.0], [0.3, 0.7, 0.0]]).unwrap(),
     )
     .unwrap();
@@ -430,7 +430,7 @@ fn a_sequence_that_cannot_be_is_left_out_and_named() {
 fn learning_from_known_states_is_counting() {
     let source = Hmm::new(
         Prior::AtFirstObservation(Belief::new(vec![0.5, 0.3, 0.2]).unwrap()),
-        SparseTransition::from_rows(3, &[0.5, 0.0, 0.5, 0.5, 0.6, 0.0, 0.0, 0.4, 0.5]).unwrap(),
+        SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.6, 0.0], [0.0, 0.4, 0.5]]).unwrap(),
         TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7], [0.5, 0.5]]).unwrap(),
     )
     .unwrap();
@@ -552,7 +552,7 @@ fn an_objective_that_falls_is_an_error() {
         }
     }
     let sensor = Worse(TableLikelihood::from_rows(&[[0.9, 0.1], [0.8, 0.2]]).unwrap());
-    let transition = DenseTransition::from_rows(2, &[0.5; 4]).unwrap();
+    let transition = DenseTransition::from_rows(&[[0.5; 2]; 2]).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
     let hmm = Hmm::new(prior, transition, sensor).unwrap();
     let error = hmm.learn(&[[0, 0, 0]], &LearningOptions::default()).unwrap_err();

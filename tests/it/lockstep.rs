@@ -296,7 +296,7 @@ proptest! {
 fn a_lane_that_does_not_hold_costs_no_other_sequence_its_counts() {
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::certain(2, 0).unwrap()),
-        DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap(),
+        DenseTransition::from_rows(&[[0.7, 0.4], [0.3, 0.6]]).unwrap(),
         Fixed(LikelihoodVector::linear(2).owned()),
     )
     .unwrap();

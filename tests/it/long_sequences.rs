@@ -27,7 +27,7 @@ fn a_million_steps_on_the_map_keep_every_belief_a_distribution() {
 fn the_log_likelihood_of_a_million_steps_has_all_its_digits() {
     let hmm = Hmm::new(
         Prior::BeforeFirstTransition(Belief::uniform(2).unwrap()),
-        DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9]).unwrap(),
+        DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]]).unwrap(),
         LikelihoodVector::linear(2),
     )
     .unwrap();

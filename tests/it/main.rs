@@ -25,6 +25,7 @@ mod lockstep;
 mod long_sequences;
 mod many;
 mod map;
+mod map_files;
 mod motion;
 mod operators;
 #[cfg(feature = "serde")]
@@ -35,6 +36,7 @@ mod recognition;
 mod reference_cases;
 mod routines;
 mod sensors;
+mod shortest_path;
 mod simulation;
 mod single;
 mod small;

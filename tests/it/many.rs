@@ -110,8 +110,8 @@ fn learning_does_not_depend_on_the_threads() {
 
 #[test]
 fn moves_are_counted_under_their_controls() {
-    let stay = SparseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0]).unwrap();
-    let swap = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0]).unwrap();
+    let stay = SparseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+    let swap = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]]).unwrap();
     assert_eq!(evaluate::illegal_moves(&stay, &[0, 1, 1, 0]), Ok(2));
     let gears = SwitchedTransition::new(vec![stay, swap]).unwrap();
     // Control k drives the move to state k.
@@ -131,7 +131,7 @@ fn moves_are_counted_under_their_controls() {
 fn what_may_come_next_is_drawn_as_it_is_forecast() {
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::new(vec![0.3, 0.7]).unwrap()),
-        SparseTransition::from_rows(2, &[0.8, 0.1, 0.2, 0.9]).unwrap(),
+        SparseTransition::from_rows(&[[0.8, 0.1], [0.2, 0.9]]).unwrap(),
         TableLikelihood::from_rows(&[[0.5, 0.3, 0.2], [0.1, 0.1, 0.8]]).unwrap(),
     )
     .unwrap();

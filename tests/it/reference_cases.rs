@@ -125,7 +125,7 @@ fn sparse_operators_give_the_known_answers() {
 fn an_impossible_observation_is_an_error_that_names_its_step() {
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::new(vec![1.0, 0.0]).unwrap()),
-        DenseTransition::from_rows(2, &[1.0, 0.0, 0.0, 1.0]).unwrap(),
+        DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap(),
         LikelihoodVector::linear(2),
     )
     .unwrap();

@@ -126,7 +126,7 @@ fn the_choice_stays_with_a_model() {
 /// As a missing sighting does.
 #[test]
 fn a_prediction_rounds_tails_too() {
-    let fade = DenseTransition::from_rows(2, &[1.0, 1.0, 0.0, 1e-30]);
+    let fade = DenseTransition::from_rows(&[[1.0, 1.0], [0.0, 1e-30]]);
     let prior = Prior::AtFirstObservation(Belief::new(vec![1.0, 1e-300]).unwrap());
     let exact = Hmm::new(prior, fade.unwrap(), LikelihoodVector::log(2)).unwrap();
     let predicted = |hmm: &Hmm<DenseTransition, LikelihoodVector>| {

@@ -173,7 +173,7 @@ proptest! {
 }
 
 fn two_places() -> Hmm<SparseTransition, LikelihoodVector> {
-    let motion = SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7]).unwrap();
+    let motion = SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]]).unwrap();
     let prior = Prior::BeforeFirstTransition(Belief::uniform(2).unwrap());
     Hmm::new(prior, motion, LikelihoodVector::linear(2)).unwrap()
 }

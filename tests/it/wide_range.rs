@@ -244,8 +244,8 @@ fn a_scale_that_underflows_has_a_logarithm() {
 fn a_prior_and_a_move_beyond_a_double_are_a_way() {
     // 1e-300 of the prior goes on with 1e-300, and only that place is seen.
     let prior = Belief::new(vec![1.0 - 1e-300, 1e-300, 0.0]).unwrap();
-    let matrix = [1.0, 0.0, 0.0, 0.0, 1.0 - 1e-300, 0.0, 0.0, 1e-300, 1.0];
-    let motion = wayfix::SparseTransition::from_rows(3, &matrix).unwrap();
+    let matrix = [[1.0, 0.0, 0.0], [0.0, 1.0 - 1e-300, 0.0], [0.0, 1e-300, 1.0]];
+    let motion = wayfix::SparseTransition::from_rows(&matrix).unwrap();
     let prior = wayfix::Prior::BeforeFirstTransition(prior);
     let hmm = Hmm::new(prior, motion, LikelihoodVector::linear(3)).unwrap();
     let found = hmm.beam_viterbi(&[[0.0, 0.0, 1.0]], 0.0).unwrap();

@@ -53,7 +53,7 @@ impl Numbers {
 
     pub(crate) fn dense(&self) -> Result<Hmm<DenseTransition, LikelihoodVector>, Failure> {
         let transition =
-            DenseTransition::from_rows(self.states, &matrix(self.states, &self.entries))?;
+            DenseTransition::from_row_major(self.states, &matrix(self.states, &self.entries))?;
         self.hmm(transition)
     }
 

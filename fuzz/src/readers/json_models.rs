@@ -4,15 +4,8 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::observation::{AppearanceLikelihood, Spread};
-use wayfix::transition::{
-    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
-    TiedTransition,
-};
-use wayfix::{
-    Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
-    OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
-    TransitionEntries,
-};
+use wayfix::transition::{DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition, TiedTransition};
+use wayfix::{Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition, TransitionEntries};
 
 use super::json_recognition::recognition;
 use super::read;
@@ -42,7 +35,7 @@ pub fn json_models(bytes: &[u8], counts: &mut Counts) {
 }
 
 fn sparse(draw: &mut Draw<'_>, n: usize, range: Range) -> SparseTransition {
-    SparseTransition::from_rows(n, &matrices::matrix(draw, n, range).concat()).expect("a matrix")
+    SparseTransition::from_rows(&matrices::matrix(draw, n, range)).expect("a matrix")
 }
 
 fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &mut Counts) {

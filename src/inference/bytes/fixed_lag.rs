@@ -12,7 +12,7 @@ impl FixedLagSnapshot<()> {
     /// # use wayfix::inference::FixedLagSnapshot;
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9])?, LikelihoodVector::linear(2))?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
     /// let mut smoother = hmm.fixed_lag(2);
     /// smoother.step(&[0.9, 0.2])?;
     /// let bytes = smoother.snapshot().to_bytes();
@@ -42,7 +42,7 @@ impl<U> FixedLagSnapshot<U> {
     /// # use wayfix::transition::SwitchedTransition;
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
     /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
-    /// # let a = DenseTransition::from_rows(2, &[0.9, 0.1, 0.1, 0.9])?;
+    /// # let a = DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?;
     /// # let hmm = Hmm::new(prior, SwitchedTransition::new(vec![a])?, LikelihoodVector::linear(2))?;
     /// let mut smoother = hmm.fixed_lag(2);
     /// smoother.step_with(&0, &[0.9, 0.2])?;

@@ -22,7 +22,7 @@ use crate::transition::TransitionEntries;
 /// # use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
 /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
-/// # let hmm = Hmm::new(prior, SparseTransition::from_rows(2, &[0.7, 0.3, 0.3, 0.7])?, table)?;
+/// # let hmm = Hmm::new(prior, SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
 /// let mut filter = hmm.pruned_filter(Pruning::default());
 /// filter.step(&0)?;
 /// let snapshot = filter.snapshot();

@@ -173,7 +173,7 @@ fn paths_drawn_with_evidence_have_their_frequencies() {
 fn by_hand(
     log: impl Fn(&f64, usize, usize) -> f64,
 ) -> Hmm<impl TransitionEntries<Control = f64>, LikelihoodVector> {
-    let base = SparseTransition::from_rows(2, &[0.5, 0.25, 0.5, 0.75]).unwrap();
+    let base = SparseTransition::from_rows(&[[0.5, 0.25], [0.5, 0.75]]).unwrap();
     let prior = Prior::BeforeFirstTransition(Belief::new(vec![0.5, 0.5]).unwrap());
     let measured = EvidenceTransition::new(base, log).unwrap();
     Hmm::new(prior, measured, LikelihoodVector::linear(2)).unwrap()
@@ -251,7 +251,7 @@ fn evidence_that_is_no_likelihood_is_an_error_with_its_step_and_states() {
 
 #[test]
 fn a_log_factor_must_be_a_number() {
-    let base = SparseTransition::from_rows(1, &[1.0]).unwrap();
+    let base = SparseTransition::from_rows(&[[1.0]]).unwrap();
     let measured = EvidenceTransition::new(base, |_: &f64, _, _| 0.0).unwrap();
     let measured = measured.with_log_factor(|u| *u);
     let prior = Prior::BeforeFirstTransition(Belief::certain(1, 0).unwrap());

@@ -71,7 +71,7 @@ fn entries_far_above_one_are_taken() {
 #[test]
 fn what_is_never_come_back_to_stays_impossible_off_the_map() {
     for log in [1.0, 17.0, 50.0, 600.0] {
-        let half = SparseTransition::from_rows(2, &[0.5; 4]).unwrap();
+        let half = SparseTransition::from_rows(&[[0.5; 2]; 2]).unwrap();
         let moves = EvidenceTransition::new(half, |(): &(), _, _| f64::NEG_INFINITY).unwrap();
         let back = Belief::certain(2, 1).unwrap();
         let off = OffMapTransition::new(moves, 0.25, 0.5, back).unwrap();

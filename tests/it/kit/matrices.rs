@@ -11,11 +11,11 @@ pub(crate) fn matrix(n: usize, entry: impl Fn(usize, usize) -> f64) -> Matrix {
 }
 
 pub(crate) fn sparse(m: &Matrix) -> SparseTransition {
-    SparseTransition::from_rows(m.len(), &m.concat()).unwrap()
+    SparseTransition::from_rows(m).unwrap()
 }
 
 pub(crate) fn dense(m: &Matrix) -> DenseTransition {
-    DenseTransition::from_rows(m.len(), &m.concat()).unwrap()
+    DenseTransition::from_rows(m).unwrap()
 }
 
 /// One matrix for each control.

@@ -162,7 +162,7 @@ fn bad_dwell_times_are_named() {
 
 #[test]
 fn simulations_stay_as_long_as_they_should() {
-    let moves = SparseTransition::from_rows(2, &[0.0, 1.0, 1.0, 0.0]).unwrap();
+    let moves = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]]).unwrap();
     let a = DwellTransition::new(moves, &[vec![0.0, 0.0, 1.0], vec![1.0]]).unwrap();
     let prior = Prior::AtFirstObservation(a.arriving(&Belief::certain(2, 0).unwrap()).unwrap());
     let groups = a.groups().clone();

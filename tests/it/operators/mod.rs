@@ -11,4 +11,5 @@ mod nested;
 mod off_map;
 mod power;
 mod restart;
+mod weights;
 mod window;

@@ -178,7 +178,7 @@ fn ties_go_to_the_map() {
 /// A drive that leaves the map is decoded as one, and simulated.
 #[test]
 fn drives_leave_the_map_and_come_back() {
-    let around = SparseTransition::from_rows(3, &[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let around = SparseTransition::from_rows(&[[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     let gate = Belief::certain(3, 1).unwrap();
     let a = OffMapTransition::new(around.unwrap(), 0.125, 0.25, gate).unwrap();
     let camera = TableLikelihood::from_rows(&[

@@ -107,8 +107,7 @@ fn parts() -> impl Strategy<Value = Parts> {
 
 impl Parts {
     fn sparse(&self) -> SparseTransition {
-        let n = self.model.states;
-        SparseTransition::from_rows(n, &self.model.matrices[0].concat()).unwrap()
+        SparseTransition::from_rows(&self.model.matrices[0]).unwrap()
     }
 
     fn belief(&self) -> Belief {

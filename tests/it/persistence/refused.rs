@@ -25,13 +25,13 @@ pub(super) fn refuses<T: DeserializeOwned>(text: &str, expected: &str) {
 
 #[test]
 fn the_format_is_as_documented() {
-    let sparse = SparseTransition::from_rows(2, &[0.5, 0.0, 0.5, 1.0]).unwrap();
+    let sparse = SparseTransition::from_rows(&[[0.5, 0.0], [0.5, 1.0]]).unwrap();
     assert_eq!(
         json(&sparse),
         r#"{"version":1,"states":2,"to":[0,1,1],"from":[0,0,1],"probability":[0.5,0.5,1.0]}"#
     );
     assert_eq!(
-        json(&DenseTransition::from_rows(2, &[0.5, 0.0, 0.5, 1.0]).unwrap()),
+        json(&DenseTransition::from_rows(&[[0.5, 0.0], [0.5, 1.0]]).unwrap()),
         r#"{"version":1,"states":2,"columns":[0.5,0.5,0.0,1.0]}"#
     );
     let tied = TiedTransition::new(sparse.clone(), |_, to| to);
@@ -48,7 +48,7 @@ fn the_format_is_as_documented() {
         json(&PowerTransition::new(Fixed(window.clone()), 3)),
         format!(r#"{{"version":1,"inner":{},"exponent":3}}"#, json(&window))
     );
-    let still = SparseTransition::from_rows(1, &[1.0]).unwrap();
+    let still = SparseTransition::from_rows(&[[1.0]]).unwrap();
     let within = json(&still);
     let restart = RestartTransition::new(still.clone(), 0.25, Belief::uniform(1).unwrap());
     assert_eq!(

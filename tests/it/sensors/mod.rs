@@ -1,4 +1,5 @@
 //! Sensors that are made of others.
 
+mod confusion;
 mod groups;
 mod pooled;

@@ -38,7 +38,7 @@ impl Parts {
     }
 
     fn hmm(&self) -> Result<Model, Failure> {
-        let transition = DenseTransition::from_rows(STATES, &matrix(STATES, &self.entries))?;
+        let transition = DenseTransition::from_row_major(STATES, &matrix(STATES, &self.entries))?;
         let prior = Prior::AtFirstObservation(Belief::new(self.prior.clone())?);
         Ok(Hmm::new(prior, transition, TableLikelihood::from_rows(&self.table)?)?)
     }

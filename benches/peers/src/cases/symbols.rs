@@ -34,7 +34,7 @@ pub(crate) fn run(races: &mut Races, _: &Folders) -> Result<(), Failure> {
 
     let hmm = Hmm::new(
         Prior::AtFirstObservation(Belief::uniform(N)?),
-        DenseTransition::from_rows(N, &matrix)?,
+        DenseTransition::from_row_major(N, &matrix)?,
         TableLikelihood::from_rows(&table)?,
     )?;
     let bio = {

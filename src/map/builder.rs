@@ -1,0 +1,132 @@
+//! A map in the making.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use super::road_map::Adjacency;
+use super::{CleaningReport, Coordinates, DroppedPlace, DroppedRoad};
+use super::{MapError, Place, Road, RoadMap};
+
+/// Takes places, then roads, and checks each as it comes, so that a reader of
+/// files can tell the line.
+#[derive(Debug)]
+pub(super) struct Builder<P> {
+    places: Vec<Place<P>>,
+    indices: HashMap<u64, u32>,
+    /// With the number of each among those given.
+    roads: HashMap<(u32, u32), (usize, Road)>,
+    report: CleaningReport,
+    /// Whether what may be dropped is dropped, and not an error.
+    cleans: bool,
+}
+
+impl<P: Coordinates> Builder<P> {
+    /// Whatever is wrong is an error.
+    pub(super) fn strict() -> Self {
+        let (places, report) = (Vec::new(), CleaningReport::default());
+        Self { places, indices: HashMap::new(), roads: HashMap::new(), report, cleans: false }
+    }
+
+    /// What is there twice or leads nowhere is dropped.
+    pub(super) fn cleaning() -> Self {
+        Self { cleans: true, ..Self::strict() }
+    }
+
+    pub(super) fn place(&mut self, place: Place<P>) -> Result<(), MapError> {
+        let (id, unit) = (place.id, P::UNIT);
+        for ((coordinate, limit), value) in P::AXES.into_iter().zip(place.position.values()) {
+            if !(-limit..=limit).contains(&value) {
+                return Err(MapError::Coordinate { id, coordinate, value, limit, unit });
+            }
+        }
+        let given = self.report.places;
+        self.report.places += 1;
+        match self.indices.entry(id) {
+            Entry::Vacant(vacant) => {
+                vacant.insert(self.places.len() as u32);
+                self.places.push(place);
+            }
+            Entry::Occupied(known) => {
+                let same = self.places[*known.get() as usize].position == place.position;
+                if !(self.cleans && same) {
+                    return Err(MapError::DuplicatePlace { id });
+                }
+                self.report.repeated.push(DroppedPlace { index: given, id });
+            }
+        }
+        Ok(())
+    }
+
+    /// A road as long as the straight line.
+    #[cfg(feature = "csv")]
+    pub(super) fn straight(
+        &mut self,
+        from: u64,
+        to: u64,
+        class: super::RoadClass,
+    ) -> Result<(), MapError> {
+        let (start, end) = self.ends(from, to)?;
+        let (start, end) = (&self.places[start as usize], &self.places[end as usize]);
+        self.road(Road::straight(start, end, class))
+    }
+
+    fn ends(&self, from: u64, to: u64) -> Result<(u32, u32), MapError> {
+        let index = |id: u64| {
+            let index = self.indices.get(&id).copied();
+            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
+        };
+        Ok((index(from)?, index(to)?))
+    }
+
+    pub(super) fn road(&mut self, road: Road) -> Result<(), MapError> {
+        let Road { from, to, metres, .. } = road;
+        let ends = self.ends(from, to)?;
+        let index = self.report.roads;
+        self.report.roads += 1;
+        if from == to {
+            if !self.cleans {
+                return Err(MapError::Loop { id: from });
+            }
+            self.report.loops.push(DroppedRoad { index, road });
+            return Ok(());
+        }
+        if !(metres > 0.0 && metres.is_finite()) {
+            return Err(MapError::Length { from, to, length: metres });
+        }
+        match self.roads.entry(ends) {
+            Entry::Vacant(vacant) => {
+                vacant.insert((index, road));
+            }
+            Entry::Occupied(_) if !self.cleans => {
+                return Err(MapError::DuplicateRoad { from, to });
+            }
+            Entry::Occupied(mut kept) => {
+                let (index, road) = if metres < kept.get().1.metres {
+                    kept.insert((index, road))
+                } else {
+                    (index, road)
+                };
+                self.report.parallel.push(DroppedRoad { index, road });
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn build(self) -> Result<(RoadMap<P>, CleaningReport), MapError> {
+        let Self { places, indices, roads, mut report, .. } = self;
+        if places.is_empty() {
+            return Err(MapError::Empty);
+        }
+        let mut sorted: Vec<_> = roads.into_iter().map(|(ends, (_, road))| (ends, road)).collect();
+        sorted.sort_unstable_by_key(|road| road.0);
+        let mut pairs: Vec<_> = sorted.iter().map(|road| road.0).collect();
+        let outgoing = Adjacency::new(places.len(), &pairs);
+        pairs.iter_mut().for_each(|(from, to)| std::mem::swap(from, to));
+        pairs.sort_unstable();
+        let incoming = Adjacency::new(places.len(), &pairs);
+        let roads = sorted.into_iter().map(|road| road.1).collect();
+        // A road that was kept for a while is dropped after later ones.
+        report.parallel.sort_unstable_by_key(|dropped| dropped.index);
+        Ok((RoadMap { places, indices, roads, outgoing, incoming }, report))
+    }
+}

@@ -1,0 +1,86 @@
+//! Sparse operators from weights of any scale.
+
+use super::SparseTransition;
+use super::check_count;
+use super::compressed::Compressed;
+use crate::error::TransitionError;
+
+impl SparseTransition {
+    /// From weights (to, from, weight) in any order: those of the same move are
+    /// added up, and those out of each state are divided by their sum, so that
+    /// columns sum to one. Each column has a scale of its own, as
+    /// [`Belief::from_weights`](crate::Belief::from_weights): counts of drives,
+    /// frequencies, scores. What is not given is 0. O(n + weights).
+    ///
+    /// ```
+    /// use wayfix::SparseTransition;
+    ///
+    /// // Moves seen one by one: (to, from, how often).
+    /// let seen = [(1, 0, 1.0), (1, 0, 1.0), (0, 0, 1.0), (1, 0, 1.0), (0, 1, 2.0)];
+    /// let a = SparseTransition::from_weights(2, seen)?;
+    /// assert_eq!((a.get(1, 0), a.get(0, 0)), (0.75, 0.25));
+    /// assert_eq!((a.get(0, 1), a.get(1, 1)), (1.0, 0.0));
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError`] for no states, an index out of range, a weight that is
+    /// NaN, negative or infinite, a state that no weight above 0 leads out of, or
+    /// more than 2^31 − 1 states or 2^32 − 1 weights.
+    pub fn from_weights(
+        states: usize,
+        weights: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<Self, TransitionError> {
+        let (rows, columns) = Self::compressed_weights(states, weights)?;
+        Ok(Self::from_compressed(rows, columns, 0.0))
+    }
+
+    /// Rows and columns, of weights.
+    pub(crate) fn compressed_weights(
+        states: usize,
+        weights: impl IntoIterator<Item = (usize, usize, f64)>,
+    ) -> Result<(Compressed, Compressed), TransitionError> {
+        if states == 0 {
+            return Err(TransitionError::Empty);
+        }
+        if i32::try_from(states).is_err() {
+            return Err(TransitionError::TooMany { what: "states", count: states });
+        }
+        let weights = weights.into_iter();
+        let mut given = Vec::with_capacity(weights.size_hint().0);
+        for (to, from, value) in weights {
+            if to >= states || from >= states {
+                return Err(TransitionError::OutOfRange { to, from, states });
+            }
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(TransitionError::Weight { to, from, value });
+            }
+            if value > 0.0 {
+                given.push((from as u32, to as u32, value));
+            }
+        }
+        check_count("weights", given.len())?;
+        // Twice transposed, what leads to one state is side by side.
+        let columns = Compressed::new(states, given.into_iter()).transposed().transposed();
+        let mut moves: Vec<(usize, usize, f64)> = Vec::with_capacity(columns.entries());
+        for from in 0..states {
+            // First by the largest, so that no sum overflows.
+            let largest = columns.line(from).map(|weight| weight.1).fold(0.0, f64::max);
+            if largest == 0.0 {
+                return Err(TransitionError::NoWeight { column: from });
+            }
+            let start = moves.len();
+            for (to, weight) in columns.line(from) {
+                let weight = weight / largest;
+                match moves[start..].last_mut() {
+                    Some(last) if last.0 == to => last.2 += weight,
+                    _ => moves.push((to, from, weight)),
+                }
+            }
+            let sum: f64 = moves[start..].iter().map(|weight| weight.2).sum();
+            moves[start..].iter_mut().for_each(|weight| weight.2 /= sum);
+        }
+        Self::compressed(states, moves)
+    }
+}
