@@ -1,5 +1,4 @@
-//! Observation models for places: what a sensor says when the vehicle is
-//! somewhere.
+//! Observation models for places: the likelihood of a sensor's output, given the place.
 //!
 //! The paper's sensor names a place. It is right most of the time, takes a
 //! place for one of its neighbours sometimes (the discrete part P_c), and has
@@ -19,9 +18,8 @@
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!
-//! A camera that names no place but gives a descriptor of what it sees is
-//! matched with those of the map: [`ReferenceDescriptors`] tells how unlike it
-//! is to each.
+//! A camera that gives a descriptor of its view is matched with those of the map:
+//! [`ReferenceDescriptors`] computes the distance to each.
 
 mod appearance;
 mod confusion;
