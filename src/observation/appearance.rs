@@ -273,8 +273,8 @@ impl AppearanceLikelihood {
         Ok(())
     }
 
-    /// Score of the state off the map: that of the match at its rank among the finite ones. Reorders
-    /// the scores in `copy`.
+    /// Score of the state off the map: that of the match at its rank among the finite ones. `copy`
+    /// holds the scores, and is reordered.
     pub(super) fn off_map_score(&self, copy: &mut [f64]) -> Option<f64> {
         let finite = copy.iter().filter(|z| z.is_finite()).count();
         if finite == 0 {

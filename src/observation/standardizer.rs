@@ -113,7 +113,7 @@ impl Standardizer {
     }
 
     /// Computes the score of each reference, smaller for more alike: around 0 with a deviation of
-    /// about 1 for wrong ones. Infinite distances give infinite scores. Does not learn. O(n), and no
+    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n); no
     /// allocation.
     ///
     /// # Errors

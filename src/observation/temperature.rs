@@ -290,7 +290,7 @@ pub fn calibrate<C, E: From<ObservationError>>(
     let alike = |at: &usize| {
         let pairs = all[best].iter().zip(&all[*at]);
         let differences: Vec<f64> = pairs.map(|(best, other)| best - other).collect();
-        // Of two means of −∞ there is no difference.
+        // Two means of −∞ are equal, though their difference is NaN.
         scores[*at] == scores[best] || mean(&differences) <= standard_error(&differences).max(worth)
     };
     let chosen = (0..best).find(alike).unwrap_or(best);

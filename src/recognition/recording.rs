@@ -26,9 +26,9 @@ pub struct Recording {
     best_scores: Vec<f64>,
     /// Change of the view at each step after the first.
     changes: Vec<f64>,
-    }
+}
 
-    /// Beliefs over places, one for each step of a recording.
+/// Beliefs over places, one for each step of a recording.
 #[derive(Debug, Clone)]
 pub struct PlaceBeliefs {
     recognizer: Recognizer,
