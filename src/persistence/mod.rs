@@ -1,14 +1,13 @@
-//! Models, and what filters know, in files and messages (feature `serde`).
+//! Models and states of filters in files and messages (feature `serde`).
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
 //! [`Fixed`](crate::Fixed) and [`RoundedTails`](crate::likelihood::RoundedTails); all transition operators but those with a
-//! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
-//! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
-//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
-//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot); and what a recogniser has learned,
-//! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
-//! [`TrackSnapshot`](crate::recognition::TrackSnapshot).
+//! closure ([`EvidenceTransition`](crate::transition::EvidenceTransition)), which can't be stored;
+//! all sensors but [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), for the same reason;
+//! the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot) and
+//! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot); and a recogniser's
+//! [`Fit`](crate::recognition::Fit) and [`TrackSnapshot`](crate::recognition::TrackSnapshot).
 //!
 //! ```
 //! use wayfix::inference::FilterSnapshot;
@@ -42,23 +41,22 @@
 //!
 //! # Exact
 //!
-//! What comes back gives the same numbers to the bit, if the format keeps
+//! Values that are read give the same results to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
 //! it, it may read the last bit of a number wrongly.
 //!
 //! # Checked
 //!
-//! What is read goes through the constructors, and is refused with their
-//! message; a snapshot is checked against itself here, and against the model
-//! when it is restored. A file can be as costly as what it describes: a few
-//! bytes make a window of 2^32 places, or the 2^32-th power of an operator. So
-//! read only models of those that you would run a model of.
+//! Values are read through the constructors, with their errors; a snapshot is checked for
+//! consistency here, and against the model when it is restored. A small file can describe a
+//! costly model: a few bytes make a window of 2^32 places, or the 2^32-th power of an operator.
+//! So read models only from sources that you trust to run one.
 //!
 //! # The format
 //!
-//! A struct has the fields below, all of them and no others, and a `version`,
-//! which is 1; another one is refused. Within are the same formats again.
-//! States and symbols are counted from 0; probabilities are numbers.
+//! A struct has exactly the fields below and a `version`, which is 1; any other version is an
+//! error. Parts have the same formats. States and symbols are counted from 0; probabilities are
+//! numbers.
 //!
 //! | type | fields |
 //! |---|---|
@@ -77,7 +75,7 @@
 //! | `PowerTransition` | `inner`, `exponent` |
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
 //! | `TableLikelihood` | `rows`, one for each state |
-//! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
+//! | `LikelihoodVector` | `states`; `log`, true for logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
 //! | `KnownState` | `states` |
 //! | `OptionalLikelihood` | `sensor` |
@@ -89,16 +87,15 @@
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
+//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and its length; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, the mean gain of each reference over the last frames |
 //!
-//! These are without a version: `Belief` is a list of probabilities, `Prior`
-//! an object with one field, `before_first_transition` or
-//! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! and `RoundedTails` what they hold, the `OdometryReading` of a road map an object with `distance`
-//! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
-//! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
-//! `before`, which is as `driven` above. The `Options` of a
-//! recogniser are an object with a field for each; they are checked when one is made.
+//! Without a version: `Belief` is a list of probabilities, `Prior` an object with one field,
+//! `before_first_transition` or `at_first_observation`, `Groups` the list of each state's group,
+//! `Fixed` and `RoundedTails` their content, `OdometryReading` an object with `distance` and
+//! `variance`, and `RouteControl` one with `odometry`, null or a number of places, with `view`,
+//! null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known, with `before`, as
+//! `driven` above. The `Options` of a recogniser are an object with a field for each; they are
+//! checked when a recogniser is made.
 
 mod likelihood;
 mod motion;
@@ -117,10 +114,10 @@ use crate::hmm::Prior;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
-/// The version of the format, the only one that is read.
+/// Version of the format, the only one that is read.
 pub const VERSION: u32 = 1;
 
-/// What stands for it in a struct.
+/// Field `version` of a stored struct.
 struct Version;
 
 impl Serialize for Version {
@@ -138,7 +135,7 @@ impl<'de> Deserialize<'de> for Version {
     }
 }
 
-/// An error with all its sources, as one of serde.
+/// Converts an error with all its sources to one of serde.
 fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
     let error = error.into();
     let (mut text, mut source) = (error.to_string(), error.source());
@@ -149,12 +146,12 @@ fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
     E::custom(text)
 }
 
-/// How structs are stored:
+/// Implements `Serialize` and `Deserialize` for structs:
 ///
 /// ```text
-/// [generics of the impl] Type<…>: [those that fields depend on], |value| {
-///     field: its type = how it is had from the value,
-/// } => the value, as a result, from the fields;
+/// [generics of the impl] Type<…>: [generics that fields depend on], |value| {
+///     field: its type = expression of the value,
+/// } => result of building the value from the fields;
 /// ```
 macro_rules! stored {
     ($(
@@ -163,7 +160,7 @@ macro_rules! stored {
         } => $built:expr;
     )*) => {$(
         const _: () = {
-            // Named as the type, since formats and messages show the name.
+            // Has the name of the type, since formats and messages show it.
             #[derive(serde::Deserialize)]
             #[serde(deny_unknown_fields)]
             struct $name<$($part),*> {

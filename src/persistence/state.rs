@@ -1,4 +1,4 @@
-//! What filters know.
+//! Formats of the states of filters.
 
 use super::stored;
 use crate::belief::{Belief, SUM_TOLERANCE};
@@ -45,7 +45,7 @@ fn filter_state(
             return Err(format!("{found} logarithms for a belief over {expected} states"));
         }
         for (state, (log, p)) in logs.iter().zip(belief.as_slice()).enumerate() {
-            // NaN agrees with nothing.
+            // False for NaN.
             let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
             if !agree {
                 return Err(format!(
