@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_grid() {
+    fn invalid_grids_are_errors() {
         assert!(Speeds::new(&[]).is_err());
         for wrong in [[0.0, 0.0], [1.0, 0.0], [0.0, f64::NAN], [0.0, 65.0]] {
             let error = Speeds::new(&wrong).unwrap_err().to_string();

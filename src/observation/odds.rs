@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_reference_says_again_and_again_counts_less() {
+    fn repeated_evidence_counts_less() {
         let (odds, mut gained) = (MatchOdds::default(), [0.0]);
         let mut say = |score: f64| {
             let mut row = [score];
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_temperature() {
+    fn invalid_temperatures_are_errors() {
         assert!(MatchOdds::default().with_temperature(0.0).is_err());
         assert!(MatchOdds::default().with_temperature(f64::NAN).is_err());
         assert!(MatchOdds::default().with_nothing(0.0).is_err());

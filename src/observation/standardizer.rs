@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_row() {
+    fn invalid_rows_are_errors() {
         let mut standard = Standardizer::new(2).unwrap();
         let before = standard.clone();
         assert!(standard.observe(&[1.0]).is_err());

@@ -22,11 +22,11 @@ pub struct Answer {
 }
 
 /// Share of the belief that [`Answer::around`] holds.
-const HELD: f64 = 0.9;
+const CREDIBLE: f64 = 0.9;
 /// Tolerance for sums taken in another order.
 const ROUNDING: f64 = 1e-12;
 /// Number of windows compared at a time.
-const TOGETHER: usize = 8;
+const WINDOWS: usize = 8;
 
 impl Recognizer {
     /// Returns the answer for a belief over places, which may end in an entry for off the map.
@@ -65,17 +65,17 @@ impl Recognizer {
         let count = (n + 1).saturating_sub(width);
         // Eight windows at a time; one by one only if one of them is better than the best so far.
         let mut first = 0;
-        while first + TOGETHER <= count {
-            let mut masses = [0.0; TOGETHER];
-            for eight in places[first..].windows(TOGETHER).take(width) {
+        while first + WINDOWS <= count {
+            let mut masses = [0.0; WINDOWS];
+            for eight in places[first..].windows(WINDOWS).take(width) {
                 masses.iter_mut().zip(eight).for_each(|(mass, place)| *mass += place);
             }
             let above = masses.map(|mass| u8::from(mass > best.1 - ROUNDING));
-            if above != [0; TOGETHER] {
+            if above != [0; WINDOWS] {
                 let masses = (first + window..).zip(masses);
                 masses.for_each(|(place, mass)| offer(&mut best, place, mass));
             }
-            first += TOGETHER;
+            first += WINDOWS;
         }
         for first in first..count {
             let mass = places[first..first + width].iter().sum();
@@ -107,10 +107,10 @@ impl Recognizer {
     /// Grows a range from a place to the more probable side until it holds enough.
     fn around(&self, places: &[f64], place: usize) -> RangeInclusive<usize> {
         let n = places.len();
-        let wanted = HELD * places.iter().sum::<f64>();
-        let (mut first, mut last, mut held) = (place, place, places[place]);
+        let wanted = CREDIBLE * places.iter().sum::<f64>();
+        let (mut first, mut last, mut mass) = (place, place, places[place]);
         let mut count = 1;
-        while held < wanted && count < n {
+        while mass < wanted && count < n {
             let (below, above) = if self.options().closed {
                 (Some((first + n - 1) % n), Some((last + 1) % n))
             } else {
@@ -118,9 +118,9 @@ impl Recognizer {
             };
             match (below, above) {
                 (Some(a), b) if b.is_none_or(|b| places[a] >= places[b]) => {
-                    (first, held) = (a, held + places[a]);
+                    (first, mass) = (a, mass + places[a]);
                 }
-                (_, Some(b)) => (last, held) = (b, held + places[b]),
+                (_, Some(b)) => (last, mass) = (b, mass + places[b]),
                 _ => break,
             }
             count += 1;

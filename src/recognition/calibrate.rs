@@ -7,7 +7,7 @@ use super::{Options, RecognitionError, Recognizer};
 
 /// Candidate factors of the temperature.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
-const AS_IT_IS: usize = 2;
+const UNCHANGED: usize = 2;
 /// Most blocks that labelled steps are cut into, and the fewest steps of a block.
 const BLOCKS: usize = 4;
 const BLOCK: usize = 25;
@@ -53,15 +53,15 @@ impl Recognizer {
             scores.push((0..blocks).map(mean).collect::<Vec<f64>>());
         }
         let gain = |at: usize| {
-            let pairs = scores[at].iter().zip(&scores[AS_IT_IS]);
+            let pairs = scores[at].iter().zip(&scores[UNCHANGED]);
             pairs.map(|(a, b)| a - b).fold(f64::INFINITY, f64::min)
         };
         let better = |best: usize, at: usize| {
-            let worth = if at < AS_IT_IS { WORTH } else { WORTH_COLDER };
-            let least = if best == AS_IT_IS { worth } else { worth.max(gain(best)) };
+            let worth = if at < UNCHANGED { WORTH } else { WORTH_COLDER };
+            let least = if best == UNCHANGED { worth } else { worth.max(gain(best)) };
             if gain(at) > least { at } else { best }
         };
-        let chosen = (0..FACTORS.len()).fold(AS_IT_IS, better);
+        let chosen = (0..FACTORS.len()).fold(UNCHANGED, better);
         let temperatures: Vec<f64> =
             options.iter().map(|options| options.odds.temperature()).collect();
         let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();

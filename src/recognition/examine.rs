@@ -18,7 +18,7 @@ const DEVIATION: f64 = 1.0;
 /// suspect.
 const SUSPECT: f64 = 0.5;
 /// Difference of two means of best scores, in deviations, above which they are unlike.
-const APART: f64 = 1.0;
+const UNLIKE: f64 = 1.0;
 
 impl Recognizer {
     /// Returns warnings from the scores of labelled queries, and the mean and deviation of the
@@ -97,8 +97,8 @@ impl Recording {
     fn unlike(&self) -> Option<Warning> {
         let [labelled, deviation] = self.recognizer().fit().best_scores?;
         let [recording, _] = moments(self.best_scores())?;
-        let apart = (recording - labelled).abs() > APART * deviation;
-        apart.then_some(Warning::Unlike { labelled, recording })
+        let unlike = (recording - labelled).abs() > UNLIKE * deviation;
+        unlike.then_some(Warning::Unlike { labelled, recording })
     }
 
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely

@@ -74,7 +74,7 @@ pub enum Seen {
 }
 
 /// Number of references added to the model at once.
-const TOGETHER: usize = 16;
+const BATCH: usize = 16;
 /// Number of references of the first model: the best of a few says little, as even wrong ones
 /// differ.
 const FIRST: usize = 48;
@@ -210,7 +210,7 @@ impl Mapper {
         let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
         let old = |added: &usize| added.saturating_add(self.gap) <= self.steps;
         let count = self.added.iter().take_while(|added| old(added)).count();
-        if count < (known + TOGETHER).max(FIRST) {
+        if count < (known + BATCH).max(FIRST) {
             return Ok(());
         }
         let references = &self.references[..count];
@@ -224,7 +224,7 @@ impl Mapper {
             Err(error) => return Err(error),
         };
         self.track = Some(match &self.track {
-            Some(track) => track.among(recognizer)?,
+            Some(track) => track.extended(recognizer)?,
             None => recognizer.track().after(self.steps)?,
         });
         Ok(())

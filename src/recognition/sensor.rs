@@ -151,7 +151,7 @@ impl Sensor {
     /// Usual scores are those of `fresh`, which treats all references alike. If old references
     /// had learned from many queries and new ones from few, old places would win (on a railway by
     /// pixels, up to 27 times as many wrong matches).
-    pub(super) fn among(&self, fresh: Self) -> Self {
+    pub(super) fn extended(&self, fresh: Self) -> Self {
         let SensorState { mut last_view, run, driven, mut gained, .. } = self.state.clone();
         let count = fresh.state.gained.len();
         gained.resize(count, 0.0);

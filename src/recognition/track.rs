@@ -199,7 +199,7 @@ impl Track {
     }
 
     /// Extends the track to more references, the first of which are the present ones.
-    pub(super) fn among(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
+    pub(super) fn extended(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
         let (before, after) = (self.recognizer.references(), recognizer.references());
         let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
             let new = std::iter::repeat_n(nothing, after - before);
@@ -209,7 +209,7 @@ impl Track {
         let mut filter = self.filter.snapshot();
         filter.belief = Belief::known(extended(filter.belief.as_slice(), 0.0));
         filter.logs = filter.logs.map(|logs| extended(&logs, f64::NEG_INFINITY));
-        let sensor = self.sensor.among(recognizer.sensor_of_fit());
+        let sensor = self.sensor.extended(recognizer.sensor_of_fit());
         let mut track = Self::new(recognizer);
         track.restore(&TrackSnapshot { filter, sensor: sensor.state().clone() })?;
         Ok(track)
@@ -255,7 +255,7 @@ mod tests {
         for image in &images[10..30] {
             track.step(image, Some(1.0)).unwrap();
         }
-        let mut more = track.among(of(80).unwrap()).unwrap();
+        let mut more = track.extended(of(80).unwrap()).unwrap();
         assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
         let places = more.places().as_slice().iter().zip(track.places().as_slice());
         assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));

@@ -167,8 +167,8 @@ where
 
     fn needs_logs(&self, control: &U) -> bool {
         let beyond = |(_, p, log): (usize, f64, f64)| {
-            let held = f64::MIN_POSITIVE..=LARGEST;
-            log > f64::NEG_INFINITY && !held.contains(&(p * log.exp()))
+            let in_range = f64::MIN_POSITIVE..=LARGEST;
+            log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
         };
         (0..self.states()).any(|from| self.moves(control, from).any(beyond))
     }

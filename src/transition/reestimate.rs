@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_weight_that_is_no_number_is_an_error() {
+    fn nan_weights_are_an_error() {
         let a = DenseTransition::from_rows(2, &[0.7, 0.4, 0.3, 0.6]).unwrap();
         for bad in [f64::NAN, f64::INFINITY] {
             let columns = normalized(&a, vec![(0, 0, bad), (1, 0, 1.0), (0, 1, 0.0), (1, 1, 0.0)]);

@@ -47,7 +47,7 @@ impl Driven {
         }
         match self.odometry {
             Some((_, 0)) => {
-                let text = "the mean of no readings of odometry, expected some".into();
+                let text = "a mean over 0 odometry readings, expected at least 1".into();
                 Err(TransitionError::Control(text))
             }
             Some((mean, _)) => OdometryModel::check_reading(mean),

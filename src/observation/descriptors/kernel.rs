@@ -83,11 +83,11 @@ impl Pass<'_> {
                     Distance::Cosine => squares.map(|square| 0.5 * square),
                     Distance::Euclidean => squares.map(f32::sqrt),
                 };
-                let held = |square: f32| (least..=f32::MAX).contains(&square);
+                let in_range = |square: f32| (least..=f32::MAX).contains(&square);
                 if distance == Distance::Euclidean
-                    && !squares.iter().fold(true, |all, &square| all & held(square))
+                    && !squares.iter().fold(true, |all, &square| all & in_range(square))
                 {
-                    for member in (0..members).filter(|&member| !held(squares[member])) {
+                    for member in (0..members).filter(|&member| !in_range(squares[member])) {
                         distances[member] = in_doubles(x, rows, member).map_err(|distance| {
                             let reference = start + member;
                             DescriptorError::TooFar { query, reference, distance }
