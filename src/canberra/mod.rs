@@ -1,15 +1,15 @@
 //! The paper's instance: 105 intersections of central Canberra.
 //!
 //! A reconstruction. The figures that hold the paper's two matrices are lost,
-//! so places and roads are taken from the real street network, numbered so
-//! that what the text says holds (1 to 9 run along the main road, 1 leads to 2
+//! so places and roads are taken from the real street network, numbered to
+//! agree with the text (1 to 9 run along the main road, 1 leads to 2
 //! and 70, 66 is off it), and probabilities follow from stated rules: the
 //! defaults of [`TurningRule`], and [`Confusion`] with the paper's mean of 0.7
 //! and its Gaussian over the place index. No number was fitted to the paper's
 //! accuracies.
 //!
-//! Places are called by the paper's numbers, 1 to 105; states are counted from
-//! 0, so place 5 is state 4.
+//! Places have the paper's numbers, 1 to 105; states are counted from 0, so place 5 is
+//! state 4.
 //!
 //! Road geometry © OpenStreetMap contributors, ODbL 1.0.
 //!
@@ -50,7 +50,7 @@ const ROADS_CSV: &str = include_str!("roads.csv");
 /// The model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
 pub type Model = Hmm<SparseTransition, TableLikelihood>;
 
-/// Why there is no model for these arguments.
+/// Arguments for which there is no model.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum CanberraError {
@@ -58,7 +58,7 @@ pub enum CanberraError {
     Place(u64),
     /// The sensor cannot be built.
     Observation(ObservationError),
-    /// The parts do not fit.
+    /// The parts do not fit together.
     Hmm(HmmError),
 }
 
@@ -100,7 +100,7 @@ impl From<HmmError> for CanberraError {
 #[must_use]
 #[expect(clippy::missing_panics_doc, reason = "the table is constant, and tested")]
 pub fn map() -> RoadMap {
-    // Without the feature csv, too; there are no quotes in it.
+    // Parsed without the feature `csv`; the table has no quotes.
     let lines = |text: &'static str| {
         let lines = text.lines().skip(1).map(|line| line.splitn(4, ','));
         lines.filter_map(|mut line| Some([line.next()?, line.next()?, line.next()?, line.next()?]))

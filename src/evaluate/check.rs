@@ -1,4 +1,4 @@
-//! What several scores ask of their input.
+//! Checks shared by several scores.
 
 use super::EvaluationError;
 use crate::belief::SUM_TOLERANCE;
@@ -12,7 +12,7 @@ pub(super) fn check_level(level: f64) -> Result<(), EvaluationError> {
     if (0.0..=1.0).contains(&level) { Ok(()) } else { Err(EvaluationError::Level { level }) }
 }
 
-/// As for beliefs, a sum of probabilities may lie above one by rounding.
+/// Checks probabilities. As in beliefs, a sum may lie above one by rounding.
 pub(super) fn check_probabilities(
     what: &'static str,
     values: impl IntoIterator<Item = f64>,

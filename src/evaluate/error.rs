@@ -1,4 +1,4 @@
-//! Why estimates cannot be scored.
+//! Errors of scores.
 
 use std::ops::RangeInclusive;
 
@@ -7,7 +7,7 @@ use std::fmt;
 
 use crate::error::TransitionError;
 
-/// Why estimates cannot be scored.
+/// Estimates that cannot be scored.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum EvaluationError {
@@ -18,60 +18,60 @@ pub enum EvaluationError {
         /// Estimates, or controls, given.
         estimated: usize,
     },
-    /// Nothing to score.
+    /// There are no states to score.
     Empty,
-    /// A control that the operator does not know.
+    /// A control is not valid for the operator.
     Control {
         /// Its index, from 0.
         index: usize,
-        /// What was wrong.
+        /// The cause.
         source: TransitionError,
     },
-    /// A state beyond the last one.
+    /// A state does not exist.
     State {
-        /// Where in the sequence, from 0.
+        /// Its index in the sequence, from 0.
         index: usize,
         /// The state, from 0.
         state: usize,
-        /// How many states there are.
+        /// The number of states.
         states: usize,
     },
-    /// Nothing to score of a kind that the score cannot do without.
+    /// A kind of sample that the score needs is missing.
     Missing {
-        /// What there should have been.
+        /// Name of the missing samples.
         what: &'static str,
     },
-    /// A confidence, score, probability or mass that is none.
+    /// A confidence, score, probability or mass is not valid.
     Value {
-        /// What it should have been.
+        /// Kind of the value.
         what: &'static str,
-        /// Where in the slice, from 0.
+        /// Its index in the slice, from 0.
         index: usize,
-        /// What was found.
+        /// The value given.
         value: f64,
-        /// What was expected.
+        /// The valid range.
         expected: &'static str,
     },
-    /// A range of true places that holds none; off the map is `None`.
+    /// A range of true places is empty; off the map is `None`.
     EmptyRange {
-        /// Where in the slice, from 0, or `None` for a single range.
+        /// Its index in the slice, from 0, or `None` for a single range.
         index: Option<usize>,
-        /// What was found.
+        /// The range given.
         range: RangeInclusive<usize>,
     },
-    /// More right answers than queries that have one.
+    /// There are more right answers than queries that have one.
     Positives {
         /// Right answers found.
         correct: usize,
         /// Queries that have one.
         positives: usize,
     },
-    /// A level outside 0 to 1.
+    /// A level is not from 0 to 1.
     Level {
-        /// What was given.
+        /// The level given.
         level: f64,
     },
-    /// No bins to sort probabilities into.
+    /// The number of bins is 0.
     NoBins,
 }
 

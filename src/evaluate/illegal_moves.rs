@@ -1,16 +1,15 @@
-//! Moves that a path makes and the operator does not.
+//! Moves of a path that the operator forbids.
 
 use super::EvaluationError;
 use super::check::check_lengths;
 use crate::transition::TransitionEntries;
 
-/// How many moves of a path the operator does not allow; 0 for a legal drive.
+/// Counts the moves of a path that the operator does not allow; 0 for a legal drive.
 /// The sequence of posterior modes may have some,
 /// [`Hmm::viterbi`](crate::Hmm::viterbi) has none.
 /// O(path × ways out of a state).
 ///
-/// The path starts with its first state: to check the move into it as well,
-/// put the state before it in front.
+/// To check the move into the first state as well, put the state before it in front.
 ///
 /// ```
 /// use wayfix::{SparseTransition, evaluate};
@@ -30,8 +29,8 @@ pub fn illegal_moves<A: TransitionEntries<Control = ()>>(
     illegal_moves_with(transition, &vec![(); path.len()], path)
 }
 
-/// The same under controls, where `controls[i]` drives the move to `path[i]`;
-/// the first one is not looked at.
+/// Counts [`illegal_moves`] under controls: `controls[i]` drives the move to `path[i]`, and the
+/// first one is ignored.
 ///
 /// # Errors
 ///

@@ -1,15 +1,15 @@
-//! When a belief knows where it is.
+//! Number of steps until a belief is localised.
 
 use super::EvaluationError;
 use super::check::{check_level, check_probabilities};
 
-/// How many steps it takes until the belief is in one place: the first step at
+/// Number of steps until the belief is in one place: the first step at
 /// which its mass there is at least `level`, or `None` if there is none. O(T).
 ///
 /// `masses[k - 1]` is the mass of the belief around its mode after step k, as
 /// steps are numbered from 1. It may lie above 1 by 1e-9, as the sum of a
-/// belief may. A belief that is in one place may be in the wrong one;
-/// [`steps_to_localize_correctly`] asks for that, too.
+/// belief may. A belief in one place may be in the wrong one:
+/// [`steps_to_localize_correctly`] checks that, too.
 ///
 /// ```
 /// use wayfix::evaluate;
@@ -30,13 +30,13 @@ pub fn steps_to_localize(masses: &[f64], level: f64) -> Result<Option<usize>, Ev
     Ok(masses.iter().position(|&mass| mass >= level).map(|index| index + 1))
 }
 
-/// How many steps it takes until the belief is in the right place and stays
+/// Number of steps until the belief is in the right place and stays
 /// there: the first step at which its mass is at least `level` and from which
-/// on it is right for `hold` steps, this one among them. O(T).
+/// on it is right for `hold` steps, including this one. O(T).
 ///
 /// `steps[k - 1]` is, after step k, the mass of the belief around its mode and
 /// whether the mode is right. The mass need not stay at `level`. A sequence that
-/// ends before `hold` steps are over has not localised. With a `hold` of 0
+/// ends before `hold` steps are over is not localised. With a `hold` of 0
 /// nothing need be right, as for [`steps_to_localize`].
 ///
 /// ```
@@ -59,7 +59,7 @@ pub fn steps_to_localize_correctly(
 ) -> Result<Option<usize>, EvaluationError> {
     check_level(level)?;
     check_probabilities("mass", steps.iter().map(|step| step.0))?;
-    // Backwards, so that it is known how long it stays right.
+    // Backwards, to count for how long it stays right.
     let (mut right_for, mut first) = (0, None);
     for (index, &(mass, right)) in steps.iter().enumerate().rev() {
         right_for = if right { right_for + 1 } else { 0 };

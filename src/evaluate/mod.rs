@@ -1,16 +1,15 @@
-//! How good estimates are.
+//! Scores of estimates.
 //!
-//! Scores take plain slices, pairs of a number and whether it was right, and
+//! Scores take plain slices, such as pairs of a number and whether it was right, and
 //! know nothing of models: they score answers from anywhere. Indices are from
-//! 0; what is not known or not there is `None`.
+//! 0; anything unknown or absent is `None`.
 //!
 //! - **States** against true ones: [`accuracy`], [`mean_error`], and
 //!   [`illegal_moves`] of a path.
-//! - **Places** that were seen before, or not: [`recall_within`] a tolerance.
-//!   With a confidence for each answer, a [`PrecisionRecallCurve`] tells how
-//!   many places are found at which price; a [`RocCurve`], how well a score
-//!   tells places on the map from others.
-//! - **Probabilities** against what happened: [`ReliabilityDiagram`] with the
+//! - **Places** recognised: [`recall_within`] a tolerance. With a confidence for each
+//!   answer, a [`PrecisionRecallCurve`] shows the recall at each precision; a [`RocCurve`],
+//!   how well a score tells places on the map from others.
+//! - **Probabilities** against outcomes: [`ReliabilityDiagram`] with the
 //!   calibration errors, [`brier_score`], [`binary_log_score`], and
 //!   [`log_score`] for beliefs over places.
 //! - **Localisation**: [`steps_to_localize`], [`steps_to_localize_correctly`].
@@ -18,8 +17,8 @@
 //! ```
 //! use wayfix::evaluate::{PrecisionRecallCurve, self};
 //!
-//! // Where four pictures were taken; the third shows a new place. And what a
-//! // recogniser says: a place and how sure it is of it.
+//! // The true places of four pictures, of which the third shows a new place; and a
+//! // recogniser's answers, each with its confidence.
 //! let truth = [Some(3..=5), Some(9..=9), None, Some(20..=22)];
 //! let answers = [(4, 0.9), (30, 0.2), (7, 0.4), (23, 0.8)];
 //!

@@ -1,4 +1,4 @@
-//! How many places are found at which price.
+//! Precision and recall.
 
 use super::EvaluationError;
 use super::check::check_level;
@@ -6,10 +6,10 @@ use super::ranking::cuts;
 
 /// Precision and recall of answers, for each threshold of their confidence.
 ///
-/// Answers below a threshold are not given. Of those that are, the precision is
-/// the fraction that is right; the recall is how many are right, of all queries
-/// that have a right answer. Only the order of the confidences matters:
-/// probabilities, their logarithms and scores of any scale will do.
+/// Answers below a threshold are withheld. The precision is the fraction of the answers given
+/// that is right; the recall is the fraction of all queries with a right answer that got it.
+/// Only the order of the confidences matters: probabilities, their logarithms and scores of any
+/// scale will do.
 ///
 /// ```
 /// use wayfix::evaluate::PrecisionRecallCurve;
@@ -39,8 +39,8 @@ pub struct PrecisionRecallPoint {
 }
 
 impl PrecisionRecallCurve {
-    /// The curve of `answers`, each with its confidence and whether it is
-    /// right; `positives` is how many queries have a right answer, found or
+    /// Computes the curve of `answers`, each with its confidence and whether it is
+    /// right; `positives` is the number of queries that have a right answer, found or
     /// not. O(N log N).
     ///
     /// An answer to a query that has no right one is wrong. A query without an
@@ -51,7 +51,7 @@ impl PrecisionRecallCurve {
     /// # Errors
     ///
     /// [`EvaluationError`] if a confidence is NaN, if `positives` is 0, or if
-    /// more answers are right.
+    /// more answers than that are right.
     pub fn new(answers: &[(f64, bool)], positives: usize) -> Result<Self, EvaluationError> {
         let cuts = cuts("confidence", answers)?;
         if positives == 0 {
@@ -72,7 +72,7 @@ impl PrecisionRecallCurve {
         Ok(Self { points, average_precision: sum / positives as f64 })
     }
 
-    /// One point for each confidence, highest first, so that answers of equal
+    /// The points, one for each confidence, highest first: answers of equal
     /// confidence enter together. The recall never falls along them.
     #[must_use]
     pub fn points(&self) -> &[PrecisionRecallPoint] {
@@ -82,7 +82,7 @@ impl PrecisionRecallCurve {
     /// The area under the curve, as average precision: Σ (R_n − R_{n−1}) P_n
     /// over the points, with R_0 = 0. From 0 to 1.
     ///
-    /// These are steps. To draw straight lines between the points would promise
+    /// The curve is taken as steps. Straight lines between the points would promise
     /// precisions that no threshold has (Davis and Goadrich, 2006).
     #[doc(alias = "auc")]
     #[must_use]
@@ -90,10 +90,10 @@ impl PrecisionRecallCurve {
         self.average_precision
     }
 
-    /// The largest recall at which the precision is at least `level`, 0 if it
+    /// The largest recall at which the precision is at least `level`; 0 if it
     /// never is. O(points).
     ///
-    /// Customary are 1 and 0.99, as a false match may spoil a map for good
+    /// Customary levels are 1 and 0.99, as a false match may spoil a map for good
     /// (Lowry et al., *Visual Place Recognition: A Survey*, 2016; Schubert et
     /// al., *Visual Place Recognition: A Tutorial*, 2023).
     ///
@@ -109,19 +109,19 @@ impl PrecisionRecallCurve {
 }
 
 impl PrecisionRecallPoint {
-    /// Answers of at least this confidence are given.
+    /// The lowest confidence of the answers given.
     #[must_use]
     pub fn threshold(&self) -> f64 {
         self.threshold
     }
 
-    /// The fraction of them that is right.
+    /// The fraction of the answers given that is right.
     #[must_use]
     pub fn precision(&self) -> f64 {
         self.precision
     }
 
-    /// How many of them are right, of all queries that have a right answer.
+    /// The fraction of all queries with a right answer that got it.
     #[must_use]
     pub fn recall(&self) -> f64 {
         self.recall

@@ -1,17 +1,17 @@
-//! Samples by falling score, ties together: what the curves are made of.
+//! Samples by falling score, ties together, for the curves.
 
 use super::EvaluationError;
 
 /// The samples whose score is at least the threshold.
 pub(super) struct Cut {
     pub(super) threshold: f64,
-    /// How many of them are labelled true…
+    /// The number of samples labelled true.
     pub(super) positives: usize,
-    /// …and how many false.
+    /// The number of samples labelled false.
     pub(super) negatives: usize,
 }
 
-/// A cut at each score, highest first. O(N log N).
+/// Cuts at each score, highest first. O(N log N).
 pub(super) fn cuts(
     what: &'static str,
     samples: &[(f64, bool)],

@@ -1,11 +1,11 @@
-//! How many places are found again.
+//! Recall of places within a tolerance.
 
 use std::ops::RangeInclusive;
 
 use super::EvaluationError;
 use super::check::check_lengths;
 
-/// Whether an estimated place lies in the range of true places, or at most
+/// True if an estimated place lies in the range of true places, or at most
 /// `tolerance` places from one of its ends.
 ///
 /// ```
@@ -32,14 +32,12 @@ pub fn is_within(
     Ok((first..=last).contains(&estimate))
 }
 
-/// Of the queries that were taken on the map, the fraction whose estimate is
-/// [within](is_within) `tolerance` places of the truth: the recall at rank 1,
-/// with a tolerance in places. O(N).
+/// Recall at rank 1: the fraction of the queries taken on the map whose estimate is
+/// [within](is_within) `tolerance` places of the truth. O(N).
 ///
-/// `truth[i]` are the places of the map that query i shows, in a row, or `None`
-/// if it shows none of them. `estimates[i]` is the place that was named, or
-/// `None` for "not on the map". Such an answer is a miss where there is a place
-/// to be found; queries that show none do not count, whatever the answer.
+/// `truth[i]` is the range of places that query i shows, or `None` if it shows none of the map.
+/// `estimates[i]` is the estimated place, or `None` for "not on the map", which is a miss for a
+/// query on the map. Queries off the map do not count, whatever the answer.
 ///
 /// ```
 /// use wayfix::evaluate;

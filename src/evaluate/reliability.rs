@@ -1,18 +1,18 @@
-//! Whether probabilities happen as often as they say.
+//! Calibration of probabilities.
 
 use super::EvaluationError;
 use super::check::check_probabilities;
 
-/// Probabilities in bins, each with how often that happened which they were
-/// given to: the same, if they are calibrated.
+/// Predicted probabilities in bins, each with the observed frequency of the events: equal, if
+/// the probabilities are calibrated.
 ///
-/// Bin m of M holds what is at least m / M and below (m + 1) / M, as doubles;
+/// Bin m of M holds probabilities of at least m / M and below (m + 1) / M, as doubles;
 /// the last one holds 1, too. (Guo et al. close bins at the upper end.)
 ///
 /// ```
 /// use wayfix::evaluate::ReliabilityDiagram;
 ///
-/// // How sure a belief was of its mode, and whether the mode was right.
+/// // The probability of each belief's mode, and whether the mode was right.
 /// let forecasts = [(0.25, false), (0.25, false), (0.875, true), (1.0, false), (0.875, true)];
 /// let diagram = ReliabilityDiagram::new(&forecasts, 2)?;
 /// let bins = diagram.bins().iter();
@@ -38,8 +38,8 @@ pub struct ReliabilityBin {
 }
 
 impl ReliabilityDiagram {
-    /// Sorts probabilities, each with whether that happened which it was given
-    /// to, into `bins` bins of equal width. O(N log N), with any number of bins.
+    /// Sorts probabilities, each with whether its event happened, into `bins` bins of equal width.
+    /// O(N log N), with any number of bins.
     ///
     /// A probability may lie above 1 by 1e-9, as the sum of a belief may.
     ///
@@ -75,16 +75,15 @@ impl ReliabilityDiagram {
         Ok(Self { bins: filled, count: forecasts.len() })
     }
 
-    /// The bins that hold something, lowest first.
+    /// The bins that are not empty, lowest first.
     #[must_use]
     pub fn bins(&self) -> &[ReliabilityBin] {
         &self.bins
     }
 
-    /// The expected calibration error (ECE): the mean over all probabilities of
-    /// how far their bin is off, Σ (count / N) |fraction − mean probability|.
-    /// From 0 to 1, lower is better. It depends on the number of bins (Naeini
-    /// et al., 2015; Guo et al., 2017). O(bins).
+    /// The expected calibration error (ECE): the mean gap of the bins, weighted by their counts,
+    /// Σ (count / N) |fraction − mean probability|. From 0 to 1, lower is better. It depends on
+    /// the number of bins (Naeini et al., 2015; Guo et al., 2017). O(bins).
     #[doc(alias = "ece")]
     #[must_use]
     pub fn expected_calibration_error(&self) -> f64 {
@@ -92,8 +91,8 @@ impl ReliabilityDiagram {
         sum / self.count as f64
     }
 
-    /// The maximum calibration error (MCE): how far the worst bin is off,
-    /// however little it holds (Naeini et al., 2015). O(bins).
+    /// The maximum calibration error (MCE): the largest gap of a bin, however small its count
+    /// (Naeini et al., 2015). O(bins).
     #[doc(alias = "mce")]
     #[must_use]
     pub fn maximum_calibration_error(&self) -> f64 {
@@ -102,31 +101,31 @@ impl ReliabilityDiagram {
 }
 
 impl ReliabilityBin {
-    /// Where the bin begins.
+    /// The lower edge of the bin.
     #[must_use]
     pub fn lower(&self) -> f64 {
         self.lower
     }
 
-    /// Where the bin ends; it holds this value only if it is the last one.
+    /// The upper edge of the bin, which belongs to it only if it is the last one.
     #[must_use]
     pub fn upper(&self) -> f64 {
         self.upper
     }
 
-    /// How many probabilities it holds, at least one.
+    /// The number of probabilities in the bin, at least one.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// Their mean: how often it should have happened.
+    /// The mean of the probabilities: the predicted frequency.
     #[must_use]
     pub fn mean_probability(&self) -> f64 {
         self.mean_probability
     }
 
-    /// How often it happened.
+    /// The observed frequency of the events.
     #[must_use]
     pub fn fraction_true(&self) -> f64 {
         self.fraction_true
@@ -141,8 +140,8 @@ fn edge(bin: usize, bins: usize) -> f64 {
     bin as f64 / bins as f64
 }
 
-/// The last bin that begins at or below p. By halving, as the product of p and
-/// the number of bins may be rounded into the next one.
+/// The last bin whose lower edge is at most p, by bisection: the product of p and the number of
+/// bins may round into the next one.
 fn bin_of(p: f64, bins: usize) -> usize {
     let (mut bin, mut beyond) = (0, bins);
     while beyond - bin > 1 {

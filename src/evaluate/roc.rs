@@ -1,19 +1,19 @@
-//! How well a score tells two classes apart.
+//! The receiver operating characteristic of a score.
 
 use super::EvaluationError;
 use super::ranking::cuts;
 
-/// The receiver operating characteristic (ROC) of a score: how many positives
-/// and how many negatives reach each threshold.
+/// The receiver operating characteristic (ROC) of a score: the fractions of positives
+/// and of negatives that reach each threshold.
 ///
-/// Take queries that show a place of the map as positives and others as
-/// negatives, and the curve tells how well the score knows them from each
-/// other. Only the order of the scores matters.
+/// With queries that show a place of the map as positives and others as
+/// negatives, the curve shows how well the score tells them apart. Only the order of the scores
+/// matters.
 ///
 /// ```
 /// use wayfix::evaluate::RocCurve;
 ///
-/// // How sure it was to be on the map, and whether it was.
+/// // The probability of being on the map, and whether the vehicle was.
 /// let curve = RocCurve::new(&[(0.9, true), (0.6, false), (0.6, true), (0.2, false)])?;
 /// let points = curve.points().iter();
 /// let points = points.map(|p| (p.threshold(), p.false_positive_rate(), p.true_positive_rate()));
@@ -36,10 +36,8 @@ pub struct RocPoint {
 }
 
 impl RocCurve {
-    /// The curve of scores, each with whether it belongs to a positive.
-    /// O(N log N).
-    ///
-    /// Scores may be infinite.
+    /// Computes the curve of scores, each with whether it belongs to a positive. Scores may be
+    /// infinite. O(N log N).
     ///
     /// # Errors
     ///
@@ -55,8 +53,8 @@ impl RocCurve {
             }
         }
         let mut points = Vec::with_capacity(cuts.len());
-        // Pairs in order, counted twice so that ties are whole numbers: each
-        // negative with the positives above it, and those beside it as half.
+        // Twice the number of pairs in order, so that ties are whole numbers: each negative with
+        // the positives above it, and the tied ones as half.
         let (mut twice, mut before) = (0, (0, 0));
         for cut in cuts {
             points.push(RocPoint {
@@ -71,9 +69,9 @@ impl RocCurve {
         Ok(Self { points, area: twice as f64 / (2 * pairs) as f64 })
     }
 
-    /// One point for each score, highest first, so that equal scores enter
-    /// together. Both rates never fall along them, and the last are 1; the
-    /// corner where both are 0, before the first point, is not listed.
+    /// The points, one for each score, highest first: equal scores enter
+    /// together. Neither rate falls along them, and both end at 1; the
+    /// corner (0, 0) before the first point is not listed.
     #[must_use]
     pub fn points(&self) -> &[RocPoint] {
         &self.points
@@ -83,10 +81,9 @@ impl RocCurve {
     ///
     /// It is the probability that a positive scores higher than a negative,
     /// where ties count half: the U statistic of Mann and Whitney (1947) over
-    /// the number of pairs (Hanley and McNeil, 1982). 1 when the score tells
-    /// all apart, 0.5 when it tells nothing, 0 when it has them the wrong way
-    /// round. Pairs are counted in whole numbers, and only their ratio is
-    /// rounded.
+    /// the number of pairs (Hanley and McNeil, 1982). 1 for perfect separation, 0.5 for chance,
+    /// 0 for perfect separation the wrong way round. Pairs are counted in whole numbers, and
+    /// only their ratio is rounded.
     #[doc(alias = "auc")]
     #[must_use]
     pub fn area(&self) -> f64 {
@@ -95,19 +92,19 @@ impl RocCurve {
 }
 
 impl RocPoint {
-    /// Samples of at least this score are taken as positives.
+    /// The lowest score taken as positive.
     #[must_use]
     pub fn threshold(&self) -> f64 {
         self.threshold
     }
 
-    /// The fraction of the negatives that are taken.
+    /// The fraction of the negatives taken as positives.
     #[must_use]
     pub fn false_positive_rate(&self) -> f64 {
         self.false_positive_rate
     }
 
-    /// The fraction of the positives that are taken: the recall.
+    /// The fraction of the positives taken as positives: the recall.
     #[must_use]
     pub fn true_positive_rate(&self) -> f64 {
         self.true_positive_rate

@@ -1,12 +1,10 @@
-//! Proper scores of probabilities: the best in the long run is to say what one
-//! believes.
+//! Proper scores of probabilities: best, in the long run, for the true probabilities.
 
 use super::EvaluationError;
 use super::check::check_probabilities;
 
-/// The Brier score: the mean of (p − o)², where p is the probability and o is 1
-/// if that happened which it was given to, or else 0. From 0 to 1, lower is
-/// better. O(N).
+/// The Brier score: the mean of (p − o)², where p is the probability of an event and o is 1
+/// if it happened, else 0. From 0 to 1, lower is better. O(N).
 ///
 /// This is the usual form for two outcomes, half of Brier's own (1950), which
 /// sums over both. A probability may lie above 1 by 1e-9, as the sum of a
@@ -27,12 +25,11 @@ pub fn brier_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationError> {
     mean(forecasts, |forecast| forecast.0, |(p, happened)| (p - f64::from(happened)).powi(2))
 }
 
-/// The log score of probabilities for two outcomes: the mean logarithm of what
-/// was given to that which happened, ln p or ln(1 − p). At most 0, up to
-/// rounding; higher is better (Good, 1952). O(N).
+/// The log score of probabilities for two outcomes: the mean of ln p for events that happened and
+/// ln(1 − p) for others. At most 0, up to rounding; higher is better (Good, 1952). O(N).
 ///
-/// It is −∞ if what was ruled out happened but once: a probability of 0 for
-/// what did, or of 1 for what did not. That is its right value, no error. A
+/// It is −∞ if an outcome was ruled out even once: a probability of 0 for an event that
+/// happened, or of 1 for one that did not. That is its right value, no error. A
 /// probability may lie above 1 by 1e-9, as the sum of a belief may.
 ///
 /// ```
@@ -64,7 +61,7 @@ pub fn binary_log_score(forecasts: &[(f64, bool)]) -> Result<f64, EvaluationErro
 /// the true places. At most 0, up to rounding; higher is better (Good, 1952).
 /// O(N).
 ///
-/// It is −∞ if a mass is 0: a belief that has ruled out the truth. That is its
+/// It is −∞ if a mass is 0, that of a belief which ruled out the truth. That is its
 /// right value, no error. A mass may lie above 1 by 1e-9, as the sum of a
 /// belief may.
 ///
@@ -96,7 +93,7 @@ fn mean<T: Copy>(
         return Err(EvaluationError::Missing { what: "probabilities" });
     }
     check_probabilities("probability", samples.iter().copied().map(probability))?;
-    // From 0, so that nothing lost is 0 and not −0.
+    // From 0, so that a perfect score is 0, not −0.
     let sum = samples.iter().fold(0.0, |sum, &sample| sum + score(sample));
     Ok(sum / samples.len() as f64)
 }

@@ -1,4 +1,4 @@
-//! Pages to read: what every routine computes, what limits its speed, and the way from
+//! Guides: the formulas of every routine, the limits of its speed, and the way from
 //! image descriptors to a position.
 
 #[doc = include_str!("formulas.md")]

@@ -1,4 +1,4 @@
-//! Learning how speeds are used, from labelled moves.
+//! Learning the use and the changes of speeds from labelled moves.
 
 use super::Speeds;
 use crate::belief::Belief;
@@ -8,24 +8,23 @@ use crate::hmm::{Hmm, Prior};
 use crate::likelihood::LikelihoodVector;
 use crate::transition::DenseTransition;
 
-/// For how many steps the probabilities of a change count that are there before: a part that
-/// was driven steadily does not show that the vehicle never stops. (With 30, filters
-/// of drives with stops lost 0.3 nats a step more after such a part; after parts with stops it
-/// matters little.)
+/// Prior count, in steps, of the present probabilities of a change: a part that was driven
+/// steadily does not show that the vehicle never stops. (With 30, filters of drives with stops
+/// lost 0.3 nats a step more after such a part; after parts with stops it matters little.)
 const CHANGE_COUNT: f64 = 200.0;
-/// For how many steps the shares count.
+/// Prior count of the present shares, in steps.
 const SHARE_COUNT: f64 = 40.0;
 /// Rounds of expectation and maximisation.
 const ROUNDS: usize = 10;
 
 impl Speeds {
-    /// Learns the use and the changes of speeds from drives of labelled steps: how many places
-    /// on each step led (halves, say, where a label is a range).
+    /// Learns the shares and the changes of speeds from drives, given as the number of places that
+    /// each step moved on (halves, say, where a label is a range).
     ///
     /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone.
-    /// The present ones count as 200 steps of changes and 40 of shares: a speed that
-    /// was never seen stays possible, and so does a change. A move that no speed makes says
-    /// nothing. O(steps k²) for k speeds.
+    /// Present values count as 200 steps of changes and 40 of shares: a speed that was never seen
+    /// stays possible, and so does a change. A move that no speed makes carries no evidence.
+    /// O(steps k²) for k speeds.
     ///
     /// # Errors
     ///
@@ -45,7 +44,7 @@ impl Speeds {
             seen.push(likelihoods);
         }
         for _ in 0..ROUNDS {
-            // A model of probabilities, and likelihoods that are not all 0: no error.
+            // No error is possible: the model is valid, and no step's likelihoods are all 0.
             match learned.relearned(self, &seen) {
                 Ok(next) => learned = next,
                 Err(_) => break,
@@ -54,7 +53,7 @@ impl Speeds {
         Ok(learned)
     }
 
-    /// The likelihood of each speed, given how many places on a step led.
+    /// Likelihood of each speed, given the number of places that a step moved on.
     fn likelihoods(&self, places: f64) -> Vec<f64> {
         let share = places - places.floor();
         let of = |window: &super::speeds::Window| {

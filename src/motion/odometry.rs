@@ -1,18 +1,19 @@
-//! Likelihood of odometry, given a speed.
+//! Likelihood of odometry given a speed.
 
 use crate::error::TransitionError;
 
-/// Odometry as a measurement: what the wheels say of a step, in places, at a speed of v
-/// places a step, is scale · v + bias, with an error that has heavier tails than a
-/// Gaussian (Student's t with four degrees of freedom, Lange, Little and Taylor 1989): a
-/// wheel that slips once should not rule out where the vehicle is. Where there is no
-/// reading, give `None`; so, too, while wheels are stuck or a counter has stopped: a fault is
-/// not a slip, and each of its readings counts in full.
+/// Measurement model of odometry.
+///
+/// At a speed of v places a step, a reading, in places, is scale · v + bias with an error that
+/// has heavier tails than a Gaussian (Student's t with four degrees of freedom, Lange, Little
+/// and Taylor 1989): a wheel that slips once should not rule out the vehicle's place. Give
+/// `None` for a step without a reading, and also while wheels are stuck or a counter has
+/// stopped: a fault is not a slip, and each of its readings counts in full.
 ///
 /// ```
 /// use wayfix::motion::OdometryModel;
 ///
-/// // Labelled steps: places on, and what the wheels said: 4% too much.
+/// // Labelled steps: places moved on, and readings, which are 4% too large.
 /// let moves: Vec<f64> = (0..300).map(|k| f64::from(k / 50 % 3)).collect();
 /// let read: Vec<f64> = moves.iter().zip(0..).map(|(m, k)| 1.04 * m + [0.1, -0.1][k % 2]).collect();
 /// let learned = OdometryModel::learned(&[(moves, read)])?;
@@ -28,43 +29,42 @@ pub struct OdometryModel {
     pub scale: f64,
     /// Places read while standing.
     pub bias: f64,
-    /// The scale of the error, in places: two thirds of errors are within about 1.1 of it. Of
+    /// The scale of the error, in places: two thirds of errors are within about 1.1 times this. For
     /// a speed that stands for a cell of speeds, the variance of an eighth of the cell is added
     /// to its square: (scale × width / 8)² / 12.
     pub deviation: f64,
 }
 
 impl Default for OdometryModel {
-    /// Exact on average, with an error of 0.3 places.
+    /// Unbiased, with an error of 0.3 places.
     fn default() -> Self {
         Self { scale: 1.0, bias: 0.0, deviation: 0.3 }
     }
 }
 
-/// The density of Student's t with four degrees of freedom at 0.
+/// Density of Student's t with four degrees of freedom at 0.
 const PEAK: f64 = 0.375;
-/// Readings up to this are taken.
+/// Largest valid reading.
 const FARTHEST: f64 = 1e6;
 
-/// By how much scale and bias may be expected to be off; readings of one speed alone
-/// could not tell them apart.
+/// Prior deviations of scale and bias: readings of one speed alone could not tell them apart.
 const SCALE_OFF: f64 = 0.05;
 const BIAS_OFF: f64 = 0.005;
-/// Deviations are not believed below this.
+/// Least deviation that is learned.
 const LEAST_DEVIATION: f64 = 0.05;
-/// Readings are compared with places over so many steps, since within a few the place
-/// counts in whole references.
+/// Steps of a span over which readings are compared with places: over fewer, counting in whole
+/// references dominates.
 const SPAN: usize = 10;
 
 impl OdometryModel {
-    /// From drives of labelled steps: how many places on each step led, and what was
-    /// read. Scale and bias by least squares over spans of ten steps, held near 1 and 0
-    /// by priors (deviations 0.05 and 0.005); the deviation from the errors, less what
-    /// comes from counting in whole places. O(steps).
+    /// Learns the model from drives, given as the number of places that each step moved on, and
+    /// the readings. Scale and bias are found by least squares over spans of ten steps, held near 1
+    /// and 0 by priors (deviations 0.05 and 0.005); the deviation from the errors, less the effect
+    /// of counting in whole places. O(steps).
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] for a drive with more moves than readings or fewer,
+    /// [`TransitionError::PartStates`] for a drive whose moves and readings differ in number,
     /// or [`TransitionError::Parameter`] for a number that is not finite, or beyond 1e6.
     pub fn learned<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
     where
@@ -90,7 +90,7 @@ impl OdometryModel {
             spans.extend(pairs.map(|(m, r)| (m.len() as f64, sum(m), sum(r))));
         }
         let mut model = Self::default();
-        // The weight of the priors depends on the deviation, and that on the rest.
+        // The weight of the priors depends on the deviation, and that on scale and bias.
         for _ in 0..4 {
             let prior = [SCALE_OFF, BIAS_OFF].map(|off| (model.deviation / off).powi(2));
             let (mut mm, mut mn, mut nn) = (prior[0], 0.0, prior[1]);
@@ -108,15 +108,15 @@ impl OdometryModel {
         Ok(model)
     }
 
-    /// By the moments of the errors: counting in whole places makes those of successive
-    /// steps go against each other, and adds to the variance twice what it takes from
-    /// their covariance.
+    /// Deviation by the moments of the errors: counting in whole places makes errors of successive
+    /// steps negatively correlated, and adds to the variance twice as much as it takes from the
+    /// covariance.
     fn deviation_of<M: AsRef<[f64]>, R: AsRef<[f64]>>(&self, drives: &[(M, R)]) -> f64 {
         let (mut squares, mut products, mut count) = (0.0, 0.0, 0.0);
         for (moves, read) in drives {
             let pairs = moves.as_ref().iter().zip(read.as_ref());
             let errors: Vec<f64> = pairs.map(|(m, r)| r - self.scale * m - self.bias).collect();
-            // As robust as the density: a slip counts little.
+            // Clipped, so that a slip counts little, as in the density.
             let bound = 4.0 * median(errors.iter().map(|e| e.abs()).collect()).max(0.05);
             let errors: Vec<f64> = errors.iter().map(|e| e.clamp(-bound, bound)).collect();
             squares += errors.iter().map(|e| e * e).sum::<f64>();
@@ -160,8 +160,7 @@ impl OdometryModel {
         Err(TransitionError::Control(text))
     }
 
-    /// The density of a reading at a speed known to `spacing`, over the largest that
-    /// there is.
+    /// Density of a reading at a speed known to `spacing`, relative to the largest density.
     pub(super) fn relative(&self, reading: f64, speed: f64, spacing: f64) -> f64 {
         let width = self.scale * spacing;
         let s = (self.deviation * self.deviation + width * width / 12.0).sqrt();
@@ -170,8 +169,8 @@ impl OdometryModel {
         self.deviation / s / (x * x * x.sqrt())
     }
 
-    /// The density of a reading after some others of the same speed, of which the mean is
-    /// known, over the largest that there is.
+    /// Density of a reading given the mean of earlier readings at the same speed, relative to the
+    /// largest density.
     pub(super) fn again(&self, reading: f64, mean: f64, count: u32) -> f64 {
         let width = (1.0 + 1.0 / f64::from(count)).sqrt();
         let r = (reading - mean) / (width * self.deviation);
@@ -179,7 +178,7 @@ impl OdometryModel {
         1.0 / width / (x * x * x.sqrt())
     }
 
-    /// ln of the largest density.
+    /// Logarithm of the largest density.
     pub(super) fn log_peak(&self) -> f64 {
         (PEAK / self.deviation).ln()
     }

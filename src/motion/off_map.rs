@@ -11,12 +11,11 @@ use crate::transition::{
     scaled,
 };
 
-/// An operator with one state more, the last one: off the map, or where nobody
-/// has been before. For a vehicle that may leave the map and come back, and for
-/// a camera that must be allowed to know none of the places that it compares.
+/// An operator with one more state, the last one: off the map, or at a new place. For a vehicle
+/// that may leave the map and come back, and for a camera whose view may match no place.
 ///
-/// On the map a step leaves it with probability `leave` λ, else goes as the
-/// operator A within says. Off the map a step comes back with probability
+/// On the map a step leaves it with probability `leave` λ, else moves by the inner
+/// operator A. Off the map a step comes back with probability
 /// `return_rate` ρ, to a state drawn from `back` r, else stays there:
 ///
 /// ```text
@@ -24,17 +23,17 @@ use crate::transition::{
 ///   λ 1'      1 − ρ
 /// ```
 ///
-/// The control is that of A; whatever it is, it drives only those on the map. If it is
+/// The control is that of A, and drives moves on the map only. If it is
 /// [evidence on moves](Transition::evidence), it has a likelihood off the map too, the
-/// same for whatever leaves, stays there or comes back:
+/// same for moves that leave, stay off or come back:
 /// [`with_evidence`](Self::with_evidence).
 ///
 /// The sensor needs a likelihood for the state off the map too, such as that of
-/// a sighting which resembles no place; [`groups`](Self::groups) helps where it
+/// a sighting which resembles no place; [`groups`](Self::groups) helps if it
 /// sees only parts of the states.
 ///
 /// Products and a step of Viterbi cost O(n) more than those of A. All states
-/// lead off the map, which takes O(n) to list.
+/// lead off the map, so that its predecessors take O(n) to list.
 ///
 /// ```
 /// use wayfix::motion::OffMapTransition;
@@ -62,12 +61,12 @@ pub struct OffMapTransition<A> {
     /// ρ r, and its logarithms.
     pub(crate) back: Vec<f64>,
     log2_back: Vec<f64>,
-    /// ln p(u) where the map knows nothing of u.
+    /// ln p(u) off the map.
     pub(crate) evidence: Option<f64>,
 }
 
 impl<A: Transition> OffMapTransition<A> {
-    /// The states of `inner`, and one off the map: a step leaves with
+    /// Adds a state off the map to those of `inner`: a step leaves with
     /// probability `leave`, and comes back with probability `return_rate`, to a
     /// state drawn from `back`.
     ///
@@ -90,14 +89,12 @@ impl<A: Transition> OffMapTransition<A> {
         Self::from_parts(inner, leave, 1.0 - return_rate, back)
     }
 
-    /// The same, where what the operator on the map takes as
-    /// [evidence on moves](Transition::evidence) has this log-likelihood for moves that
-    /// leave the map, come back, or stay off it: that of a measurement which depends on
-    /// nothing known, such as −ln 500 for a distance that may be anything up to 500 m.
+    /// Sets the log-likelihood of [evidence on moves](Transition::evidence) for moves that leave
+    /// the map, come back, or stay off it: such as −ln 500 for a distance that may be anything up
+    /// to 500 m.
     ///
-    /// Without it, that is the log factor which the operator on the map takes out of its
-    /// likelihoods: off the map everything measured is as likely as on the move for which
-    /// it speaks most, if the factor is the largest.
+    /// By default it is the log factor that the operator on the map takes out of its likelihoods.
+    /// If that is the largest, any measurement is as likely off the map as for the best move on it.
     ///
     /// # Errors
     ///
@@ -117,7 +114,7 @@ impl<A: Transition> OffMapTransition<A> {
         Ok(Self { evidence, ..self })
     }
 
-    /// ln of what multiplies the entries off the map at a step: 0 without evidence.
+    /// Logarithm of the factor of entries off the map at a step; 0 without evidence.
     fn log_off(&self, control: &A::Control) -> f64 {
         let log = |log_factor: f64| self.evidence.map_or(0.0, |log| log - log_factor);
         self.inner.evidence(control).map_or(0.0, log)
@@ -129,14 +126,14 @@ impl<A: Transition> OffMapTransition<A> {
         &self.inner
     }
 
-    /// The state that is off the map, the last one.
+    /// The state off the map, the last one.
     #[must_use]
     pub fn off_map_state(&self) -> usize {
         self.back.len()
     }
 
-    /// A grouping of the states on the map as one of all, with off the map as
-    /// the last group.
+    /// Extends a grouping of the states on the map to all states, with off the map as the last
+    /// group.
     ///
     /// ```
     /// use wayfix::motion::OffMapTransition;
@@ -151,7 +148,7 @@ impl<A: Transition> OffMapTransition<A> {
     /// let places = pairs.first_groups();
     /// let a = OffMapTransition::new(pairs, 0.125, 0.5, Belief::uniform(6)?)?;
     ///
-    /// // A camera that knows two places, and says 2 for what is neither.
+    /// // A camera that knows two places, and reports 2 for a view of neither.
     /// let rows = [[0.75, 0.0, 0.25], [0.0, 0.75, 0.25], [0.25, 0.25, 0.5]];
     /// let camera = TableLikelihood::from_rows(&rows)?;
     /// let sensor = GroupedLikelihood::new(camera, a.groups(&places)?)?;
@@ -161,8 +158,8 @@ impl<A: Transition> OffMapTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] unless it is one of the states on the
-    /// map.
+    /// [`TransitionError::PartStates`] if the grouping has another number of states than the
+    /// operator on the map.
     pub fn groups(&self, inner: &Groups) -> Result<Groups, TransitionError> {
         let (found, expected) = (inner.as_slice().len(), self.off_map_state());
         if found != expected {
@@ -173,8 +170,7 @@ impl<A: Transition> OffMapTransition<A> {
         Ok(Groups::numbered(of, inner.count() + 1))
     }
 
-    /// From λ, 1 − ρ and ρ r, which are known to be probabilities and to belong
-    /// together.
+    /// Builds the operator from λ, 1 − ρ and ρ r, which the caller has checked.
     pub(crate) fn from_parts(
         inner: A,
         leave: f64,
@@ -195,7 +191,7 @@ impl<A: Transition> OffMapTransition<A> {
         self.back.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
     }
 
-    /// What is kept of entries of A, if there are any.
+    /// Entries of A, if there are any, times 1 − λ.
     fn kept<I: Iterator<Item = (usize, f64)>>(
         &self,
         entries: Option<I>,
@@ -204,23 +200,23 @@ impl<A: Transition> OffMapTransition<A> {
         entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
     }
 
-    /// The entry that comes last in a row or a column, that of off the map.
+    /// The last entry of a row or a column, that of off the map.
     fn last<T>(&self, value: T, is_entry: bool) -> impl Iterator<Item = (usize, T)> + use<T, A> {
         is_entry.then_some((self.off_map_state(), value)).into_iter()
     }
 
-    /// What leads into a state from off the map.
+    /// The probability of a move from off the map to a state.
     fn returning(&self, to: usize) -> f64 {
         if to == self.off_map_state() { self.stay } else { self.back[to] }
     }
 
-    /// The states on the map if they lead to a state as to all others: off it.
+    /// All states on the map if `to` is off it, else none.
     fn leavers(&self, to: usize) -> std::ops::Range<usize> {
         if to == self.off_map_state() && self.leave > 0.0 { 0..to } else { 0..0 }
     }
 }
 
-/// A product that is 0 if the probability is, also of what is beyond doubles.
+/// A product that is 0 if the probability is, even with an infinite x.
 fn times(probability: f64, x: f64) -> f64 {
     if probability == 0.0 { 0.0 } else { probability * x }
 }
@@ -286,15 +282,15 @@ impl<A: Transition> Transition for OffMapTransition<A> {
     }
 
     fn needs_logs(&self, control: &A::Control) -> bool {
-        // What is 0 stays 0.
-        let held = |weight: f64| {
+        // A weight of 0 stays 0.
+        let in_range = |weight: f64| {
             let entries = self.returns().map(|entry| entry.1).chain([self.leave, self.stay]);
             entries
                 .filter(|p| *p > 0.0)
                 .all(|p| (f64::MIN_POSITIVE..=1e300).contains(&(p * weight)))
         };
         let log_off = self.log_off(control);
-        self.inner.needs_logs(control) || (log_off != 0.0 && !held(log_off.exp()))
+        self.inner.needs_logs(control) || (log_off != 0.0 && !in_range(log_off.exp()))
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
@@ -356,9 +352,9 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();
-        // Every entry of A has the same factor, so the best ways on the map stay
-        // the best, and off the map leads the first of all best states. What
-        // comes back is from the last state: it must be better to count.
+        // Every entry of A has the same factor, so that the best ways on the map stay the best; off
+        // the map, the best predecessor is the first of all best states. Ways back come from the
+        // last state, so that they must be strictly better.
         self.inner.max_product(control, &x[..n], &mut out[..n], &mut from[..n]);
         let keep = log2(self.keep);
         out[..n].iter_mut().for_each(|out| *out += keep);

@@ -1,32 +1,35 @@
-//! The speeds of a vehicle along a route, and how they change.
+//! The speeds of a vehicle along a route, and their changes.
 
 pub(super) use super::window::Window;
 use crate::error::TransitionError;
 use crate::transition::{check_probability, check_sum};
 
-/// Changes take memory and time for each pair of speeds.
+/// Largest number of speeds: changes take memory and time for each pair.
 const MOST_SPEEDS: usize = 1024;
 /// The largest speed, in places a step.
 const FASTEST: f64 = 64.0;
 
-/// A grid of speeds, in places a step, and how a speed changes from one step to the
-/// next: to a neighbour on the grid (it accelerates), or to any (it stops, sets off,
-/// turns round). Negative speeds reverse.
+/// A grid of speeds, in places a step, and the probabilities of their changes.
 ///
-/// A speed of the grid stands for itself, half of the time, and for all speeds nearer to it
-/// than to its neighbours; 0 for standing still. So a vehicle at 1.1 places a step, which passes one reference most
-/// times and two in one case of ten, is followed with speeds of 1 and 1.25.
+/// From one step to the next, a speed may change to a neighbour on the grid (the vehicle
+/// accelerates or brakes), or to any speed (it stops, sets off, turns round). Negative speeds
+/// reverse.
 ///
-/// The defaults were chosen by leaving out: on some recordings, with drives of constant
-/// and changing speeds, stops and reversals, and reported on others. A finer grid gains
-/// little; one of −3, −2, −1, 0, ½, 1, 1½, 2, 3 loses.
+/// A speed of the grid stands for itself with probability ½, else for its cell: all speeds nearer
+/// to it than to its neighbours. 0 is standing still. So a vehicle at 1.1 places a step, which
+/// passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
+/// 1.25.
+///
+/// The defaults were chosen on some recordings, with drives of constant and changing speeds,
+/// stops and reversals, and reported on others. A finer grid gains little; one of −3, −2, −1, 0,
+/// ½, 1, 1½, 2, 3 loses.
 ///
 /// ```
 /// use wayfix::motion::Speeds;
 ///
 /// let speeds = Speeds::default();
 /// assert_eq!(speeds.values().len(), 13);
-/// // From standing, 150 steps at 0.8 places a step and some of a stop.
+/// // From standing, 150 steps at 0.8 places a step, then a stop.
 /// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 4 / 5 - (k - 1) * 4 / 5)).collect();
 /// let learned = speeds.learned(&[moves, vec![0.0; 20]])?;
 /// let share = |speed: f64| learned.shares()[learned.nearest(speed)];
@@ -40,7 +43,7 @@ pub struct Speeds {
     nearby: f64,
     anywhere: f64,
     slack: f64,
-    /// The nodes of each speed, and how many references they pass.
+    /// The distribution of moves of each speed.
     pub(super) windows: Vec<Window>,
 }
 
@@ -52,8 +55,8 @@ impl Default for Speeds {
     }
 }
 
-/// Slow rather than fast, and above all standing and one place a step, which is how a
-/// route is recorded.
+/// Default shares: slow rather than fast, and above all standing and one place a step, the speed
+/// of the recorded route.
 fn usual_shares(values: &[f64]) -> Vec<f64> {
     let usual = |v: &f64| if *v == 0.0 || *v == 1.0 { 3.0 } else { 1.0 };
     let weights: Vec<f64> = values.iter().map(|v| usual(v) * (-0.4 * v.abs()).exp()).collect();
@@ -62,12 +65,12 @@ fn usual_shares(values: &[f64]) -> Vec<f64> {
 }
 
 impl Speeds {
-    /// These speeds, with the default changes: in a step, to a neighbour with
-    /// probability 0.01, to any with 0.005.
+    /// Creates a grid of speeds with the default changes: in a step, to a neighbour with
+    /// probability 0.01, to any speed with 0.005.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] for none, or [`TransitionError::Parameter`] for more than
+    /// [`TransitionError::Empty`] for no speeds, or [`TransitionError::Parameter`] for more than
     /// 1,024, or unless they ascend and are from −64 to 64.
     pub fn new(values: &[f64]) -> Result<Self, TransitionError> {
         if values.is_empty() {
@@ -88,7 +91,7 @@ impl Speeds {
         Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, 0.0]))
     }
 
-    /// With other probabilities of a change in a step: to one of the neighbouring speeds,
+    /// Sets the probabilities of a change in a step: to one of the neighbouring speeds,
     /// and to any, by their [shares](Self::shares).
     ///
     /// # Errors
@@ -101,12 +104,12 @@ impl Speeds {
         Ok(Self { nearby, anywhere, ..self })
     }
 
-    /// With other shares: how often each speed is driven, of which a change to any speed
-    /// makes its choice.
+    /// Sets the shares of the speeds: the fraction of time at each, and its probability in a change
+    /// to any speed.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] for another number of them, or
+    /// [`TransitionError::PartStates`] for another number of shares than of speeds, or
     /// [`TransitionError::Parameter`] unless they are probabilities that sum to one.
     pub fn with_shares(self, shares: &[f64]) -> Result<Self, TransitionError> {
         let (found, expected) = (shares.len(), self.values.len());
@@ -119,9 +122,9 @@ impl Speeds {
         Ok(Self { shares: shares.to_vec(), ..self })
     }
 
-    /// With another slack: the probability that a step leads one place farther than its
-    /// speed says, and the same for one place less; 0 by default, and for standing always. For references
-    /// that are unevenly spaced.
+    /// Sets the slack: the probability that a step leads one place farther than its speed, and the
+    /// same for one place less. 0 by default, and always 0 for standing. For references that are
+    /// unevenly spaced.
     ///
     /// # Errors
     ///
@@ -145,7 +148,7 @@ impl Speeds {
         &self.values
     }
 
-    /// Share of the time for which each is driven.
+    /// The share of time at each speed.
     #[must_use]
     pub fn shares(&self) -> &[f64] {
         &self.shares
@@ -157,13 +160,13 @@ impl Speeds {
         (self.nearby, self.anywhere)
     }
 
-    /// The probability of a place more than the speed says, and of one less.
+    /// The probability that a step leads one place farther than its speed, and of one place less.
     #[must_use]
     pub fn slack(&self) -> f64 {
         self.slack
     }
 
-    /// The number of the speed nearest to one, the lower of two; 0 for NaN.
+    /// The index of the speed of the grid nearest to a speed, the lower of two; 0 for NaN.
     #[must_use]
     pub fn nearest(&self, speed: f64) -> usize {
         let closer = |best: usize, at: usize| {
@@ -173,7 +176,7 @@ impl Speeds {
         (0..self.values.len()).fold(0, closer)
     }
 
-    /// The probability of each speed after a step, row by row: `[to * k + from]`.
+    /// Transition matrix of the speeds, row by row: `[to * k + from]`.
     pub(super) fn switching(&self) -> Vec<f64> {
         let k = self.values.len();
         let mut matrix = Vec::with_capacity(k * k);
@@ -182,7 +185,7 @@ impl Speeds {
                 let neighbors = usize::from(from > 0) + usize::from(from + 1 < k);
                 let near = if neighbors == 0 { 0.0 } else { self.nearby / neighbors as f64 };
                 let lost = if neighbors == 0 { 0.0 } else { self.nearby };
-                // Rounding may leave less than nothing of 1 − 0.9 − 0.1.
+                // Rounding may take 1 − 0.9 − 0.1 below 0.
                 let stay = if to == from { (1.0 - lost - self.anywhere).max(0.0) } else { 0.0 };
                 let step = if to.abs_diff(from) == 1 { near } else { 0.0 };
                 matrix.push(stay + step + self.anywhere * self.shares[to]);
@@ -221,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_grid() {
+    fn invalid_grids_are_errors() {
         assert!(Speeds::new(&[]).is_err());
         for wrong in [[0.0, 0.0], [1.0, 0.0], [0.0, f64::NAN], [0.0, 65.0]] {
             let error = Speeds::new(&wrong).unwrap_err().to_string();

@@ -1,18 +1,18 @@
-//! Moves of a speed.
+//! Distribution of the moves of a speed.
 
-/// So many speeds, evenly over its cell, stand for a speed of the grid.
+/// Number of nodes: speeds, evenly over its cell, that stand for a speed of the grid.
 const NODES: usize = 8;
-/// The probability that a vehicle at a speed of the grid drives it exactly: many do, above
+/// Probability that a vehicle at a speed of the grid drives it exactly: many do, above
 /// all at the speed at which the route was recorded.
 const EXACT: f64 = 0.5;
 
-/// Distribution of the places that a step leads on, at a speed.
+/// Distribution of the number of places that a step moves on, at a speed.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Window {
     /// The move of the first weight.
     pub(super) first: isize,
     pub(super) weights: Vec<f64>,
-    /// Speeds of the cell, each with the weights of its moves, row by row.
+    /// Nodes of the cell, each with the weights of its moves, row by row.
     pub(super) nodes: Vec<f64>,
     by_node: Vec<f64>,
     /// The probability of each node.
@@ -25,7 +25,7 @@ impl Window {
     pub(super) fn new(values: &[f64], g: usize, slack: f64) -> Self {
         let half = |a: usize, b: usize| 0.5 * (values[b] - values[a]);
         let (mut low, mut high) = (values[g], values[g]);
-        // Standing is standing; at the ends, cells are as wide as on their other side.
+        // Speed 0 has no cell; at the ends of the grid, cells are symmetric.
         if values[g] != 0.0 && values.len() > 1 {
             let last = values.len() - 1;
             low -= if g == 0 { half(0, 1) } else { half(g - 1, g) };
@@ -65,7 +65,7 @@ impl Window {
         self.first + self.weights.len().cast_signed() - 1
     }
 
-    /// The weights of moves where the speeds of the cell have this likelihood; returns
+    /// Computes the weights of moves, given a likelihood of the speeds of the cell; returns
     /// their sum.
     pub(super) fn weigh(&self, likelihood: impl Fn(f64) -> f64, out: &mut [f64]) -> f64 {
         out.fill(0.0);

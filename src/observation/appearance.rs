@@ -9,13 +9,13 @@ use crate::error::LikelihoodError;
 use crate::kernels;
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
 
-/// Valid temperatures. The best of 1/τ lies between the same, or nowhere.
+/// Valid temperatures. Bounds for 1/τ are the same.
 pub(super) const TEMPERATURES: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Where doubles hold likelihoods of this range: e^600 is 1e260.
+/// Largest range of log-likelihoods taken in linear space: e^600 is 1e260.
 const LINEAR_RANGE: f64 = 600.0;
 
-/// Which references' average scores are taken off, in
+/// The references whose average scores are subtracted, in
 /// [`AppearanceLikelihood::with_offsets`].
 ///
 /// ```
@@ -28,21 +28,21 @@ pub enum Offsets {
     /// route, and references elsewhere only look unlike that part.
     #[default]
     Hubs,
-    /// All: those that look less like them gain, too.
+    /// All references: those that look less like the queries gain, too.
     All,
 }
 
-/// A camera as a sensor: the observation is the row of **distances** from the
-/// query image to each reference image, smaller for more alike, by whatever
-/// compares images: descriptors of any kind
-/// ([`ReferenceDescriptors`](super::ReferenceDescriptors) computes the row),
-/// local features, a network. For similarities, take their negatives.
+/// A camera as a sensor: the likelihood of places given the distances of a query image.
 ///
-/// The likelihood of reference i is an exponential kernel, exp(−z_i / τ), with
-/// the distance in relation to the query's others as z_i (the [`Spread`]) and a
-/// **temperature** τ, and divided by its mean over the references: as odds
-/// against a reference drawn at random, ln p of a sequence can be compared
-/// between temperatures.
+/// The observation is the row of **distances** from the query to each reference image, smaller
+/// for more alike, by any comparison of images: descriptors of any kind
+/// ([`ReferenceDescriptors`](super::ReferenceDescriptors) computes the row), local features, a
+/// network. For similarities, take their negatives.
+///
+/// The likelihood of reference i is an exponential kernel, exp(−z_i / τ), divided by its mean
+/// over the references: z_i is the distance relative to the query's others (see [`Spread`]), τ
+/// the **temperature**. As odds against a reference drawn at random, log-likelihoods of a
+/// sequence can be compared between temperatures.
 ///
 /// A temperature that suits single images is too cold in sequence: one frame
 /// after the other errs in the same way, yet filter and smoother multiply them as
@@ -57,7 +57,7 @@ pub enum Offsets {
 /// use wayfix::transition::WindowTransition;
 /// use wayfix::{Belief, Hmm, Prior};
 ///
-/// // Five reference images along a loop; one place on at each step, or none.
+/// // Five reference images along a loop; the vehicle moves on by one at each step, or stays.
 /// let camera = AppearanceLikelihood::new(5)?.with_temperature(0.5)?;
 /// let motion = WindowTransition::new(5, 0, &[0.2, 0.8], true)?;
 /// let hmm = Hmm::new(Prior::AtFirstObservation(Belief::uniform(5)?), motion, camera)?;
@@ -71,12 +71,11 @@ pub enum Offsets {
 ///
 /// # Not on the map
 ///
-/// [`with_off_map`](Self::with_off_map) adds a last state for "not seen before",
-/// whose likelihood is that of a match of low rank: most references are wrong
-/// ones, so where even the best are no better than those usually are, the place
-/// is not among them (Xu, Fischer, Sünderhauf and Milford 2021 take a match of
-/// low rank so). [`OffMapTransition`](crate::motion::OffMapTransition) is the motion that
-/// goes with it.
+/// [`with_off_map`](Self::with_off_map) adds a last state for "not seen before", whose
+/// likelihood is that of a match of low rank, as in Xu, Fischer, Sünderhauf and Milford 2021.
+/// Most references are wrong matches; if even the best are no better than wrong ones usually
+/// are, the place is not among them.
+/// [`OffMapTransition`](crate::motion::OffMapTransition) is the motion that goes with it.
 ///
 /// # Cost and exactness
 ///
@@ -86,26 +85,26 @@ pub enum Offsets {
 ///
 /// An infinite distance is a likelihood of 0. Rows with NaN, −∞ or of a wrong
 /// length, and rows in which all are infinite (unless there is a state off the
-/// map, which then has a likelihood of 1), are errors. Where all distances are
-/// equal, the query says nothing but what the offsets say.
+/// map, which then has a likelihood of 1), are errors. If all distances are
+/// equal, the likelihood depends on the offsets alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AppearanceLikelihood {
     references: usize,
     spread: Spread,
-    /// Taken off the scores, one for each reference; none is all 0.
+    /// Offsets subtracted from the scores, one for each reference; empty if all are 0.
     offsets: Vec<f64>,
     temperature: f64,
     off_map: Option<f64>,
 }
 
 impl AppearanceLikelihood {
-    /// For this many references, with the spread of each
+    /// Creates a sensor for this many references, with the spread of each
     /// [query](Spread::Query) and a temperature of 1.
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Parameter`] if there are none, or more than 2^32 − 2: with
-    /// one for what is off the map, states have numbers of 32 bits.
+    /// [`ObservationError::Parameter`] if there are none, or more than 2^32 − 2: states have
+    /// 32-bit indices, and one may be off the map.
     pub fn new(references: usize) -> Result<Self, ObservationError> {
         if references == 0 {
             let (what, expected) = ("the number of references", "at least 1");
@@ -120,8 +119,8 @@ impl AppearanceLikelihood {
         Ok(Self { references, spread: Spread::Query, offsets, temperature: 1.0, off_map: None })
     }
 
-    /// With another scale of distances. Forgets
-    /// [offsets](Self::with_offsets), which are in the old one.
+    /// Sets the scale of distances. Drops [offsets](Self::with_offsets), which are in the old
+    /// scale.
     ///
     /// # Errors
     ///
@@ -131,8 +130,7 @@ impl AppearanceLikelihood {
         Ok(Self { spread, offsets: Vec::new(), ..self })
     }
 
-    /// With this temperature, in units of the spread: a match better by τ is e
-    /// times as likely.
+    /// Sets the temperature, in units of the spread: a match better by τ is e times as likely.
     ///
     /// # Errors
     ///
@@ -145,9 +143,9 @@ impl AppearanceLikelihood {
         Ok(Self { temperature, ..self })
     }
 
-    /// With a last state for what is not on the map, as likely as the match at
-    /// this rank among those at a finite distance, as a fraction (to the nearest
-    /// reference): 0 is the best, 1 the worst; 0.15 suits most recordings.
+    /// Adds a last state for off the map, as likely as the match at this rank among those at a
+    /// finite distance. The rank is a fraction (to the nearest reference): 0 is the best, 1 the
+    /// worst; 0.15 suits most recordings.
     ///
     /// # Errors
     ///
@@ -160,12 +158,11 @@ impl AppearanceLikelihood {
         Ok(Self { off_map: Some(rank), ..self })
     }
 
-    /// Takes off each reference's score what it has on average, so that those
-    /// that look like everything (hubs: a plain wall, a dark tunnel) lose that
-    /// advantage. From rows of queries whose places need not be known; each
-    /// reference counts as seen `prior_count` times besides with an average
-    /// score of 0, so that few rows change little. What was there before is
-    /// forgotten.
+    /// Subtracts from each reference's score its average over some queries, so that references
+    /// that look like everything (hubs: a plain wall, a dark tunnel) lose that advantage.
+    ///
+    /// The places of the queries need not be known. Each average includes `prior_count` queries
+    /// with a score of 0, so that few rows change little. Previous offsets are replaced.
     ///
     /// The queries should come from all over the route, or from elsewhere: a
     /// vehicle that stood at one place for half of them makes that place look
@@ -207,7 +204,7 @@ impl AppearanceLikelihood {
         self.references
     }
 
-    /// What distances are measured by.
+    /// The scale of distances.
     #[must_use]
     pub fn spread(&self) -> Spread {
         self.spread
@@ -219,26 +216,25 @@ impl AppearanceLikelihood {
         self.temperature
     }
 
-    /// What is taken off the score of each reference; empty if nothing is.
+    /// The offset subtracted from the score of each reference; empty if there are none.
     #[must_use]
     pub fn offsets(&self) -> &[f64] {
         &self.offsets
     }
 
-    /// The rank of the match that a state off the map is as likely as, if there
-    /// is one.
+    /// The rank of the match whose likelihood the state off the map has, if there is such a state.
     #[must_use]
     pub fn off_map_rank(&self) -> Option<f64> {
         self.off_map
     }
 
-    /// The state that is off the map, if there is one.
+    /// The state off the map, if there is one.
     #[must_use]
     pub fn off_map_state(&self) -> Option<usize> {
         self.off_map.map(|_| self.references)
     }
 
-    /// From what was stored.
+    /// A sensor read from storage, checked.
     #[cfg(feature = "serde")]
     pub(crate) fn from_parts(
         references: usize,
@@ -263,8 +259,7 @@ impl AppearanceLikelihood {
         Ok(Self { offsets, ..camera })
     }
 
-    /// The scores z of a row: distances in relation to the others, less the
-    /// offsets.
+    /// Computes the scores z of a row: distances relative to the others, less the offsets.
     pub(super) fn scores(
         &self,
         distances: &[f32],
@@ -284,8 +279,8 @@ impl AppearanceLikelihood {
         Ok(())
     }
 
-    /// The score of the state off the map: that of the match at its rank among
-    /// the finite ones. `copy` holds the scores and loses their order.
+    /// Score of the state off the map: that of the match at its rank among the finite ones. `copy`
+    /// holds the scores, and is reordered.
     pub(super) fn off_map_score(&self, copy: &mut [f64]) -> Option<f64> {
         let finite = copy.iter().filter(|z| z.is_finite()).count();
         if finite == 0 {
@@ -326,7 +321,7 @@ impl Likelihood for AppearanceLikelihood {
             values[n] = score;
         }
         values.iter_mut().for_each(|z| *z = beta * (*z - least));
-        // Divided by the mean over the references, where there is one.
+        // Divided by the mean over the references, unless that is 0.
         let lowest = values.iter().copied().filter(|log| log.is_finite()).fold(0.0, f64::min);
         let linear = lowest > -LINEAR_RANGE;
         let sum: f64 = if linear {

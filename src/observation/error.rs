@@ -1,35 +1,35 @@
-//! What can be wrong with sensors of places.
+//! Errors of sensors of places.
 
 use std::error::Error;
 use std::fmt;
 
 use crate::error::TableError;
 
-/// Why an observation model cannot be built, or has no likelihood for a query.
+/// An invalid observation model, or a query without a likelihood.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ObservationError {
     /// A number is out of its range.
     Parameter {
-        /// Which number.
+        /// Name of the number.
         what: &'static str,
-        /// What was found.
+        /// The value given.
         value: f64,
-        /// Its range.
+        /// The valid range.
         expected: &'static str,
     },
-    /// No neighbours at all, so nothing can be confused.
+    /// No place has a neighbour, so that none can be confused.
     NoNeighbors {
-        /// The mean asked for.
+        /// The mean probability of a correct observation asked for.
         mean: f64,
     },
-    /// A place has so many neighbours that nothing is left for itself.
+    /// A place has so many neighbours that no probability is left for itself.
     TooManyNeighbors {
         /// The place's id.
         id: u64,
-        /// How many neighbours it has.
+        /// Its number of neighbours.
         neighbors: usize,
-        /// What is left for seeing itself.
+        /// The remaining probability of a correct observation.
         correct: f64,
     },
     /// A place of a confusion is beyond the last one.
@@ -64,7 +64,7 @@ pub enum ObservationError {
     },
     /// A row has not a distance for each reference.
     Distances {
-        /// Distances found.
+        /// Distances given.
         found: usize,
         /// The number of references.
         expected: usize,
@@ -73,7 +73,7 @@ pub enum ObservationError {
     Distance {
         /// The reference, from 0.
         reference: usize,
-        /// What was found.
+        /// The distance given.
         value: f32,
     },
     /// A query is infinitely far from all references, and there is no state off
@@ -81,11 +81,11 @@ pub enum ObservationError {
     NoMatch,
     /// Rows of distances have no spread to take a scale from.
     NoSpread,
-    /// The label of a row is not a reference that it may show.
+    /// The label of a row is not a reference at a finite distance.
     Label {
         /// The row, from 0.
         row: usize,
-        /// Its label.
+        /// The label.
         place: usize,
         /// The number of references.
         references: usize,
@@ -102,12 +102,12 @@ pub enum ObservationError {
         /// Rows given.
         rows: usize,
     },
-    /// No temperature is best: the hotter or the colder, the better.
+    /// No temperature is best: the likelihood rises without end.
     Unbounded {
         /// "hotter" or "colder".
         trend: &'static str,
     },
-    /// The probabilities are no table.
+    /// The probabilities do not form a valid table.
     Table(TableError),
 }
 

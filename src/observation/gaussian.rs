@@ -7,11 +7,11 @@ use crate::kernels;
 use crate::likelihood::TableLikelihood;
 use crate::map::{Coordinates, RoadMap};
 
-/// What the distance between two places is, for the Gaussian part of a sensor.
+/// Distance between two places, for the Gaussian part of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Metric {
-    /// The difference of the places' indices, as in the paper (eq. 3). It
-    /// makes accuracy depend on how places are numbered.
+    /// The difference of the places' indices, as in the paper (eq. 3). Accuracy then depends on
+    /// the numbering of the places.
     Index,
     /// The number of roads between the places, in whichever direction.
     Hops,
@@ -38,12 +38,12 @@ impl Metric {
 }
 
 impl Confusion {
-    /// The whole sensor: P(j | i) = (P_c(j | i) + G(j; i)) / (1 + Σ_j G(j; i)),
+    /// Returns the whole sensor: P(j | i) = (P_c(j | i) + G(j; i)) / (1 + Σ_j G(j; i)),
     /// with a Gaussian G of the distance between places i and j and the
     /// standard deviation `sigma`, in the unit of the metric.
     ///
     /// By [`Metric::Index`] G is the density of eq. 3 with this σ, and this is
-    /// the paper's sensor: eq. 4's δ, read as the sum that normalises, divides.
+    /// the paper's sensor: eq. 4's δ is read as the normalising sum, and divides.
     /// Places have no unit distance in hops and metres, so there G is scaled to
     /// sum to one over all places: it weighs as much as P_c, whatever the unit.
     ///

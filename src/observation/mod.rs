@@ -1,5 +1,4 @@
-//! Observation models for places: what a sensor says when the vehicle is
-//! somewhere.
+//! Observation models for places: the likelihood of a sensor's output, given the place.
 //!
 //! The paper's sensor names a place. It is right most of the time, takes a
 //! place for one of its neighbours sometimes (the discrete part P_c), and has

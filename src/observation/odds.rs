@@ -5,8 +5,8 @@ use std::f32::consts::{LN_2, LOG2_E};
 use super::ObservationError;
 use crate::kernels::{Kernel, Lanes, run};
 
-/// The odds that a reference with some [score](super::Standardizer) is the right one,
-/// against a wrong one, as
+/// The odds that a reference with a given [score](super::Standardizer) is the right one,
+/// against a wrong one:
 ///
 /// o(z) = ((1 − e) min(exp(−s (z − z₀)), exp(t)) + e)^(1/τ).
 ///
@@ -14,7 +14,7 @@ use crate::kernels::{Kernel, Lanes, run};
 /// descriptor and the season: on eleven recordings and descriptors, from 16 × 32 pixels to
 /// networks, they fell by two nats for each unit from −3 to 0, were even near −1.15, and
 /// levelled off below −3 and above 0. So they need no labels. With probability e a frame
-/// says nothing (it is of the inside of a tunnel, or of a lorry), so that no frame speaks
+/// says nothing (it shows the inside of a tunnel, or a lorry), so that no frame speaks
 /// against a place by more than ln e.
 ///
 /// The **temperature** τ is for frames in sequence, which err together: of five frames in
@@ -45,7 +45,7 @@ impl Default for MatchOdds {
 }
 
 impl MatchOdds {
-    /// With another temperature: above 1 for frames in sequence, 1 for single ones.
+    /// Sets the temperature: above 1 for frames in sequence, 1 for single ones.
     ///
     /// # Errors
     ///
@@ -58,7 +58,7 @@ impl MatchOdds {
         Ok(Self { temperature, ..self })
     }
 
-    /// With another probability that a frame says nothing.
+    /// Sets the probability that a frame says nothing.
     ///
     /// # Errors
     ///
@@ -71,7 +71,7 @@ impl MatchOdds {
         Ok(Self { nothing, ..self })
     }
 
-    /// Itself, if its numbers are ones that give finite odds.
+    /// Checks that all parameters give finite odds.
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { slope, even, most, nothing, temperature } = self;
@@ -100,8 +100,8 @@ impl MatchOdds {
         self.nothing
     }
 
-    /// ln of the odds of a score, divided by the temperature; −∞ of an infinite one, which
-    /// is surely wrong.
+    /// Log-odds of a score, divided by the temperature; −∞ for an infinite score, that of a surely
+    /// wrong reference.
     #[must_use]
     pub fn log_odds(&self, score: f64) -> f64 {
         if score == f64::INFINITY {
@@ -111,9 +111,9 @@ impl MatchOdds {
         ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
     }
 
-    /// Scores of the references become odds, in place, within 1e-5 of
-    /// [these](Self::log_odds). What a reference has gained by the last frames, a mean of
-    /// log-odds in `gained`, goes on, and counts only in part: `habituation` of it does not.
+    /// Replaces scores of the references by odds, within 1e-5 of [`log_odds`](Self::log_odds), less
+    /// the share `habituation` of each reference's mean gain. `gained`, the mean positive log-odds
+    /// over the last frames, is updated.
     pub(crate) fn habituated(&self, habituation: f64, gained: &mut [f32], scores: &mut [f64]) {
         let log2_odds = self.log2_odds();
         run(Habituate { log2_odds, spent: habituation as f32 * LOG2_E, gained, scores });
@@ -137,10 +137,10 @@ impl MatchOdds {
     }
 }
 
-/// For so many frames a reference remembers what it said.
+/// Number of frames over which gains are averaged.
 const REMEMBERED: f32 = 10.0;
 
-/// The numbers of odds, for logarithms to base 2.
+/// Parameters of [`MatchOdds`], for logarithms to base 2.
 #[derive(Clone, Copy)]
 struct Log2Odds {
     slope: f32,
@@ -151,7 +151,7 @@ struct Log2Odds {
 }
 
 impl Log2Odds {
-    /// log2 of the odds of a score; −∞ of an infinite one.
+    /// log2 of the odds of a score; −∞ for an infinite one.
     #[inline(always)]
     fn of(self, score: f64) -> f32 {
         let says = (self.even - self.slope * score as f32).min(self.most);
@@ -163,7 +163,7 @@ impl Log2Odds {
 
 struct Habituate<'a> {
     log2_odds: Log2Odds,
-    /// The part of a gain that does not count, for logarithms to base 2.
+    /// Share of a gain that does not count, times log2 e.
     spent: f32,
     gained: &'a mut [f32],
     scores: &'a mut [f64],
@@ -189,10 +189,10 @@ impl Kernel for Habituate<'_> {
     }
 }
 
-/// As many scores are gone through side by side.
+/// Number of scores handled side by side.
 const WIDTH: usize = 16;
 
-/// In loops of one kind of number each, which vector registers hold.
+/// Turns scores into odds, in loops over numbers of one type each, which vectorise.
 #[inline(always)]
 fn habituate(
     log2_odds: Log2Odds,
@@ -216,10 +216,10 @@ fn habituate(
     }
 }
 
-/// 1.5 × 2^23: singles from here on are whole numbers, whose low bits say which.
+/// 1.5 × 2^23: singles around it are whole numbers, given by their low bits.
 const WHOLE: f32 = 12_582_912.0;
 
-/// 2^x as a number from 0.7 to 1.42 and an exponent, for |x| < 2^21: to 2e-7.
+/// 2^x as a factor from 0.7 to 1.42 and an exponent, for |x| < 2^21: to 2e-7.
 #[inline(always)]
 fn exp2_in_parts(x: f32) -> (f32, i32) {
     let shifted = x + WHOLE;
@@ -237,10 +237,10 @@ fn single_exp2(x: f32) -> f32 {
     power * f32::from_bits(((exponent + 127) << 23).cast_unsigned())
 }
 
-/// log2 of a normal number above 0: to 2e-7, or as much of the result.
+/// log2 of a normal number above 0, to an absolute or relative error of 2e-7.
 #[inline(always)]
 fn single_log2(x: f32) -> f32 {
-    // The bits of √½, from which on mantissas are taken.
+    // The bits of √½, the least mantissa.
     const ROOT: i32 = 0x3f35_04f3;
     let bits = x.to_bits().cast_signed();
     let exponent = (bits - ROOT) >> 23;
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_reference_says_again_and_again_counts_less() {
+    fn repeated_evidence_counts_less() {
         let (odds, mut gained) = (MatchOdds::default(), [0.0]);
         let mut say = |score: f64| {
             let mut row = [score];
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_temperature() {
+    fn invalid_temperatures_are_errors() {
         assert!(MatchOdds::default().with_temperature(0.0).is_err());
         assert!(MatchOdds::default().with_temperature(f64::NAN).is_err());
         assert!(MatchOdds::default().with_nothing(0.0).is_err());

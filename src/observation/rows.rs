@@ -1,8 +1,8 @@
-//! Loops along a row of distances, with the widest instructions that the machine has.
+//! Loops along a row of distances, with the widest instructions of the machine.
 
 use crate::kernels::{Kernel, Lanes, run};
 
-/// As many distances are gone through side by side; sums are those of so many parts.
+/// Number of distances handled side by side, and of partial sums.
 const WIDTH: usize = 16;
 
 /// Moments of the finite distances of a row.
@@ -10,9 +10,9 @@ const WIDTH: usize = 16;
 pub(crate) struct RowMoments {
     /// The number of finite distances.
     pub(crate) count: f64,
-    /// Their mean, 0 of none.
+    /// Their mean; 0 if there are none.
     pub(crate) mean: f64,
-    /// The sum of their squared differences from it.
+    /// The sum of their squared differences from the mean.
     pub(crate) squares: f64,
     /// False if a distance is NaN or −∞.
     pub(crate) valid: bool,
@@ -25,7 +25,7 @@ impl RowMoments {
         Self { count, mean, squares: run(Squares { distances, mean }), valid }
     }
 
-    /// 1 over the standard deviation; 0 if there is none.
+    /// 1 over the standard deviation; 0 if that is 0.
     pub(crate) fn inverse_deviation(&self) -> f64 {
         let deviation = (self.squares / self.count).sqrt();
         if deviation > 0.0 { 1.0 / deviation } else { 0.0 }
@@ -93,15 +93,15 @@ impl Kernel for Squares<'_> {
     }
 }
 
-/// The mean absolute difference of two rows, in standard deviations of the second, over what
-/// is finite in both; infinite if that is nothing, or has no deviation. `moments` are those of
-/// the second row.
+/// Mean absolute difference of two rows over the distances finite in both, in standard
+/// deviations of the second row; infinite if there are none, or they do not vary. `moments`
+/// are those of the second row.
 pub(super) fn change(before: &[f32], now: &[f32], moments: &RowMoments) -> f64 {
     let compare = |mean| run(Compare { before, now, mean });
     let mut changes = compare(moments.mean);
     if changes.count < moments.count {
-        // About the mean of what is compared: sums of singles are exact in doubles, so that
-        // equal ones have no deviation.
+        // About the mean of the compared distances: sums of singles are exact in doubles, so that
+        // equal ones have a deviation of exactly 0.
         let both = before.iter().zip(now).filter(|(a, b)| a.is_finite() && b.is_finite());
         let sum: f64 = both.map(|pair| f64::from(*pair.1)).sum();
         changes = compare(sum / changes.count);

@@ -1,47 +1,46 @@
-//! What makes the distances of one query comparable with those of another.
+//! The scale that makes the distances of different queries comparable.
 
 use super::ObservationError;
 use super::rows::RowMoments;
 use crate::likelihood::Scratch;
 
-/// How distances are brought to one scale before they become likelihoods.
+/// Scale of distances, before they become likelihoods.
 ///
 /// Images differ in how much they differ from everything: a snowy frame is far
-/// from all references, a dark one near to all. What tells places apart is the
-/// distance in relation to the others.
+/// from all references, a dark one near to all. Places are told apart by the
+/// distance relative to the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Spread {
-    /// In standard deviations from the mean of the query's own distances.
+    /// Standard deviations from the mean of the query's own distances.
     Query,
-    /// The same over the references at most `radius` away along the route
-    /// (Milford and Wyeth 2012: local contrast enhancement). For references
-    /// that are in order; it helps where light changes along the way, and hides
-    /// stretches of alike references.
+    /// Standard deviations from the mean over the references at most `radius` away along the
+    /// route (Milford and Wyeth 2012: local contrast enhancement). For references in order; it
+    /// helps where light changes along the way, and hides stretches of alike references.
     Local {
-        /// How many neighbours on either side, at least 1.
+        /// Number of neighbours on either side, at least 1.
         radius: usize,
-        /// Whether the last reference is a neighbour of the first.
+        /// True if the last reference is a neighbour of the first.
         closed: bool,
     },
-    /// From the mean of the query's own distances, in this unit: one for all
-    /// queries, so that one that looks like nothing says little. See
-    /// [`of`](Self::of). From 1e-100 to 1e100, so that no score overflows.
+    /// Differences from the mean of the query's own distances, in this unit: one for all queries,
+    /// so that a query unlike everything says little. See [`of`](Self::of). From 1e-100 to 1e100,
+    /// so that no score overflows.
     Fixed(f64),
 }
 
 impl Spread {
-    /// A [fixed](Self::Fixed) unit from some rows of distances: the median, over
+    /// Estimates a [fixed](Self::Fixed) unit from rows of distances: the median, over
     /// the rows, of the range from the 2.5% to the 97.5% quantile divided by
     /// ln 5, so that at temperature 1 the likelihood changes fivefold over that
-    /// range; distances that are not finite are left out (Xu, Sünderhauf and Milford 2020 scale by their first query so).
-    /// O(N log N) for N distances.
+    /// range. Distances that are not finite are left out. Xu, Sünderhauf and Milford (2020) scale
+    /// by their first query in this way. O(N log N) for N distances.
     ///
     /// # Errors
     ///
-    /// [`ObservationError::NoSpread`] if there are no rows, or more than half of
-    /// them have no range above 0 (of distances that are finite).
+    /// [`ObservationError::NoSpread`] if there are no rows, or the finite distances of more than
+    /// half of them have a range of 0.
     pub fn of<R: AsRef<[f32]>>(rows: &[R]) -> Result<Self, ObservationError> {
         let mut ranges: Vec<f64> = rows.iter().map(|row| range(row.as_ref())).collect();
         ranges.sort_by(f64::total_cmp);
@@ -69,9 +68,9 @@ impl Spread {
         }
     }
 
-    /// Distances to scores: relative to the query's mean, in units of spread.
-    /// Infinite ones stay so and take no part in mean and spread; where there is
-    /// no spread, all scores are 0.
+    /// Turns distances into scores: relative to the query's mean, in units of spread. Infinite
+    /// distances stay infinite and take no part in mean and spread; if the spread is 0, so are all
+    /// scores.
     pub(super) fn apply(self, distances: &[f32], out: &mut [f64], memory: &mut Scratch) {
         let moments = RowMoments::of(distances);
         let centred = |d: f32| f64::from(d) - moments.mean;
@@ -88,8 +87,8 @@ impl Spread {
     }
 }
 
-/// The score of the nearest reference, in standard deviations of a query's own distances;
-/// `None` if all are infinite or the same.
+/// Score of the nearest reference, in standard deviations of a query's own distances; `None` if
+/// all are infinite or equal.
 pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
     let moments = RowMoments::of(distances);
     let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
@@ -97,13 +96,13 @@ pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
     score.is_finite().then_some(score)
 }
 
-/// An infinite distance stays infinite, even where there is no spread.
+/// Scales a difference; an infinite one stays infinite, even if the spread is 0.
 pub(super) fn scaled(centred: f64, unit: f64) -> f64 {
     if centred.is_finite() { centred * unit } else { centred }
 }
 
-/// How many distances are finite, their mean, and the sum of their squared
-/// differences from it.
+/// The number of finite distances, their mean, and the sum of their squared differences from
+/// it.
 #[derive(Clone, Copy)]
 struct Moments([f64; 3]);
 
@@ -114,8 +113,8 @@ impl Moments {
         if distance.is_finite() { Self([1.0, f64::from(distance), 0.0]) } else { Self::NONE }
     }
 
-    /// Of both together (Chan, Golub and LeVeque 1983). Nothing is subtracted
-    /// that would have to cancel: equal distances have squares of exactly 0.
+    /// Moments of two sets together (Chan, Golub and LeVeque 1983). Nothing cancels: equal
+    /// distances have squares of exactly 0.
     fn and(self, other: Self) -> Self {
         let (Self([count, mean, squares]), Self([more, other, further])) = (self, other);
         if more == 0.0 {
@@ -127,17 +126,17 @@ impl Moments {
     }
 }
 
-/// By mean and deviation of each window. Windows are cut into blocks of their
-/// length (van Herk 1992, Gil and Werman 1993): each is the end of one and the
-/// beginning of the next.
+/// Scores by the mean and deviation of a window about each reference. The row is cut into blocks
+/// of the window's length (van Herk 1992, Gil and Werman 1993): each window is the end of one
+/// block and the beginning of the next.
 fn local(distances: &[f32], radius: usize, closed: bool, out: &mut [f64], memory: &mut Scratch) {
     let n = distances.len();
     let radius = radius.min(n);
-    // A window that would lap itself is the whole loop.
+    // A window that would overlap itself is the whole loop.
     let laps = closed && 2 * radius + 1 >= n;
     let (radius, closed) = if laps { (n, false) } else { (radius, closed) };
     let length = 2 * radius + 1;
-    // The window of i is from i to i + 2 `radius`, `radius` too far on.
+    // The window of i is from i to i + 2 `radius`, shifted by `radius`.
     let at = |k: usize| {
         let i = if closed { Some((k + n - radius) % n) } else { k.checked_sub(radius) };
         i.and_then(|i| distances.get(i)).map_or(Moments::NONE, |d| Moments::of(*d))
@@ -166,8 +165,7 @@ fn local(distances: &[f32], radius: usize, closed: bool, out: &mut [f64], memory
     }
 }
 
-/// From the 2.5% to the 97.5% quantile of the finite distances; 0 if there are
-/// none.
+/// Range from the 2.5% to the 97.5% quantile of the finite distances; 0 if there are none.
 fn range(row: &[f32]) -> f64 {
     let mut row: Vec<f32> = row.iter().copied().filter(|d| d.is_finite()).collect();
     row.sort_by(f32::total_cmp);
@@ -175,7 +173,7 @@ fn range(row: &[f32]) -> f64 {
     at(0.975) - at(0.025)
 }
 
-/// The index of a quantile among so many values in order.
+/// Index of a quantile among so many sorted values.
 #[expect(clippy::cast_sign_loss, reason = "a level is from 0 to 1")]
 pub(super) fn rank(level: f64, count: usize) -> usize {
     (level * count.saturating_sub(1) as f64).round() as usize

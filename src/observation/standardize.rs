@@ -3,11 +3,11 @@
 use super::spread::scaled;
 use crate::kernels::{Kernel, LANES, Lanes};
 
-/// For how many queries count what is known of a reference before any are seen: a mean of
-/// 0, and the deviation that all references have together.
+/// Prior count, in queries, of a reference's prior moments: a mean of 0, and the deviation pooled
+/// over all references.
 pub(super) const PRIOR_COUNT: f64 = 10.0;
 
-/// Scores of a query in its own deviations, which are added to those of before.
+/// Adds a query's scores, in its own deviations, to the sums.
 pub(super) struct CountIn<'a> {
     pub(super) distances: &'a [f32],
     pub(super) mean: f64,
@@ -27,7 +27,7 @@ impl Kernel for CountIn<'_> {
         for (((sum, square), out), &d) in sums.zip(out).zip(distances) {
             let score = scaled(f64::from(d) - mean, unit);
             *out = score;
-            // What is infinitely far was not compared; it counts as usual.
+            // References at an infinite distance were not compared; they count as average.
             let score = if d.is_finite() { score } else { 0.0 };
             *sum += score;
             *square += score * score;
@@ -35,7 +35,7 @@ impl Kernel for CountIn<'_> {
     }
 }
 
-/// Scores in units of what each reference has for other queries.
+/// Scales scores by the mean and deviation of each reference over other queries.
 pub(super) struct Standardize<'a> {
     pub(super) count: f64,
     pub(super) sums: &'a [f64],
@@ -51,7 +51,7 @@ impl Kernel for Standardize<'_> {
         let Self { count: n, sums, squares, scores } = self;
         let known = n + PRIOR_COUNT;
         let part = 1.0 / known;
-        // About the mean, without what was known before.
+        // About the mean, without the prior.
         let about = |sum: f64, square: f64| {
             let mean = sum * part;
             (square - 2.0 * mean * sum + n * mean * mean).max(0.0)
@@ -67,11 +67,11 @@ impl Kernel for Standardize<'_> {
         for (sum, square) in whole.1.iter().zip(rest.1) {
             total += about(*sum, *square);
         }
-        // Before any are seen, a deviation of 1.
+        // A deviation of 1 before any query.
         let pooled = (total / scores.len() as f64 + 1.0) / (n + 1.0);
         for (score, (&sum, &square)) in scores.iter_mut().zip(sums.iter().zip(squares)) {
             let variance = (about(sum, square) + PRIOR_COUNT * pooled) * part;
-            // Seven digits will do, and take a quarter of the time.
+            // Seven digits are enough, and take a quarter of the time.
             let inverse = 1.0 / (variance as f32).sqrt();
             *score = (*score - sum * part) * f64::from(inverse);
         }

@@ -1,4 +1,4 @@
-//! Scores of references in units of what each has for other queries.
+//! Standardised scores, in units of each reference's scores for other queries.
 
 use super::ObservationError;
 use super::rows::RowMoments;
@@ -6,16 +6,16 @@ use super::spread::scaled;
 use super::standardize::{CountIn, Standardize};
 use crate::kernels::run;
 
-/// Brings the distances of a query to one scale for all references: first in standard
-/// deviations of the query's own ([`Spread::Query`](super::Spread::Query)), then in those that each reference
-/// has for other queries.
+/// Brings the distances of a query to one scale for all references.
 ///
-/// A reference that looks like everything (a dark tunnel, a plain wall) is near to most
-/// queries, and one whose distances hardly vary is never very near to any; both count for
-/// what is usual for them, as in the test-normalisation of speaker recognition
-/// (Auckenthaler, Carey and Lloyd-Thomas 2000). The places of the queries need not be
-/// known, so that it learns as the vehicle drives. Few queries change little: each mean
-/// and each deviation counts what there was before as ten.
+/// Distances are first taken in standard deviations of the query's own
+/// ([`Spread::Query`](super::Spread::Query)), then in those of each reference over other queries,
+/// as in the test-normalisation of speaker recognition (Auckenthaler, Carey and Lloyd-Thomas
+/// 2000). A reference that looks like everything (a dark tunnel, a plain wall) is near to most
+/// queries, and one whose distances hardly vary is never very near to any; both are compared
+/// with their own usual scores. The places of the queries need not be known, so that it learns
+/// as the vehicle drives. Few queries change little: the prior mean and deviation of each
+/// reference count as ten queries.
 ///
 /// ```
 /// use wayfix::observation::Standardizer;
@@ -32,15 +32,15 @@ use crate::kernels::run;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Standardizer {
-    /// Number of queries that were seen.
+    /// Number of queries observed.
     pub(crate) count: f64,
-    /// For each reference, the sum of its scores for these, and of their squares.
+    /// For each reference, the sum of its scores for these queries, and of their squares.
     pub(crate) sums: Vec<f64>,
     pub(crate) squares: Vec<f64>,
 }
 
 impl Standardizer {
-    /// For this many references, of which nothing is known.
+    /// Creates a standardizer for this many references, before any query.
     ///
     /// # Errors
     ///
@@ -53,7 +53,7 @@ impl Standardizer {
         Ok(Self { count: 0.0, sums: vec![0.0; references], squares: vec![0.0; references] })
     }
 
-    /// Itself, if it is what some queries may have left.
+    /// Checks sums read from storage.
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { count, sums, squares } = &self;
@@ -64,7 +64,7 @@ impl Standardizer {
             let what = "the number of sums of squares";
             return parameter(what, squares.len() as f64, "as many as sums of scores");
         }
-        // Far beyond what queries leave, and such that no variance overflows 32 bits.
+        // Far above any real count, and such that no variance overflows 32 bits.
         if !(0.0..=1e15).contains(count) {
             return parameter("the number of queries", *count, "from 0 to 1e15");
         }
@@ -83,14 +83,14 @@ impl Standardizer {
         self.sums.len()
     }
 
-    /// Number of queries that were seen.
+    /// The number of queries observed.
     #[must_use]
     pub fn count(&self) -> f64 {
         self.count
     }
 
-    /// Learns from a query, whose place need not be known. Those of a vehicle that stands
-    /// still show one place again and again: leave them out. O(n).
+    /// Learns from a query, whose place need not be known. Leave out the queries of a vehicle that
+    /// stands still, which show one place again and again. O(n).
     ///
     /// # Errors
     ///
@@ -100,8 +100,8 @@ impl Standardizer {
         self.observed_scores(distances, &mut scores)
     }
 
-    /// As if no more queries had been seen than this, in the same proportions: for what is
-    /// known from elsewhere, such as from the references themselves.
+    /// Reduces the weight of all queries so far to that of at most `count`: for queries from
+    /// elsewhere, such as the references themselves.
     #[must_use]
     pub fn discounted(self, count: f64) -> Self {
         if !(count >= 0.0 && count < self.count) {
@@ -112,32 +112,32 @@ impl Standardizer {
         Self { count, sums: scaled(self.sums), squares: scaled(self.squares) }
     }
 
-    /// The score of each reference, smaller for more alike: of wrong ones, around 0 with a
-    /// deviation of about 1. Infinite distances are infinite scores. O(n), and no
+    /// Computes the score of each reference, smaller for more alike: around 0 with a deviation of
+    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n); no
     /// allocation.
     ///
     /// # Errors
     ///
-    /// As [`observe`](Self::observe), which it does not do.
+    /// As [`observe`](Self::observe).
     ///
     /// # Panics
     ///
-    /// If `out` has not a value for each distance.
+    /// If `out` differs in length from `distances`.
     pub fn scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
         let moments = self.moments(distances)?;
         self.scores_of(distances, &moments, out);
         Ok(())
     }
 
-    /// [`observe`](Self::observe), then [`scores`](Self::scores).
+    /// Calls [`observe`](Self::observe), then [`scores`](Self::scores).
     ///
     /// # Errors
     ///
-    /// As these; then nothing was learned.
+    /// As [`observe`](Self::observe); nothing is then learned.
     ///
     /// # Panics
     ///
-    /// If `out` has not a value for each distance.
+    /// If `out` differs in length from `distances`.
     pub fn observed_scores(
         &mut self,
         distances: &[f32],
@@ -148,8 +148,7 @@ impl Standardizer {
         Ok(())
     }
 
-    /// Moments of a row, which has as many distances as there are references, all of them
-    /// numbers or infinite.
+    /// Moments of a row, checked for its length, NaN and −∞.
     pub(crate) fn moments(&self, distances: &[f32]) -> Result<RowMoments, ObservationError> {
         let (found, expected) = (distances.len(), self.references());
         if found != expected {
@@ -222,7 +221,7 @@ mod tests {
             ]
         };
         let mut standard = Standardizer::new(3).unwrap();
-        // Ten more of before move the mean of a reference that hardly varies.
+        // The prior counts as ten queries and moves the mean of a reference that hardly varies.
         (0..20_000).for_each(|k| standard.observe(&rows(k)).unwrap());
         let (mut sums, mut squares, mut scores) = ([0.0; 3], [0.0; 3], [0.0; 3]);
         for k in 0..2000 {
@@ -237,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_row() {
+    fn invalid_rows_are_errors() {
         let mut standard = Standardizer::new(2).unwrap();
         let before = standard.clone();
         assert!(standard.observe(&[1.0]).is_err());

@@ -1,4 +1,4 @@
-//! How far distances are to be believed: fitting the temperature.
+//! Fitting the temperature: the weight of distances as evidence.
 
 use std::error::Error;
 
@@ -8,21 +8,19 @@ use crate::kernels;
 use crate::likelihood::LearnLikelihood;
 use crate::likelihood::Scratch;
 
-/// What a re-estimation tries in place of 1/τ: coarse steps to come near, and
-/// fine ones to arrive.
+/// Candidate factors of 1/τ in a re-estimation: coarse steps to come near, fine ones to arrive.
 const FACTORS: [f64; 13] = [1.0, 0.99, 1.01, 0.96, 1.04, 0.9, 1.1, 0.8, 1.25, 0.5, 2.0, 0.25, 4.0];
 
 impl AppearanceLikelihood {
-    /// With the temperature that makes labelled queries most probable, each on
-    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None`
-    /// where that is not known (those are left out). It maximises
-    /// Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
+    /// Learns the temperature that makes labelled queries most probable, each on
+    /// its own: `places[k]` is the reference that `rows[k]` shows, or `None` for a row to be left
+    /// out. It maximises Σ ln (b_place / Σ_i b_i), a concave function of 1/τ. O(n) a row and
     /// iteration, of which there are some 60.
     ///
     /// A state off the map takes no part.
     ///
-    /// In sequence it is still too cold, since the errors of one frame come
-    /// again in the next; [`calibrate`](super::calibrate) sees to that.
+    /// In sequence this is still too cold, since the errors of one frame repeat in the next;
+    /// [`calibrate`](super::calibrate) accounts for that.
     ///
     /// # Errors
     ///
@@ -56,7 +54,7 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
         let Some(place) = *place else { continue };
         let mut scores = vec![0.0; references];
         sensor.scores(distances.as_ref(), &mut scores, &mut memory)?;
-        // Relative to the best score, which is then 0, so that ties with it stay.
+        // Relative to the best score, which is then 0, so that ties with it stay ties.
         let least = scores.iter().copied().fold(f64::INFINITY, f64::min);
         scores.iter_mut().for_each(|z| *z -= least);
         match scores.get(place) {
@@ -87,8 +85,7 @@ pub(super) fn most_likely<R: AsRef<[f32]>>(
     }
 }
 
-/// Mean and variance of the scores, of which the least is 0, under weights
-/// exp(−β z).
+/// Mean and variance of scores whose least is 0, under weights exp(−β z).
 fn moments(scores: &[f64], beta: f64) -> [f64; 2] {
     let finite = scores.iter().filter(|z| z.is_finite());
     let [weights, sum, squares] = finite.fold([0.0; 3], |[weights, sum, squares], z| {
@@ -99,21 +96,20 @@ fn moments(scores: &[f64], beta: f64) -> [f64; 2] {
     [mean, squares / weights - mean * mean]
 }
 
-/// Learns the temperature, and nothing else: 1/τ maximises
+/// Learns the temperature alone: 1/τ maximises
 /// Σ over rows of (−E\[z\]/τ − ln mean exp(−z/τ)), where E is under the posterior
 /// of the places. Each re-estimation takes the best of 13 values about the old
-/// one, or, where that is itself, a step of Newton that is short enough, so the
+/// one, or, if the old one is best, a short Newton step, so that the
 /// likelihood never falls. The temperature stays within 1e-6 to 1e6.
 ///
 /// Start hot: from a cold start the gains may be too small to go on for.
 /// Consecutive frames that err together are evidence counted twice here, too: if
 /// there are labels, [`calibrate`] is better.
 impl LearnLikelihood for AppearanceLikelihood {
-    /// Of scores z relative to the least of their row: Σ E\[z\]; Σ mean and
+    /// Sums over rows, with scores z relative to the least of their row: Σ E\[z\]; Σ mean and
     /// Σ variance of z under the kernel, which are the first two derivatives of
-    /// Σ ln mean exp(−β z) but for a sign; the largest z of any
-    /// weight; and that sum for each
-    /// candidate.
+    /// Σ ln mean exp(−β z) but for a sign; the largest z of any weight; and Σ ln mean exp(−β z)
+    /// for each candidate.
     type Statistics = [f64; 4 + FACTORS.len()];
 
     fn statistics(&self) -> Self::Statistics {
@@ -170,9 +166,8 @@ impl LearnLikelihood for AppearanceLikelihood {
         let best = candidates.fold(0, |best, at| if gain(at) > gain(best) { at } else { best });
         let mut factor = FACTORS[best];
         if best == 0 && *variance > 0.0 {
-            // The slope falls by the variance, which over a step of 1 / `most`
-            // changes by a factor of e at most: a step of Newton no longer than
-            // that goes up.
+            // The slope falls by the variance, which over a step of 1 / `most` changes by a factor
+            // of e at most: a Newton step no longer than that goes up.
             let limit = (1.0 / most).min(0.01 * beta);
             factor = 1.0 + ((mean - expected) / variance).clamp(-limit, limit) / beta;
         }
@@ -181,7 +176,7 @@ impl LearnLikelihood for AppearanceLikelihood {
     }
 }
 
-/// What [`calibrate`] found.
+/// Result of [`calibrate`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     chosen: usize,
@@ -189,37 +184,35 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Which candidate to take, from 0.
+    /// Index of the chosen candidate.
     #[must_use]
     pub fn chosen(&self) -> usize {
         self.chosen
     }
 
-    /// The mean log score of each candidate, in nats, over the steps that are
-    /// possible with at least one; −∞ where one of these is impossible.
+    /// The mean log score of each candidate, in nats, over the steps that at least one candidate
+    /// finds possible; −∞ for a candidate that rules one of them out.
     #[must_use]
     pub fn scores(&self) -> &[f64] {
         &self.scores
     }
 }
 
-/// Chooses a temperature, or any other setting, by what it is for: that the
-/// probabilities given to labelled places, **in sequence**, are high.
-/// `log_scores` makes the estimate with a candidate, and gives for each labelled
-/// step ln of the probability that went to where the vehicle was (within a
-/// tolerance, say; −∞ if none did).
+/// Chooses a temperature, or any other setting, by the log score of labelled places **in
+/// sequence**.
 ///
-/// Candidates come with those that claim least first: hot before cold, without a
-/// correction before with it. Of those that cannot be told apart, the first is
-/// taken: the first whose mean score is below the best's by no more than `worth`
-/// nats, or one standard error of the differences step by step (the
-/// one-standard-error rule of Breiman and others 1984). So a short labelled part
-/// without an error does not make the model as sure as can be; 0.01, a hundredth
-/// of the probability, is a difference that few would pay for. (If scores are low
-/// and fall from the hottest on, look whether labels and beliefs are of the same
-/// steps.)
+/// `log_scores` runs the model with a candidate, and returns for each labelled step the
+/// log-probability of the true place (within a tolerance, say; −∞ if it is ruled out).
 ///
-/// A labelled part that never leaves the map says nothing of a state off the map.
+/// Give the most cautious candidates first: hot before cold, without a correction before with
+/// it. Chosen is the first whose mean score is below the best by no more than `worth` nats, or
+/// by one standard error of the differences step by step (the one-standard-error rule of
+/// Breiman and others 1984). So a short labelled part without an error does not make the model
+/// overconfident; a `worth` of 0.01, a hundredth of the probability, is a difference that few
+/// would pay for. (If scores are low and fall from the hottest on, check that labels and
+/// beliefs are of the same steps.)
+///
+/// A labelled part that never leaves the map is no evidence on a state off the map.
 /// Make it leave: take the references of some of its steps off the map, by setting
 /// their distances to infinity.
 ///
@@ -244,9 +237,9 @@ impl Calibration {
 ///
 /// # Errors
 ///
-/// [`ObservationError`] (as `E`) if there are no candidates, `worth` is not at
-/// least 0, or the scores are none, not as many for each or not
-/// log-probabilities; and what `log_scores` fails with.
+/// [`ObservationError`] (as `E`) if there are no candidates, if `worth` is not at
+/// least 0, or if the scores are none, not log-probabilities or not as many for each candidate;
+/// and any error of `log_scores`.
 pub fn calibrate<C, E: From<ObservationError>>(
     candidates: &[C],
     worth: f64,
@@ -265,7 +258,7 @@ pub fn calibrate<C, E: From<ObservationError>>(
             let value = scores.len() as f64;
             return Err(ObservationError::Parameter { what, value, expected }.into());
         }
-        // A mass that rounds to above 1 is allowed.
+        // A mass that rounding takes above 1 is allowed.
         if let Some(&value) = scores.iter().find(|&&log| log.is_nan() || log > 1e-9) {
             let (what, expected) = ("a log score", "at most 0");
             return Err(ObservationError::Parameter { what, value, expected }.into());
@@ -297,7 +290,7 @@ pub fn calibrate<C, E: From<ObservationError>>(
     let alike = |at: &usize| {
         let pairs = all[best].iter().zip(&all[*at]);
         let differences: Vec<f64> = pairs.map(|(best, other)| best - other).collect();
-        // Of two means of −∞ there is no difference.
+        // Two means of −∞ are equal, though their difference is NaN.
         scores[*at] == scores[best] || mean(&differences) <= standard_error(&differences).max(worth)
     };
     let chosen = (0..best).find(alike).unwrap_or(best);

@@ -1,14 +1,14 @@
-//! Whether the camera sees something new.
+//! Changes of the camera's view.
 
 use super::ObservationError;
 use super::rows::{self, RowMoments};
 use crate::motion::ViewChange;
 
-/// How much two views differ: the mean absolute difference of their rows of
-/// distances, in standard deviations of the second row. 0 for the same row;
-/// about 1 for two places that have nothing in common. What is infinite in
-/// either row (or NaN) takes no part; where that leaves nothing to compare, or the second
-/// row no deviation, a change is infinite. O(n).
+/// Change between two views: the mean absolute difference of their rows of
+/// distances, in standard deviations of the second row. 0 for equal rows;
+/// about 1 for two places that have nothing in common. Distances that are infinite or NaN in
+/// either row take no part; if none is left, or those of the second row are all equal, the
+/// change is infinite. O(n).
 ///
 /// Rows of distances stand for the images, so it works for descriptors and
 /// similarities of any kind.
@@ -24,14 +24,13 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
     Ok(rows::change(before, now, &RowMoments::of(now)))
 }
 
-/// Tells frame by frame whether the view has changed, against the last one that
-/// was new, so that slow creeping is noticed.
+/// Detects changes of the view frame by frame, against the last new view, so that slow creeping
+/// is noticed.
 ///
-/// A frame that shows what the one before did is no fresh evidence: give the
-/// filter `None` for it ([`OptionalLikelihood`](crate::OptionalLikelihood)), and
-/// say so to the motion ([`RouteControl`](crate::motion::RouteControl)), for which it is
-/// news. Otherwise a stop at a light makes the filter as sure as can be of
-/// whatever that one image happens to resemble.
+/// A frame that repeats the one before is no fresh evidence on the place: give the filter
+/// `None` for it ([`OptionalLikelihood`](crate::OptionalLikelihood)). It is evidence on the
+/// motion: give it to [`RouteControl`](crate::motion::RouteControl). Otherwise a stop at a light
+/// makes the filter as sure as can be of whatever that one image happens to resemble.
 ///
 /// ```
 /// use wayfix::motion::ViewChange;
@@ -50,7 +49,7 @@ pub struct ViewComparison {
 }
 
 impl ViewComparison {
-    /// Changes below the threshold (as [`view_change`] measures them) are none.
+    /// Creates a comparison with a threshold, below which a [`view_change`] does not count.
     ///
     /// # Errors
     ///
@@ -64,10 +63,9 @@ impl ViewComparison {
         Ok(Self { threshold, last_new: None })
     }
 
-    /// A tenth of the median change from row to row, of those above 0 that are
-    /// finite: a threshold for recordings in which the vehicle moves most of the
-    /// time.
-    /// O(N log N) for N distances; 0 if there is no change.
+    /// Estimates a threshold: a tenth of the median change from row to row, over finite changes
+    /// above 0. For recordings in which the vehicle moves most of the time. O(N log N) for N
+    /// distances; 0 if there is no change.
     ///
     /// # Errors
     ///
@@ -77,27 +75,28 @@ impl ViewComparison {
         Ok(threshold_of_changes(changes.collect::<Result<_, _>>()?))
     }
 
-    /// Whether this row shows something new. The first does, and one of which
-    /// nothing can be compared. O(n); no allocation after the first.
+    /// Takes the next row of distances, and returns whether the view has changed. The first row
+    /// counts as changed, and so does one that cannot be compared. O(n); no allocation after the
+    /// first.
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Distances`] for a row of another length than before,
-    /// which is then not taken.
+    /// [`ObservationError::Distances`] for a row of another length than before; the state is then
+    /// unchanged.
     pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
         let moments = RowMoments::of(distances);
         next_view(&mut self.last_new, self.threshold, distances, &moments)
     }
 }
 
-/// [`ViewComparison::threshold_of`] rows with these changes.
+/// Threshold for these changes; see [`ViewComparison::threshold_of`].
 pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
     changes.retain(|change| *change > 0.0 && change.is_finite());
     changes.sort_by(f64::total_cmp);
     changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }
 
-/// [`ViewComparison::next`], with the last new row kept elsewhere, for a row with these moments.
+/// [`ViewComparison::next`] for a row with these moments; the caller keeps the last new row.
 pub(crate) fn next_view(
     last_new: &mut Option<Vec<f32>>,
     threshold: f64,
@@ -118,13 +117,14 @@ pub(crate) fn next_view(
     Ok(ViewChange::Changed)
 }
 
-/// Which stretch of a route each reference is in, for
-/// [`RouteTransition::with_views`](crate::motion::RouteTransition::with_views):
-/// consecutive references share one if no query tells them apart, that is, if
-/// the columns of `rows` are the same, or their [change](view_change) from the
+/// Finds the stretch of each reference, for
+/// [`RouteTransition::with_views`](crate::motion::RouteTransition::with_views).
+///
+/// Consecutive references share a stretch if no query tells them apart, that is, if
+/// the columns of `rows` are equal, or their [change](view_change) from the
 /// first of the stretch is below a tenth of the median
 /// ([`ViewComparison::threshold_of`] the columns).
-/// Standing images in a recorded route (a stop at a station, a tunnel) make
+/// Repeated images in a recorded route (a stop at a station, a tunnel) make
 /// such stretches. O(rows × references).
 ///
 /// # Errors
@@ -142,7 +142,7 @@ pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, Observ
     let (mut start, mut stretch) = (0, 0);
     let mut stretches = Vec::with_capacity(expected);
     for (i, column) in columns.iter().enumerate() {
-        // Against the first of the stretch, so that it does not creep along.
+        // Against the first of the stretch, so that the stretch does not creep along.
         let change = view_change(&columns[start], column)?;
         if change > 0.0 && change >= threshold && i > 0 {
             (start, stretch) = (i, stretch + 1);

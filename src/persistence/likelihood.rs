@@ -1,4 +1,4 @@
-//! Sensors.
+//! Formats of sensors.
 
 use std::collections::TryReserveError;
 use std::convert::Infallible;
@@ -62,8 +62,7 @@ stored! {
     } => Self::new(sensor, groups);
 }
 
-/// As the constructor, but a number of states that is beyond all memory is an
-/// error.
+/// As [`OptionalLikelihood::new`], but with an error if there is no memory for so many states.
 fn optional<B: Likelihood>(sensor: B) -> Result<OptionalLikelihood<B>, TryReserveError> {
     let mut ones = Vec::new();
     ones.try_reserve_exact(sensor.states())?;

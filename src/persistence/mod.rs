@@ -1,4 +1,4 @@
-//! Models, and what filters know, in files and messages (feature `serde`).
+//! Models and states of filters in files and messages (feature `serde`).
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
@@ -45,7 +45,7 @@
 //!
 //! # Exact
 //!
-//! What comes back gives the same numbers to the bit, if the format keeps
+//! Values that are read give the same results to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
 //! it, it may read the last bit of a number wrongly. What is computed from there on another
 //! platform may differ in a last bit where there is a logarithm or an exponential: these come
@@ -53,17 +53,16 @@
 //!
 //! # Checked
 //!
-//! What is read goes through the constructors, and is refused with their
-//! message; a snapshot is checked against itself here, and against the model
-//! when it is restored. A file can be as costly as what it describes: a few
-//! bytes make a window of 2^32 places, or the 2^32-th power of an operator. So
-//! read only models of those that you would run a model of.
+//! Values are read through the constructors, with their errors; a snapshot is checked for
+//! consistency here, and against the model when it is restored. A small file can describe a
+//! costly model: a few bytes make a window of 2^32 places, or the 2^32-th power of an operator.
+//! So read models only from sources that you trust to run one.
 //!
 //! # The format
 //!
-//! A struct has the fields below, all of them and no others, and a `version`,
-//! which is 1; another one is refused. Within are the same formats again.
-//! States and symbols are counted from 0; probabilities are numbers.
+//! A struct has exactly the fields below and a `version`, which is 1; any other version is an
+//! error. Parts have the same formats. States and symbols are counted from 0; probabilities are
+//! numbers.
 //!
 //! | type | fields |
 //! |---|---|
@@ -82,7 +81,7 @@
 //! | `PowerTransition` | `inner`, `exponent` |
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
 //! | `TableLikelihood` | `rows`, one for each state |
-//! | `LikelihoodVector` | `states`; `log`, whether of logarithms |
+//! | `LikelihoodVector` | `states`; `log`, true for logarithms |
 //! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
 //! | `Confusion` | `places`; `place`, `seen_as` and `probability` of each entry, in any order |
 //! | `SparseLikelihood` | `states` |
@@ -97,7 +96,7 @@
 //! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
 //! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and how often; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, what each reference has said of late |
+//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and its length; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, the mean gain of each reference over the last frames |
 //!
 //! These are without a version: `Belief` is a list of probabilities, `Prior`
 //! an object with one field, `before_first_transition` or
@@ -125,10 +124,10 @@ use crate::hmm::Prior;
 use crate::likelihood::Likelihood;
 use crate::transition::Transition;
 
-/// The version of the format, the only one that is read.
+/// Version of the format, the only one that is read.
 pub const VERSION: u32 = 1;
 
-/// What stands for it in a struct.
+/// Field `version` of a stored struct.
 struct Version;
 
 impl Serialize for Version {
@@ -146,7 +145,7 @@ impl<'de> Deserialize<'de> for Version {
     }
 }
 
-/// An error with all its sources, as one of serde.
+/// Converts an error with all its sources to one of serde.
 fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
     let error = error.into();
     let (mut text, mut source) = (error.to_string(), error.source());
@@ -157,12 +156,12 @@ fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
     E::custom(text)
 }
 
-/// How structs are stored:
+/// Implements `Serialize` and `Deserialize` for structs:
 ///
 /// ```text
-/// [generics of the impl] Type<…>: [those that fields depend on], |value| {
-///     field: its type = how it is had from the value,
-/// } => the value, as a result, from the fields;
+/// [generics of the impl] Type<…>: [generics that fields depend on], |value| {
+///     field: its type = expression of the value,
+/// } => result of building the value from the fields;
 /// ```
 macro_rules! stored {
     ($(
@@ -171,7 +170,7 @@ macro_rules! stored {
         } => $built:expr;
     )*) => {$(
         const _: () = {
-            // Named as the type, since formats and messages show the name.
+            // Has the name of the type, since formats and messages show it.
             #[derive(serde::Deserialize)]
             #[serde(deny_unknown_fields)]
             struct $name<$($part),*> {

@@ -1,4 +1,4 @@
-//! Motion along a route.
+//! Formats of motion along a route.
 
 use super::stored;
 use crate::error::TransitionError;
@@ -31,7 +31,7 @@ stored! {
         .and_then(|route| optional(route, off_map, crate::motion::RouteTransition::with_off_map));
 }
 
-/// The route with a part, if it has that.
+/// Adds an optional part to a route.
 fn optional<T>(
     route: RouteTransition,
     part: Option<T>,

@@ -1,4 +1,4 @@
-//! What a recogniser has learned, and what a track knows.
+//! Formats of a recogniser's fit and of the state of a track.
 
 use super::stored;
 use crate::inference::FilterSnapshot;
@@ -39,7 +39,7 @@ stored! {
     } => track_state(filter, standardizer, last_view, run, driven, gained);
 }
 
-/// A distance that JSON has, or none for an infinite one.
+/// A finite distance, or `None`, since JSON has no infinity.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "an iterator gives it so")]
 fn finite(distance: &f32) -> Option<f32> {
     Some(*distance).filter(|distance| distance.is_finite())

@@ -1,4 +1,4 @@
-//! What filters know.
+//! Formats of the states of filters.
 
 use super::stored;
 use crate::belief::Belief;

@@ -1,4 +1,4 @@
-//! Transition operators.
+//! Formats of transition operators.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -88,7 +88,7 @@ stored! {
     } => dwelling(moves, ages);
 }
 
-/// A part of each entry (to, from, probability), column by column.
+/// Maps each entry (to, from, probability), column by column.
 fn entries<T>(a: &SparseTransition, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
     let columns = (0..a.states()).map(|from| (from, a.outgoing(&(), from)));
     let part = &part;
@@ -109,8 +109,8 @@ fn sparse(
         }
     }
     if to.len() < states {
-        // Some state has no way out. To say so before there is memory for each
-        // keeps a wrong number of states from taking all that there is.
+        // Some state has no way out. An error before any allocation keeps a wrong number of
+        // states from exhausting memory.
         let mut left = vec![false; to.len() + 1];
         for &from in from {
             if let Some(left) = left.get_mut(from as usize) {
@@ -127,8 +127,8 @@ fn sparse(
     )
 }
 
-/// What [`TiedTransition::new`] makes: parameters numbered without gaps, that
-/// have about one value, and that states share either all of or none.
+/// Checks parameters for the invariants of [`TiedTransition::new`]: they are numbered without
+/// gaps, have equal values up to rounding, and two states share all of theirs or none.
 fn tied(transition: SparseTransition, numbers: &[u32]) -> Result<TiedTransition, String> {
     let (found, expected) = (numbers.len(), transition.entries());
     if found != expected {

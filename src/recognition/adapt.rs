@@ -8,16 +8,16 @@ use crate::observation::threshold_of_changes;
 const SURE: f64 = 0.9;
 
 impl Recognizer {
-    /// Learns how the speeds are used and change, and odometry, from a drive without
-    /// labels: from the steps of which the smoother is sure (0.9 or more within the
-    /// [window](super::Options::window), not off the map), as if they were labelled; so a
-    /// round of hard expectation and maximisation (Celeux and Govaert 1992). What was
-    /// learned before is where it starts, and counts as much as at the
-    /// [first time](crate::motion::Speeds::learned). What counts as a change of the view comes
-    /// from all steps, as in [`fitted`](Self::fitted). Temperature and references stay: a
-    /// model that is its own teacher would only become more sure.
+    /// Learns the use and the changes of speeds, and odometry, from an unlabelled drive.
     ///
-    /// Costs what [`smoothed`](Recording::smoothed) costs.
+    /// Steps of which the smoother is sure (0.9 or more within the
+    /// [window](super::Options::window), not off the map) count as labelled: one round of hard
+    /// expectation and maximisation (Celeux and Govaert 1992). It starts from the present fit,
+    /// which counts as much as at the [first time](crate::motion::Speeds::learned). The threshold
+    /// for changes of the view comes from all steps, as in [`fitted`](Self::fitted). Temperature
+    /// and references stay: a model that is its own teacher would only become more sure.
+    ///
+    /// Costs as much as [`smoothed`](Recording::smoothed).
     ///
     /// ```
     /// use wayfix::recognition::{Options, Recognizer};
@@ -67,14 +67,14 @@ impl Recognizer {
             options.odometry = OdometryModel::learned(&[read])?;
         }
         let threshold = threshold_of_changes(recording.changes().to_vec());
-        // Where nothing changes, what was there before.
+        // If no view changes, the previous threshold stays.
         if threshold > 0.0 {
             options.view_threshold = threshold;
         }
         self.with_fit(self.fit().clone().with_options(options))
     }
 
-    /// Number of places from one to another; around a loop, the shorter way.
+    /// Signed number of places from one to another; around a loop, the shorter way.
     pub(super) fn places_between(&self, before: f64, after: f64) -> f64 {
         let (n, ahead) = (self.references() as f64, after - before);
         let around = (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n;

@@ -4,32 +4,32 @@ use std::ops::RangeInclusive;
 
 use super::recognizer::Recognizer;
 
-/// Where the vehicle is.
+/// Estimated position of the vehicle at one step.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answer {
-    /// The place, or `None` if it is more probably off the map than on it.
+    /// The place, or `None` if the vehicle is more probably off the map than on it.
     pub place: Option<usize>,
-    /// The probability that the place is within the [window](super::Options::window) of
-    /// the one that is answered; of an answer off the map, that of being there.
+    /// Probability that the vehicle is within the [window](super::Options::window) of
+    /// `place`, or that it is off the map if `place` is `None`.
     pub probability: f64,
-    /// The places around it that hold 90% of the belief on the map; on a loop, the first
+    /// The places around `place` that hold 90% of the belief on the map; on a loop, the first
     /// may be above the last.
     pub around: RangeInclusive<usize>,
-    /// The probability of being off the map.
+    /// Probability of being off the map.
     pub off_map: f64,
-    /// ln p of what was seen and measured at this step, given what was before.
+    /// ln p of the query and the measurements of this step, given all earlier ones.
     pub log_likelihood: f64,
 }
 
 /// Share of the belief that [`Answer::around`] holds.
-const HELD: f64 = 0.9;
-/// Sums in another order differ by less.
+const CREDIBLE: f64 = 0.9;
+/// Tolerance for sums taken in another order.
 const ROUNDING: f64 = 1e-12;
-/// As many windows are compared at a time.
-const TOGETHER: usize = 8;
+/// Number of windows compared at a time.
+const WINDOWS: usize = 8;
 
 impl Recognizer {
-    /// The answer of a belief in places, with one off the map behind them if there is such.
+    /// Returns the answer for a belief over places, which may end in an entry for off the map.
     pub(super) fn answer(&self, places: &[f64], log_likelihood: f64) -> Answer {
         let n = self.references();
         let off_map = at_most_one(places.get(n).copied().unwrap_or(0.0));
@@ -48,8 +48,7 @@ impl Recognizer {
         }
     }
 
-    /// The middle of the window with the most probability; of equal ones, that of the most
-    /// probable place.
+    /// Returns the centre of the most probable window; of equal ones, the most probable centre.
     fn best_place(&self, places: &[f64]) -> usize {
         let (n, window) = (places.len(), self.options().window);
         let mut best = (0, f64::NEG_INFINITY, f64::NEG_INFINITY);
@@ -64,19 +63,19 @@ impl Recognizer {
         ends.for_each(|place| offer(&mut best, place, self.mass_near(places, place, window)));
         let width = window.saturating_mul(2).saturating_add(1);
         let count = (n + 1).saturating_sub(width);
-        // Eight windows at a time, and one by one only where there is a better one.
+        // Eight windows at a time; one by one only if one of them is better than the best so far.
         let mut first = 0;
-        while first + TOGETHER <= count {
-            let mut masses = [0.0; TOGETHER];
-            for eight in places[first..].windows(TOGETHER).take(width) {
+        while first + WINDOWS <= count {
+            let mut masses = [0.0; WINDOWS];
+            for eight in places[first..].windows(WINDOWS).take(width) {
                 masses.iter_mut().zip(eight).for_each(|(mass, place)| *mass += place);
             }
             let above = masses.map(|mass| u8::from(mass > best.1 - ROUNDING));
-            if above != [0; TOGETHER] {
+            if above != [0; WINDOWS] {
                 let masses = (first + window..).zip(masses);
                 masses.for_each(|(place, mass)| offer(&mut best, place, mass));
             }
-            first += TOGETHER;
+            first += WINDOWS;
         }
         for first in first..count {
             let mass = places[first..first + width].iter().sum();
@@ -85,7 +84,8 @@ impl Recognizer {
         best.0
     }
 
-    /// The probability of the places within a distance of one; NaN if one of them is.
+    /// Returns the probability of all places at most `within` from `place`; NaN if one of
+    /// theirs is.
     #[must_use]
     pub fn mass_near(&self, places: &[f64], place: usize, within: usize) -> f64 {
         let n = self.references().min(places.len());
@@ -104,13 +104,13 @@ impl Recognizer {
         at_most_one(sum)
     }
 
-    /// Grows from a place to the more probable side until enough is held.
+    /// Grows a range from a place to the more probable side until it holds enough.
     fn around(&self, places: &[f64], place: usize) -> RangeInclusive<usize> {
         let n = places.len();
-        let wanted = HELD * places.iter().sum::<f64>();
-        let (mut first, mut last, mut held) = (place, place, places[place]);
+        let wanted = CREDIBLE * places.iter().sum::<f64>();
+        let (mut first, mut last, mut mass) = (place, place, places[place]);
         let mut count = 1;
-        while held < wanted && count < n {
+        while mass < wanted && count < n {
             let (below, above) = if self.options().closed {
                 (Some((first + n - 1) % n), Some((last + 1) % n))
             } else {
@@ -118,9 +118,9 @@ impl Recognizer {
             };
             match (below, above) {
                 (Some(a), b) if b.is_none_or(|b| places[a] >= places[b]) => {
-                    (first, held) = (a, held + places[a]);
+                    (first, mass) = (a, mass + places[a]);
                 }
-                (_, Some(b)) => (last, held) = (b, held + places[b]),
+                (_, Some(b)) => (last, mass) = (b, mass + places[b]),
                 _ => break,
             }
             count += 1;
@@ -129,8 +129,8 @@ impl Recognizer {
     }
 }
 
-/// A probability that may have been rounded to above 1; NaN stays, and a sum of none is 0.
+/// Clamps a sum of probabilities that rounding may have taken above 1; keeps NaN.
 pub(super) fn at_most_one(sum: f64) -> f64 {
-    // Which would be -0.
+    // An empty sum is -0; adding 0 makes it +0.
     if sum > 1.0 { 1.0 } else { sum + 0.0 }
 }

@@ -1,28 +1,29 @@
-//! Choosing the temperature in a way that cannot fool itself.
+//! A cautious choice of the temperature, by the filter's log score in blocks of labels.
 
 use super::fit::Calibrated;
 use super::labels::LabelledPart;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
-/// Factors of the temperature that are tried.
+/// Candidate factors of the temperature.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
-const AS_IT_IS: usize = 2;
-/// Into so many blocks labelled steps are cut, if each has as many steps as below.
+const UNCHANGED: usize = 2;
+/// Most blocks that labelled steps are cut into, and the fewest steps of a block.
 const BLOCKS: usize = 4;
 const BLOCK: usize = 25;
-/// A gain in every block that is worth a hotter temperature, in nats a step; and a colder one.
+/// Least gain in every block, in nats a step, for a hotter temperature; and for a colder one.
 const WORTH: f64 = 0.02;
 const WORTH_COLDER: f64 = 0.05;
-/// Steps at the beginning of a part in which the vehicle is still being found.
+/// Steps left out at the beginning of a part, in which the vehicle is still being localised.
 const FINDING: usize = 10;
-/// Places next to those of a label that are right, too.
+/// Places on either side of a label that count as right, too.
 const BESIDE: usize = 1;
 
 impl Recognizer {
-    /// Leaves the temperature as it is unless another is better in **every** block of the
-    /// labelled part: easy parts score all alike, and are no reason to be colder. Of those
-    /// that are, the one with the largest gain in its worst block.
+    /// Chooses the temperature with the largest gain in its worst block, or leaves it as it is.
+    ///
+    /// Another temperature must be better in **every** block of the labelled part: easy parts
+    /// score alike at all temperatures, and are no reason to be colder.
     pub(super) fn calibrate<Q: AsRef<[f32]>>(
         &self,
         parts: &[LabelledPart<'_, Q>],
@@ -52,15 +53,15 @@ impl Recognizer {
             scores.push((0..blocks).map(mean).collect::<Vec<f64>>());
         }
         let gain = |at: usize| {
-            let pairs = scores[at].iter().zip(&scores[AS_IT_IS]);
+            let pairs = scores[at].iter().zip(&scores[UNCHANGED]);
             pairs.map(|(a, b)| a - b).fold(f64::INFINITY, f64::min)
         };
         let better = |best: usize, at: usize| {
-            let worth = if at < AS_IT_IS { WORTH } else { WORTH_COLDER };
-            let least = if best == AS_IT_IS { worth } else { worth.max(gain(best)) };
+            let worth = if at < UNCHANGED { WORTH } else { WORTH_COLDER };
+            let least = if best == UNCHANGED { worth } else { worth.max(gain(best)) };
             if gain(at) > least { at } else { best }
         };
-        let chosen = (0..FACTORS.len()).fold(AS_IT_IS, better);
+        let chosen = (0..FACTORS.len()).fold(UNCHANGED, better);
         let temperatures: Vec<f64> =
             options.iter().map(|options| options.odds.temperature()).collect();
         let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();
@@ -69,8 +70,8 @@ impl Recognizer {
         Ok((options.swap_remove(chosen), Some(calibrated), edge))
     }
 
-    /// ln of the probability that the filter gives to the truth, at each step after the
-    /// first ones of each part.
+    /// Log-probability that the filter gives to the truth at each labelled step, without the
+    /// first steps of each part.
     fn log_scores<Q: AsRef<[f32]>>(
         &self,
         options: &Options,

@@ -6,22 +6,22 @@ use std::fmt;
 use crate::error::{InferenceError, TransitionError};
 use crate::observation::{DescriptorError, ObservationError};
 
-/// Why a recogniser cannot be made, or a query not be recognised.
+/// An invalid recogniser, query, label or step. The message includes those of its causes.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum RecognitionError {
     /// An option or another number is out of its range.
     Parameter {
-        /// Which number.
+        /// Name of the number.
         what: &'static str,
-        /// What was found.
+        /// The value given.
         value: f64,
-        /// Its range.
+        /// The valid range.
         expected: &'static str,
     },
-    /// Something has not as many elements as it should.
+    /// A collection has too few or too many elements.
     Count {
-        /// What has.
+        /// Name of the elements.
         what: &'static str,
         /// Elements found.
         found: usize,
@@ -32,28 +32,28 @@ pub enum RecognitionError {
     References {
         /// The traverse, from 0.
         traverse: usize,
-        /// Why.
+        /// The cause.
         source: DescriptorError,
     },
     /// The descriptor of a query is not valid.
     Descriptor {
         /// The step, from 1.
         step: usize,
-        /// Why.
+        /// The cause.
         source: DescriptorError,
     },
     /// The distances of a query are not valid.
     Query {
         /// The step, from 1.
         step: usize,
-        /// Why.
+        /// The cause.
         source: ObservationError,
     },
     /// A label names references that do not exist.
     Label {
         /// The labelled part, from 0.
         part: usize,
-        /// Its step, from 0.
+        /// The step in that part, from 0.
         step: usize,
         /// The last reference of the label.
         place: usize,
@@ -64,7 +64,7 @@ pub enum RecognitionError {
     Part {
         /// The labelled part, from 0.
         part: usize,
-        /// Why, with its step.
+        /// The cause, with its step.
         source: Box<RecognitionError>,
     },
     /// Fewer than two steps in a row are labelled with places on the map.
@@ -74,7 +74,7 @@ pub enum RecognitionError {
     },
     /// The model of motion is not valid.
     Motion(TransitionError),
-    /// A step is not possible.
+    /// The filter or the smoother cannot take a step.
     Inference(InferenceError),
 }
 

@@ -9,18 +9,20 @@ use crate::motion::OdometryModel;
 use crate::observation::{ObservationError, nearest};
 use crate::sequence::Sequence;
 
-/// A mean rank above this is near to chance.
+/// Mean rank above which matches are near to chance.
 const CHANCE: f64 = 0.4;
-/// Odometry in references is within these, and a unit that is not has more deviation.
+/// Range of the scale and largest deviation of odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
-/// Share of the log-likelihood of a vehicle that is surely lost, below which it is suspect.
+/// Share of the log-likelihood of a vehicle that is surely lost, below which a recording is
+/// suspect.
 const SUSPECT: f64 = 0.5;
-/// Means of best scores that differ by more than so many deviations of one are unlike.
-const APART: f64 = 1.0;
+/// Difference of two means of best scores, in deviations, above which they are unlike.
+const UNLIKE: f64 = 1.0;
 
 impl Recognizer {
-    /// Warnings by the scores of labelled queries; and the mean and deviation of the best.
+    /// Returns warnings from the scores of labelled queries, and the mean and deviation of the
+    /// best scores.
     pub(super) fn examine<Q>(
         &self,
         parts: &[LabelledPart<'_, Q>],
@@ -48,7 +50,7 @@ impl Recognizer {
         Ok((warnings, moments(&best)))
     }
 
-    /// Warnings by what labels and odometry say of how it drives.
+    /// Returns warnings from labels and odometry.
     pub(super) fn examine_drives<Q>(
         &self,
         parts: &[LabelledPart<'_, Q>],
@@ -68,8 +70,8 @@ impl Recognizer {
     }
 }
 
-/// The mean over some places of the share of the other references that score less, of
-/// equal ones half.
+/// Mean rank of some places: the share of other references that score less, ties counted
+/// half.
 fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
     let mut sorted = scores.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -84,9 +86,9 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
 }
 
 impl Recording {
-    /// Warns if its queries are other than those that were learned from, or match nothing
-    /// for a while though the map is never left; `None` if not. No label is needed. Costs
-    /// what [`filtered`](Self::filtered) costs.
+    /// Returns a warning if the queries differ from those of the fit, or match nothing for a
+    /// while though the map is never left. Needs no labels. Costs as much as
+    /// [`filtered`](Self::filtered).
     #[must_use]
     pub fn warning(&self) -> Option<Warning> {
         self.unlike().or_else(|| self.nothing())
@@ -95,12 +97,12 @@ impl Recording {
     fn unlike(&self) -> Option<Warning> {
         let [labelled, deviation] = self.recognizer().fit().best_scores?;
         let [recording, _] = moments(self.best_scores())?;
-        let apart = (recording - labelled).abs() > APART * deviation;
-        apart.then_some(Warning::Unlike { labelled, recording })
+        let unlike = (recording - labelled).abs() > UNLIKE * deviation;
+        unlike.then_some(Warning::Unlike { labelled, recording })
     }
 
-    /// By how well the filter predicts the images: of a vehicle that is surely lost, ln of
-    /// the odds of that.
+    /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
+    /// lost, whose log-likelihood a step is ln `lost_odds`.
     fn nothing(&self) -> Option<Warning> {
         let options = self.recognizer().options();
         let least = SUSPECT * options.lost_odds.ln();
@@ -114,7 +116,7 @@ impl Recording {
             filter.predict_with(self.control(step)).ok()?;
             let likelihoods = self.observation(step);
             let log = filter.update(likelihoods).ok()?;
-            // Frames that have not changed say nothing.
+            // Unchanged frames carry no evidence.
             if likelihoods.iter().all(|likelihood| *likelihood == 1.0) {
                 continue;
             }
@@ -133,7 +135,7 @@ impl Recording {
     }
 }
 
-/// The mean and the deviation of some numbers.
+/// Mean and standard deviation; `None` for no values.
 fn moments(values: &[f64]) -> Option<[f64; 2]> {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

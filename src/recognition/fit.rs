@@ -4,15 +4,17 @@ use super::warning::Warning;
 use super::{Options, RecognitionError};
 use crate::observation::Standardizer;
 
-/// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what it knows of single references.
-/// With the feature `serde` it can be stored. Equal if what was learned is, whatever the
-/// warnings, which are not stored.
+/// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
+/// of each reference.
+///
+/// With the feature `serde` it can be stored, without warnings and
+/// [calibration](Self::calibrated), which do not count in comparisons either.
 #[derive(Debug, Clone)]
 pub struct Fit {
     pub(crate) options: Options,
     pub(crate) standardizer: Option<Standardizer>,
     pub(crate) stretches: Option<Vec<usize>>,
-    /// The mean and the deviation of the best score of a query.
+    /// Mean and deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
     pub(super) calibrated: Option<Calibrated>,
@@ -39,7 +41,7 @@ impl Fit {
         }
     }
 
-    /// The stored part.
+    /// A fit read from storage, checked.
     #[cfg(feature = "serde")]
     pub(crate) fn from_parts(
         options: Options,
@@ -65,37 +67,37 @@ impl Fit {
         Ok(Self { standardizer, stretches, best_scores, ..Self::new(options) })
     }
 
-    /// The options, with what was learned.
+    /// The options, including the learned ones.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.options
     }
 
-    /// The same with other options.
+    /// Replaces the options.
     #[must_use]
     pub fn with_options(self, options: Options) -> Self {
         Self { options, ..self }
     }
 
-    /// The same without what it knows of single references: for another map.
+    /// Drops everything learned of single references: for another map.
     #[must_use]
     pub fn without_references(self) -> Self {
         Self { standardizer: None, stretches: None, best_scores: None, ..self }
     }
 
-    /// Reasons to doubt it. Empty after it was stored.
+    /// Reasons to doubt the fit. Empty for one read from storage.
     #[must_use]
     pub fn warnings(&self) -> &[Warning] {
         &self.warnings
     }
 
-    /// Choice of the temperature, if there was one; `None` after it was stored.
+    /// The choice of the temperature, if there was one; `None` for a fit read from storage.
     #[must_use]
     pub fn calibrated(&self) -> Option<&Calibrated> {
         self.calibrated.as_ref()
     }
 
-    /// The stretch of each reference, if it is known: those of one look alike.
+    /// The stretch of each reference, if known: references of the same stretch look alike.
     #[must_use]
     pub fn stretches(&self) -> Option<&[usize]> {
         self.stretches.as_deref()
@@ -105,7 +107,7 @@ impl Fit {
         self.standardizer.as_ref()
     }
 
-    /// Valid, and for this many references.
+    /// Checks the options, and drops learned references if their number differs.
     pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
         self.options.check()?;
         if references == 0 {
@@ -123,9 +125,9 @@ impl Fit {
 pub struct Calibrated {
     /// The temperatures that were tried, hottest first.
     pub temperatures: Vec<f64>,
-    /// For each, the mean log score of the filter in each block of the labelled part:
-    /// of the probability that it gave to the places that are right, or next to them.
+    /// For each temperature, the filter's mean log score in each block of the labelled part: ln
+    /// of the probability that it gave to the right places or those next to them.
     pub scores: Vec<Vec<f64>>,
-    /// Which one was chosen.
+    /// Index of the chosen temperature.
     pub chosen: usize,
 }

@@ -1,4 +1,4 @@
-//! Labelled parts of drives, and what they show of how a vehicle drives.
+//! Labelled parts of drives, and the moves and readings that they show.
 
 use std::ops::RangeInclusive;
 
@@ -8,18 +8,18 @@ use crate::motion::{OffMap, RouteControl};
 use crate::observation::ObservationError;
 use crate::transition::Transition;
 
-/// Steps of a drive whose places are known: consecutive ones.
+/// Consecutive steps of a drive whose places are known.
 #[derive(Debug)]
 pub struct LabelledPart<'a, Q> {
     /// The queries, as [`Recognizer::recording`] takes them.
     pub queries: &'a [Q],
-    /// For each, the references that show its place, or `None` if it is off the map.
+    /// For each query, the references that show its place, or `None` if it is off the map.
     pub places: &'a [Option<RangeInclusive<usize>>],
-    /// Readings of odometry for the way before each; empty if there is none.
+    /// For each query, the odometry reading of the way before it; empty if there are none.
     pub odometry: &'a [Option<f64>],
 }
 
-// Derived, they would ask the same of queries.
+// Derived impls would require `Q: Clone` and `Q: Copy`.
 impl<Q> Clone for LabelledPart<'_, Q> {
     fn clone(&self) -> Self {
         *self
@@ -28,16 +28,15 @@ impl<Q> Clone for LabelledPart<'_, Q> {
 
 impl<Q> Copy for LabelledPart<'_, Q> {}
 
-/// For how many steps the rates of leaving the map and coming back count that are there
-/// before.
+/// Prior counts, in steps, of the present rates of leaving the map and of coming back.
 const LEAVE_COUNT: f64 = 500.0;
 const BACK_COUNT: f64 = 67.0;
 
 /// Moves and readings by the labels of a part.
 pub(super) struct Labels {
-    /// Places on at each step between two that are labelled on the map, and what odometry
-    /// said of it.
+    /// Places moved at each step between two steps labelled on the map.
     pub(super) moves: Vec<f64>,
+    /// Moves of which odometry has a reading, each with the reading.
     pub(super) read: Vec<(f64, f64)>,
 }
 
@@ -73,8 +72,8 @@ impl Recognizer {
         if pairs == 0 { Err(RecognitionError::FewLabels { found }) } else { Ok(()) }
     }
 
-    /// The distances of queries to each reference, all of them and the readings of odometry
-    /// checked: learning looks at some only.
+    /// Returns the distances of each query to each reference. Checks all queries and readings,
+    /// of which learning uses only some.
     pub(super) fn compare<Q: AsRef<[f32]>>(
         &self,
         part: LabelledPart<'_, Q>,
@@ -116,7 +115,7 @@ impl Recognizer {
     }
 }
 
-/// The rates of leaving the map and coming back, where labels show them.
+/// Rates of leaving the map and coming back, learned if a label is off the map.
 pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap {
     let (mut left, mut on) = (before.leave * LEAVE_COUNT, LEAVE_COUNT);
     let (mut returned, mut off) = (before.back * BACK_COUNT, BACK_COUNT);
@@ -134,7 +133,7 @@ pub(super) fn rates<Q>(before: OffMap, parts: &[LabelledPart<'_, Q>]) -> OffMap 
             }
         }
     }
-    // That it never left is no sign that it never does.
+    // A drive that never left the map does not show that the vehicle never does.
     let off_map = parts.iter().any(|part| part.places.iter().any(Option::is_none));
     if off_map { OffMap { leave: left / on, back: returned / off, ..before } } else { before }
 }

@@ -7,14 +7,16 @@ use crate::motion::{OdometryModel, ViewChange};
 use crate::observation::{ObservationError, ViewComparison, alike_stretches};
 
 impl Recognizer {
-    /// Learns from labelled parts: how speeds are used and change, odometry, how often the
-    /// vehicle leaves the map, what counts as a change of view, which references look
-    /// alike, and how each compares with queries; and whether another
-    /// [temperature](crate::observation::MatchOdds) is better. What was learned before is
-    /// replaced, but for the options, which are where learning starts.
+    /// Learns from labelled parts of drives.
     ///
-    /// [`Fit::warnings`] tells what should make one doubt it. O(steps n k) time, and a
-    /// few times that for the temperature; O(steps n) memory.
+    /// Learned are the use and the changes of speeds, odometry, the rates of leaving the map, the
+    /// threshold for changes of the view, the stretches of references that look alike, the usual
+    /// scores of each reference, and another [temperature](crate::observation::MatchOdds) if that
+    /// is better. Learning starts from the present options; everything else learned before is
+    /// replaced.
+    ///
+    /// [`Fit::warnings`] lists reasons to doubt the result. O(steps n k) time, and a few times
+    /// that for the temperature; O(steps n) memory.
     ///
     /// # Errors
     ///
@@ -57,7 +59,7 @@ impl Recognizer {
     fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
         let longest = rows.iter().max_by_key(|rows| rows.len());
         let threshold = longest.map_or(Ok(0.0), |rows| ViewComparison::threshold_of(rows))?;
-        // Where nothing changes, or labels are too few to tell, what was there before.
+        // If no view changes, or there are too few rows to tell, the previous threshold stays.
         if threshold > 0.0 {
             fit.options.view_threshold = threshold;
         }

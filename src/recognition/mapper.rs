@@ -1,4 +1,4 @@
-//! Making the map while driving.
+//! Mapping while driving.
 
 use super::{Options, RecognitionError, Recognizer, Track};
 use crate::error::InferenceError;
@@ -8,17 +8,18 @@ use crate::observation::{
 };
 use crate::transition::Transition;
 
-/// Makes the references while the vehicle drives: is this a new place, or one that it has
+/// Builds the references while the vehicle drives: is this a new place, or one that it has
 /// seen before?
 ///
-/// Each new view becomes a reference unless the place was seen before. Of what was seen in
-/// the last [`gap`](Self::with_gap) steps nothing counts as before. References are added to
-/// the model in groups; a step costs what a [`Track`] step costs, and every sixteenth
-/// O(n d) for each of 64 references more, of n with d numbers each.
+/// Each new view becomes a reference unless its place was seen before; views of the last
+/// [`gap`](Self::with_gap) steps do not count as seen before. References join the model in
+/// groups. A step costs as much as a [`Track`] step, and every sixteenth reference 64 comparisons
+/// of O(n d) more, for n references of d numbers each.
 ///
 /// On a railway by pixels (16 × 32, normalised in patches), first in summer and then in winter,
-/// 98% to 100% of the first pass were taken for new, and of the second 78% to 88% for what they
-/// were, none to 9% for another place, and the rest for new; by pixels as they are, almost all.
+/// 98% to 100% of the first pass were taken for new; of the second, 78% to 88% were recognised,
+/// none to 9% taken for another place, and the rest for new. By unnormalised pixels, almost all
+/// of the second pass were taken for new.
 ///
 /// ```
 /// use wayfix::observation::Distance;
@@ -44,11 +45,11 @@ use crate::transition::Transition;
 pub struct Mapper {
     distance: Distance,
     options: Options,
-    /// Tells which readings of odometry are valid.
+    /// Checks odometry readings.
     motion: RouteTransition,
     gap: usize,
     references: Vec<Vec<f32>>,
-    /// The step at which each was added.
+    /// The step at which each reference was added.
     added: Vec<usize>,
     steps: usize,
     views: Option<ViewComparison>,
@@ -58,33 +59,33 @@ pub struct Mapper {
 /// Answer of a [`Mapper`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seen {
-    /// A place that was not seen before, or a view of it that has not changed: its
-    /// reference, the last one.
+    /// A place that was not seen before, or an unchanged view of the last such place.
     New {
-        /// Its number.
+        /// The last reference, which shows the place.
         reference: usize,
     },
-    /// One that was.
+    /// A place that was seen before.
     Again {
-        /// Its reference.
+        /// The reference that shows the place.
         reference: usize,
-        /// The probability that it is within the window of that.
+        /// Probability that the vehicle is within the window of that reference.
         probability: f64,
     },
 }
 
-/// Number of references that are added to the model at once.
-const TOGETHER: usize = 16;
-/// The first ones: the best of a few says little, as even wrong ones differ.
+/// Number of references added to the model at once.
+const BATCH: usize = 16;
+/// Number of references of the first model: the best of a few says little, as even wrong ones
+/// differ.
 const FIRST: usize = 48;
-/// The length of the longest descriptor that is taken.
+/// Largest Euclidean length of a descriptor.
 const LONGEST: f64 = 1.7e38;
-/// A vehicle that maps leaves the known part as often as it comes back to it.
+/// Default rates: a vehicle that maps leaves the known part as often as it comes back to it.
 const MAPPING: OffMap = OffMap { leave: 0.01, back: 0.01, near: 0.3, within: 10 };
 
 impl Mapper {
-    /// With no reference yet. Unless the options say how a vehicle leaves the map, it does
-    /// so, and comes back, every hundred steps, and the odds of being off it are 1.
+    /// Creates a mapper without references. Unless the options model leaving the map, the vehicle
+    /// leaves it and comes back every hundred steps, and the odds of being off it are 1.
     ///
     /// # Errors
     ///
@@ -92,10 +93,10 @@ impl Mapper {
     pub fn new(distance: Distance, mut options: Options) -> Result<Self, RecognitionError> {
         if options.off_map.is_none() {
             options.off_map = Some(MAPPING);
-            // Dark stretches are new, too, and no less worth a reference.
+            // Dark stretches are new places, too, and need references like any other.
             options.off_map_odds = 1.0;
         }
-        // It is not known to close until it has.
+        // A route is not known to be a loop until it has closed.
         options.closed = false;
         options.check()?;
         let motion = options.motion(1)?;
@@ -112,8 +113,8 @@ impl Mapper {
         })
     }
 
-    /// With another number of steps that must lie between two views of the same place; 30
-    /// by default. Views of a few steps before always look alike.
+    /// Sets the least number of steps between two views of the same place, 30 by default. Views a
+    /// few steps apart always look alike.
     #[must_use]
     pub fn with_gap(self, gap: usize) -> Self {
         Self { gap, ..self }
@@ -125,8 +126,8 @@ impl Mapper {
         &self.references
     }
 
-    /// Takes the next descriptor, and how far the vehicle has driven since the last one, in
-    /// references, if that is known.
+    /// Takes the next descriptor, and the distance driven since the last one, in references, if
+    /// that is known.
     ///
     /// # Errors
     ///
@@ -152,16 +153,16 @@ impl Mapper {
         Ok(Seen::New { reference: self.references.len() - 1 })
     }
 
-    /// A recogniser of what was mapped, for drives to come.
+    /// Returns a recogniser of the references so far, for later drives.
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] if there are no references, or all are the same.
+    /// [`RecognitionError`] if there are no references, or all are equal.
     pub fn recognizer(&self, options: Options) -> Result<Recognizer, RecognitionError> {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }
 
-    /// True if a view differs from the last new one, in the numbers of the descriptor.
+    /// True if a descriptor differs from that of the last new view.
     fn is_new_view(&mut self, query: &[f32]) -> bool {
         if self.views.is_none() {
             self.views = ViewComparison::new(self.options.view_threshold).ok();
@@ -170,7 +171,7 @@ impl Mapper {
         self.references.is_empty() || !matches!(view, Some(Ok(ViewChange::Unchanged)))
     }
 
-    /// Valid as a reference, so that it may become one, and as a reading.
+    /// Checks a query, which may become a reference, and an odometry reading.
     fn check(&self, query: &[f32], odometry: Option<f64>) -> Result<(), RecognitionError> {
         let step = self.steps + 1;
         let failed = |source| RecognitionError::Descriptor { step, source };
@@ -194,7 +195,7 @@ impl Mapper {
         }
         ReferenceDescriptors::from_rows(&[query], self.distance).map_err(of_query)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
-        // So that any two are no farther apart than 32 bits hold.
+        // The distance of any two such descriptors then fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
             let (what, value) = ("the length of a descriptor", squares.sqrt());
             return Err(RecognitionError::Parameter { what, value, expected: "at most 1.7e38" });
@@ -204,26 +205,26 @@ impl Mapper {
         Ok(self.motion.check_control(&control).map_err(refused)?)
     }
 
-    /// Adds references that are old enough to the model, if there are enough of them.
+    /// Adds references to the model once enough of them are old enough.
     fn grow(&mut self) -> Result<(), RecognitionError> {
         let known = self.track.as_ref().map_or(0, |track| track.recognizer().references());
         let old = |added: &usize| added.saturating_add(self.gap) <= self.steps;
         let count = self.added.iter().take_while(|added| old(added)).count();
-        if count < (known + TOGETHER).max(FIRST) {
+        if count < (known + BATCH).max(FIRST) {
             return Ok(());
         }
         let references = &self.references[..count];
         let made = Recognizer::from_descriptors(references, self.distance, self.options.clone());
         let recognizer = match made {
             Ok(recognizer) => recognizer,
-            // As they may be for a while.
+            // A vehicle that stands may give equal descriptors for a while.
             Err(RecognitionError::References {
                 source: DescriptorError::AllEqual { .. }, ..
             }) => return Ok(()),
             Err(error) => return Err(error),
         };
         self.track = Some(match &self.track {
-            Some(track) => track.among(recognizer)?,
+            Some(track) => track.extended(recognizer)?,
             None => recognizer.track().after(self.steps)?,
         });
         Ok(())

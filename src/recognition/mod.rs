@@ -1,5 +1,5 @@
-//! Recognising places by images, from references and queries to answers: which of the
-//! places of a route the vehicle is at, how probably, or that it is at none of them.
+//! Place recognition by images, from references and queries to answers: the place of a route
+//! that the vehicle is at, with its probability, or that it is at none of them.
 //!
 //! ```
 //! use wayfix::recognition::{LabelledPart, Options, Recognizer};
@@ -32,11 +32,10 @@
 //! # Ok::<(), wayfix::recognition::RecognitionError>(())
 //! ```
 //!
-//! What it is made of can be had one by one: [motion](crate::motion) along the route, at
-//! hidden speeds, with odometry and changes of the view as evidence; a
-//! [`Standardizer`](crate::observation::Standardizer) that makes the scores of references
-//! comparable, and [`MatchOdds`](crate::observation::MatchOdds) that say what they are
-//! worth.
+//! Its parts can be used one by one: [motion](crate::motion) along the route at hidden speeds,
+//! with odometry and changes of the view as evidence; a
+//! [`Standardizer`](crate::observation::Standardizer), which makes the scores of references
+//! comparable; and [`MatchOdds`](crate::observation::MatchOdds), which turn scores into odds.
 
 mod adapt;
 mod answer;

@@ -1,12 +1,13 @@
-//! Every choice, with its default and the reason.
+//! Options of a recogniser, each with its default and the reason.
 
 use super::RecognitionError;
 use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 use crate::observation::MatchOdds;
 
-/// The choices of a [`Recognizer`](super::Recognizer). The defaults were found by leaving
-/// out: chosen on some recordings, descriptors and drives, and reported on others; most of
-/// them hold, within a per cent of recall, over a range of twice either way.
+/// Options of a [`Recognizer`](super::Recognizer).
+///
+/// The defaults were chosen on some recordings, descriptors and drives, and reported on
+/// others; most of them can be halved or doubled within a per cent of recall.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -15,53 +16,49 @@ pub struct Options {
     /// True if the references form a loop; false by default.
     pub closed: bool,
     /// The speeds of the vehicle, in references a step, and how they change. From −3 to 3
-    /// by default; [fitting](super::Recognizer::fitted) learns how they are used.
+    /// by default; [fitting](super::Recognizer::fitted) learns their use and changes.
     pub speeds: Speeds,
     /// Model of odometry. Fitting learns it.
     pub odometry: OdometryModel,
     /// Rates of leaving the map, or `None`, by default, if it is never left. Where the
     /// labelled part leaves it, fitting learns the rates.
     pub off_map: Option<OffMap>,
-    /// Rates of losing the vehicle, where [`off_map`](Self::off_map) is `None`: with such a
-    /// probability in a step the vehicle is lost, until it turns up at any place. Answers
-    /// are then of a vehicle that is not lost. Once in 100,000 steps by default, for ten of
-    /// them: so what was ruled out by a tunnel or a look-alike street comes back after some
-    /// twenty good frames.
+    /// Rates of losing the vehicle and finding it again, where [`off_map`](Self::off_map) is
+    /// `None`: a lost vehicle turns up at any place. Answers are conditional on a vehicle that is
+    /// not lost. Once in 100,000 steps by default, for ten steps: a place that was ruled out by a
+    /// tunnel or a look-alike street then comes back after some twenty good frames.
     pub lost: OffMap,
     /// The odds of being lost at each step, against those of a wrong place, where
-    /// [`off_map`](Self::off_map) is `None`. 0.6 by default, which is what a frame that says
-    /// nothing gives to the right place, on average: so the vehicle is not taken for lost in
-    /// a tunnel.
+    /// [`off_map`](Self::off_map) is `None`. 0.6 by default, the odds that an uninformative frame
+    /// gives to the right place on average: so the vehicle is not taken for lost in a tunnel.
     pub lost_odds: f64,
     /// The odds of being off the map at each step, against those of a wrong place, where
-    /// [`off_map`](Self::off_map) is given. 0.9 by default: at 1, stretches in which frames say
-    /// little, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
+    /// [`off_map`](Self::off_map) is given. 0.9 by default: at 1, stretches of uninformative
+    /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
-    /// Share of what a reference has said in the last ten new frames, on average, that does not
-    /// count when it says it again, from 0 to 1. A vehicle that passes is seen by one
-    /// reference after the other; one that looks like everything says the same for a minute.
-    /// 0.8 by default.
+    /// Share of a reference's mean evidence over the last ten new frames that does not count when
+    /// it repeats, from 0 to 1. A vehicle that passes matches one reference after the other; a
+    /// reference that looks like everything says the same for a minute. 0.8 by default.
     pub habituation: f64,
-    /// Odds of a score. Their temperature, 2.5 by default, is for frames in sequence;
-    /// fitting changes it only where each block of the labelled part agrees.
+    /// Odds of a score. Their temperature, 2.5 by default, is for frames in sequence; fitting
+    /// changes it only if each block of the labelled part agrees.
     pub odds: MatchOdds,
-    /// True if each reference's mean and deviation are learned from the queries, by
-    /// default so: references that look like everything then do not win.
+    /// True if each reference's mean and deviation are learned from the queries, so that
+    /// references that look like everything do not win; true by default.
     pub standardize: bool,
     /// Rates of views that do not change; see [`ViewChangeRates`].
     pub views: ViewChangeRates,
-    /// True if changes of the view count as evidence of moving or standing; by default
-    /// so.
+    /// True if changes of the view count as evidence of moving or standing; true by default.
     pub use_views: bool,
     /// Rate f at which a run of unchanged views loses weight: the k-th counts 1 / (1 + (k − 1) f).
     /// By default 1, so that all of them together grow as ln k: a dark tunnel must not be
     /// taken for a stop.
     pub unchanged_fades: f64,
-    /// The same of a run of changed views; 0.1 by default: that everything changes while
-    /// the vehicle stands is rarer.
+    /// Rate at which a run of changed views loses weight, as for unchanged ones; 0.1 by default:
+    /// a view that keeps changing while the vehicle stands is rarer.
     pub changed_fades: f64,
-    /// Changes of a view below this do not count as changes, in deviations of a query's
-    /// distances. Fitting takes a tenth of the median change; before that, 0.02.
+    /// Least change of a view that counts as a change, in deviations of a query's distances.
+    /// 0.02 by default; fitting takes a tenth of the median change.
     pub view_threshold: f64,
     /// Number of places on either side of an answer that count as the same: the answer is
     /// the middle of the most probable such window. 1 by default.
@@ -91,7 +88,7 @@ impl Default for Options {
     }
 }
 
-/// Above this share, little would be left for the places that answers are of.
+/// Largest share of time for which a vehicle may be lost: answers are of the rest.
 const MOST_LOST: f64 = 0.99;
 
 impl Options {
@@ -126,13 +123,13 @@ impl Options {
         Ok(())
     }
 
-    /// The motion along so many places, of which nothing is known.
+    /// Motion along so many places, none of which are known to look alike.
     pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
         let own: Vec<usize> = (0..places).collect();
         self.motion_along(&own)
     }
 
-    /// The motion along places that are in these stretches.
+    /// Motion along places with these stretches.
     pub(super) fn motion_along(
         &self,
         stretches: &[usize],

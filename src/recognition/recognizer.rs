@@ -12,14 +12,14 @@ use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::RouteTransition;
 use crate::observation::Distance;
 
-/// The hidden Markov model: a vehicle along a route, and likelihoods of its places.
+/// The hidden Markov model: motion along a route, and likelihoods of its places.
 pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
 
 /// Recognises places along a route by images of an earlier pass.
 ///
-/// Made from the references, and from a labelled part of a drive, or none; then
-/// [`track`](Self::track) follows a vehicle live, and [`recording`](Self::recording) takes
-/// a whole drive at once. Cheap to clone: what is large is shared.
+/// Made from references and, optionally, [fitted](Self::fitted) to labelled parts of drives;
+/// then [`track`](Self::track) follows a vehicle live, and [`recording`](Self::recording)
+/// takes a whole drive at once. Cheap to clone: references and model are shared.
 ///
 /// ```
 /// use wayfix::observation::Distance;
@@ -51,8 +51,8 @@ pub struct Recognizer {
 }
 
 impl Recognizer {
-    /// For queries that are descriptors, as those of the references: a row each.
-    /// [`Distance::Cosine`] suits networks, [`Distance::Euclidean`] pixels.
+    /// Creates a recogniser for queries that are descriptors, from a descriptor for each
+    /// reference. [`Distance::Cosine`] suits networks, [`Distance::Euclidean`] pixels.
     ///
     /// # Errors
     ///
@@ -65,9 +65,9 @@ impl Recognizer {
         Self::from_traverses(&[references], distance, options)
     }
 
-    /// The same with several passes along the route, in other seasons or weather:
-    /// reference i of each shows place i. A query is as far from a place as from the most
-    /// alike of them.
+    /// Creates a recogniser from several passes along the route, in other seasons or weather:
+    /// reference i of each shows place i. The distance of a query from a place is the least over
+    /// the passes.
     ///
     /// # Errors
     ///
@@ -81,8 +81,8 @@ impl Recognizer {
         Self::build(References::from_traverses(traverses, distance)?, Fit::new(options))
     }
 
-    /// For queries that come as rows of distances to so many references, smaller for more
-    /// alike, however they were compared. For similarities take their negatives.
+    /// Creates a recogniser for queries that are rows of distances to so many references, smaller
+    /// for more alike, by any comparison. For similarities take their negatives.
     ///
     /// # Errors
     ///
@@ -91,8 +91,8 @@ impl Recognizer {
         Self::build(References::Compared(references), Fit::new(options))
     }
 
-    /// The same references with a fit, such as one that was saved. What it knows of single
-    /// references is left out if it was of another number of them.
+    /// Returns a recogniser of the same references with another fit, such as a stored one.
+    /// Everything learned of single references is dropped if their number differs.
     ///
     /// # Errors
     ///
@@ -138,13 +138,13 @@ impl Recognizer {
         self.references.count()
     }
 
-    /// Every choice, as it was given or fit.
+    /// The options, as given or learned.
     #[must_use]
     pub fn options(&self) -> &Options {
         &self.fit.options
     }
 
-    /// The fit.
+    /// The result of learning, or the given options if nothing was learned.
     #[must_use]
     pub fn fit(&self) -> &Fit {
         &self.fit
@@ -164,31 +164,31 @@ impl Recognizer {
         &self.references
     }
 
-    /// Length of a belief in places: one number of each, and one off the map, if that
-    /// is modelled.
+    /// Length of a belief over places: one entry for each, and one for off the map if that is
+    /// modelled.
     pub(super) fn places(&self) -> usize {
         self.references() + usize::from(self.options().off_map.is_some())
     }
 
-    /// Number of likelihoods of a step: one of each place, and one off the map or lost.
+    /// Number of likelihoods of a step: one for each place, and one for off the map or lost.
     pub(super) fn likelihoods(&self) -> usize {
         self.references() + 1
     }
 
-    /// The belief in places.
+    /// Marginalises a belief over states to one over places.
     pub(super) fn add_up(&self, belief: &[f64], places: &mut [f64]) {
         let (places, off) = places.split_at_mut(self.references());
         let lost = self.motion().add_up(belief, places);
         if let [off] = off {
             *off = lost;
         } else {
-            // Of a vehicle that is not lost.
+            // Conditional on a vehicle that is not lost.
             let found = kernels::sum(places);
             if found >= f64::MIN_POSITIVE {
                 let scale = 1.0 / found;
                 places.iter_mut().for_each(|place| *place *= scale);
             } else {
-                // Doubles do not hold what it would be then, or it surely is.
+                // Surely lost, or beyond the range of doubles.
                 places.fill(1.0 / places.len() as f64);
             }
         }
@@ -198,7 +198,7 @@ impl Recognizer {
         Seeing { options: self.options(), references: &self.references, motion: self.motion() }
     }
 
-    /// The camera before it has seen anything but what was learned from.
+    /// Initial state of the sensor, by the fit.
     pub(super) fn sensor_of_fit(&self) -> Sensor {
         self.sensor.clone()
     }

@@ -1,4 +1,4 @@
-//! A whole drive.
+//! A whole drive, and its beliefs.
 
 use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
@@ -11,23 +11,24 @@ use crate::motion::{RouteControl, RouteState};
 use crate::observation::{nearest, view_change};
 use crate::sequence::Sequence;
 
-/// A drive that was compared with the references, to be looked at in several ways.
+/// A drive compared with the references, to be filtered, smoothed or decoded.
 ///
-/// Step k, from 1, is that of query k − 1. Everything is as it was known at the time: the
-/// camera learns of the references as it drives, and the smoother takes what it knew then.
+/// Step k, from 1, is that of query k − 1. Likelihoods are those of the time: the sensor
+/// learns of the references as the vehicle drives, and the smoother takes the likelihoods that
+/// the filter had.
 #[derive(Debug, Clone)]
 pub struct Recording {
     recognizer: Recognizer,
     controls: Vec<RouteControl>,
     likelihoods: Vec<Vec<f64>>,
-    /// log2 of the odds of each place by each frame alone.
+    /// log2 of the odds of each place by each single frame.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
     /// Change of the view at each step after the first.
     changes: Vec<f64>,
 }
 
-/// Beliefs in places, one for each step of a recording.
+/// Beliefs over places, one for each step of a recording.
 #[derive(Debug, Clone)]
 pub struct PlaceBeliefs {
     recognizer: Recognizer,
@@ -36,9 +37,9 @@ pub struct PlaceBeliefs {
 }
 
 impl Recognizer {
-    /// Takes a whole drive: a query for each step, and what odometry said of the way
-    /// before it, in references; empty if there is none. O(steps × n) memory, with 8
-    /// bytes for each.
+    /// Compares a whole drive with the references: a query for each step, and the odometry
+    /// reading of the way before it, in references, or none at all. O(steps × n) memory, of
+    /// 8 bytes each.
     ///
     /// # Errors
     ///
@@ -76,7 +77,7 @@ impl Recording {
             likelihoods.push(row);
             let row = sensor.distances();
             best_scores.extend(nearest(row));
-            // Nothing comes before the first.
+            // The first step has no view before it.
             changes.extend(view_change(&before, row).ok());
             before.clear();
             before.extend_from_slice(row);
@@ -92,7 +93,7 @@ impl Recording {
         self.controls.len()
     }
 
-    /// The belief of each step given what was seen until then. O(n k) a step.
+    /// Filtered beliefs: of each step, given the queries up to it. O(n k) a step.
     ///
     /// # Errors
     ///
@@ -108,7 +109,8 @@ impl Recording {
         Ok(beliefs)
     }
 
-    /// The belief of each step given all of them. O(n k √steps) memory beside the result.
+    /// Smoothed beliefs: of each step, given all queries. O(n k √steps) memory beside the
+    /// result.
     ///
     /// # Errors
     ///
@@ -123,9 +125,8 @@ impl Recording {
         Ok(beliefs)
     }
 
-    /// The belief of each step given what was seen until so many steps later, at each of
-    /// several lags: an entry for each. A step costs O(n k) for each step of the longest
-    /// lag, which is held in memory.
+    /// Fixed-lag beliefs: of each step, given the queries up to `lag` steps later, one result for
+    /// each lag. O(n k longest lag) a step, and as much memory.
     ///
     /// # Errors
     ///
@@ -140,7 +141,7 @@ impl Recording {
         {
             logs.push(stream.step_with(control, likelihoods)?);
             for (lag, beliefs) in lags.iter().zip(&mut all) {
-                // At the end, what is still due is answered with what there is.
+                // At the end, the remaining steps are answered with all queries.
                 let oldest = now.saturating_sub(*lag);
                 let due = if now + 1 == count { oldest..count } else { oldest..oldest + 1 };
                 for at in due.filter(|at| now + 1 == count || at + *lag == now) {
@@ -154,7 +155,7 @@ impl Recording {
     }
 
     /// The most probable path: the place of each step, or `None` off the map. 4 n k bytes a
-    /// step for the way back.
+    /// step for back-pointers.
     ///
     /// # Errors
     ///
@@ -170,7 +171,7 @@ impl Recording {
         Ok(path.states().iter().map(place).collect())
     }
 
-    /// The belief of each step given its query alone, all places alike before, at the
+    /// Single-image beliefs: of each step, given its query alone and a uniform prior, at the
     /// temperature of single images. O(n) a step.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
@@ -186,7 +187,7 @@ impl Recording {
             let own = beliefs.row_mut(at);
             let row = own.iter_mut().zip(log2.chain(std::iter::once(0.0))).enumerate();
             if most == f64::NEG_INFINITY {
-                // No place is likelier than another.
+                // The frame rules out all places: the prior stays.
                 row.for_each(|(i, (own, _))| *own = prior(i));
                 beliefs.log_likelihoods[at] = most;
                 continue;
@@ -256,8 +257,8 @@ impl PlaceBeliefs {
         self.log_likelihoods.len()
     }
 
-    /// The belief in places of a step, from 0, with one off the map behind them if that is
-    /// modelled; `None` beyond the last.
+    /// Returns the belief over places at a step, from 0, with a last entry for off the map if that
+    /// is modelled; `None` beyond the last step.
     #[must_use]
     pub fn get(&self, at: usize) -> Option<BeliefView<'_>> {
         let width = self.recognizer.places();
@@ -265,12 +266,12 @@ impl PlaceBeliefs {
         Some(Belief::view(self.rows.get(start..start.checked_add(width)?)?))
     }
 
-    /// The beliefs, one after the other.
+    /// Iterates over the beliefs, step by step.
     pub fn iter(&self) -> impl ExactSizeIterator<Item = BeliefView<'_>> {
         self.rows.chunks_exact(self.recognizer.places()).map(Belief::view)
     }
 
-    /// The answer of each step. Its log-likelihood is that of the filter's step, 0 of
+    /// Returns the answer of each step. Its log-likelihood is that of the filter's step, and 0 for
     /// smoothed beliefs.
     #[must_use]
     pub fn answers(&self) -> Vec<Answer> {
@@ -279,8 +280,8 @@ impl PlaceBeliefs {
         pairs.map(|(places, log)| self.recognizer.answer(places, *log)).collect()
     }
 
-    /// The probability of some places at a step, from 0; or of off the map. 0 beyond the
-    /// last step.
+    /// Returns the probability of some places, or of off the map for `None`, at a step, from 0; 0
+    /// beyond the last step.
     #[must_use]
     pub fn mass(&self, at: usize, places: Option<&RangeInclusive<usize>>) -> f64 {
         let Some(belief) = self.get(at) else { return 0.0 };

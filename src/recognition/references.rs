@@ -3,25 +3,25 @@
 use super::RecognitionError;
 use crate::observation::{Distance, ObservationError, ReferenceDescriptors, Standardizer};
 
-/// The references of a route: descriptors of one traverse or of several, or none, where
-/// queries come as distances.
-/// So many references, evenly spaced, are compared with all to learn what is usual for each;
-/// that counts as so many queries.
+/// Number of evenly spaced references that are compared with all, to learn the usual scores of
+/// each, and the number of queries that they count as.
 const SAMPLE: usize = 64;
 const SAMPLE_COUNT: f64 = 10.0;
-/// References this near along the route look alike because they are near.
+/// Distance along the route within which references look alike because they are near.
 const NEAR: usize = 10;
 
+/// The references of a route: descriptors of one traverse or of several, or only their number
+/// where queries come as distances.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum References {
-    /// Queries are rows of so many distances.
+    /// Number of references; queries are rows of as many distances.
     Compared(usize),
-    /// Queries are descriptors. Reference i of each traverse shows place i.
+    /// Descriptors of each traverse, as queries are; reference i of each shows place i.
     Descriptors(Vec<ReferenceDescriptors>),
 }
 
 impl References {
-    /// From the descriptors of some traverses of the same places.
+    /// Checks the descriptors of several traverses of the same places.
     pub(super) fn from_traverses<R: AsRef<[f32]>>(
         traverses: &[&[R]],
         distance: Distance,
@@ -46,9 +46,9 @@ impl References {
         Ok(Self::Descriptors(all))
     }
 
-    /// Usual scores of each reference, as far as references tell: those that look like
-    /// many of their own kind do so to queries, too (on one recording in two seasons, means
-    /// correlate by 0.7 and deviations by 0.8).
+    /// Estimates the usual scores of each reference from the other references: one that looks like
+    /// many of them looks like many queries, too (on one recording in two seasons, means correlate
+    /// by 0.7 and deviations by 0.8).
     pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {
         let count = self.count();
         let mut standardizer = Standardizer::new(count)?;
@@ -58,7 +58,7 @@ impl References {
         for at in (0..sample).map(|at| at * count / sample) {
             let Some(descriptor) = traverses[0].descriptor(at) else { continue };
             if self.distances(0, &descriptor, &mut row, &mut more).is_ok() {
-                // Infinite distances are left out.
+                // The standardizer leaves out infinite distances.
                 let near = at.saturating_sub(NEAR)..(at + NEAR + 1).min(count);
                 row[near].fill(f32::INFINITY);
                 standardizer.observe(&row)?;
@@ -74,8 +74,8 @@ impl References {
         }
     }
 
-    /// The distances of a query to each place: of several traverses, the least, since a
-    /// place that looks right in one season is right. `more` is memory.
+    /// Computes the distance of a query to each place: of several traverses, the least, since a
+    /// place that looks right in one season is right. `more` is scratch memory.
     pub(super) fn distances(
         &self,
         step: usize,

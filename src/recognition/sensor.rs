@@ -1,4 +1,4 @@
-//! From queries to what the filter takes: likelihoods, and evidence on the move.
+//! From queries to likelihoods and evidence on moves.
 
 use super::references::References;
 use super::{Options, RecognitionError};
@@ -7,14 +7,14 @@ use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvide
 use crate::observation::{ObservationError, Standardizer, next_view};
 use crate::transition::Transition;
 
-/// The camera, with what it has learned of the references so far. Live and afterwards it
-/// sees no more than was seen by then.
+/// The camera, with all that it has learned of the references so far. It is causal: live and in
+/// recordings, a step depends on no later query.
 #[derive(Debug, Clone)]
 pub(super) struct Sensor {
     state: SensorState,
     distances: Vec<f32>,
     more: Vec<f32>,
-    /// log2 of the odds of each place by the last new frame alone, if they are kept.
+    /// log2 of the odds of each place by the last new frame alone, if kept.
     alone: Vec<f32>,
 }
 
@@ -28,7 +28,7 @@ pub(crate) struct SensorState {
     pub(crate) run: Option<(ViewChange, u32)>,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
-    /// Gain of each reference by the last frames, a mean of log-odds.
+    /// Mean gain of each reference over the last frames, in log-odds.
     pub(crate) gained: Vec<f32>,
 }
 
@@ -56,8 +56,8 @@ impl Sensor {
         }
     }
 
-    /// Takes the query of a step: writes the likelihood of each place, and that of off the
-    /// map behind them, and gives the control.
+    /// Takes the query of a step: writes the likelihood of each place, then that of off the map,
+    /// and returns the control.
     pub(super) fn sense(
         &mut self,
         seeing: Seeing<'_>,
@@ -72,7 +72,7 @@ impl Sensor {
         let control = self.moved(odometry);
         let SensorState { standardizer, last_view, run, driven, gained } = &mut self.state;
         let n = references.count();
-        // Checked first: after an error nothing has changed.
+        // Checked first, so that an error leaves the sensor as it was.
         let moments = standardizer.moments(&self.distances).map_err(failed)?;
         let nowhere = moments.count == 0.0;
         if nowhere && options.off_map.is_none() {
@@ -83,7 +83,7 @@ impl Sensor {
         let view = next_view(last_view, options.view_threshold, &self.distances, &moments)
             .map_err(failed)?;
         if view == ViewChange::Unchanged && !nowhere {
-            // It says nothing that the frame before has not said.
+            // A repeated view adds no evidence on the place.
             out.fill(1.0);
         } else {
             let (places, off) = out.split_at_mut(n);
@@ -104,7 +104,7 @@ impl Sensor {
             Some((before, count)) if before == view => count.saturating_add(1),
             _ => 1,
         };
-        // The first view of all has nothing before it.
+        // The first view has no view before it.
         let first = run.is_none();
         *run = Some((view, count));
         let fades = match view {
@@ -115,15 +115,16 @@ impl Sensor {
         let evidence = ViewEvidence { view, weight };
         let view = (options.use_views && !first).then_some(evidence);
         let control = RouteControl { view, ..control };
-        // A vehicle that is lost for some steps need not go on as it did.
+        // Motion before the step matters off the map only: a lost vehicle need not go on as it
+        // did.
         if options.off_map.is_some() && (view.is_some() || odometry.is_some()) {
             *driven = Some(seeing.motion.driven(&control));
         }
         Ok(control)
     }
 
-    /// After a step without a query. The next view counts as after a gap: it may have
-    /// changed or not for any reason.
+    /// Takes a step without a query. The next view then counts as the first after a gap: it may
+    /// have changed or not for any reason.
     pub(super) fn miss(&mut self, seeing: Seeing<'_>, control: &RouteControl) {
         self.state.run = None;
         if seeing.options.off_map.is_some() && control.odometry.is_some() {
@@ -131,35 +132,36 @@ impl Sensor {
         }
     }
 
-    /// A control that says what odometry has read, and how the vehicle was driven before.
+    /// Control with an odometry reading and the motion before the step.
     pub(super) fn moved(&self, odometry: Option<f64>) -> RouteControl {
         RouteControl { odometry, view: None, before: self.state.driven }
     }
 
-    /// Forgets what was seen last, but not what was learned of the references.
+    /// Forgets the last view, but nothing learned of the references.
     pub(super) fn forget(&mut self) {
         let SensorState { last_view, run, driven, gained, .. } = &mut self.state;
         (*run, *driven) = (None, None);
         gained.fill(0.0);
-        // With which nothing can be compared; its memory is kept.
+        // Infinite distances are not compared; the memory is kept.
         last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
     }
 
-    /// This sensor for more references, the first of which are those of before. What is usual
-    /// for each is as `fresh` knows it, which is of all alike: learned for some by many queries
-    /// and for the new ones by few, places that were seen win (on a railway by pixels, up to
-    /// 27 times as many wrong ones).
-    pub(super) fn among(&self, fresh: Self) -> Self {
+    /// Extends the sensor to more references, the first of which are the present ones.
+    ///
+    /// Usual scores are those of `fresh`, which treats all references alike. If old references
+    /// had learned from many queries and new ones from few, old places would win (on a railway by
+    /// pixels, up to 27 times as many wrong matches).
+    pub(super) fn extended(&self, fresh: Self) -> Self {
         let SensorState { mut last_view, run, driven, mut gained, .. } = self.state.clone();
         let count = fresh.state.gained.len();
         gained.resize(count, 0.0);
-        // What is infinite is not compared.
+        // Infinite distances are not compared.
         last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
         let standardizer = fresh.state.standardizer;
         Self { state: SensorState { standardizer, last_view, run, driven, gained }, ..fresh }
     }
 
-    /// Keeps from now on what each frame says alone.
+    /// Keeps the single-frame odds from now on.
     pub(super) fn keep_alone(&mut self) {
         self.alone = vec![0.0; self.state.standardizer.references()];
     }

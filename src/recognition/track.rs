@@ -1,4 +1,4 @@
-//! Following a vehicle live.
+//! Live tracking.
 
 use std::sync::Arc;
 
@@ -10,10 +10,10 @@ use crate::error::InferenceError;
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::transition::Transition;
 
-/// A vehicle that is followed, step by step.
+/// A vehicle tracked step by step.
 ///
 /// A step costs O(n k) for n references and k speeds, and the comparison with the
-/// references; it allocates nothing after the first two. Sends and clones as any value.
+/// references; it allocates nothing after the first two. `Send` and `Clone`.
 #[derive(Debug, Clone)]
 pub struct Track {
     recognizer: Recognizer,
@@ -23,8 +23,8 @@ pub struct Track {
     places: Vec<f64>,
 }
 
-/// All that a [`Track`] knows: plain data, to be kept and restored. With the feature
-/// `serde` it can be stored, so that a position survives a restart.
+/// State of a [`Track`], as plain data to be restored. With the feature `serde` it can be
+/// stored, so that a position survives a restart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackSnapshot {
     pub(crate) filter: FilterSnapshot,
@@ -32,7 +32,7 @@ pub struct TrackSnapshot {
 }
 
 impl Recognizer {
-    /// Follows a vehicle from here on. It may be anywhere to begin with.
+    /// Starts to track a vehicle, which may be anywhere at first.
     #[must_use]
     pub fn track(&self) -> Track {
         Track::new(self.clone())
@@ -46,7 +46,7 @@ impl TrackSnapshot {
         self.filter.steps()
     }
 
-    /// The number of references that it is for.
+    /// The number of references of its track.
     #[must_use]
     pub fn references(&self) -> usize {
         self.sensor.standardizer.references()
@@ -68,12 +68,12 @@ impl Track {
         track
     }
 
-    /// Takes the next query, a descriptor or a row of distances as the recogniser was made
-    /// for, and how far the vehicle has driven by its wheels since the last one, in
-    /// references, if that is known. A lost frame goes to [`predict`](Self::predict).
+    /// Takes the next query, a descriptor or a row of distances as the recogniser was made for,
+    /// and the distance driven by odometry since the last one, in references, if that is known.
+    /// For a lost frame, call [`predict`](Self::predict).
     ///
-    /// A reading that is off by a slip of a wheel does little harm, but a fault that lasts
-    /// (wheels that are stuck, a unit that stopped counting) is not a slip: give `None`.
+    /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
+    /// stopped counting) is not a slip: give `None`.
     ///
     /// # Errors
     ///
@@ -86,17 +86,17 @@ impl Track {
     ) -> Result<Answer, RecognitionError> {
         let step = self.next_step()?;
         let Self { recognizer, filter, sensor, likelihoods, .. } = self;
-        // The sensor learns, but no error follows: a vehicle may be lost or off the map,
-        // which rules out nothing, and steps and reading have been checked.
+        // The sensor has learned, but no error can follow: being lost or off the map explains any
+        // query, and the step count and the reading have been checked.
         let control = sensor.sense(recognizer.seeing(), step, query, odometry, likelihoods)?;
         let log_likelihood = filter.step_with(&control, likelihoods)?;
         self.add_up();
         Ok(self.recognizer.answer(&self.places, log_likelihood))
     }
 
-    /// Takes a step without a query, for a frame that was lost: the motion alone, and what
-    /// odometry says of it, if that is known. The next view then counts as after a gap: that
-    /// it is another or the same is no evidence of moving or standing.
+    /// Takes a step without a query, for a lost frame: the motion alone, with the odometry reading
+    /// if there is one. The next view then counts as the first after a gap: a change of it is no
+    /// evidence of moving or standing.
     ///
     /// # Errors
     ///
@@ -123,7 +123,7 @@ impl Track {
         }
     }
 
-    /// The belief in places, with one off the map behind them if that is modelled.
+    /// The belief over places, with a last entry for off the map if that is modelled.
     #[must_use]
     pub fn places(&self) -> BeliefView<'_> {
         Belief::view(&self.places)
@@ -135,7 +135,7 @@ impl Track {
         self.filter.steps()
     }
 
-    /// ln p of all that was seen and measured.
+    /// Log-likelihood of all queries and measurements.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.filter.log_likelihood()
@@ -147,20 +147,20 @@ impl Track {
         &self.recognizer
     }
 
-    /// Returns all that it knows. O(n k).
+    /// Returns the state of the track. O(n k).
     #[must_use]
     pub fn snapshot(&self) -> TrackSnapshot {
         TrackSnapshot { filter: self.filter.snapshot(), sensor: self.sensor.state().clone() }
     }
 
-    /// Continues from what a track knew, of this recogniser or one that was fitted alike:
-    /// the next answers are then the same, to the bit.
+    /// Restores a state, from a track of this recogniser or one with an equal fit: the next
+    /// answers are then the same, to the bit.
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for a state of another number of references or speeds, of as
-    /// many steps as can be counted, or of a vehicle that is surely lost, though the map is
-    /// never left; the track is then as before.
+    /// [`RecognitionError`] for a state with another number of references or speeds, at the
+    /// largest number of steps, or of a vehicle that is surely lost although the map is never
+    /// left; the track is then as before.
     pub fn restore(&mut self, state: &TrackSnapshot) -> Result<(), RecognitionError> {
         let TrackSnapshot { filter, sensor } = state;
         let expected = self.recognizer.references();
@@ -181,7 +181,7 @@ impl Track {
         Ok(())
     }
 
-    /// Somewhere on the map, unless that may be left: answers are given that it is there.
+    /// Checks that there is mass on the map if that is never left: answers are conditional on it.
     fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
         let states =
             self.recognizer.motion().speeds().values().len() * self.recognizer.references();
@@ -190,7 +190,7 @@ impl Track {
             Some(logs) => logs.iter().take(states).any(|log| *log > f64::NEG_INFINITY),
             None => belief.iter().take(states).any(|p| *p > 0.0),
         };
-        // Another number of states is an error of the filter.
+        // The filter reports another number of states.
         if on_map || self.recognizer.options().off_map.is_some() || belief.len() <= states {
             return Ok(());
         }
@@ -198,8 +198,8 @@ impl Track {
         Err(RecognitionError::Parameter { what, value: 0.0, expected })
     }
 
-    /// The same vehicle among more references, the first of which are those of before.
-    pub(super) fn among(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
+    /// Extends the track to more references, the first of which are the present ones.
+    pub(super) fn extended(&self, recognizer: Recognizer) -> Result<Self, RecognitionError> {
         let (before, after) = (self.recognizer.references(), recognizer.references());
         let extended = |values: &[f64], nothing: f64| -> Vec<f64> {
             let new = std::iter::repeat_n(nothing, after - before);
@@ -209,13 +209,13 @@ impl Track {
         let mut filter = self.filter.snapshot();
         filter.belief = Belief::known(extended(filter.belief.as_slice(), 0.0));
         filter.logs = filter.logs.map(|logs| extended(&logs, f64::NEG_INFINITY));
-        let sensor = self.sensor.among(recognizer.sensor_of_fit());
+        let sensor = self.sensor.extended(recognizer.sensor_of_fit());
         let mut track = Self::new(recognizer);
         track.restore(&TrackSnapshot { filter, sensor: sensor.state().clone() })?;
         Ok(track)
     }
 
-    /// The same after so many steps of which it knows nothing.
+    /// Sets the number of steps taken, without evidence.
     pub(super) fn after(mut self, steps: usize) -> Result<Self, RecognitionError> {
         let mut state = self.snapshot();
         state.filter.steps = steps;
@@ -223,8 +223,7 @@ impl Track {
         Ok(self)
     }
 
-    /// Forgets where the vehicle is and what it saw last, but not what was learned of the
-    /// references.
+    /// Forgets the position and the last view, but nothing learned of the references.
     pub fn relocate(&mut self) {
         self.filter.restart();
         self.sensor.forget();
@@ -256,7 +255,7 @@ mod tests {
         for image in &images[10..30] {
             track.step(image, Some(1.0)).unwrap();
         }
-        let mut more = track.among(of(80).unwrap()).unwrap();
+        let mut more = track.extended(of(80).unwrap()).unwrap();
         assert_eq!((more.steps(), more.log_likelihood()), (27, track.log_likelihood()));
         let places = more.places().as_slice().iter().zip(track.places().as_slice());
         assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));
@@ -266,7 +265,7 @@ mod tests {
         let view = |state: &SensorState| state.last_view.clone().unwrap();
         assert_eq!(view(before)[..], view(after)[..60]);
         assert_eq!(after.standardizer.references(), 80);
-        // The same view is no new one.
+        // A repeated view is not new.
         let last = view(after);
         let answer = more.step(&images[29], Some(0.0)).unwrap();
         assert!(answer.place.is_some_and(|place| place.abs_diff(29) <= 1));

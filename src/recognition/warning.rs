@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-/// Fewer labelled steps than these are few.
+/// Number of labelled steps below which they are few.
 pub(super) const ENOUGH: usize = 30;
-/// A mean over so many new frames shows that they match nothing: on a railway in two seasons,
-/// by pixels and by a network, those of genuine drives were above 0, and those of drives
-/// elsewhere and of noise below −0.33, where −0.51 is of a vehicle that is surely lost.
+/// Number of new frames whose mean log-likelihood shows that they match nothing. On a railway in
+/// two seasons, by pixels and by a network, means of genuine drives were above 0, and those of
+/// drives elsewhere and of noise below −0.33, where −0.51 is that of a vehicle surely lost.
 pub(super) const SPAN: usize = 200;
 
-/// A reason to doubt what was learned, or that it suits a recording.
+/// A reason to doubt a fit, or that it suits a recording.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Warning {
@@ -17,49 +17,48 @@ pub enum Warning {
     /// matrix is transposed, similarities were taken for distances, or labels are of other
     /// steps.
     Chance {
-        /// The mean share of the other references that are nearer than a right one, those
-        /// that are as near counted half; 0.5 by chance.
+        /// Mean share of the other references that are nearer than a right one, ties counted
+        /// half; 0.5 by chance.
         rank: f64,
     },
     /// Few steps are labelled.
     Short {
-        /// Number of them.
+        /// Number of labelled steps.
         steps: usize,
     },
-    /// The best temperature is the last of those that were tried.
+    /// The best temperature is the hottest or the coldest of those tried.
     Edge {
-        /// It.
+        /// The best temperature.
         temperature: f64,
     },
-    /// Odometry is far from what the labels say: perhaps it is not in references, or of
-    /// other steps.
+    /// Odometry disagrees with the labels: perhaps it is not in references, or of other steps.
     Odometry {
-        /// The scale that was learned, 1 if a reading is in references.
+        /// The learned scale, 1 if readings are in references.
         scale: f64,
-        /// The deviation that was learned, in places.
+        /// The learned deviation, in places.
         deviation: f64,
     },
-    /// Steps are labelled as off the map, which the options do not model, so that they were
-    /// not learned from: set [`Options::off_map`](super::Options::off_map).
+    /// Steps labelled as off the map were not learned from, since the options do not model it:
+    /// set [`Options::off_map`](super::Options::off_map).
     OffMap {
-        /// Number of them.
+        /// Number of steps labelled as off the map.
         steps: usize,
     },
-    /// The best scores of a recording are other than those of the labelled part, by more
-    /// than is usual for it.
+    /// The best scores of a recording differ from those of the labelled part by more than their
+    /// deviation there.
     Unlike {
         /// The mean best score of the labelled part.
         labelled: f64,
-        /// That of the recording.
+        /// The mean best score of the recording.
         recording: f64,
     },
-    /// For 200 new frames the best explanation is that the vehicle is lost: the images
-    /// match nothing, or only here and there. Perhaps it is another route, or leaves it.
+    /// For 200 new frames the best explanation is that the vehicle is lost: the images match
+    /// nothing, or only here and there. Perhaps it is on another route, or leaves this one.
     Nothing {
-        /// The mean log-likelihood of these frames, given those before; 0 if they say
+        /// The mean log-likelihood of the worst such frames, given those before; 0 if they say
         /// nothing, and more if they match.
         mean: f64,
-        /// The last step of these, from 1, of the worst such ones.
+        /// The last step of the worst such frames, from 1.
         step: usize,
     },
 }

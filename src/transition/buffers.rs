@@ -1,4 +1,4 @@
-//! Memory for products that are taken in two passes.
+//! Buffers for products in two passes.
 
 use std::cell::RefCell;
 use std::thread::LocalKey;
@@ -8,7 +8,7 @@ thread_local! {
     static INDICES: RefCell<Vec<Vec<u32>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// What buffers hold: numbers, or states as 32-bit indices.
+/// Element type of a buffer: numbers, or states as 32-bit indices.
 pub(crate) trait Pooled: Copy + Default + 'static {
     fn pool() -> &'static LocalKey<RefCell<Vec<Vec<Self>>>>;
 }
@@ -25,15 +25,15 @@ impl Pooled for u32 {
     }
 }
 
-/// Bytes of a line of the cache.
+/// Bytes of a cache line.
 const LINE: usize = 64;
 
-/// Lends `count` values, with whatever was left in them.
+/// Lends a buffer of `count` values, with unspecified contents.
 ///
 /// Buffers are kept for each thread, last in first out: the same calls, however
 /// they nest, get the same buffers again, and allocate only the first time.
 pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R) -> R {
-    // From a line of the cache on, so that no eight doubles lie in two.
+    // Aligned to a cache line, so that no eight doubles lie in two lines.
     let room = LINE / size_of::<T>();
     let mut buffer: Vec<T> = take(count + room);
     let skipped = buffer.as_ptr().align_offset(LINE).min(room);
@@ -86,7 +86,7 @@ pub fn with_scratch<R>(count: usize, work: impl FnOnce(&mut [f64]) -> R) -> R {
     with(count, work)
 }
 
-/// Apart from [`with`], so that it is not compiled again for each work.
+/// Takes a buffer from the pool. Not in [`with`], so that it is not compiled for each closure.
 #[inline(never)]
 fn take<T: Pooled>(count: usize) -> Vec<T> {
     let mut buffer = T::pool().with_borrow_mut(Vec::pop).unwrap_or_default();
@@ -99,7 +99,7 @@ fn put_back<T: Pooled>(buffer: Vec<T>) {
     T::pool().with_borrow_mut(|pool| pool.push(buffer));
 }
 
-/// As [`with`], two of the same size.
+/// Lends two buffers of the same size, as [`with`] does.
 pub(crate) fn with_two<T: Pooled, R>(
     count: usize,
     work: impl FnOnce(&mut [T], &mut [T]) -> R,

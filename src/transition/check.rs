@@ -1,4 +1,4 @@
-//! Checks of operators and of what they are made of.
+//! Checks of operators and of their parameters.
 
 use std::any::Any;
 
@@ -8,8 +8,8 @@ use crate::error::TransitionError;
 use crate::kernels;
 
 /// Checks an operator without a control: its columns sum to one, A' 1 = 1 (but for
-/// evidence on moves), and its two products belong together, v' (A u) = u' (A' v). An
-/// operator with a control can't be checked here, since there is none to ask it with.
+/// evidence on moves), and its two products are transposes, v' (A u) = u' (A' v). An
+/// operator with a control can't be checked without one.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
     let n = transition.states();
     if n == 0 {
@@ -26,8 +26,8 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
         Some(_) if transition.needs_logs(control) => return Ok(()),
         Some(_) => {}
     }
-    // Two vectors without a pattern that an operator could share: multiples of
-    // the golden ratio and of the square root of two, modulo one.
+    // Two vectors without a pattern that an operator could have in common: multiples of the
+    // golden ratio and of the square root of two, modulo one.
     let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
     let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
     ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());
@@ -39,7 +39,7 @@ pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionEr
     if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
 }
 
-/// The first column whose sum is not one.
+/// Checks that all column sums are one.
 pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     let one = 1.0 - SUM_TOLERANCE..=1.0 + SUM_TOLERANCE;
     match sums.iter().position(|sum| !one.contains(sum)) {
@@ -48,7 +48,7 @@ pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     }
 }
 
-/// The same of a matrix that is at hand: if its rows sum to one instead, it was given as
+/// [`check_columns`] of a stored matrix: if its rows sum to one instead, it was given as
 /// its transpose, and the error says so.
 pub(super) fn check_columns_of(
     sums: &[f64],
@@ -64,7 +64,7 @@ pub(super) fn check_columns_of(
     })
 }
 
-/// n as an index of 32 bits.
+/// Checks that a count fits 32-bit indices.
 pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), TransitionError> {
     if u32::try_from(count).is_err() {
         return Err(TransitionError::TooMany { what, count });
@@ -72,7 +72,7 @@ pub(crate) fn check_count(what: &'static str, count: usize) -> Result<(), Transi
     Ok(())
 }
 
-/// Values that are probabilities and sum to one; errors call the sum `whole`.
+/// Checks that values are probabilities that sum to one; `whole` names the sum in errors.
 pub(crate) fn check_sum(
     values: &[f64],
     whole: String,
@@ -89,7 +89,7 @@ pub(crate) fn check_sum(
     Ok(())
 }
 
-/// A belief times a rate, none of whose products may underflow.
+/// Multiplies a belief by a rate; an error if a product underflows.
 pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
     let mut values = belief.into_vec();
     for (state, r) in values.iter_mut().enumerate() {
@@ -115,13 +115,14 @@ pub(crate) fn check_probability(
     Ok(())
 }
 
-/// Inference keeps this; whoever calls a product directly has to.
+/// Asserts the lengths of a product's slices. Inference ensures them; direct callers have to.
 pub(crate) fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(x.len(), states, "x must have one value per state");
     assert_eq!(out.len(), states, "out must have one value per state");
 }
 
-/// For operators of which some moves would have no likelihood of what was measured.
+/// Refuses inner operators with evidence, for operators that add moves without a likelihood of
+/// the measurements.
 pub(super) fn refuse_evidence<A: Transition>(
     inner: &A,
     control: &A::Control,

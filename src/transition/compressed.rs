@@ -1,4 +1,4 @@
-//! Rows (or columns) of a sparse matrix, one after another.
+//! Compressed rows or columns of a sparse matrix.
 
 use std::ops::Range;
 
@@ -15,9 +15,8 @@ pub(crate) struct Compressed {
 }
 
 impl Compressed {
-    /// From entries (line, index, value) in any order, of which there are fewer
-    /// than 2^32. The indices of a line come in the order of the entries.
-    /// O(n + entries).
+    /// Builds lines from fewer than 2^32 entries (line, index, value) in any order. The indices of
+    /// a line keep the order of the entries. O(n + entries).
     pub(super) fn new(
         lines: usize,
         entries: impl Iterator<Item = (u32, u32, f64)> + Clone,
@@ -40,13 +39,13 @@ impl Compressed {
             values[*at as usize] = value;
             *at += 1;
         }
-        // Now it is where the line ends.
+        // Now starts[i] is the end of line i.
         starts.rotate_right(1);
         starts[0] = 0;
         Self { starts, indices, values: Width::Double(values) }
     }
 
-    /// The lines of the transpose, in which indices ascend. O(n + entries).
+    /// Returns the lines of the transpose, in which indices ascend. O(n + entries).
     pub(super) fn transposed(&self) -> Self {
         let lines = 0..self.lines() as u32;
         let entries = lines.flat_map(|line| {
@@ -55,27 +54,27 @@ impl Compressed {
         Self::new(self.lines(), entries)
     }
 
-    /// How many lines there are.
+    /// Number of lines.
     pub(crate) fn lines(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// How many entries there are.
+    /// Number of entries.
     pub(crate) fn entries(&self) -> usize {
         self.indices.len()
     }
 
-    /// Whether values have 32 bits.
+    /// True if values have 32 bits.
     pub(super) fn is_single(&self) -> bool {
         matches!(self.values, Width::Single(_))
     }
 
-    /// Other values of the same entries, in 32 bits.
+    /// Replaces the values by others of 32 bits.
     pub(super) fn with_single(self, values: Vec<f32>) -> Self {
         Self { values: Width::Single(values), ..self }
     }
 
-    /// Where each line begins, and the end.
+    /// The start of each line, and the end.
     pub(crate) fn starts(&self) -> &[u32] {
         &self.starts
     }
@@ -91,7 +90,7 @@ impl Compressed {
         &self.indices[self.range(line)]
     }
 
-    /// All of them, for the kernels, if values have 64 bits.
+    /// All lines, for the kernels, if values have 64 bits.
     pub(super) fn as_lines(&self) -> Option<Lines<'_>> {
         match &self.values {
             Width::Double(values) => {
@@ -101,7 +100,7 @@ impl Compressed {
         }
     }
 
-    /// In slices of eight, for products.
+    /// The lines in slices of eight, for products.
     pub(super) fn sliced(&self) -> Sliced {
         let n = self.lines();
         match &self.values {

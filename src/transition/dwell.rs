@@ -1,4 +1,4 @@
-//! How long the vehicle stays in a place: explicit durations, semi-Markov.
+//! Explicit durations of stays (semi-Markov).
 
 use std::iter::once;
 use std::ops::{Add, Range};
@@ -10,13 +10,13 @@ use crate::error::TransitionError;
 use crate::groups::{GroupError, Groups};
 use crate::kernels::{self, log2};
 
-/// An operator in which each place is stayed in for a random number of steps
-/// of any distribution, where a plain one only knows geometric ones.
+/// A semi-Markov operator: dwell times in each place have any distribution, where those of a
+/// plain operator are geometric.
 ///
-/// A state is a place and an age, the steps that it has been stayed in before;
+/// A state is a place and an age, the number of steps already spent there;
 /// states are numbered place by place, ages ascending. After each step the
 /// vehicle leaves the place with a probability that depends on the age, and
-/// goes on as the operator `moves` says; a move to the same place starts anew.
+/// moves by the operator `moves`; a move to the same place resets the age.
 ///
 /// Products and steps of Viterbi cost O(states) and one of `moves`. Place
 /// sensors are lifted to states by
@@ -56,14 +56,14 @@ pub struct DwellTransition<A> {
 }
 
 impl<A: Transition> DwellTransition<A> {
-    /// From the distribution of the number of steps that each place is stayed
-    /// in: `dwell[i][d - 1]` = p(d steps in place i). O(states).
+    /// Creates the operator from distributions of dwell times:
+    /// `dwell[i][d - 1]` = p(d steps in place i). O(states).
     ///
-    /// A place has as many states as it can be stayed in for steps.
+    /// A place has as many states as its longest dwell time has steps.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] unless there is one for each state of
+    /// [`TransitionError::PartStates`] unless there is a distribution for each state of
     /// `moves`, [`TransitionError::Parameter`] for a probability that is NaN,
     /// negative or infinite, or for probabilities that do not sum to one within
     /// 1e-9, or [`TransitionError::TooMany`] for more than 2^32 − 1 states.
@@ -86,9 +86,9 @@ impl<A: Transition> DwellTransition<A> {
         Self::from_ages(moves, dwell.iter().enumerate().map(split).collect::<Result<_, _>>()?)
     }
 
-    /// From the probabilities of leaving: `leaving[i][c]` = p(place i is left
-    /// after c + 1 steps, given that it is not before). The last value goes on
-    /// for ever: one value is a geometric dwell time, and a last value of 0
+    /// Creates the operator from hazards: `leaving[i][c]` = p(place i is left
+    /// after c + 1 steps, given that it is not left before). The last value holds for all later
+    /// steps: a single value is a geometric dwell time, and a last value of 0
     /// keeps the vehicle in the place. O(states).
     ///
     /// # Errors
@@ -117,14 +117,14 @@ impl<A: Transition> DwellTransition<A> {
         Self::from_ages(moves, leaving.iter().enumerate().map(split).collect::<Result<_, _>>()?)
     }
 
-    /// Where one goes on leaving a place.
+    /// The operator of moves on leaving a place.
     #[must_use]
     pub fn moves(&self) -> &A {
         &self.moves
     }
 
-    /// From the probabilities of leaving and of staying at each age, of which
-    /// each place has one at least.
+    /// Builds the operator from the probabilities of leaving and staying at each age, with at least
+    /// one age for each place.
     pub(crate) fn from_ages(moves: A, ages: Vec<Vec<(f64, f64)>>) -> Result<Self, TransitionError> {
         let (found, expected) = (ages.len(), moves.states());
         if found != expected {
@@ -149,18 +149,17 @@ impl<A: Transition> DwellTransition<A> {
         &self.groups
     }
 
-    /// The state of a vehicle that has just come to a place, or `None` if there
+    /// The state of a vehicle that has just arrived at a place, or `None` if there
     /// is no such place.
     pub fn arrival(&self, place: usize) -> Option<usize> {
         (place < self.places()).then(|| self.starts[place])
     }
 
-    /// A belief over places as one over states, for a vehicle that has just
-    /// come to where it is.
+    /// Lifts a belief over places to states, for a vehicle that has just arrived.
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if it is not over these places.
+    /// [`GroupError::Belief`] if the belief is over another number of places.
     pub fn arriving<S: AsRef<[f64]>>(&self, places: &Belief<S>) -> Result<Belief, GroupError> {
         let (found, expected) = (places.states(), self.places());
         if found != expected {
@@ -175,13 +174,13 @@ impl<A: Transition> DwellTransition<A> {
         self.starts.len() - 1
     }
 
-    /// The places with the range of their states.
+    /// The places, each with the range of its states.
     pub(crate) fn ranges(&self) -> impl Iterator<Item = (usize, Range<usize>)> {
         self.starts.windows(2).map(|pair| pair[0]..pair[1]).enumerate()
     }
 
-    /// The product: what leaves each place, where it arrives, and what stays; in
-    /// linear space or in logarithms.
+    /// Product in linear space or in logarithms: departures of each place, their arrivals, and
+    /// stays.
     fn forward(
         &self,
         x: &[f64],
@@ -206,7 +205,7 @@ impl<A: Transition> DwellTransition<A> {
         });
     }
 
-    /// The product with the transpose.
+    /// Product with the transpose, in linear space or in logarithms.
     fn backward(
         &self,
         x: &[f64],
@@ -228,7 +227,7 @@ impl<A: Transition> DwellTransition<A> {
         });
     }
 
-    /// The place of a state, and whether it is the oldest age there.
+    /// The place of a state, and true if the state is of the oldest age there.
     fn place(&self, state: usize) -> (usize, bool) {
         let place = self.groups.as_slice()[state];
         (place, state + 1 == self.starts[place + 1])
@@ -318,7 +317,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                 self.moves.max_product(control, leaving, arriving, origin);
                 for (place, range) in self.ranges() {
                     let (first, last) = (range.start, range.end - 1);
-                    // What cannot be reached comes from nowhere.
+                    // An unreachable place has no predecessor.
                     let reached = arriving[place] > f64::NEG_INFINITY;
                     out[first] = arriving[place];
                     from[first] = if reached { leaver[origin[place] as usize] } else { 0 };
@@ -328,7 +327,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
                     }
                     let mut stay = self.log2_stay[last];
                     if first == last && self.stay[last] > 0.0 {
-                        // The state goes to itself in two ways: A has their sum.
+                        // The state leads to itself by a stay and by a move: its entry is the sum.
                         let mut moves = self.moves.incoming_log2(control, place);
                         if let Some((_, again)) = moves.find(|entry| entry.0 == place) {
                             stay = add_log2(again + self.log2_leave[last], stay);
@@ -344,7 +343,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
     }
 }
 
-/// log2(2^a + 2^b), on the grid of the scores.
+/// log2(2^a + 2^b), rounded to the grid of scores.
 fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }

@@ -6,9 +6,9 @@ use crate::kernels::log2;
 /// A transition operator whose entries can be listed.
 ///
 /// Only entries above 0 are listed, each state at most once, in ascending
-/// order: ties in decoding then go to the lowest state. Entries are those of the
-/// product; what lists others gives wrong results, or an error where pairs do not
-/// sum to one, and what lists states that do not exist panics. Inference asks only for
+/// order: ties in decoding then go to the lowest state. Entries must be those of the
+/// product: others give wrong results, or an error where pairs do not
+/// sum to one, and states that do not exist cause a panic. Inference asks only for
 /// states below [`states`](Transition::states); for others the operators of
 /// this crate panic.
 ///
@@ -41,14 +41,14 @@ use crate::kernels::log2;
 /// assert_eq!(Around(4).outgoing(&(), 3).collect::<Vec<_>>(), [(0, 0.9), (3, 0.1)]);
 /// ```
 pub trait TransitionEntries: Transition {
-    /// The entries into a state, row `to` of A: pairs (from, probability).
+    /// Lists the entries into a state, row `to` of A: pairs (from, probability).
     fn incoming(&self, control: &Self::Control, to: usize) -> impl Iterator<Item = (usize, f64)>;
 
-    /// The entries out of a state, column `from` of A: pairs (to, probability).
+    /// Lists the entries out of a state, column `from` of A: pairs (to, probability).
     fn outgoing(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)>;
 
-    /// The entries into a state as decoders add them: pairs (from, log2 p), in
-    /// which an operator that is a product adds the logarithms of its factors.
+    /// Lists the entries into a state for decoders: pairs (from, log2 p). An operator whose entries
+    /// are products adds the logarithms of the factors.
     fn incoming_log2(
         &self,
         control: &Self::Control,
@@ -57,8 +57,8 @@ pub trait TransitionEntries: Transition {
         self.incoming(control, to).map(|(from, p)| (from, log2(p)))
     }
 
-    /// The entries out of a state as [`incoming_log2`](Self::incoming_log2) gives those
-    /// into one: pairs (to, log2 p).
+    /// Lists the entries out of a state for decoders, as [`incoming_log2`](Self::incoming_log2)
+    /// does: pairs (to, log2 p).
     fn outgoing_log2(
         &self,
         control: &Self::Control,
@@ -67,14 +67,14 @@ pub trait TransitionEntries: Transition {
         self.outgoing(control, from).map(|(to, p)| (to, log2(p)))
     }
 
-    /// The step of Viterbi, a product in which a maximum stands for the sum:
-    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the j
-    /// that attains it, the lowest one of several. Here and in the operators
+    /// Max-product, the step of Viterbi:
+    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j
+    /// that attains it. Here and in the operators
     /// of this crate, logarithms are rounded to multiples of 2^-45: their sums
     /// are then exact, and paths with the same factors tie.
     ///
-    /// Where nothing leads to i, or only states at −∞ do, `out[i]` is −∞ and
-    /// `from[i]` means nothing. O(entries), unless an operator knows better.
+    /// If no state leads to i, or only states at −∞ do, `out[i]` is −∞ and
+    /// `from[i]` is unspecified. O(entries), unless an operator has a faster way.
     fn max_product(&self, control: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let entries = self.incoming_log2(control, i).map(|(j, log2)| (j as u32, log2));
@@ -83,7 +83,7 @@ pub trait TransitionEntries: Transition {
     }
 }
 
-/// The best of `log2 A[i, j] + x[j]` and its j: the first of several.
+/// The maximum of `log2 A[i, j] + x[j]` and the first j that attains it.
 #[inline]
 pub(crate) fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (f64, u32) {
     let mut best = (f64::NEG_INFINITY, 0);
@@ -96,8 +96,7 @@ pub(crate) fn best_of(entries: impl Iterator<Item = (u32, f64)>, x: &[f64]) -> (
     best
 }
 
-/// Two lists of entries in ascending order as one, in which entries of the same
-/// state are added.
+/// Merges two ascending lists of entries, adding entries of the same state.
 pub(super) fn merge(
     a: impl Iterator<Item = (usize, f64)>,
     b: impl Iterator<Item = (usize, f64)>,

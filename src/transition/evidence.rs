@@ -1,4 +1,4 @@
-//! A likelihood of moves on top of any operator.
+//! A likelihood of moves on any operator.
 
 use std::f64::consts::LOG2_E;
 use std::fmt;
@@ -9,32 +9,32 @@ use super::{Transition, TransitionEntries, check_slices, log, validate};
 use crate::error::TransitionError;
 use crate::kernels::{self, LARGEST_LOG, log2};
 
-/// Entries up to this are taken in linear space.
+/// Largest entry taken in linear space.
 const LARGEST: f64 = 1e300;
 
-/// An operator whose moves have a likelihood: each control is what was measured
-/// between two steps, u, and multiplies the entries of A by p(u | `X_{k-1}`, `X_k`).
+/// An operator with evidence on moves: each control is a measurement u between two steps, whose
+/// likelihood p(u | `X_{k-1}`, `X_k`) multiplies the entries of A.
 ///
 /// For odometry, a compass, "the view has changed", or the distance between two GPS
 /// points against the length of the road between two candidates. The columns then do
-/// not sum to one; what the likelihood says **against** all ways out of a state counts
-/// too, which it would not if they were normalised (label bias). See
+/// not sum to one: evidence **against** all ways out of a state counts
+/// too, and would be lost if they were normalised (label bias). See
 /// [`Transition::evidence`].
 ///
-/// `F` gives ln p(u | from, to), −∞ for what is impossible. Only the moves of A are
-/// asked for. Products cost O(E) evaluations and exponentials, and a step two more
-/// rounds of evaluations, to check them. Learning re-estimates A from the moves
-/// expected, and keeps the likelihood.
+/// `F` returns ln p(u | from, to), −∞ for an impossible measurement. It is called for the moves of
+/// A only. Products cost O(E) evaluations and exponentials, and a step two more
+/// rounds of evaluations, to check them. Learning re-estimates A from the expected
+/// moves, and keeps the likelihood.
 ///
 /// ```
 /// use wayfix::transition::EvidenceTransition;
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, SparseTransition};
 ///
-/// // Two loops of three places, of 100 m and of 200 m a move. It stays nowhere.
+/// // Two loops of three places, of 100 m and of 200 m a move, without stays.
 /// let length = |from: usize| if from < 3 { 100.0 } else { 200.0 };
 /// let moves = (0..6).map(|j| (j / 3 * 3 + (j + 1) % 3, j, 1.0));
 /// let loops = SparseTransition::from_triplets(6, moves)?;
-/// // An odometer with an error of 20 m; `None` where it says nothing.
+/// // An odometer with an error of 20 m; `None` without a reading.
 /// let driven = EvidenceTransition::new(loops, move |metres: &Option<f64>, _to, from| {
 ///     metres.map_or(0.0, |metres| -0.5 * ((metres - length(from)) / 20.0).powi(2))
 /// })?;
@@ -61,7 +61,8 @@ where
     U: 'static,
     F: Fn(&U, usize, usize) -> f64,
 {
-    /// The moves of `base`, with ln p(u | from, to) as `log_likelihood(u, to, from)`.
+    /// Creates an operator with the moves of `base`, and ln p(u | from, to) as
+    /// `log_likelihood(u, to, from)`.
     ///
     /// # Errors
     ///
@@ -75,9 +76,9 @@ where
 }
 
 impl<A, U, F, G> EvidenceTransition<A, U, F, G> {
-    /// The same, with a logarithm that is taken out of all likelihoods of a step, such
-    /// as the largest that there can be; 0 by default. It changes no result, but the steps
-    /// are faster whose likelihoods without it are far from 1 and taken in logarithms.
+    /// Sets a log factor to take out of all likelihoods of a step, such as their largest
+    /// possible value; 0 by default. It changes no result, but avoids slower steps in logarithms
+    /// where likelihoods are far from 1.
     #[must_use]
     pub fn with_log_factor<H: Fn(&U) -> f64>(
         self,
@@ -101,12 +102,12 @@ where
     F: Fn(&U, usize, usize) -> f64,
     G: Fn(&U) -> f64,
 {
-    /// The logarithm that multiplies an entry, as a sum.
+    /// Log-likelihood of a move, less the log factor.
     fn log(&self, control: &U, to: usize, from: usize) -> f64 {
         (self.log_likelihood)(control, to, from) - (self.log_factor)(control)
     }
 
-    /// The entries out of a state, and what multiplies them, as a logarithm.
+    /// The entries out of a state, each with its log-likelihood.
     fn moves(&self, control: &U, from: usize) -> impl Iterator<Item = (usize, f64, f64)> {
         self.base.outgoing(&(), from).map(move |(to, p)| (to, p, self.log(control, to, from)))
     }
@@ -166,8 +167,8 @@ where
 
     fn needs_logs(&self, control: &U) -> bool {
         let beyond = |(_, p, log): (usize, f64, f64)| {
-            let held = f64::MIN_POSITIVE..=LARGEST;
-            log > f64::NEG_INFINITY && !held.contains(&(p * log.exp()))
+            let in_range = f64::MIN_POSITIVE..=LARGEST;
+            log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
         };
         (0..self.states()).any(|from| self.moves(control, from).any(beyond))
     }
@@ -221,7 +222,7 @@ where
     }
 }
 
-/// The likelihood is kept.
+/// Re-estimates the base and keeps the likelihood.
 impl<A, U, F, G> LearnTransition for EvidenceTransition<A, U, F, G>
 where
     A: LearnTransition<Control = ()>,

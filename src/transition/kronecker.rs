@@ -1,20 +1,19 @@
-//! Two things that move side by side, neither minding the other.
+//! Two independent chains side by side.
 
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
 
 /// The operator of pairs of states that move independently, A₁ ⊗ A₂, without
-/// its matrix: place × weather, place × what is wrong with the camera, or two
-/// vehicles.
+/// its matrix: place × weather, place × fault of the camera, or two vehicles.
 ///
-/// Neither part minds how the other moves; only observations tie them. Where a
-/// heading says which way a place is left, the pairs of place and heading need
+/// Moves of the parts are independent; only observations couple them. If the heading
+/// determines the way out of a place, the pairs of place and heading need
 /// an operator of their own, such as a [`SparseTransition`](crate::SparseTransition).
 ///
 /// The pair (i₁, i₂) is state i₁ n₂ + i₂, and A\[(i₁, i₂), (j₁, j₂)\] =
-/// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors are driven by the same control. To
-/// nest them makes triples.
+/// A₁\[i₁, j₁\] A₂\[i₂, j₂\]. Both factors have the same control. Nested operators
+/// make triples.
 ///
 /// A product is one with A₂ for each i₁ and one with A₁ for each i₂: O(n (e₁ +
 /// e₂)) for e entries a state, where the matrix has n e₁ e₂. The same holds for
@@ -40,11 +39,11 @@ pub struct KroneckerTransition<A1, A2> {
 }
 
 impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<A1, A2> {
-    /// The pairs of the states of two operators.
+    /// Creates the operator of pairs of states of two operators.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::Empty`] if there are none, or
+    /// [`TransitionError::Empty`] if there are no pairs, or
     /// [`TransitionError::TooMany`] if there are more than 2^32 − 1.
     pub fn new(first: A1, second: A2) -> Result<Self, TransitionError> {
         let count = first.states().saturating_mul(second.states());
@@ -67,19 +66,19 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         &self.second
     }
 
-    /// The state that is this pair, or `None` if there is none.
+    /// The state of a pair, or `None` if there is no such pair.
     pub fn index(&self, first: usize, second: usize) -> Option<usize> {
         let (n1, n2) = (self.first.states(), self.second.states());
         (first < n1 && second < n2).then(|| first * n2 + second)
     }
 
-    /// The pair that a state is, or `None` if there is no such state.
+    /// The pair of a state, or `None` if there is no such state.
     pub fn parts(&self, state: usize) -> Option<(usize, usize)> {
         (state < self.states()).then(|| self.split(state))
     }
 
     /// The states grouped by their first part: for the probabilities of places,
-    /// say, or a sensor that sees only them.
+    /// say, or a sensor that sees only places.
     pub fn first_groups(&self) -> Groups {
         let first = (0..self.states()).map(|state| self.split(state).0);
         Groups::numbered(first.collect(), self.first.states())
@@ -96,7 +95,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
         (state / n2, state % n2)
     }
 
-    /// A product of A₂ with each row of pairs, then one of A₁ with each column.
+    /// Product with A₂ for each row of pairs, then with A₁ for each column.
     fn product(
         &self,
         x: &[f64],
@@ -117,7 +116,7 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> KroneckerTransition<
     }
 }
 
-/// Every n₂-th value.
+/// Copies every n₂-th value.
 fn gather<T: Copy>(x: &[T], n2: usize, out: &mut [T]) {
     out.iter_mut().zip(x.iter().step_by(n2)).for_each(|(out, x)| *out = *x);
 }
@@ -231,8 +230,8 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
                     gather(&from[i2..], n2, second);
                     self.first.max_product(control, column, result, first);
                     scatter(result, &mut out[i2..], n2);
-                    // The lowest j₁, and the lowest j₂ for it. What cannot be
-                    // reached comes from nowhere.
+                    // The lowest j₁, and the lowest j₂ for it. An unreachable state has no
+                    // predecessor.
                     for (best, j1) in result.iter().zip(&mut *first) {
                         let j = *j1 as usize;
                         *j1 =

@@ -15,22 +15,22 @@ use crate::error::TransitionError;
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
 )]
 pub trait LearnTransition: TransitionEntries + Sized {
-    /// How many sets of moves are counted apart: one, unless controls choose
-    /// among several operators; none, if nothing is learned from them.
+    /// Number of separate sets of moves to count: one, unless controls choose
+    /// among several operators; 0, if nothing is learned from moves.
     fn families(&self) -> usize {
         1
     }
 
-    /// The set, below [`families`](Self::families), in which the moves of a step
-    /// under this control are counted; those of another are not.
+    /// The set in which the moves of a step under this control are counted; moves of a set not
+    /// below [`families`](Self::families) are not counted.
     fn family(&self, control: &Self::Control) -> usize {
         let _ = control;
         0
     }
 
-    /// The operator that makes these moves most probable, each free parameter
-    /// having been seen `pseudo_count` times besides. What is 0 stays 0, and
-    /// what was not seen at all (or less than 2.2e-308 times) stays as it is.
+    /// Returns the operator that makes these moves most probable, with `pseudo_count` added to the
+    /// count of each free parameter. Entries of 0 stay 0, and columns without counts (or less than
+    /// 2.2e-308 in all) stay as they are.
     ///
     /// # Errors
     ///
@@ -39,8 +39,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
     fn reestimate(&self, counts: &[MoveCounts], pseudo_count: f64)
     -> Result<Self, TransitionError>;
 
-    /// What the pseudo-counts stand for, the logarithm of a Dirichlet density
-    /// but for a constant: `pseudo_count` Σ ln θ over the free parameters above
-    /// 0.
+    /// Log-prior that the pseudo-counts stand for, a Dirichlet density but for a constant:
+    /// `pseudo_count` Σ ln θ over the free parameters above 0.
     fn log_prior(&self, pseudo_count: f64) -> f64;
 }

@@ -3,12 +3,11 @@
 use super::buffers;
 use crate::kernels::LIFT;
 
-/// How far below the largest a number may lie to share a product with it, as a
-/// logarithm: then its product with the smallest entry is still a normal double.
+/// Width of a band, in nats: the product of its smallest number with the smallest entry is still
+/// a normal double.
 const BAND: f64 = 600.0;
 
-/// A product in logarithms by one in linear space, which is done for each band
-/// of numbers of about the same size.
+/// Computes a product in logarithms by a linear one for each band of numbers of similar size.
 pub(crate) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64], &mut [f64])) {
     let lift = LIFT.ln();
     out.fill(f64::NEG_INFINITY);
@@ -30,8 +29,8 @@ pub(crate) fn by_bands(x: &[f64], out: &mut [f64], mut product: impl FnMut(&[f64
                 *out = add(*out, sum.ln() - lift + top);
             }
             if too_large {
-                // Evidence on moves may have entries far above 1: what they lead to, again
-                // without the lift.
+                // Evidence on moves may have entries far above 1: sums that overflow are computed
+                // again without the lift.
                 let large: Vec<bool> = sums.iter().map(|sum| *sum == f64::INFINITY).collect();
                 band.iter_mut().for_each(|x| *x = *x / LIFT / 4_294_967_296.0);
                 product(band, sums);
@@ -50,8 +49,8 @@ pub(crate) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
     if largest == f64::NEG_INFINITY {
         return largest;
     }
-    // What underflows in this sum is below 1e-190 of it, unless all large terms
-    // have tiny entries: then term by term.
+    // Terms that underflow are below 1e-190 of this sum, unless all large terms have tiny
+    // entries: then it is taken term by term.
     let near = entries.clone().map(|(j, value)| value * (x[j] - largest).exp()).sum::<f64>();
     if near >= 1e-130 {
         return largest + near.ln();

@@ -11,16 +11,16 @@
 //! | moves between most pairs of states | [`DenseTransition`] |
 //! | the same moves from every place of a line or a loop | [`WindowTransition`] |
 //! | a matrix for each value of a control | [`SwitchedTransition`] |
-//! | what was measured between two steps, by its likelihood for each move | [`EvidenceTransition`] |
+//! | measurements between two steps, by their likelihood for each move | [`EvidenceTransition`] |
 //! | a vehicle that may turn up anywhere | [`RestartTransition`] |
 //! | stays of any distribution (semi-Markov) | [`DwellTransition`] |
 //! | two chains side by side | [`KroneckerTransition`] |
 //! | observations only every few steps | [`PowerTransition`] |
 //! | moves that share a parameter, to be learned | [`TiedTransition`] |
 //!
-//! How vehicles move is in [`motion`](crate::motion), maps of roads are in [`map`](crate::map).
-//! Operators around another one take any operator; those that need single entries say so
-//! by [`Stored`] or [`TransitionEntries`].
+//! Motion of vehicles is in [`motion`](crate::motion), maps of roads are in [`map`](crate::map).
+//! Wrapping operators take any operator, or require [`TransitionEntries`] where they need single
+//! entries. [`Stored`] matrices have faster loops.
 
 pub(crate) mod buffers;
 mod check;

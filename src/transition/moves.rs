@@ -1,7 +1,6 @@
-//! Moves between states, and how often each was made.
+//! Moves between states, and their expected numbers.
 
-/// One move between two steps, and how probable it is or how often it is
-/// expected.
+/// One move between two steps, with its probability or expected number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Move {
     /// The state that is left.
@@ -12,15 +11,15 @@ pub struct Move {
     pub weight: f64,
 }
 
-/// By `from`, then by `to`. Here, since each sort by a closure of its own is code of its own.
+/// Sorts by `from`, then by `to`. One function, since each closure would instantiate a sort.
 pub(crate) fn sort(moves: &mut [Move]) {
     moves.sort_by_key(|m| (m.from, m.to));
 }
 
 /// The expected number of moves between states.
 ///
-/// A sum of [pairwise posteriors](crate::inference::Pairs), or of the moves of drives whose
-/// states are known. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves)
+/// The sum of [pairwise posteriors](crate::inference::Pairs), or the moves of paths of known
+/// states. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves)
 /// and [`MoveCounts::of_path`].
 ///
 /// ```
@@ -33,12 +32,12 @@ pub(crate) fn sort(moves: &mut [Move]) {
 /// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MoveCounts {
-    /// By `from`, then by `to`.
+    /// Sorted by `from`, then by `to`.
     moves: Vec<Move>,
 }
 
 impl MoveCounts {
-    /// The moves of a path of known states.
+    /// Counts the moves of a path of known states.
     #[must_use]
     pub fn of_path(states: &[usize]) -> Self {
         let mut moves: Vec<Move> = states
@@ -51,13 +50,13 @@ impl MoveCounts {
         counts
     }
 
-    /// All moves counted, by the state that is left, then by the one reached.
+    /// The moves with their counts, sorted by the state that is left, then by the one reached.
     #[must_use]
     pub fn moves(&self) -> impl ExactSizeIterator<Item = Move> {
         self.moves.iter().copied()
     }
 
-    /// How often a move is expected, 0 if it was never seen. O(log moves).
+    /// The expected number of a move; 0 if it was never seen. O(log moves).
     #[must_use]
     pub fn get(&self, from: usize, to: usize) -> f64 {
         let found = self.moves.binary_search_by_key(&(from, to), |m| (m.from, m.to));
@@ -69,8 +68,8 @@ impl MoveCounts {
         self.add(other.moves());
     }
 
-    /// Adds moves that come in ascending order, and returns their sum. What is
-    /// there already costs one comparison.
+    /// Adds moves in ascending order, and returns the sum of their weights. A move that is there
+    /// already costs one comparison.
     pub(crate) fn add(&mut self, moves: impl IntoIterator<Item = Move>) -> f64 {
         let known = self.moves.len();
         let (mut at, mut sum) = (0, 0.0);

@@ -4,10 +4,9 @@ use super::{Transition, TransitionEntries, best_of, buffers};
 use crate::error::TransitionError;
 use crate::kernels::log2;
 
-/// An operator applied m times: A^m. For observations that come only every
-/// m-th step of the motion.
+/// An operator applied m times: A^m. For observations at every m-th step of the motion only.
 ///
-/// Products cost m of A's. **Entries are not stored**: to list a row or column
+/// Products cost m products with A. **Entries are not stored**: listing a row or column
 /// takes such a product, and allocates. A step of Viterbi takes one for each
 /// state; to decode, store the matrix once with
 /// [`SparseTransition::from_operator`](crate::SparseTransition::from_operator).
@@ -33,7 +32,8 @@ pub struct PowerTransition<A> {
 }
 
 impl<A: Transition> PowerTransition<A> {
-    /// `exponent` steps of `inner` under one control; none are the identity.
+    /// Creates the operator of `exponent` steps of `inner` under one control; 0 steps are the
+    /// identity.
     pub fn new(inner: A, exponent: u32) -> Self {
         Self { inner, exponent }
     }
@@ -54,7 +54,7 @@ impl<A: Transition> PowerTransition<A> {
             0 => out.copy_from_slice(x),
             1 => product(x, out),
             times => buffers::with(x.len(), |buffer| {
-                // To and fro, so that the last product ends in `out`.
+                // Alternating, so that the last product ends in `out`.
                 let (mut next, mut last) =
                     if times % 2 == 1 { (out, buffer) } else { (buffer, out) };
                 product(x, next);
@@ -66,7 +66,7 @@ impl<A: Transition> PowerTransition<A> {
         }
     }
 
-    /// The entries above 0 of a column, or of a row with the transpose.
+    /// Lists the entries above 0 of a column, or of a row with the transpose.
     fn entries(
         &self,
         state: usize,

@@ -7,8 +7,8 @@ use super::{
 use crate::error::TransitionError;
 use crate::fixed::Fixed;
 
-/// Each entry above 0 with how often the move was expected: (to, from, weight),
-/// column by column. Moves without an entry are an error.
+/// Expected number of each entry above 0: (to, from, weight), column by column. A move
+/// without an entry is an error.
 pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &MoveCounts,
@@ -27,9 +27,9 @@ pub(super) fn weights<A: TransitionEntries<Control = ()>>(
     }
 }
 
-/// Makes columns of weights distributions; a column of nothing but 0, or
-/// less than a normal double, keeps the entries that it has in the operator. A weight
-/// that is NaN or infinite makes NaN of its column, which no operator takes.
+/// Normalises columns of weights; a column whose sum is below the smallest normal double keeps
+/// the entries of the operator. A NaN or infinite weight makes its column NaN, which no
+/// constructor accepts.
 pub(super) fn normalized<A: TransitionEntries<Control = ()>>(
     transition: &A,
     mut weights: Vec<(usize, usize, f64)>,
@@ -47,7 +47,7 @@ pub(super) fn normalized<A: TransitionEntries<Control = ()>>(
     weights
 }
 
-/// The columns that make moves most probable, where each entry is free.
+/// The columns that make moves most probable, if each entry is a free parameter.
 fn free<A: TransitionEntries<Control = ()>>(
     transition: &A,
     counts: &[MoveCounts],
@@ -58,7 +58,7 @@ fn free<A: TransitionEntries<Control = ()>>(
     Ok(normalized(transition, weights))
 }
 
-/// Σ ln p over the entries, times the pseudo-count.
+/// Pseudo-count times Σ ln p over the entries.
 fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_count: f64) -> f64 {
     if pseudo_count == 0.0 {
         return 0.0;
@@ -67,7 +67,7 @@ fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_cou
     pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }
 
-/// What is learned has 64 bits, also from values of 32.
+/// Learned values have 64 bits, even if the operator has values of 32 bits.
 impl LearnTransition for SparseTransition {
     fn reestimate(
         &self,
@@ -129,7 +129,7 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
 }
 
 impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
-    /// None: no moves need to be counted.
+    /// Returns 0: no moves need to be counted.
     fn families(&self) -> usize {
         0
     }

@@ -7,14 +7,14 @@ use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
 
-/// An operator that starts afresh now and then: (1 − ε) A + ε r 1'. For a
+/// An operator with random restarts: (1 − ε) A + ε r 1'. For a
 /// vehicle that was towed, carried by a ferry, or lost.
 ///
-/// With probability `rate` ε a step forgets where it came from and draws its
-/// state from `restart` r. Products cost O(n) more than those of A.
+/// With probability `rate` ε a step draws its state from `restart` r, wherever it came from.
+/// Products cost O(n) more than those of A.
 ///
-/// Every state can follow every other to which r leads, so the entries are
-/// dense: O(n) to list. Viterbi does not list them: O(entries of A + n) a step.
+/// Rows of states that r reaches are dense: their entries take O(n) to list. Viterbi does not
+/// list them: O(entries of A + n) a step.
 ///
 /// ```
 /// use wayfix::transition::RestartTransition;
@@ -39,8 +39,8 @@ pub struct RestartTransition<A> {
 }
 
 impl<A: Transition> RestartTransition<A> {
-    /// With probability `rate` a step goes to a state drawn from `restart`,
-    /// else as `inner` says.
+    /// Creates an operator that goes to a state drawn from `restart` with probability `rate`, else
+    /// moves by `inner`.
     ///
     /// # Errors
     ///
@@ -65,7 +65,7 @@ impl<A: Transition> RestartTransition<A> {
         &self.inner
     }
 
-    /// From 1 − ε and ε r, which are known to belong together.
+    /// Builds the operator from 1 − ε and ε r, which the caller has checked.
     pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
         let log2_restart = restart.iter().map(|&r| log2(r)).collect();
         Self { inner, keep, restart, log2_restart }
@@ -76,7 +76,7 @@ impl<A: Transition> RestartTransition<A> {
         self.restart.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
     }
 
-    /// What is kept of entries of A.
+    /// Entries of A times 1 − ε.
     fn kept(
         &self,
         entries: impl Iterator<Item = (usize, f64)>,
@@ -141,11 +141,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        // Where A has no entry, that of a row is ε r_i, so the best such state
-        // would be the best of all. Where A does have an entry there, its own
-        // value is no lower: to offer it at ε r_i too changes no maximum, and
-        // if that ties, so does its own. Hence the first of all best states,
-        // and those with an entry, are enough.
+        // Where A has no entry, that of row i is ε r_i, so that the best such predecessor is the
+        // best state of all. If A does have an entry there, its own score is no lower: offering
+        // the state at ε r_i too changes no maximum, and if the offer ties, so does the entry.
+        // Hence the first of all best states, and those with an entry, are enough.
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
             let restart = self.restart[i];
@@ -164,7 +163,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 }
 
-/// At least log2, from the exponent alone: most entries need no more.
+/// Upper bound of log2 p, from the exponent alone: most entries need no more.
 pub(super) fn log2_bound(p: f64) -> f64 {
     (p.to_bits() >> 52) as f64 - 1022.0
 }

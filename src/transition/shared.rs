@@ -1,4 +1,4 @@
-//! Operators behind a pointer or in a wrapper are operators.
+//! Operators behind pointers and in wrappers.
 
 use std::rc::Rc;
 use std::sync::Arc;

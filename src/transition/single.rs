@@ -1,53 +1,53 @@
 //! Values in 32 bits, in columns that still sum to exactly one.
 //!
-//! To round each value by itself would leave sums off by 6e-8. So the values p_1 ≥ p_2 ≥ …
-//! of a column are rounded one after another, each as its share of what is left:
-//! with r = 1 − (v_1 + … + v_{i-1}) and s = p_i + p_{i+1} + …, v_i is the number of
-//! 32 bits next to t_i = p_i r / s, and the last one is r itself.
+//! Rounding each value by itself would leave sums off by 6e-8. So the values p_1 ≥ p_2 ≥ …
+//! of a column are rounded one after another, each as its share of the remainder:
+//! with r = 1 − (v_1 + … + v_{i-1}) and s = p_i + p_{i+1} + …, v_i is the 32-bit number
+//! nearest to t_i = p_i r / s, and the last one is r itself.
 //!
-//! **The sum is exactly 1.** Let the t_i be in \[b/2, b) for a power of two b: v_i is a
-//! multiple of g = 2^-24 b, and so is r, if it was one of those before. What is
-//! rounded away is passed on to all that follow, so that t_{i+1} ≤ t_i where v_i is
+//! **The sum is exactly 1.** Let t_i be in \[b/2, b) for a power of two b: v_i is a
+//! multiple of g = 2^-24 b, and so is r, if it was a multiple of the earlier steps. Rounding
+//! errors are passed on to all later values, so that t_{i+1} ≤ t_i where v_i is
 //! rounded up; where it is rounded down, v_i ≤ b − g and t_{i+1} ≤ t_i + g/2 ≤ v_i + g ≤ b.
-//! Steps g never grow, then, and the last r is a multiple of one, at most 2^24 times it:
-//! a number of 32 bits. Where v_i would leave nothing, the number below it is
+//! So steps g never grow, and the last r is a multiple of its step, at most 2^24 times it:
+//! a number of 32 bits. If v_i would leave a remainder of 0, the number below it is
 //! taken, which leaves a step.
 //!
 //! **No value changes by as much as 1e-7.** With δ_i = v_i − t_i, v_i − p_i = δ_i −
 //! p_i Σ δ_j / s_{j+1} over j < i, since each δ_j is shared in proportion. The ratio p_i / s_{j+1}
 //! is at most 1, and |δ_j| at most 2^-24 t_j, so that |v_i − p_i| ≤ 2^-24 (t_1 + … + t_i),
-//! and the sum at most 1. Where v_i is the number below, |δ_i| may be twice that: then t_i
-//! is all that is left, at most 1/2 unless it is the first, and |v_i − p_i| at most
-//! 1.5 · 2^-24 = 9e-8; what follows sums to one step, and was less. The rest is for columns
-//! whose own sum is off by up to 1e-9, and for values below 2^-60, which are taken for that.
+//! and the sum at most 1. If v_i is the number below, |δ_i| may be twice that: then t_i
+//! is the whole remainder, at most 1/2 unless it is the first, and |v_i − p_i| at most
+//! 1.5 · 2^-24 = 9e-8; later values sum to one step, and were less. The rest is for columns
+//! whose own sum is off by up to 1e-9, and for values below 2^-60, which are taken as 2^-60.
 
 use super::SparseTransition;
 use super::compressed::Compressed;
 use crate::error::TransitionError;
 
-/// 2^-60. Shares of what is left are then far above the smallest of 32 bits: they fall
-/// below their values only where that is a few steps, by less than half each time,
-/// and at most three times before 2^-60.
+/// 2^-60, the least value. Shares of the remainder are then far above the smallest 32-bit number:
+/// they fall below their values only if the remainder is a few steps, by less than half each
+/// time, and at most three times before 2^-60.
 const LEAST: f64 = f64::from_bits((1023 - 60) << 52);
 
 /// Values of 32 bits.
 impl SparseTransition {
-    /// The same with values of 32 bits, for maps of millions of places: two thirds of the
-    /// memory (29 bytes an entry for 46, on a map of ten million places with five entries
-    /// each), and of what a product moves. O(n + E log of the entries of a column).
+    /// Converts to values of 32 bits, for maps of millions of places: two thirds of the
+    /// memory (29 bytes an entry instead of 46, on a map of ten million places with five entries
+    /// each), and of the bytes that a product moves. O(n + E log of the entries of a column). A
+    /// matrix of 32 bits is returned unchanged.
     ///
     /// Values are rounded so that **columns still sum to exactly one**, by less than 1e-7
-    /// each; none becomes 0. They are then taken as doubles, so that all routines give to
-    /// the bit what a matrix of 64 bits with these values gives, and everything said of
-    /// exactness holds for this matrix. How far it is from the other is told by
-    /// [`rounding`](Self::rounding). With values of 32 bits it is returned as it is.
+    /// each; none becomes 0. All routines take them as doubles, and give, to the bit, the results
+    /// of a 64-bit matrix with these values; all that the docs say of exactness holds for that
+    /// matrix. [`rounding`](Self::rounding) tells how far it is from the original.
     ///
-    /// What is different: entries that were equal may now differ in the last bit (one
+    /// Differences: entries that were equal may now differ in the last bit (one
     /// of three of 1/3 is smaller), so that paths which tied may not. The logarithms
     /// that the first Viterbi makes have 64 bits. The verbs in `_all` and `learn` take
-    /// sequences one by one, not eight at a time, and what is learned has 64 bits. Stored
-    /// (feature `serde`), it is read again as a matrix of 64 bits with the rounded values; if
-    /// none is below 1e-18, this then gives the same one, of which `rounding` is 0.
+    /// sequences one by one, not eight at a time, and learned values have 64 bits. From storage
+    /// (feature `serde`), a 64-bit matrix with the rounded values is read; if
+    /// none is below 1e-18, this method then gives the same matrix again, with a `rounding` of 0.
     ///
     /// ```
     /// use wayfix::SparseTransition;
@@ -56,7 +56,7 @@ impl SparseTransition {
     /// let a = SparseTransition::from_triplets(3, ways)?.with_single_values();
     /// assert_eq!(a.get(0, 0), f64::from(0.7_f32));
     /// assert_eq!(a.get(0, 0) + a.get(1, 0) + a.get(2, 0), 1.0);
-    /// // After 1000 steps, probabilities are within two ten-thousandths of themselves.
+    /// // After 1000 steps, relative errors of probabilities are below two ten-thousandths.
     /// let e = a.rounding();
     /// assert!(((1.0 + e) / (1.0 - e)).powi(1000) < 1.0002);
     /// # Ok::<(), wayfix::TransitionError>(())
@@ -66,14 +66,13 @@ impl SparseTransition {
         if self.rows.is_single() {
             return self;
         }
-        // What is large goes first.
         let Self { rows, columns, .. } = self;
         Self::rounded(rows, columns)
     }
 
-    /// As [`from_triplets`](Self::from_triplets)
-    /// [`with_single_values`](Self::with_single_values), without the matrix of 64 bits in
-    /// between: in less time, and with less memory on the way.
+    /// Builds a matrix as [`from_triplets`](Self::from_triplets), then
+    /// [`with_single_values`](Self::with_single_values), without the 64-bit matrix in
+    /// between: in less time, and with less memory meanwhile.
     ///
     /// # Errors
     ///
@@ -91,14 +90,14 @@ impl SparseTransition {
         Self::from_compressed(rows, columns, rounding)
     }
 
-    /// The largest relative change e = |v / p − 1| of an entry p that became v of 32 bits
-    /// [there](Self::with_single_values); 0 for values of 64 bits.
+    /// The largest relative change e = |v / p − 1| of an entry p that
+    /// [`with_single_values`](Self::with_single_values) rounded to v; 0 for values of 64 bits.
     ///
     /// At most 1e-7 / p for the smallest entry p: 1e-5 if that is 0.01. (Beside an entry of
     /// 0.999_999_999, one of 1e-9 can't be kept: it becomes 6e-8, and e is 59. Below some
     /// 1e-315 e is infinite.)
     ///
-    /// # What becomes of beliefs
+    /// # Effect on beliefs
     ///
     /// For e below 1 and any likelihoods, after k transitions from the same prior
     ///
@@ -108,20 +107,20 @@ impl SparseTransition {
     /// - the path of Viterbi has at least ((1−e)/(1+e))^k times the probability of the
     ///   best one.
     ///
-    /// For the weight of a path, Π a b, has k factors a, each of them changed by one between
-    /// 1−e and 1+e, and so sums of such weights, which are not negative, change by a factor
-    /// between (1−e)^k and (1+e)^k; a probability is the ratio of two of them.
+    /// The reason: the weight of a path, Π a b, has k factors a, each changed by a factor between
+    /// 1−e and 1+e, so that sums of such weights, which are not negative, change by a factor
+    /// between (1−e)^k and (1+e)^k; a probability is the ratio of two such sums.
     #[must_use]
     pub fn rounding(&self) -> f64 {
         self.rounding
     }
 }
 
-/// Rows and columns in 32 bits, and the largest |v / p − 1|.
+/// Rounds rows and columns to 32 bits; returns also the largest |v / p − 1|.
 fn round(rows: Compressed, columns: Compressed) -> (Compressed, Compressed, f64) {
     let entries = columns.entries();
     let (mut by_column, mut by_row) = (Vec::with_capacity(entries), vec![0.0; entries]);
-    // Where the next entry of each row goes.
+    // Position of the next entry of each row.
     let mut next: Vec<u32> = rows.starts().to_vec();
     let (mut column, mut rounding) = (Column::default(), 0.0_f64);
     for from in 0..columns.lines() {
@@ -138,13 +137,13 @@ fn round(rows: Compressed, columns: Compressed) -> (Compressed, Compressed, f64)
     (rows.with_single(by_row), columns.with_single(by_column), rounding)
 }
 
-/// A column, and memory to round it.
+/// A column, and scratch memory to round it.
 #[derive(Default)]
 struct Column {
     values: Vec<f64>,
     rounded: Vec<f32>,
     order: Vec<usize>,
-    /// Sums of a value, in this order, and all after it.
+    /// Sum of each value and all later ones, in descending order.
     sums: Vec<f64>,
 }
 
@@ -164,7 +163,7 @@ impl Column {
         sums.reverse();
         rounded.clear();
         rounded.resize(values.len(), 0.0);
-        // What is left is exact: less than 2^53 steps, as long as there are not 2^29 values.
+        // The remainder is exact: less than 2^53 steps, for fewer than 2^29 values.
         let mut left = 1.0;
         for (number, (&at, sum)) in order.iter().zip(&*sums).enumerate() {
             let mut v = (values[at] * (left / sum)) as f32;

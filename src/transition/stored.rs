@@ -1,15 +1,15 @@
-//! Matrices that are stored, which inference goes through by itself.
+//! Stored matrices, for which inference has loops of its own.
 
 use super::{DenseTransition, SparseTransition};
 use crate::kernels::lockstep::Lines;
 
-/// A matrix that the loops of this crate know how to go through.
+/// A stored matrix, for which this crate has loops of its own.
 ///
-/// Handed out by [`Transition::stored`](super::Transition::stored).
+/// Returned by [`Transition::stored`](super::Transition::stored).
 #[derive(Debug, Clone, Copy)]
 pub struct Stored<'a>(Form<'a>);
 
-/// In which form it is stored.
+/// Storage format.
 #[derive(Debug, Clone, Copy)]
 enum Form<'a> {
     Sparse(&'a SparseTransition),
@@ -25,7 +25,7 @@ impl<'a> Stored<'a> {
         Self(Form::Dense(matrix))
     }
 
-    /// The matrix, if it is a sparse one.
+    /// The matrix, if it is sparse.
     pub(crate) fn as_sparse(self) -> Option<&'a SparseTransition> {
         match self.0 {
             Form::Sparse(matrix) => Some(matrix),
@@ -33,7 +33,7 @@ impl<'a> Stored<'a> {
         }
     }
 
-    /// Rows and columns, if all entries above 0 are at least 2^-100, and of 64 bits.
+    /// Rows and columns, if values have 64 bits and all above 0 are at least 2^-100.
     pub(crate) fn plain_lines(self) -> Option<(Lines<'a>, Lines<'a>)> {
         match self.0 {
             Form::Sparse(matrix) => matrix.lines().filter(|_| matrix.plain),

@@ -3,8 +3,8 @@
 use super::{Stored, Transition, TransitionEntries};
 use crate::error::TransitionError;
 
-/// A family of operators; the control of a step is the number of the one that
-/// drives it. For gears, times of day, or a matrix for each step.
+/// A family of operators; the control of a step is the index of its operator. For gears, times of
+/// day, or a matrix for each step.
 ///
 /// ```
 /// use wayfix::transition::SwitchedTransition;
@@ -29,12 +29,12 @@ pub struct SwitchedTransition<A> {
 }
 
 impl<A: Transition<Control = ()>> SwitchedTransition<A> {
-    /// A family of operators of one size. Control u chooses `operators[u]`.
+    /// Creates a family of operators of one size. Control u chooses `operators[u]`.
     ///
     /// # Errors
     ///
     /// [`TransitionError::Empty`] for no operators,
-    /// [`TransitionError::StateCount`] for sizes that differ, or
+    /// [`TransitionError::StateCount`] for different sizes, or
     /// [`TransitionError::ColumnSum`] for an operator that is not stochastic.
     pub fn new(operators: Vec<A>) -> Result<Self, TransitionError> {
         let expected = operators.first().ok_or(TransitionError::Empty)?.states();

@@ -1,4 +1,4 @@
-//! A sparse operator some of whose parameters are shared.
+//! A sparse operator with shared parameters.
 
 use std::collections::BTreeMap;
 use std::ops::Deref;
@@ -15,17 +15,17 @@ use crate::error::TransitionError;
 /// So the turning probabilities of a whole town can be learned from a few
 /// drives, by the classes of its roads:
 /// [`TurningProbabilities::tied`](crate::map::TurningProbabilities::tied). It
-/// is used as a [`SparseTransition`].
+/// dereferences to a [`SparseTransition`].
 ///
 /// ```
 /// use wayfix::transition::TiedTransition;
 /// use wayfix::SparseTransition;
 ///
-/// // On a loop of four places one stays or goes on, everywhere alike.
+/// // On a loop of four places the vehicle stays or moves on, with the same probabilities.
 /// let moves = (0..4).flat_map(|j| [(j, j, 0.1 * j as f64), ((j + 1) % 4, j, 1.0 - 0.1 * j as f64)]);
 /// let loop_road = SparseTransition::from_triplets(4, moves.filter(|m| m.2 > 0.0))?;
 /// let tied = TiedTransition::new(loop_road, |from, to| usize::from(from == to));
-/// // State 0 never stays, so that its ways out are others than those of 1 to 3.
+/// // State 0 never stays, so that its labels differ from those of 1 to 3.
 /// assert_eq!(tied.get(1, 0), 1.0);
 /// assert!((tied.get(1, 1) - 0.2).abs() < 1e-15 && (tied.get(3, 3) - 0.2).abs() < 1e-15);
 /// # Ok::<(), wayfix::TransitionError>(())
@@ -33,8 +33,8 @@ use crate::error::TransitionError;
 #[derive(Debug, Clone)]
 pub struct TiedTransition {
     pub(crate) transition: SparseTransition,
-    /// The parameter of each entry, column by column, and of how many entries
-    /// of its column.
+    /// For each entry, column by column, its parameter and the number of entries of its column that
+    /// share it.
     pub(crate) parameters: Vec<(u32, u32)>,
 }
 
@@ -47,8 +47,8 @@ impl Deref for TiedTransition {
 }
 
 impl TiedTransition {
-    /// Ties the moves of an operator by the labels of (from, to). What is tied
-    /// gets the mean of what it was. O(E log E).
+    /// Ties the moves of an operator by their labels, `label(from, to)`. Tied probabilities become
+    /// their mean. O(E log E).
     pub fn new(transition: SparseTransition, mut label: impl FnMut(usize, usize) -> usize) -> Self {
         let mut parameters = Vec::with_capacity(transition.entries());
         let mut known: BTreeMap<(Vec<usize>, usize), u32> = BTreeMap::new();
@@ -68,20 +68,20 @@ impl TiedTransition {
         let entries = (0..tied.states())
             .flat_map(|from| tied.transition.outgoing(&(), from).map(move |(to, p)| (to, from, p)));
         let means = tied.shared(entries.collect(), 0.0);
-        // Means of distributions are distributions, with the same entries.
+        // Means of distributions are distributions with the same support.
         if let Ok(transition) = SparseTransition::from_triplets(tied.states(), means) {
             tied.transition = transition;
         }
         tied
     }
 
-    /// How many parameters there are: labels, for each kind of place.
+    /// The number of parameters: labels, counted once for each kind of state.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.parameters.iter().map(|parameter| parameter.0 as usize + 1).max().unwrap_or(0)
     }
 
-    /// Entries with the weights of all that share their parameters.
+    /// Entries, with weights summed over all that share their parameters.
     fn shared(
         &self,
         mut weights: Vec<(usize, usize, f64)>,
@@ -105,10 +105,10 @@ impl LearnTransition for TiedTransition {
         pseudo_count: f64,
     ) -> Result<Self, TransitionError> {
         let weights = self.shared(weights(&self.transition, &counts[0])?, pseudo_count);
-        // An entry that gets 0 is an entry no more.
+        // An entry that becomes 0 is dropped.
         let kept = self.parameters.iter().zip(&weights).filter(|entry| entry.1.2 > 0.0);
         let mut parameters: Vec<(u32, u32)> = kept.map(|entry| *entry.0).collect();
-        // Nor is a parameter one that no entry has any more.
+        // So is a parameter without entries.
         let mut used: Vec<u32> = parameters.iter().map(|parameter| parameter.0).collect();
         used.sort_unstable();
         used.dedup();
@@ -123,7 +123,7 @@ impl LearnTransition for TiedTransition {
         if pseudo_count == 0.0 {
             return 0.0;
         }
-        // The sum over the labels is that of each parameter once.
+        // Each parameter counts once.
         let mut logs = vec![0.0; self.parameters()];
         let columns = (0..self.states()).flat_map(|from| self.transition.outgoing(&(), from));
         for (&(parameter, times), entry) in self.parameters.iter().zip(columns) {

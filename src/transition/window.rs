@@ -1,4 +1,4 @@
-//! A window along a route: the same moves from every place.
+//! A banded operator along a route: the same moves from every place.
 
 use std::ops::Range;
 
@@ -6,15 +6,15 @@ use super::{Transition, TransitionEntries, check_count, check_slices, check_sum,
 use crate::error::TransitionError;
 use crate::kernels::log2;
 
-/// The places of a route in order, and one distribution of how many of them
-/// the vehicle goes on: a banded matrix, of which only the window is stored.
+/// A banded matrix of which only the window is stored: the places of a route in order, with one
+/// distribution of the number of places that a step moves on.
 ///
-/// On a closed route, a loop, the first place follows the last; on an open one, what would
-/// go beyond an end stops there.
+/// On a closed route, a loop, the first place follows the last; on an open one, moves beyond an
+/// end stop there.
 ///
 /// Products cost O(n w) for w weights, in contiguous loops. Memory is O(w), and
-/// O(w) for each place from which the window reaches beyond an end. Listing
-/// what leads *into* a state costs O(w + those places · log w).
+/// O(w) for each of the e places from which the window reaches beyond an end. Listing the
+/// entries *into* a state costs O(w + e log w).
 ///
 /// ```
 /// use wayfix::transition::WindowTransition;
@@ -33,12 +33,13 @@ pub struct WindowTransition {
     /// True if the first place follows the last.
     #[cfg(feature = "serde")]
     pub(crate) closed: bool,
-    /// Place j goes to j + first + `to` of each entry of the window…
+    /// Offset of the window: place j leads to j + `first` + `to` of each of its entries, if j is
+    /// in `whole`.
     pub(crate) first: isize,
     pub(crate) window: Vec<Entry>,
-    /// …if j is one of these.
+    /// Places from which the whole window stays on the route.
     whole: Range<usize>,
-    /// The columns of the places before these, and after.
+    /// Columns of the places before and after `whole`.
     before: Vec<Vec<Entry>>,
     after: Vec<Vec<Entry>>,
 }
@@ -50,11 +51,11 @@ pub(crate) struct Entry {
     log2: f64,
 }
 
-/// Places that are handled at a time, so that they stay in the cache.
+/// Number of places handled at a time, so that they stay in the cache.
 const BLOCK: usize = 2048;
 
 impl WindowTransition {
-    /// From place j the vehicle goes to j + `first` + d with probability
+    /// Creates an operator that moves from place j to j + `first` + d with probability
     /// `weights[d]`. O(w log w) for each place near an end.
     ///
     /// On a closed route, moves that lead to the same place add up, so the window may
@@ -80,7 +81,7 @@ impl WindowTransition {
         })?;
         let n = states.cast_signed();
         let leading = weights.iter().take_while(|w| **w == 0.0).count();
-        // The same loop, with offsets as near to 0 as can be.
+        // The same moves around the loop, with the offsets nearest to 0.
         let around = (first.rem_euclid(n) + (leading % states).cast_signed()) % n;
         let first = match closed {
             true if around > n / 2 => around - n,
@@ -125,7 +126,7 @@ impl WindowTransition {
         })
     }
 
-    /// The columns near the ends, with their places.
+    /// Columns near the start, with their places.
     fn before(&self) -> impl Iterator<Item = (usize, &Vec<Entry>)> + Clone {
         (0..).zip(&self.before)
     }
@@ -134,13 +135,13 @@ impl WindowTransition {
         (self.whole.end..).zip(&self.after)
     }
 
-    /// The places with a whole window, in blocks.
+    /// Places with a whole window, in blocks.
     fn blocks(&self) -> impl Iterator<Item = Range<usize>> {
         let starts = self.whole.clone().step_by(BLOCK);
         starts.map(|start| start..self.whole.end.min(start + BLOCK))
     }
 
-    /// Where an entry of the window leads from a block.
+    /// The places that an entry of the window leads to from a block.
     fn target(&self, block: &Range<usize>, entry: &Entry) -> Range<usize> {
         let start = block.start.wrapping_add_signed(self.first) + entry.to;
         start..start + block.len()
@@ -164,17 +165,17 @@ impl Entry {
     }
 }
 
-/// Two entries at once, so that sums are read and written half as often: out
-/// begins where the first one leads, and ends where the second does.
+/// Adds two entries at once, so that sums are read and written half as often: out begins at the
+/// targets of the first entry, and ends with those of the second.
 fn add_two(out: &mut [f64], x: &[f64], first: &Entry, second: &Entry) {
-    let apart = (second.to - first.to).min(x.len());
-    let (start, rest) = out.split_at_mut(apart);
+    let shift = (second.to - first.to).min(x.len());
+    let (start, rest) = out.split_at_mut(shift);
     start.iter_mut().zip(x).for_each(|(out, x)| *out += first.value * x);
-    let both = rest.iter_mut().zip(x[apart..].iter().zip(x));
+    let both = rest.iter_mut().zip(x[shift..].iter().zip(x));
     both.for_each(|(out, (a, b))| *out = (*out + first.value * a) + second.value * b);
-    // From here on the second is alone.
-    let end = out.len() - apart;
-    let alone = &x[x.len() - apart..];
+    // From here on, only the second entry.
+    let end = out.len() - shift;
+    let alone = &x[x.len() - shift..];
     out[end..].iter_mut().zip(alone).for_each(|(out, x)| *out += second.value * x);
 }
 
@@ -244,7 +245,7 @@ impl TransitionEntries for WindowTransition {
             let at = column.binary_search_by_key(&to, |entry| entry.to).ok()?;
             Some((from, column[at].value))
         };
-        // The farther the move, the lower the place that it comes from.
+        // The farther the move, the lower its source.
         let whole = self.window.iter().rev().filter_map(move |entry| {
             let from = to.checked_add_signed(self.first.checked_neg()?)?.checked_sub(entry.to)?;
             self.whole.contains(&from).then_some((from, entry.value))
@@ -260,8 +261,7 @@ impl TransitionEntries for WindowTransition {
         check_slices(self.states, x, out);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Each state is offered its predecessors in ascending order, so that of
-        // equal ones the lowest stays.
+        // Each state is offered its predecessors in ascending order, so that the lowest wins ties.
         let offer = |out: &mut f64, from: &mut u32, value: f64, place: usize| {
             let better = value > *out;
             *out = if better { value } else { *out };

@@ -1,4 +1,4 @@
-//! Motion on any map, driven by odometry.
+//! Motion on any map, with odometry as evidence on moves.
 
 mod reading;
 mod weights;
@@ -11,9 +11,8 @@ use crate::map::RoadMap;
 use crate::transition::{SparseTransition, Transition, TransitionEntries, check_slices, log};
 use weights::{Way, Weights, nearest};
 
-/// A sparse operator each of whose moves has a length, and which knows by
-/// odometry how far a step has led: on a junction a vehicle that has driven
-/// 200 m took the road of that length.
+/// A sparse operator whose moves have lengths, with the distance driven as evidence: at a
+/// junction, a vehicle that has driven 200 m took the road of that length.
 ///
 /// The control of a step is an `Option<OdometryReading>`: a distance d with its
 /// variance s², in the unit of the lengths (metres, on a map), which is
@@ -25,22 +24,20 @@ use weights::{Way, Weights, nearest};
 /// ```
 ///
 /// and A = B where it is `None`. Columns do not sum to one: a distance also speaks against
-/// a place none of whose ways is as long. Only the moves of B are
-/// there: where a step may pass several places, B needs entries for all that it may come
-/// to. One that stays has the length 0.
+/// a place none of whose ways is as long. Only the moves of B are possible: if a step may pass
+/// several places, B needs entries for all places that it may reach. A stay has the length 0.
 ///
 /// **The variance** is that of d − L for the right move, and above 0. Beside the odometer's
-/// own error, such as (0.02 d)², it holds where on the road the vehicle was when
-/// it was taken for at the place: for sightings within ±r metres, evenly, r² / 3
-/// for either end, 2 r² / 3 together. A density with heavier tails, for an odometer that
-/// is sometimes wrong altogether, is for an
+/// own error, such as (0.02 d)², it includes the error of the places at both ends: for
+/// sightings evenly within ±r metres of a place, r² / 3 for either end, 2 r² / 3 together. For
+/// heavier tails, as of an odometer that is sometimes wrong altogether, take an
 /// [`EvidenceTransition`](crate::transition::EvidenceTransition).
 ///
-/// Densities are taken relative to that of the length of the whole map which is nearest to
-/// the distance. Products and a step of Viterbi cost O(E), with an exponential for each of E
+/// Densities are relative to that at the length, of all moves, nearest to the distance.
+/// Products and a step of Viterbi cost O(E), with an exponential for each of E
 /// entries in products. Entries below 2.2e-308, the smallest normal double, are 0 in
-/// products, but not in those in logarithms: where a length is some 38 deviations farther
-/// from the distance than the nearest, inference takes the step in these, which costs about
+/// products in linear space: if a length is some 38 deviations farther from the distance than
+/// the nearest, inference takes the step in logarithms, which costs about
 /// four times as much. Memory: that of the base, 32 bytes an entry and
 /// 8 bytes a state.
 ///
@@ -63,11 +60,10 @@ use weights::{Way, Weights, nearest};
 #[derive(Debug, Clone)]
 pub struct DistanceTransition {
     pub(crate) base: SparseTransition,
-    /// The entries of the base, column by column; those of j are
-    /// `starts[j]..starts[j + 1]`.
+    /// The entries of the base, column by column; column j is `starts[j]..starts[j + 1]`.
     pub(crate) ways: Vec<Way>,
     starts: Vec<usize>,
-    /// The lengths that there are, in ascending order.
+    /// The distinct lengths, in ascending order.
     lengths: Vec<f64>,
     /// The smallest entry of the base.
     least: f64,
@@ -77,7 +73,7 @@ pub struct DistanceTransition {
 const LEAST_LOG: f64 = -708.396_418_532_264;
 
 impl DistanceTransition {
-    /// The moves of `base`, each with its `length(to, from)`.
+    /// Creates an operator with the moves of `base`, each with its `length(to, from)`.
     ///
     /// # Errors
     ///
@@ -90,8 +86,8 @@ impl DistanceTransition {
         Self::build(base, |to, from| Ok(length(to, from)))
     }
 
-    /// The moves of `base` along the roads of a map, with their lengths in
-    /// metres; a move that stays has the length 0.
+    /// Creates an operator with the moves of `base` along the roads of a map, with their lengths in
+    /// metres; a stay has the length 0.
     ///
     /// ```
     /// use wayfix::motion::DistanceTransition;
@@ -125,7 +121,7 @@ impl DistanceTransition {
         })
     }
 
-    /// The operator of steps of which no distance is known.
+    /// The operator of steps without a distance.
     #[must_use]
     pub fn base(&self) -> &SparseTransition {
         &self.base
@@ -140,7 +136,7 @@ impl DistanceTransition {
         Some(column[at].length)
     }
 
-    /// Asks for the lengths column by column, in ascending order.
+    /// Builds the operator; calls `length` column by column, in ascending order.
     pub(crate) fn build(
         base: SparseTransition,
         mut length: impl FnMut(usize, usize) -> Result<f64, TransitionError>,
@@ -321,7 +317,7 @@ impl TransitionEntries for DistanceTransition {
         let weights = self.weights(odometry);
         out.fill(f64::NEG_INFINITY);
         from.fill(0);
-        // Predecessors come in ascending order: of equal ones the lowest stays.
+        // Predecessors come in ascending order, so that the lowest wins ties.
         for (j, ways) in self.columns().filter(|column| x[column.0] > f64::NEG_INFINITY) {
             for way in ways {
                 let (i, value) = (way.to as usize, weights.log2(way) + x[j]);

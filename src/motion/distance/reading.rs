@@ -1,21 +1,21 @@
-//! How far the vehicle has driven in a step, by its own count.
+//! Distance driven in a step, by odometry.
 
 use crate::error::TransitionError;
 
-/// What the wheels say of a step: a distance, with the variance of its error, in the unit
+/// Odometry reading of a step: a distance and the variance of its error, in the unit
 /// of the lengths of a [`DistanceTransition`](crate::motion::DistanceTransition), such as metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct OdometryReading {
-    /// How far it has driven; finite.
+    /// The distance driven; finite.
     pub distance: f64,
     /// The variance of the distance, in squared units; finite and above 0.
     pub variance: f64,
 }
 
 impl OdometryReading {
-    /// Whether the numbers are ones that a distance and a variance can have.
+    /// Checks that the distance is finite, and the variance finite and above 0.
     pub(crate) fn check(&self) -> Result<(), TransitionError> {
         let Self { distance, variance } = self;
         if !distance.is_finite() {

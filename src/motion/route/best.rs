@@ -1,21 +1,21 @@
-//! The best way to each place so far.
+//! Max-product scores of places, with back-pointers.
 
-/// Scores of places, and the states that they come from, as doubles that are as wide as
-/// the scores: vector registers hold both.
+/// Scores of places, and the states that they come from, encoded as doubles: vector registers
+/// hold as many of both.
 pub(super) struct Best<'a> {
     pub(super) scores: &'a mut [f64],
     pub(super) from: &'a mut [f64],
 }
 
-/// 2^52, to which states are added: the low bits of the double are the state.
+/// 2^52: added to a state, it gives a double whose low bits are the state.
 const ZERO: f64 = (1_u64 << 52) as f64;
 
-/// A state as a double.
+/// Encodes a state as a double.
 pub(super) fn encoded(state: usize) -> f64 {
     ZERO + state as f64
 }
 
-/// A state that was a double.
+/// Decodes a state.
 pub(super) fn decoded(state: f64) -> u32 {
     state.to_bits() as u32
 }
@@ -26,8 +26,8 @@ impl Best<'_> {
         self.from.fill(ZERO);
     }
 
-    /// Offers to places, one after the other, ways with these scores. Of equal
-    /// ones, that from the lowest state stays, whatever the order.
+    /// Offers ways with these scores to consecutive places. The lowest state wins ties, in any
+    /// order.
     pub(super) fn offer(&mut self, to: usize, ways: impl Iterator<Item = (f64, f64)>) {
         let best = self.scores[to..].iter_mut().zip(&mut self.from[to..]);
         for ((score, from), (value, state)) in best.zip(ways) {

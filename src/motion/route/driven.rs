@@ -1,4 +1,4 @@
-//! Motion of a vehicle off the map, of whose speed no state tells.
+//! Motion of a vehicle off the map, where states have no speed.
 
 use super::step::Step;
 use super::views::Factors;
@@ -6,33 +6,33 @@ use super::{RouteControl, RouteTransition};
 use crate::error::TransitionError;
 use crate::motion::OdometryModel;
 
-/// Motion of a vehicle until now, by what was measured alone.
+/// Motion of a vehicle up to a step, by the measurements alone.
 ///
-/// A speed lasts: on the map it is part of the state, and a reading like the ones before is
-/// no surprise. Off the map there is no speed among the states, so that this tells what to
-/// expect there; without it each step is taken for a speed drawn anew, which speaks against
-/// being off the map. Made step by step by [`RouteTransition::driven`].
+/// Speeds last: on the map the speed is part of the state, and a reading like the ones before is
+/// no surprise. Off the map states have no speed, so that this predicts readings there; without
+/// it each step would be taken for a speed drawn anew, which is evidence against being off the
+/// map. Updated step by step by [`RouteTransition::driven`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Driven {
-    /// The probability that it stood.
+    /// The probability that the vehicle stood.
     pub standing: f64,
-    /// The mean reading of odometry since it set off or changed its speed, and the number of
-    /// readings; `None` if there were none.
+    /// The mean odometry reading since the vehicle set off or changed its speed, and the number
+    /// of readings; `None` if there were none.
     pub odometry: Option<(f64, u32)>,
 }
 
-/// As many readings are averaged: later ones say how it drives now.
+/// Largest number of readings averaged: later ones show the present speed.
 const READINGS: u32 = 10;
 
-/// Readings of a lower density than this, over the largest, are some three deviations off.
+/// Relative density below which a reading is some three deviations off.
 const UNLIKE: f64 = 0.05;
 
-/// A vehicle that moves in a smaller share of steps is taken for one that never does.
+/// Share of steps in motion below which a vehicle is taken for one that never moves.
 const LEAST_SHARE: f64 = 1e-3;
 
-/// Likelihoods of what was measured at a step off the map, each with its probability.
+/// Likelihoods of the measurements of a step off the map, each times the probability of its case.
 struct Ways {
     stands: f64,
     goes_on: f64,
@@ -47,7 +47,7 @@ impl Driven {
         }
         match self.odometry {
             Some((_, 0)) => {
-                let text = "the mean of no readings of odometry, expected some".into();
+                let text = "a mean over 0 odometry readings, expected at least 1".into();
                 Err(TransitionError::Control(text))
             }
             Some((mean, _)) => OdometryModel::check_reading(mean),
@@ -57,7 +57,7 @@ impl Driven {
 }
 
 impl Step<'_> {
-    /// The likelihood of what was measured, off the map; of readings at each speed, `means`.
+    /// Likelihood of the measurements off the map; `means` are those of the reading at each speed.
     pub(super) fn off_map_likelihood(&self, control: &RouteControl, means: &[f64]) -> f64 {
         if control.odometry.is_none() && self.factors == Factors::NONE {
             return 1.0;
@@ -81,7 +81,7 @@ impl Step<'_> {
         let (change, stood) = match control.before {
             None => (1.0, 0.0),
             Some(before) => {
-                // It never stood, if no speed is 0, or always.
+                // A vehicle always stood if no speed moves, and never if no speed is 0.
                 let moves = 1.0 - share >= LEAST_SHARE;
                 let stood = if moves { before.standing } else { 1.0 };
                 ((nearby + anywhere).min(1.0), if share > 0.0 { stood } else { 0.0 })
@@ -104,19 +104,20 @@ impl Step<'_> {
 }
 
 impl RouteTransition {
-    /// Motion after a step, from that before it and what was measured, both in the control.
+    /// Returns the motion after a step, from the motion before it and the measurements, both in the
+    /// control.
     #[must_use]
     pub fn driven(&self, control: &RouteControl) -> Driven {
         let Ways { stands, goes_on, changes } =
             self.with_step(control, |step, means| step.ways(control, means));
         let sum = stands + goes_on + changes;
-        // Where nothing explains what was measured, all is open.
+        // If no case explains the measurements, standing and moving are equally probable.
         let standing = if sum > 0.0 { (stands / sum).min(1.0) } else { 0.5 };
         let before = control.before.and_then(|before| before.odometry);
         let odometry = match (before.filter(|_| goes_on >= changes), control.odometry) {
             _ if standing > 0.5 => None,
             (Some((mean, count)), Some(reading)) => {
-                // Later readings say more of a speed that changes.
+                // A reading unlike the mean halves the weight of earlier ones: the speed changed.
                 let unlike = self.odometry.again(reading, mean, count) < UNLIKE;
                 let count = if unlike { count / 2 } else { count }.saturating_add(1).min(READINGS);
                 Some((mean + (reading - mean) / f64::from(count), count))

@@ -104,11 +104,10 @@ impl Step<'_> {
         });
     }
 
-    /// Offers to the places of a speed what comes by its window from those with
-    /// these scores.
+    /// Offers to the places of a speed the ways by its window from places with these scores.
     fn go(&self, new: usize, mixed: &Best<'_>, best: &mut Best<'_>) {
         let (route, window) = (self.route, self.window(new));
-        // Around a short loop, several moves lead the same way.
+        // Around a short loop, several moves join the same two places.
         let laps = route.line.closed && window.len() > route.line.places;
         let alone = if laps { 0..0 } else { 0..route.line.places };
         for (places, taps) in route.stencils[new][0].runs(alone) {
@@ -130,12 +129,12 @@ impl Step<'_> {
         }
     }
 
-    /// The best ways back to each place, whatever the speed then.
+    /// Finds the best way back to each place, at any speed.
     fn best_return(&self, off: &Off, x: &[f64], best: &mut Best<'_>) {
         let (line, first) = (self.route.line, self.route.k() * x.len());
         let back = log2(off.back);
-        // The best of all, the lowest of several; what it gives to places near where it
-        // left is below what they are offered then.
+        // The best of all, the lowest on ties. For places near where a vehicle left, this offer is
+        // below the one that follows.
         let mut top = 0;
         for (i, score) in x.iter().enumerate() {
             if *score > x[top] {

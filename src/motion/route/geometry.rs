@@ -1,4 +1,4 @@
-//! Which places a window reaches from where.
+//! Places reached by windows along a route.
 
 use std::iter::Chain;
 use std::ops::Range;
@@ -7,8 +7,7 @@ use super::RouteTransition;
 use crate::kernels;
 use crate::transition::buffers;
 
-/// Places in ascending order: of a closed route, those before the first one are
-/// the last ones.
+/// Places in ascending order, in up to two ranges: windows on a closed route may wrap around.
 pub(super) type Places = Chain<Range<usize>, Range<usize>>;
 
 /// The shape of a route.
@@ -19,8 +18,7 @@ pub(super) struct Line {
 }
 
 impl Line {
-    /// The places that are reached by some moves; of an open route, what would go
-    /// beyond an end stops there.
+    /// Places reached by a range of moves; on an open route, moves beyond an end stop there.
     pub(super) fn targets(self, moves: (isize, isize), from: usize) -> Places {
         let from = from.cast_signed();
         let (first, last) = (from + moves.0, from + moves.1);
@@ -31,7 +29,7 @@ impl Line {
         between(first.clamp(0, most), last.clamp(0, most))
     }
 
-    /// The places from which some moves lead to one.
+    /// Places from which a range of moves reaches one.
     pub(super) fn sources(self, moves: (isize, isize), to: usize) -> Places {
         let to = to.cast_signed();
         let (first, last) = (to - moves.1, to - moves.0);
@@ -45,7 +43,7 @@ impl Line {
         )
     }
 
-    /// The places within a distance of one.
+    /// Places within a distance of one.
     pub(super) fn near(self, place: usize, within: usize) -> Places {
         let (place, within) = (place.cast_signed(), within.min(self.places).cast_signed());
         if self.closed {
@@ -63,7 +61,7 @@ impl Line {
         b.unwrap_or(a)
     }
 
-    /// The places of a closed route from one number to another.
+    /// Places of a closed route between two indices, modulo its length.
     fn around(self, first: isize, last: isize) -> Places {
         let n = self.places;
         let start = first.rem_euclid(n.cast_signed()).cast_unsigned();
@@ -72,15 +70,14 @@ impl Line {
         (0..end.saturating_sub(n)).chain(start..end.min(n))
     }
 
-    /// The ends of an open route, where several moves may lead; none of a closed
-    /// one.
+    /// The ends of an open route, which several moves may reach; none on a closed route.
     pub(super) fn ends(self) -> impl Iterator<Item = usize> + Clone {
         let last = self.places - 1;
         let first = (!self.closed).then_some(0).into_iter();
         first.chain((!self.closed && last > 0).then_some(last))
     }
 
-    /// Where a move leads, or `None` if that is beyond an end.
+    /// The place that a move leads to, or `None` beyond an end.
     pub(super) fn moved(self, from: usize, m: isize) -> Option<usize> {
         let to = from.cast_signed() + m;
         if self.closed {
@@ -89,8 +86,8 @@ impl Line {
         usize::try_from(to).ok().filter(|to| *to < self.places)
     }
 
-    /// The places of the route among some successive ones, which may be beyond its ends: runs
-    /// of them, each with the number of places before it.
+    /// Runs of places of the route in a range that may go beyond its ends, each with the number of
+    /// positions of the range before it.
     pub(super) fn spans(
         self,
         first: isize,
@@ -112,7 +109,7 @@ impl Line {
     }
 
     /// `out[j] = Σ` of x over the places within a distance of j, by sums over 1, 2, 4, …
-    /// places: O(n log within), and nothing is subtracted.
+    /// places: O(n log within), without subtractions.
     pub(super) fn sum_near(self, x: &[f64], within: usize, out: &mut [f64]) {
         let n = self.places;
         out.fill(0.0);
@@ -121,7 +118,7 @@ impl Line {
         if self.closed && width >= n {
             return out.fill(kernels::sum(x));
         }
-        // Around a loop, or with nothing beyond the ends.
+        // Padded with the other end of a loop, or with zeros beyond the ends.
         buffers::with_two(n + width - 1, |sums, next| {
             sums.fill(0.0);
             sums[within..within + n].copy_from_slice(x);
@@ -152,22 +149,22 @@ impl Line {
 }
 
 impl RouteTransition {
-    /// The moves of a speed.
+    /// The first and the last move of a speed.
     pub(super) fn span_of(&self, speed: usize) -> (isize, isize) {
         let window = &self.speeds.windows[speed];
         (window.first, window.last())
     }
 
-    /// No move of any speed leads farther; a multiple of eight, so that blocks with as many
-    /// places before them begin where vectors do.
+    /// Bound on the moves of all speeds; a multiple of eight, so that blocks padded with as many
+    /// places stay aligned to vectors.
     pub(super) fn reach(&self) -> usize {
         let windows = self.speeds.windows.iter();
         let reach = windows.map(|window| window.last().max(-window.first));
         reach.max().unwrap_or(0).max(0).cast_unsigned().next_multiple_of(8)
     }
 
-    /// Weight that a speed with the weights `window` gives to the way between two
-    /// places, in all moves that lead it.
+    /// Weight of the way between two places at a speed with the weights `window`, summed over all
+    /// moves that join them.
     pub(super) fn way(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
         let Line { places, closed } = self.line;
         let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
@@ -182,8 +179,7 @@ impl RouteTransition {
     }
 }
 
-/// The places of an open route from one to another, of which only the second
-/// may be below 0.
+/// Places of an open route from `first` to `last`, which may be below 0.
 fn between(first: isize, last: isize) -> Places {
     (first.cast_unsigned()..(last.max(-1) + 1).cast_unsigned()).chain(0..0)
 }

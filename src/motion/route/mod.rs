@@ -1,4 +1,4 @@
-//! A vehicle at hidden speeds along a route, with what was measured of each step.
+//! A vehicle at hidden speeds along a route, with measurements as evidence on moves.
 
 mod best;
 mod driven;
@@ -24,18 +24,16 @@ use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::transition::check_count;
 
-/// Evidence on a step of a [`RouteTransition`]: by default none.
+/// Evidence on a step of a [`RouteTransition`]; none by default.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct RouteControl {
-    /// Distance driven by the wheels, in places; `None` where there is no
-    /// reading.
+    /// Distance driven by odometry, in places; `None` without a reading.
     pub odometry: Option<f64>,
-    /// Change of the view, or none; of use only
-    /// [with views](RouteTransition::with_views).
+    /// Change of the view; ignored without [views](RouteTransition::with_views).
     pub view: Option<ViewEvidence>,
-    /// Motion before the step, which off the map tells what to expect.
+    /// Motion before the step, which predicts readings off the map.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub before: Option<Driven>,
 }
@@ -45,45 +43,45 @@ pub struct RouteControl {
 pub enum RouteState {
     /// At a place of the route.
     On {
-        /// The number of the speed on the grid.
+        /// The index of the speed on the grid.
         speed: usize,
         /// The place.
         place: usize,
     },
     /// Off the map.
     Off {
-        /// The place where it left.
+        /// The place where the vehicle left the map.
         left: usize,
     },
 }
 
-/// A vehicle that drives along the places of a route, which are reference
-/// images in order, at one of several hidden [speeds](Speeds); what odometry and camera
-/// say of a step is [evidence](crate::Transition::evidence).
+/// A vehicle that drives along the places of a route, reference images in order, at one of several
+/// hidden [speeds](Speeds), with odometry and changes of the view as
+/// [evidence on moves](crate::Transition::evidence).
 ///
 /// State g n + i is the speed g at place i, of n places; [off the map](Self::with_off_map),
-/// there are n states more, for where the vehicle left. In a step, the speed changes to g'
-/// with probability G\[g', g\], and the place by a move m, with the weights w of the
-/// **new** speed. What was measured, u, multiplies this by its likelihood:
+/// there are n more states, one for each place where the vehicle may have left. In a step, the
+/// speed changes to g' with probability G\[g', g\], and the place by a move m, with the weights w
+/// of the **new** speed. This is multiplied by the likelihood of the measurements u:
 ///
 /// A_u\[(g', i + m), (g, i)\] = G\[g', g\] Σ_v w_g'(m, v) p(odometry | v) p(view | i, i + m),
 ///
 /// where v goes through the speeds that g' stands for. The columns are not normalised:
-/// what contradicts all moves from a place speaks against the place. On a closed route, a
-/// loop, the first place follows the last. On an open one, what would go beyond an end
-/// stops there, with the lesser p(view) of standing and moving on.
+/// a measurement that contradicts all moves from a place is evidence against the place. On a
+/// closed route, a loop, the first place follows the last. On an open one, moves beyond an end
+/// stop there, with the lesser p(view) of standing and moving on.
 ///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
 /// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
-/// Memory is O(k (k + w)), with views O(n w). To list what leads out of a state costs
-/// O(k w), and into a state as much; to or from off the map O(n k).
+/// Memory is O(k (k + w)), with views O(n w). Listing the entries into or out of a state costs
+/// O(k w); to or from off the map O(n k).
 ///
 /// ```
 /// use wayfix::motion::{RouteControl, RouteTransition, Speeds};
 /// use wayfix::likelihood::GroupedLikelihood;
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior};
 ///
-/// // 50 images of a route, which the vehicle starts at the tenth of.
+/// // 50 images of a route; the vehicle starts at the tenth.
 /// let drive = RouteTransition::new(50, false, Speeds::default())?;
 /// let speed = drive.speeds().nearest(2.0);
 /// let start = drive.index(speed, 10).expect("there is such a place");
@@ -107,16 +105,16 @@ pub struct RouteTransition {
     off_map: Option<OffMap>,
     /// G, row by row: `switching[to * k + from]`.
     switching: Vec<f64>,
-    /// Where the weights of each speed start among those of all, and their number.
+    /// Start of each speed's weights among those of all, and the end.
     starts: Vec<usize>,
-    /// For each place where the vehicle may leave, the probability of each near it.
+    /// For each place where the vehicle may leave, the probability of each place near it.
     near_shares: Vec<f64>,
-    /// The moves of each speed, into places and out of them.
+    /// The stencils of each speed, into places and out of them.
     stencils: Vec<[Stencil; 2]>,
 }
 
 impl RouteTransition {
-    /// A vehicle on `places` places, of a `closed` route or an open one, at these speeds.
+    /// Creates a route of `places` places, `closed` or open, for a vehicle at these speeds.
     ///
     /// # Errors
     ///
@@ -147,7 +145,7 @@ impl RouteTransition {
         Ok(route.with_stencils())
     }
 
-    /// With another model of odometry than [the default](OdometryModel::default).
+    /// Sets the model of odometry.
     ///
     /// # Errors
     ///
@@ -158,8 +156,8 @@ impl RouteTransition {
         Ok(Self { odometry, ..self })
     }
 
-    /// With a camera that says whether its view has changed. `stretches[i]` is the stretch
-    /// that place i is in: places of the same one look alike.
+    /// Adds changes of the camera's view as evidence. `stretches[i]` is the stretch
+    /// of place i: places of the same stretch look alike.
     ///
     /// # Errors
     ///
@@ -179,11 +177,11 @@ impl RouteTransition {
         Ok(Self { views: Some(views), ..self }.with_stencils())
     }
 
-    /// With places off the map.
+    /// Adds states off the map.
     ///
-    /// A measurement there is as likely as at the speed of [before](RouteControl::before), or
-    /// at another with the probability that speeds change; if nothing is known of before, as
-    /// at speeds by their shares.
+    /// A measurement there is as likely as at the speed [before](RouteControl::before) the step,
+    /// or at another speed with the probability that speeds change; if no motion before is given,
+    /// as at speeds by their shares.
     ///
     /// # Errors
     ///
@@ -243,7 +241,7 @@ impl RouteTransition {
         }
     }
 
-    /// The states grouped by place, with a last group for off the map, if there is that:
+    /// The states grouped by place, with a last group for off the map, if it is modelled:
     /// for a sensor that sees only places, and for their probabilities.
     #[must_use]
     pub fn place_groups(&self) -> Groups {
@@ -253,15 +251,15 @@ impl RouteTransition {
         Groups::numbered((0..self.count()).map(group).collect(), groups)
     }
 
-    /// The states grouped by speed, with a last group for off the map, if there is that.
+    /// The states grouped by speed, with a last group for off the map, if it is modelled.
     #[must_use]
     pub fn speed_groups(&self) -> Groups {
         let groups = self.k() + usize::from(self.off_map.is_some());
         Groups::numbered((0..self.count()).map(|state| state / self.line.places).collect(), groups)
     }
 
-    /// A vehicle that may be anywhere: all places alike, at speeds by their shares, and
-    /// off the map by [its share](OffMap::share).
+    /// The belief of a vehicle that may be anywhere: uniform over places, at speeds by their
+    /// shares, and off the map by [its share](OffMap::share).
     #[must_use]
     pub fn anywhere(&self) -> Belief {
         let (n, off) = (self.line.places, self.off_map.map_or(0.0, |off_map| off_map.share()));
@@ -283,7 +281,7 @@ impl RouteTransition {
         Self { stencils, ..self }
     }
 
-    /// Class of a way, as far as views tell.
+    /// Class of a way, for views.
     fn class(&self, from: usize, to: usize) -> Class {
         let alike = |views: &ViewComparison| views.stretches[from] == views.stretches[to];
         match &self.views {

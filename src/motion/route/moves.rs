@@ -1,4 +1,4 @@
-//! The moves of one speed, in loops along the places.
+//! Products with the moves of one speed, in loops along the places.
 
 use std::ops::Range;
 
@@ -7,10 +7,10 @@ use super::step::Step;
 use crate::kernels;
 use crate::transition::buffers;
 
-/// As many vectors as are added in one pass.
+/// Number of shifted vectors added in one pass.
 pub(super) const TERMS: usize = 4;
 
-/// Values of successive places; around a loop, also beyond its ends.
+/// Values of successive places, padded beyond the ends of a loop.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stretch<'a> {
     /// The first place.
@@ -25,8 +25,7 @@ impl<'a> Stretch<'a> {
 }
 
 impl Step<'_> {
-    /// `out =` what a stencil takes from x at some places, and a factor times what else
-    /// there is.
+    /// `out =` the sums of a stencil over x at some places, and a factor times further values.
     fn take(
         &self,
         (speed, stencil): (usize, &Stencil),
@@ -64,7 +63,7 @@ impl Step<'_> {
     }
 
     /// `out[j] = Σ` over i of window(i → j) e(i, j) `x[i]` at some places, and a factor times
-    /// more.
+    /// further values.
     pub(super) fn push(
         &self,
         speed: usize,

@@ -1,14 +1,14 @@
-//! Places that are not on the route.
+//! Leaving the route and coming back.
 
 use crate::error::TransitionError;
 use crate::transition::check_probability;
 
-/// Leaving the route and coming back.
+/// Rates of leaving a route and coming back.
 ///
-/// A vehicle off the map remembers where it left: a detour often ends near there. In a
-/// step it leaves with probability `leave`; once off, it comes back with probability
-/// `back`: then with probability `near` to a place within `within` of where it left, else
-/// to any, at a speed by its share.
+/// States off the map remember where the vehicle left, as a detour often ends near there. In a
+/// step the vehicle leaves with probability `leave`; once off, it comes back with probability
+/// `back`, to a place within `within` of where it left with probability `near`, else
+/// to any place, at a speed by its share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -19,20 +19,20 @@ pub struct OffMap {
     pub back: f64,
     /// The probability of coming back near where it left.
     pub near: f64,
-    /// Number of places on either side that are near.
+    /// Number of places on either side that count as near.
     pub within: usize,
 }
 
 impl Default for OffMap {
-    /// It leaves every 500 steps, for 67 of them, and comes back within ten places seven
-    /// times out of ten. For detours of half a minute to some minutes of a vehicle that
-    /// sees its map once a second; results change little between half and twice as many.
+    /// The vehicle leaves every 500 steps, for 67 steps, and comes back within ten places seven
+    /// times out of ten: for detours of half a minute to some minutes, at one frame a second.
+    /// Results change little between half and twice these numbers.
     fn default() -> Self {
         Self { leave: 0.002, back: 0.015, near: 0.7, within: 10 }
     }
 }
 
-/// Rates of 0 would make what is possible impossible; below this, products underflow.
+/// Least rate: 0 would rule out possible moves, and below this, products underflow.
 const LEAST_RATE: f64 = 1e-30;
 
 impl OffMap {

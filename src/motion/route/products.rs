@@ -11,11 +11,11 @@ use crate::error::TransitionError;
 use crate::kernels;
 use crate::transition::{Transition, buffers, check_slices};
 
-/// Places that are taken at a time, so that what they need stays in the first cache.
+/// Number of places handled at a time, so that their values stay in the first cache.
 const BLOCK: usize = 512;
 
 impl Step<'_> {
-    /// `out[j] =` the probabilities of coming back at j, for x of where vehicles left.
+    /// `out[j] =` the probability of coming back at j, for x over places where vehicles left.
     fn come_back(&self, off: &Off, x: &[f64], out: &mut [f64]) {
         let total = kernels::sum(x);
         let anywhere = off.back * off.each * total;
@@ -46,8 +46,8 @@ impl Step<'_> {
         });
     }
 
-    /// Shares of which a speed is mixed: the one that stays, of each neighbour, and of
-    /// what goes to any speed.
+    /// Calls `work` with `new` and its neighbours, each with the probability of the change to
+    /// `new`; returns the probability of that change from any speed.
     fn changes(&self, new: usize, mut work: impl FnMut(usize, f64)) -> f64 {
         let (k, switching) = (self.route.k(), &self.route.switching);
         let anywhere = self.route.speeds.changes().1 * self.route.speeds.shares()[new];
@@ -57,8 +57,8 @@ impl Step<'_> {
         self.keep * anywhere
     }
 
-    /// `out =` the belief at a speed after a change, from that before, at some places; of
-    /// `all`, the sum over speeds.
+    /// `out =` the belief at a speed after a change of speeds, at some places; `all` is the sum
+    /// over speeds before it.
     fn change(&self, new: usize, x: &[f64], all: &[f64], places: Range<usize>, out: &mut [f64]) {
         let n = self.route.line.places;
         let mut terms = [(0.0, &all[places.clone()]); TERMS];
@@ -70,7 +70,7 @@ impl Step<'_> {
         kernels::combine(out, &terms[..count]);
     }
 
-    /// Hands over the product with x, block by block: the first state, and the values.
+    /// Computes the product with x, and hands over each block: its first state, and its values.
     fn apply_in_blocks(&self, x: &[f64], take: &mut dyn FnMut(usize, &[f64])) {
         let (n, k) = (self.route.line.places, self.route.k());
         let (on, left) = x.split_at(k * n);
@@ -108,7 +108,7 @@ impl Step<'_> {
         });
     }
 
-    /// A bound from below on factors and entries above 0.
+    /// Lower bound of all factors and entries above 0.
     fn smallest(&self) -> f64 {
         let least = |values: &mut dyn Iterator<Item = f64>| {
             values.filter(|value| *value > 0.0).fold(1.0, f64::min)
@@ -160,7 +160,7 @@ impl Step<'_> {
     }
 }
 
-/// `out = Σ` of layers of n values, each times its factor.
+/// `out = Σ` over the layers of x, of n values each, times their factors.
 fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64]) {
     for (number, layers) in x.chunks(TERMS * n).enumerate() {
         let mut terms = [(0.0, &x[..0]); TERMS];
@@ -175,7 +175,7 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
 }
 
 impl RouteTransition {
-    /// `out =` the probability of each place, on the map; returns that of off the map.
+    /// Sums a belief over speeds into the probability of each place; returns that of off the map.
     pub(crate) fn add_up(&self, belief: &[f64], out: &mut [f64]) -> f64 {
         let n = self.line.places;
         let (on, off) = belief.split_at(self.k() * n);

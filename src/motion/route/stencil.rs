@@ -5,8 +5,8 @@ use std::ops::Range;
 use super::geometry::Line;
 use super::views::Class;
 
-/// For runs of places, what their sums are made of. The ends of an open route, where
-/// several moves stop, are not among what is led to.
+/// Terms of the sums at runs of places, without the ends of an open route, where several moves
+/// stop.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Stencil(Vec<Run>);
 
@@ -16,27 +16,27 @@ struct Run {
     taps: Vec<Tap>,
 }
 
-/// A term of the sums.
+/// A term of a sum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Tap {
-    /// Distance from the place; around a loop, it may lead beyond the ends.
+    /// Offset from the place; around a loop, it may lead beyond the ends.
     offset: isize,
-    /// Which of the moves of the window.
+    /// Index of the weight in the window.
     weight: usize,
     class: Class,
 }
 
-/// Which way a stencil goes.
+/// Direction of a stencil.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Way {
-    /// To each place, from where moves lead.
+    /// Sums at the targets of moves, over their sources.
     Into,
-    /// From each place, to where moves lead.
+    /// Sums at the sources of moves, over their targets.
     OutOf,
 }
 
 impl Stencil {
-    /// For moves from the first on.
+    /// Builds the stencil of moves from `first` on.
     pub(super) fn new(
         line: Line,
         first: isize,
@@ -64,8 +64,8 @@ impl Stencil {
         Self(runs)
     }
 
-    /// Goes through the runs of some places: the places, and for each tap the first of those
-    /// that it takes, its move and its class.
+    /// Visits the runs among some places: the places, and for each tap the first place that it
+    /// reads, its weight and its class.
     pub(super) fn runs(
         &self,
         places: Range<usize>,

@@ -4,7 +4,7 @@ use super::views::Factors;
 use super::{RouteControl, RouteTransition};
 use crate::transition::buffers;
 
-/// Everything that the entries of a step are products of.
+/// Factors of the entries of a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step<'a> {
     pub(super) route: &'a RouteTransition,
@@ -16,24 +16,24 @@ pub(super) struct Step<'a> {
     pub(super) off: Option<Off>,
 }
 
-/// Entries that have to do with off the map, with the likelihood of what was measured.
+/// Factors of entries to and from off the map, including the likelihood of the measurements.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Off {
     pub(super) enter: f64,
     pub(super) stay: f64,
     pub(super) back: f64,
-    /// The probability of coming back at each place, near or not.
+    /// The probability of coming back at a given place by the uniform part.
     pub(super) each: f64,
-    /// True if it never comes back near.
+    /// True if the vehicle comes back anywhere, with no preference for near places.
     pub(super) is_anywhere: bool,
     pub(super) within: usize,
 }
 
-/// The parts of an entry, which is their product.
+/// Factors of an entry.
 pub(super) type Parts = [f64; 4];
 
 impl RouteTransition {
-    /// The step of a control.
+    /// Calls `work` with the step of a control.
     pub(super) fn with_step<R>(
         &self,
         control: &RouteControl,
@@ -73,7 +73,7 @@ impl RouteTransition {
         })
     }
 
-    /// The logarithm that is divided out of the entries of a step with evidence.
+    /// Log factor taken out of the entries of a step with evidence.
     pub(super) fn log_factor(&self, control: &RouteControl) -> Option<f64> {
         let seen = self.views.as_ref().zip(control.view);
         let view = seen.map(|(views, view)| views.rates.factors(view).1);
@@ -88,29 +88,28 @@ impl Step<'_> {
         &self.windows[self.route.starts[speed]..self.route.starts[speed + 1]]
     }
 
-    /// Weight that a speed gives to the way between two places, and the likelihood of the
-    /// view, whose product is the entry.
+    /// Factors of the entry between two places at a speed: the weight of the way, and the
+    /// likelihood of the view.
     pub(super) fn way_parts(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
         let (route, window) = (self.route, self.window(speed));
         let way = route.way(speed, window, from, to);
         if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
             return [way, self.factors.of(route.class(from, to))];
         }
-        // What would go beyond an end stops there: neither a view that stays nor one that
-        // changes is then as usual.
+        // Moves beyond an end stop there, with the lesser likelihood of standing and moving on.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
         let Factors { standing, moved, .. } = self.factors;
         [stay * standing + (way - stay).max(0.0) * standing.min(moved), 1.0]
     }
 
-    /// The product of [these](Self::way_parts).
+    /// Product of [`way_parts`](Self::way_parts).
     pub(super) fn way(&self, speed: usize, from: usize, to: usize) -> f64 {
         let [way, seen] = self.way_parts(speed, from, to);
         way * seen
     }
 
-    /// The probability of coming back at a place.
+    /// Probability of coming back at a place.
     fn returns(&self, off: &Off, left: usize, to: usize) -> f64 {
         let line = self.route.line;
         let near = line.near(left, off.within).any(|place| place == to);
@@ -118,7 +117,7 @@ impl Step<'_> {
         share + off.each
     }
 
-    /// The entries out of a state, as states and parts, in ascending order.
+    /// Visits the entries out of a state, as states and factors, in ascending order.
     pub(super) fn column(&self, from: usize, mut work: impl FnMut(usize, Parts)) {
         let (route, n, k) = (self.route, self.route.line.places, self.route.k());
         let (g, i) = (from / n, from % n);
@@ -142,7 +141,7 @@ impl Step<'_> {
         }
     }
 
-    /// The entries into a state, in the same way.
+    /// Visits the entries into a state, as states and factors, in ascending order.
     pub(super) fn row(&self, to: usize, mut work: impl FnMut(usize, Parts)) {
         let (route, n, k) = (self.route, self.route.line.places, self.route.k());
         let (new, j) = (to / n, to % n);

@@ -2,7 +2,7 @@
 
 use crate::error::TransitionError;
 
-/// A frame beside the one before.
+/// A view compared with the last new one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -13,9 +13,9 @@ pub enum ViewChange {
     Unchanged,
 }
 
-/// A view as evidence on a move, with its weight: the likelihood is raised to the
-/// power of `weight`, from 0 (it says nothing) to 1. Views in a row are not independent:
-/// a tunnel shows the same for minutes, though the vehicle moves.
+/// A change of the view as evidence on a move, with a weight: the likelihood is raised to the
+/// power of `weight`, from 0 (no evidence) to 1. Successive views are not independent:
+/// a tunnel looks the same for minutes, though the vehicle moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -26,24 +26,24 @@ pub struct ViewEvidence {
     pub weight: f64,
 }
 
-/// The probabilities of a [`ViewChange::Unchanged`] after a step; that of a
-/// [`ViewChange::Changed`] is the rest to one. A *stretch* is a run of references that
-/// look alike ([`alike_stretches`](crate::observation::alike_stretches)).
+/// Probabilities of [`ViewChange::Unchanged`] after a step; [`ViewChange::Changed`] has the
+/// complement. A *stretch* is a run of references that look alike
+/// ([`alike_stretches`](crate::observation::alike_stretches)).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ViewChangeRates {
-    /// If the vehicle is where it was.
+    /// Probability if the vehicle is at the same place.
     pub standing: f64,
-    /// If it is at another place of the same stretch.
+    /// Probability if the vehicle is at another place of the same stretch.
     pub alike: f64,
-    /// If it is elsewhere.
+    /// Probability if the vehicle is on another stretch.
     pub moved: f64,
 }
 
 impl Default for ViewChangeRates {
-    /// 0.9, 0.8 and 0.05. Views are to be compared with a threshold that noise rarely
-    /// reaches; traffic may pass a vehicle that stands, and walls a vehicle that moves.
+    /// 0.9, 0.8 and 0.05, for views compared with a threshold that noise rarely
+    /// reaches: traffic may pass a vehicle that stands, and walls a vehicle that moves.
     fn default() -> Self {
         Self { standing: 0.9, alike: 0.8, moved: 0.05 }
     }
@@ -59,13 +59,13 @@ pub(super) struct ViewComparison {
 
 #[cfg(feature = "serde")]
 impl super::RouteTransition {
-    /// The stretch of each place, and how often views stay as they are.
+    /// The stretch of each place, and the rates of unchanged views.
     pub(crate) fn views(&self) -> Option<(&[usize], ViewChangeRates)> {
         self.views.as_ref().map(|views| (&views.stretches[..], views.rates))
     }
 }
 
-/// The likelihood of a view for each way of moving, over the largest of them.
+/// Likelihoods of a view for each class of move, relative to the largest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factors {
     pub(super) standing: f64,
@@ -73,7 +73,7 @@ pub(super) struct Factors {
     pub(super) moved: f64,
 }
 
-/// A way of moving, as far as views tell.
+/// Class of a move, for views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Class {
     Standing,
@@ -109,7 +109,7 @@ impl ViewChangeRates {
         Ok(())
     }
 
-    /// The factors of a view, and the logarithm that was divided out.
+    /// Factors of a view, and the log factor taken out.
     pub(super) fn factors(self, evidence: ViewEvidence) -> (Factors, f64) {
         let p = [self.standing, self.alike, self.moved].map(|unchanged| match evidence.view {
             ViewChange::Changed => 1.0 - unchanged,

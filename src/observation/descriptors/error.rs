@@ -1,14 +1,14 @@
-//! What can be wrong with descriptors.
+//! Errors of descriptors.
 
 use std::error::Error;
 use std::fmt;
 
-/// Which descriptor an error is about, by its index from 0.
+/// The descriptor that an error is about, by its index from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Descriptor {
-    /// One of a reference image.
+    /// The descriptor of a reference image.
     Reference(usize),
-    /// One of the queries of a call; of a single query, 0.
+    /// The descriptor of one of the queries of a call; 0 for a single query.
     Query(usize),
 }
 
@@ -21,50 +21,50 @@ impl fmt::Display for Descriptor {
     }
 }
 
-/// Why descriptors are not valid, or have no distance.
+/// Descriptors that are not valid, or have no distance.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum DescriptorError {
     /// Descriptors without elements.
     NoDimension,
-    /// Nothing to match with.
+    /// There are no references.
     NoReferences,
-    /// The last descriptor is not whole.
+    /// The last descriptor is incomplete.
     Values {
-        /// How many numbers were given.
+        /// Numbers given.
         values: usize,
-        /// How many a descriptor has.
+        /// Numbers of a descriptor.
         dimension: usize,
     },
     /// A descriptor is too short or too long.
     Length {
-        /// Which descriptor.
+        /// The descriptor.
         which: Descriptor,
         /// Its length.
         length: usize,
-        /// The dimension.
+        /// The dimension expected.
         expected: usize,
     },
     /// An element is NaN or infinite.
     Element {
-        /// Which descriptor.
+        /// The descriptor.
         which: Descriptor,
-        /// Its element, from 0.
+        /// The element, from 0.
         element: usize,
-        /// What was found.
+        /// Its value.
         value: f32,
     },
-    /// A descriptor without direction, where directions are compared.
+    /// A descriptor is 0 in every element, so that it has no direction to compare.
     Zero {
-        /// Which descriptor.
+        /// The descriptor.
         which: Descriptor,
     },
-    /// Two or more references, and any query is as far from each as from all.
+    /// Two or more references are all equal, so that they cannot tell places apart.
     AllEqual {
-        /// How many references there are.
+        /// The number of references.
         references: usize,
     },
-    /// A distance of finite descriptors that 32 bits do not hold.
+    /// A distance is too large for 32 bits.
     TooFar {
         /// The query, from 0.
         query: usize,
@@ -73,7 +73,7 @@ pub enum DescriptorError {
         /// The distance.
         distance: f64,
     },
-    /// The caller's memory does not fit.
+    /// The output slice has a wrong length.
     Room {
         /// Its length.
         found: usize,

@@ -1,16 +1,15 @@
-//! The one loop that all distances come from.
+//! The one loop that computes all distances.
 
 use super::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
 
-/// References that lie side by side. Each has a sum of its own, so that the
+/// Number of references stored side by side. Each has a sum of its own, so that the
 /// compiler can use registers of any width, with the same result to the bit.
 pub(super) const GROUP: usize = 32;
 
-/// Terms that are summed up before they go to the total: the error grows with
-/// PART + d / PART, not with d.
+/// Number of terms of a partial sum: the error grows with PART + d / PART, not with d.
 const PART: usize = 32;
 
-/// What a descriptor is multiplied with: 1 / |x| for the cosine, 1 else.
+/// Scale factor of a descriptor: 1 / |x| for the cosine, else 1.
 pub(super) fn scale(
     distance: Distance,
     x: &[f32],
@@ -22,7 +21,7 @@ pub(super) fn scale(
     match distance {
         Distance::Euclidean => Ok(1.0),
         Distance::Cosine => {
-            // In doubles, squares of 32-bit numbers neither overflow nor vanish.
+            // In doubles, squares of 32-bit numbers neither overflow nor underflow.
             let squares: f64 = x.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
             if squares == 0.0 {
                 return Err(DescriptorError::Zero { which });
@@ -32,28 +31,28 @@ pub(super) fn scale(
     }
 }
 
-/// References and queries are scaled alike, so that a copy has distance 0.
+/// Scales an element. References and queries are scaled alike, so that a copy has distance 0.
 #[inline]
 pub(super) fn scaled(x: f32, scale: f64) -> f32 {
     (f64::from(x) * scale) as f32
 }
 
-/// Some queries against all references, which are read once.
+/// A block of queries against all references, which are read once.
 pub(super) struct Pass<'a> {
     pub(super) references: &'a ReferenceDescriptors,
     /// The index of the first query, for errors.
     pub(super) first: usize,
     pub(super) queries: &'a [f32],
-    /// One for each query.
+    /// The scale factor of each query.
     pub(super) scales: &'a [f64],
-    /// A row for each query.
+    /// A row of distances for each query.
     pub(super) out: &'a mut [f32],
 }
 
 impl Pass<'_> {
-    /// faer compiles a closure anew for wider registers, picks the one to run
-    /// on this machine, and leaves the registers clean. A closure that did not
-    /// use up what it captures would be called, not compiled anew.
+    /// Runs the loop with the widest registers. faer compiles a closure anew for each width, picks
+    /// the one for this machine, and leaves the registers clean. A closure that did not consume its
+    /// captures would be called, not compiled anew.
     #[cfg(feature = "faer")]
     pub(super) fn run(self) -> Result<(), DescriptorError> {
         use faer::traits::ComplexField;
@@ -72,8 +71,7 @@ impl Pass<'_> {
     #[inline(always)]
     fn distances(self) -> Result<(), DescriptorError> {
         let &ReferenceDescriptors { dimension, count, distance, ref groups } = self.references;
-        // From here on, a sum has lost less than it is rounded by to terms that
-        // underflowed.
+        // Above this, a sum has lost less to terms that underflowed than to rounding.
         let least = dimension as f32 * f32::MIN_POSITIVE;
         for (start, rows) in (0..count).step_by(GROUP).zip(groups.chunks_exact(dimension)) {
             let members = GROUP.min(count - start);
@@ -85,11 +83,11 @@ impl Pass<'_> {
                     Distance::Cosine => squares.map(|square| 0.5 * square),
                     Distance::Euclidean => squares.map(f32::sqrt),
                 };
-                let held = |square: f32| (least..=f32::MAX).contains(&square);
+                let in_range = |square: f32| (least..=f32::MAX).contains(&square);
                 if distance == Distance::Euclidean
-                    && !squares.iter().fold(true, |all, &square| all & held(square))
+                    && !squares.iter().fold(true, |all, &square| all & in_range(square))
                 {
-                    for member in (0..members).filter(|&member| !held(squares[member])) {
+                    for member in (0..members).filter(|&member| !in_range(squares[member])) {
                         distances[member] = in_doubles(x, rows, member).map_err(|distance| {
                             let reference = start + member;
                             DescriptorError::TooFar { query, reference, distance }
@@ -125,8 +123,8 @@ fn squares(x: &[f32], scale: f64, rows: &[[f32; GROUP]]) -> [f32; GROUP] {
     total
 }
 
-/// |x − r| where its square is too large or too small for 32 bits, or the
-/// distance if that is too large itself.
+/// |x − r| in doubles, where its square is too large or too small for 32 bits. The distance is
+/// the error if it is too large itself.
 #[cold]
 #[inline(never)]
 fn in_doubles(x: &[f32], rows: &[[f32; GROUP]], member: usize) -> Result<f32, f64> {

@@ -7,7 +7,7 @@ pub use error::{Descriptor, DescriptorError};
 
 use kernel::{GROUP, Pass, scale, scaled};
 
-/// How unlike two descriptors are; smaller is more alike.
+/// Distance of two descriptors; smaller is more alike.
 ///
 /// Both come from the differences of the elements, not from products, so that
 /// like descriptors lose no digits to cancellation: no distance is ever
@@ -32,8 +32,7 @@ pub enum Distance {
 /// The descriptors of N reference images, each of d numbers of 32 bits, to be
 /// matched with those of queries.
 ///
-/// Where a descriptor comes from does not matter: a network, or the pixels of
-/// a small image.
+/// Descriptors may come from anywhere: a network, or the pixels of a small image.
 ///
 /// ```
 /// use wayfix::observation::{Distance, ReferenceDescriptors};
@@ -49,29 +48,28 @@ pub enum Distance {
 ///
 /// A distance takes 3 d operations. Memory is that of the N d numbers, with N
 /// rounded up to a multiple of 32. One query reads all of it: 51.2 MB at
-/// N = 100,000 and d = 128, in 2 ms on a core of 2023, which is what its
-/// memory gives (25 GB/s). Many at once read it once for 16 of them.
+/// N = 100,000 and d = 128, in 2 ms on a core of 2023, which is the bandwidth of its
+/// memory (25 GB/s). Many queries at once read it once for 16 of them.
 ///
-/// With the feature `faer`, the loop picks the registers of the machine that
-/// it runs on (AVX2): many queries then take little more than half the time.
-/// The distances are the same to the bit, with it or without, one query at a
-/// time or many, on every machine.
+/// With the feature `faer`, the loop uses the widest registers of the machine (AVX2): many
+/// queries then take little more than half the time. Distances are the same to the bit on
+/// every machine, with the feature or without, one query at a time or many.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceDescriptors {
     dimension: usize,
     count: usize,
     distance: Distance,
     /// Element k of references 32 g to 32 g + 31 at `groups[g * dimension + k]`,
-    /// scaled to length 1 for the cosine. Behind the last reference are zeros.
+    /// scaled to length 1 for the cosine. The last group is padded with zeros.
     groups: Vec<[f32; GROUP]>,
 }
 
-/// Queries that go through the references together.
+/// Number of queries compared in one pass over the references.
 const BLOCK: usize = 16;
 
 impl ReferenceDescriptors {
-    /// From N d values, reference after reference. O(N d); holds them twice
-    /// while it runs.
+    /// Stores N d values, given reference after reference. O(N d) time, and twice the memory
+    /// meanwhile.
     ///
     /// # Errors
     ///
@@ -108,11 +106,11 @@ impl ReferenceDescriptors {
         Ok(Self { dimension, count, distance, groups })
     }
 
-    /// From a descriptor for each reference. O(N d).
+    /// Stores a descriptor for each reference. O(N d).
     ///
     /// # Errors
     ///
-    /// As [`new`](Self::new); and if a row is not as long as the first.
+    /// As [`new`](Self::new), and if a row differs in length from the first.
     pub fn from_rows<R: AsRef<[f32]>>(
         rows: &[R],
         distance: Distance,
@@ -132,14 +130,14 @@ impl ReferenceDescriptors {
         Self::new(expected, values, distance)
     }
 
-    /// How many references there are, N.
+    /// The number of references, N.
     #[must_use]
     pub fn count(&self) -> usize {
         self.count
     }
 
-    /// The descriptor of a reference, as it is kept: scaled to length 1 for the cosine.
-    /// `None` if there is no such reference. O(d).
+    /// Returns the descriptor of a reference as stored, scaled to length 1 for the cosine; `None`
+    /// if there is no such reference. O(d).
     #[must_use]
     pub fn descriptor(&self, reference: usize) -> Option<Vec<f32>> {
         let start = reference / GROUP * self.dimension;
@@ -148,23 +146,23 @@ impl ReferenceDescriptors {
         (reference < self.count).then(|| values.collect())
     }
 
-    /// How many numbers a descriptor has, d.
+    /// The number of elements of a descriptor, d.
     #[must_use]
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// What is told of two descriptors.
+    /// The distance that is computed.
     #[must_use]
     pub fn distance(&self) -> Distance {
         self.distance
     }
 
-    /// The distances of one query to all references, in their order. O(N d).
+    /// Computes the distances of one query to all references, in their order. O(N d).
     ///
     /// # Errors
     ///
-    /// [`DescriptorError`] if the query has not d elements, if one is NaN or
+    /// [`DescriptorError`] if the query does not have d elements, if one is NaN or
     /// infinite, if all are 0 and the distance is [`Distance::Cosine`], and if
     /// a distance is too large for 32 bits.
     pub fn distances(&self, query: &[f32]) -> Result<Vec<f32>, DescriptorError> {
@@ -173,13 +171,12 @@ impl ReferenceDescriptors {
         Ok(out)
     }
 
-    /// [`distances`](Self::distances) into memory of yours, for N numbers.
-    /// Allocates nothing.
+    /// Computes [`distances`](Self::distances) into a slice of N numbers. Allocates nothing.
     ///
     /// # Errors
     ///
-    /// As [`distances`](Self::distances), and if `out` has not N elements.
-    /// What is in `out` is then of no use.
+    /// As [`distances`](Self::distances), and if `out` does not have N elements. The contents of
+    /// `out` are then unspecified.
     pub fn distances_into(&self, query: &[f32], out: &mut [f32]) -> Result<(), DescriptorError> {
         if query.len() != self.dimension {
             let (which, length) = (Descriptor::Query(0), query.len());
@@ -188,14 +185,13 @@ impl ReferenceDescriptors {
         self.distances_all_into(query, out)
     }
 
-    /// The distances of Q queries, given one after the other in Q d numbers,
-    /// into Q N numbers: first those of the first query. Allocates nothing.
-    /// O(Q N d).
+    /// Computes the distances of Q queries, given one after the other in Q d numbers,
+    /// into Q N numbers, query after query. Allocates nothing. O(Q N d).
     ///
     /// # Errors
     ///
     /// As [`distances_into`](Self::distances_into), for each query, and if the
-    /// last one is not whole.
+    /// last query is incomplete.
     pub fn distances_all_into(
         &self,
         queries: &[f32],
@@ -212,9 +208,8 @@ impl ReferenceDescriptors {
         Ok(())
     }
 
-    /// Shows a visitor the index of each of Q queries with its N distances, in
-    /// order: as fast as [`distances_all_into`](Self::distances_all_into), in
-    /// memory for 16 N distances.
+    /// Calls a visitor with the index and the N distances of each of Q queries, in order: as fast
+    /// as [`distances_all_into`](Self::distances_all_into), in memory for 16 N distances.
     ///
     /// ```
     /// use wayfix::observation::{Distance, ReferenceDescriptors};
@@ -232,7 +227,7 @@ impl ReferenceDescriptors {
     /// # Errors
     ///
     /// As [`distances_all_into`](Self::distances_all_into). Some of the queries
-    /// before the one that is wrong may have been visited.
+    /// before the invalid one may have been visited.
     pub fn distances_each(
         &self,
         queries: &[f32],
@@ -248,7 +243,7 @@ impl ReferenceDescriptors {
         Ok(())
     }
 
-    /// At most [`BLOCK`] queries, of which the first has this index.
+    /// Computes the distances of at most [`BLOCK`] queries, from index `first` on.
     fn block(&self, first: usize, queries: &[f32], out: &mut [f32]) -> Result<(), DescriptorError> {
         let mut scales = [1.0; BLOCK];
         let each = queries.chunks_exact(self.dimension);
@@ -259,7 +254,7 @@ impl ReferenceDescriptors {
     }
 }
 
-/// How many descriptors these values are.
+/// Number of descriptors in these values.
 fn whole(values: &[f32], dimension: usize) -> Result<usize, DescriptorError> {
     if !values.len().is_multiple_of(dimension) {
         return Err(DescriptorError::Values { values: values.len(), dimension });

@@ -117,7 +117,7 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
         (seen(ViewChange::Changed, -0.5), weight("-0.5")),
         (seen(ViewChange::Unchanged, f64::NAN), weight("NaN")),
         (after(f64::INFINITY, 3), reading("inf")),
-        (after(1.0, 0), "the mean of no readings of odometry, expected some".into()),
+        (after(1.0, 0), "a mean over 0 odometry readings, expected at least 1".into()),
     ] {
         let error = route.check_control(&u).unwrap_err().to_string();
         assert_eq!(error, format!("unknown control: {expected}"));
