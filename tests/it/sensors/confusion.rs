@@ -39,9 +39,9 @@ proptest! {
         let confusion = Confusion::from_entries(n, entries(&rows)).unwrap();
         let table = TableLikelihood::from_rows(&rows).unwrap();
         prop_assert_eq!(confusion.entries(), rows.concat().iter().filter(|p| **p > 0.0).count());
-        for place in 0..n {
-            for seen in 0..n {
-                prop_assert_eq!(confusion.probability(place, seen), Some(rows[place][seen]));
+        for (place, row) in rows.iter().enumerate() {
+            for (seen, p) in row.iter().enumerate() {
+                prop_assert_eq!(confusion.probability(place, seen), Some(*p));
             }
             let draw = |seed| (confusion.sample(place, &mut rng(seed)), table.sample(place, &mut rng(seed)));
             prop_assert!((0..20).map(draw).all(|(found, expected)| found == expected));
