@@ -16,8 +16,8 @@ use crate::transition::{Compressed, SparseTransition};
 /// in the paper that is 0.7. Measured confusions are taken by
 /// [`from_entries`](Self::from_entries) and [`from_weights`](Self::from_weights).
 ///
-/// Only what is above 0 is stored, in 24 bytes an entry and 24 a place: 100,000 places with a
-/// few confusions each take some megabytes. A confusion is a sensor of its own, a
+/// Only probabilities above 0 are stored, in 24 bytes an entry and 24 a place: 100,000 places
+/// with a few confusions each take some megabytes. A confusion is a sensor, a
 /// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is
 /// seen; each step costs O(n), and O(states asked + places seen as this one) in pruned
 /// routines. A sensor with [Gaussian noise](Self::with_gaussian), as a
@@ -25,23 +25,23 @@ use crate::transition::{Compressed, SparseTransition};
 /// [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
-    /// P_c(j | i) at the line j and the index i.
+    /// P_c(j | i) at line j and index i.
     pub(super) by_seen: Compressed,
-    /// The same at the line i and the index j.
+    /// P_c(j | i) at line i and index j.
     pub(super) by_place: Compressed,
     /// The largest P_c(j | i) over i, for each j.
     pub(super) largest: Vec<f64>,
 }
 
 impl Confusion {
-    /// The confusion of the places of a map, with this mean probability of a
+    /// Creates the confusion of the places of a map, with this mean probability of a
     /// correct observation. O((places + roads) log).
     ///
     /// # Errors
     ///
     /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is
     /// below 1 and no place has a neighbour, or if a place has so many
-    /// neighbours that nothing would be left for itself.
+    /// neighbours that no probability would be left for itself.
     pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
             return Err(ObservationError::Parameter {
@@ -70,8 +70,8 @@ impl Confusion {
         Self::from_entries(n, entries)
     }
 
-    /// From entries (place, seen as, probability) in any order, by index: what is not
-    /// given is 0. O(places + entries).
+    /// Creates a confusion from entries (place, seen as, probability) in any order, by index;
+    /// others are 0. O(places + entries).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
@@ -98,8 +98,8 @@ impl Confusion {
         Self::of(SparseTransition::compressed(places, entries))
     }
 
-    /// From weights (place, seen as, weight) of any scale, such as the numbers of times that a
-    /// place was seen as another: weights of the same pair are added up, and
+    /// Creates a confusion from weights (place, seen as, weight) of any scale, such as counts of
+    /// places seen as others: weights of the same pair are added up, and
     /// those of a place divided by their sum. O(places + weights).
     ///
     /// ```
@@ -124,8 +124,8 @@ impl Confusion {
         Self::of(SparseTransition::compressed_weights(places, weights))
     }
 
-    /// From what a matrix of p(to: seen | from: place) has for rows and columns: its columns
-    /// sum to one, as those of a transition do.
+    /// Builds a confusion from rows and columns of p(to: seen | from: place), whose columns sum to
+    /// one, as those of a transition do.
     fn of(
         lines: Result<(Compressed, Compressed), TransitionError>,
     ) -> Result<Self, ObservationError> {
@@ -141,7 +141,7 @@ impl Confusion {
         self.largest.len()
     }
 
-    /// How many probabilities are above 0.
+    /// The number of probabilities above 0.
     #[must_use]
     pub fn entries(&self) -> usize {
         self.by_seen.entries()
@@ -159,7 +159,7 @@ impl Confusion {
         Some(at.and_then(|at| self.by_place.line(place).nth(at)).map_or(0.0, |entry| entry.1))
     }
 
-    /// Something of each entry, place by place.
+    /// Maps each entry, place by place.
     #[cfg(feature = "serde")]
     pub(crate) fn entries_of<T>(&self, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
         let places = 0..self.places();
@@ -170,7 +170,7 @@ impl Confusion {
         entries.map(|(place, seen_as, p)| part(place, seen_as, p)).collect()
     }
 
-    /// From the parts of entries, as they are stored.
+    /// A confusion read from storage, checked.
     #[cfg(feature = "serde")]
     pub(crate) fn from_lists(
         places: usize,
@@ -188,8 +188,7 @@ impl Confusion {
             }
         }
         if place.len() < places {
-            // Before there is memory for each place, so that a wrong number of them does not
-            // take all that there is.
+            // Before any allocation, so that a wrong number of places does not exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
             return Err(ObservationError::Parameter { what, value, expected });
@@ -199,15 +198,15 @@ impl Confusion {
         Self::from_entries(places, entries)
     }
 
-    /// P_c(j | i) over all j.
+    /// Row i of the table: P_c(j | i) over all j.
     pub(super) fn row(&self, place: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.places()];
         self.by_place.line(place).for_each(|(seen, p)| row[seen] = p);
         row
     }
 
-    /// The sensor without Gaussian noise as a table, in which each step borrows what this
-    /// confusion writes out. O(n²), in memory too.
+    /// Converts to a table, a sensor without Gaussian noise whose steps borrow a column where this
+    /// confusion writes one. O(n²) time and memory.
     ///
     /// # Errors
     ///
@@ -218,7 +217,7 @@ impl Confusion {
     }
 }
 
-/// What is wrong with moves from places to what they are seen as, in words of sensors.
+/// Converts errors of a matrix of places and sightings to those of sensors.
 fn of_pairs(error: &TransitionError) -> ObservationError {
     match *error {
         TransitionError::Empty => TableError::Empty { states: 0, symbols: 0 }.into(),
@@ -244,7 +243,7 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
             value: count as f64,
             expected: "at most 2147483647",
         },
-        // Of the errors of sparse matrices, only the number of entries is left.
+        // The only other error of sparse matrices is the number of entries.
         _ => ObservationError::Parameter {
             what: "the number of entries",
             value: f64::INFINITY,

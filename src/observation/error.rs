@@ -38,7 +38,7 @@ pub enum ObservationError {
         place: usize,
         /// The place that it is seen as.
         seen_as: usize,
-        /// How many places there are.
+        /// The number of places.
         places: usize,
     },
     /// An entry of a confusion was given twice.
@@ -54,7 +54,7 @@ pub enum ObservationError {
         place: usize,
         /// The place that it is seen as.
         seen_as: usize,
-        /// What was found.
+        /// The weight given.
         value: f64,
     },
     /// No weight of a place is above 0.
@@ -62,7 +62,7 @@ pub enum ObservationError {
         /// The place, by index.
         place: usize,
     },
-    /// A row has not a distance for each reference.
+    /// A row does not have one distance for each reference.
     Distances {
         /// Distances given.
         found: usize,

@@ -84,9 +84,9 @@ impl SampleObservation for Confusion {
     }
 }
 
-/// What is never confused stays so.
+/// Learns the probabilities of the entries above 0; others stay 0.
 impl LearnLikelihood for Confusion {
-    /// Expected sightings, for each entry.
+    /// Expected number of sightings of each entry.
     type Statistics = Vec<f64>;
 
     fn statistics(&self) -> Vec<f64> {
@@ -114,7 +114,7 @@ impl LearnLikelihood for Confusion {
         let mut sums = vec![0.0; self.places()];
         counted.clone().for_each(|((place, ..), count)| sums[place] += count);
         let learned = counted.map(|((place, seen, p), count)| {
-            // A NaN is refused below.
+            // `from_entries` refuses NaN.
             let sum = sums[place];
             (place, seen, if sum < f64::MIN_POSITIVE { p } else { count / sum })
         });

@@ -31,7 +31,7 @@ stored! {
         states: usize = state.states,
         steps: usize = state.steps,
         tolerance: Option<f64> = match state.pruning.tolerance {
-            // (Below 0 it means what NaN does, and −∞.)
+            // NaN and −∞ mean the same as any value below 0.
             tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
             tolerance => Some(-1.0).filter(|_| tolerance.is_nan()),
         },
@@ -96,7 +96,7 @@ stored! {
     };
 }
 
-/// The value, or `None`, which formats without infinity have, too.
+/// A finite value, or `None`, for formats without infinity.
 fn finite(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }

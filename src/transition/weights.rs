@@ -6,11 +6,11 @@ use super::compressed::Compressed;
 use crate::error::TransitionError;
 
 impl SparseTransition {
-    /// From weights (to, from, weight) in any order: those of the same move are
+    /// Builds a matrix from weights (to, from, weight) in any order: those of the same move are
     /// added up, and those out of each state are divided by their sum, so that
-    /// columns sum to one. Each column has a scale of its own, as
+    /// columns sum to one. Each column may have a scale of its own, as in
     /// [`Belief::from_weights`](crate::Belief::from_weights): counts of drives,
-    /// frequencies, scores. What is not given is 0. O(n + weights).
+    /// frequencies, scores. Other entries are 0. O(n + weights).
     ///
     /// ```
     /// use wayfix::SparseTransition;
@@ -61,11 +61,11 @@ impl SparseTransition {
             }
         }
         check_count("weights", given.len())?;
-        // Twice transposed, what leads to one state is side by side.
+        // Transposed twice, so that weights of the same move are adjacent.
         let columns = Compressed::new(states, given.into_iter()).transposed().transposed();
         let mut moves: Vec<(usize, usize, f64)> = Vec::with_capacity(columns.entries());
         for from in 0..states {
-            // First by the largest, so that no sum overflows.
+            // Divided by the largest first, so that no sum overflows.
             let largest = columns.line(from).map(|weight| weight.1).fold(0.0, f64::max);
             if largest == 0.0 {
                 return Err(TransitionError::NoWeight { column: from });

@@ -13,6 +13,7 @@ use wayfix::{
 
 use crate::kit::{Kind, cases, models};
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as the smoother hands it over")]
 fn control(control: &usize, out: &mut Vec<u8>) {
     out.extend(vec![7; *control]);
 }

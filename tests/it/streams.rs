@@ -40,6 +40,7 @@ proptest! {
         let hmm = model.hmm(model.sparse());
         let (mut smoother, mut filter) = (hmm.fixed_lag(lag), hmm.filter());
         let mut both = Model { logs: Vec::new(), ..model.clone() };
+        #[expect(clippy::needless_range_loop, reason = "steps count from 1")]
         for k in 1..=model.steps() {
             let (control, y) = (k - 1, &model.logs[k - 1]);
             let by_update = k == 1 && model.at_first && first_by_update;
