@@ -39,13 +39,13 @@ stored! {
         active: Vec<usize> = state.belief.states,
         estimate: Vec<f64> = state.belief.estimate,
         lower: Vec<f64> = state.belief.lower,
-        excess: Vec<Option<f64>> = state.belief.excess.iter().map(finite).collect::<Vec<_>>(),
+        excess: Vec<Option<f64>> = state.belief.excess.iter().copied().map(finite).collect::<Vec<_>>(),
         others: [Option<f64>; 2] =
-            [finite(&state.belief.elsewhere), finite(&state.belief.outside)],
+            [finite(state.belief.elsewhere), finite(state.belief.outside)],
         bound: f64 = state.bound,
         log_likelihood: [f64; 2] = [state.log.sum, state.log.lost],
         log_excess: [Option<f64>; 2] =
-            [finite(&state.log_excess.sum), finite(&state.log_excess.lost)],
+            [finite(state.log_excess.sum), finite(state.log_excess.lost)],
         log_lost: bool = state.log_lost,
         share: f64 = state.share,
     } => {
@@ -72,7 +72,7 @@ stored! {
 
     [] OnlineViterbiState: [], |state| {
         steps: usize = state.steps,
-        scores: Vec<Option<f64>> = state.scores.iter().map(finite).collect::<Vec<_>>(),
+        scores: Vec<Option<f64>> = state.scores.iter().copied().map(finite).collect::<Vec<_>>(),
         taken_out: [f64; 3] = {
             let TakenOut { whole, factors } = &state.taken_out;
             [*whole, factors.sum, factors.lost]
@@ -96,6 +96,6 @@ stored! {
 }
 
 /// The value, or `None`, which formats without infinity have, too.
-fn finite(value: &f64) -> Option<f64> {
-    value.is_finite().then_some(*value)
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }
