@@ -192,7 +192,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "a function for map_err")]
-fn contents(reason: impl ToString) -> SnapshotError {
-    SnapshotError::Contents { reason: reason.to_string() }
+fn contents(reason: String) -> SnapshotError {
+    SnapshotError::Contents { reason }
 }
