@@ -139,7 +139,7 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
         let shift = if top.is_finite() { top } else { 0.0 };
         self.log_means(diagonal.logs(), shift, sums[0].values(places), pooled);
         let log_factor = diagonal.log_factor + shift;
-        Ok(Diagonal { values: Values::Log(pooled), log_factor, ..diagonal })
+        Ok(Diagonal { values: Values::Log(pooled), log_factor })
     }
 }
 

@@ -39,7 +39,7 @@ stored! {
         sensor: B = optional.sensor,
     } => optional(sensor);
 
-    [B1: Likelihood, B2: Likelihood] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
+    [B1: Likelihood<Observation: Sized>, B2: Likelihood<Observation: Sized>] FusedLikelihood<B1, B2>: [B1, B2], |fused| {
         first: B1 = fused.first,
         second: B2 = fused.second,
     } => Self::new(first, second);

@@ -6,8 +6,8 @@ use wayfix::{
     Belief, DenseTransition, DistanceTransition, DwellTransition, FusedLikelihood,
     GroupedLikelihood, Groups, Hmm, KroneckerTransition, Likelihood, LikelihoodVector,
     OffMapTransition, OptionalLikelihood, PooledLikelihood, PowerTransition, Prior,
-    RestartTransition, SparseLikelihood, SparseObservation, SparseTransition, SwitchedTransition, TableLikelihood,
-    TiedTransition, Transition, TransitionEntries,
+    RestartTransition, SparseLikelihood, SparseObservation, SparseTransition, SwitchedTransition,
+    TableLikelihood, TiedTransition, Transition, TransitionEntries,
 };
 
 use super::json_recognition::recognition;

@@ -70,7 +70,8 @@ fn the_format_is_as_documented() {
     assert_eq!(rows, r#"{"version":1,"rows":[[0.75,0.25],[0.5,0.5]]}"#);
     let optional = OptionalLikelihood::new(table);
     assert_eq!(json(&optional), format!(r#"{{"version":1,"sensor":{rows}}}"#));
-    let fused = FusedLikelihood::new(SparseLikelihood::new(2), LikelihoodVector::log(2)).unwrap();
+    let fused =
+        FusedLikelihood::new(SparseLikelihood::new(2), LikelihoodVector::log(2).owned()).unwrap();
     assert_eq!(
         json(&fused),
         r#"{"version":1,"first":{"version":1,"states":2},"second":{"version":1,"states":2,"log":true}}"#
