@@ -21,15 +21,15 @@ pub(super) struct Block {
     /// The normaliser of the step to each row, as
     /// [`Advanced`](super::held::Advanced) has it.
     normalisers: Vec<f64>,
-    /// Whether the step to each row was taken in logarithms.
-    by_logs: Vec<bool>,
+    /// Rows to which a step was taken in logarithms, ascending.
+    by_logs: Vec<usize>,
 }
 
 impl Block {
     pub(super) fn new(states: usize, steps: usize) -> Self {
         let rows = Rows::with_capacity(states, steps + 1);
-        let (normalisers, by_logs) = (vec![0.0; steps + 1], vec![false; steps + 1]);
-        Self { rows, logs: HashMap::new(), normalisers, by_logs }
+        let normalisers = vec![0.0; steps + 1];
+        Self { rows, logs: HashMap::new(), normalisers, by_logs: Vec::new() }
     }
 
     /// Runs a filter `steps` further and keeps all beliefs, beginning with the
@@ -48,13 +48,17 @@ impl Block {
     {
         self.rows.clear();
         self.logs.clear();
+        self.by_logs.clear();
         self.keep(0, filter);
         for row in 1..=steps {
             let step = filter.steps() + 1;
             let control = sequence.control(step);
             let advanced = filter.step_in_full(control, sequence.observation(step))?;
             each(advanced.log);
-            (self.normalisers[row], self.by_logs[row]) = (advanced.normalizer, advanced.by_logs);
+            self.normalisers[row] = advanced.normalizer;
+            if advanced.by_logs {
+                self.by_logs.push(row);
+            }
             self.keep(row, filter);
         }
         Ok(())
@@ -70,7 +74,7 @@ impl Block {
 
     /// Whether the step to a row was taken in logarithms.
     pub(super) fn by_logs(&self, row: usize) -> bool {
-        self.by_logs[row]
+        self.by_logs.binary_search(&row).is_ok()
     }
 
     /// What was seen on the way to a row, where `observation` is that of its
