@@ -73,10 +73,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Smooths a sequence of any length in O(n √T) memory, and passes each step to a visitor,
     /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
     ///
-    /// Equals [`smooth`](Self::smooth) to the bit (up to rounding, with up to eight states and no
-    /// control). Costs three products with A or A' a step in backward order and five in forward
-    /// order (two in either, if n T is below 65,536), and O(n); more where the sensor has to
-    /// compute its likelihoods.
+    /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
+    /// eight states and no control). Costs three products with A or A' a step in backward order
+    /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
+    /// the sensor has to compute its likelihoods.
     ///
     /// ```
     /// use wayfix::inference::Order;

@@ -60,9 +60,9 @@ impl FilteredSequence {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Filters a whole sequence: the forward pass (paper eq. 10), scaled.
     ///
-    /// Equals a [filter](Self::filter), to the bit; up to rounding, and many times as fast, for
-    /// more than 64 steps with up to eight states and no control. Costs one product with A and
-    /// O(n) a step; the result holds n (T + 1) numbers.
+    /// Results equal those of a [filter](Self::filter), to the bit; for more than 64 steps with
+    /// up to eight states and no control, up to rounding, and many times as fast. Costs one
+    /// product with A and O(n) a step; the result holds n (T + 1) numbers.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -9,7 +9,7 @@ use crate::transition::TransitionEntries;
 pub(super) struct Frontier {
     /// One more than the position of a state in the active set, or 0.
     places: Vec<u32>,
-    /// A bit for each candidate that the step reaches, not only wanted.
+    /// A bit for each candidate that the step reaches; those that are only wanted have none.
     reached: Vec<u64>,
     candidates: Vec<usize>,
 }

@@ -47,11 +47,11 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// Under [`Prior::BeforeFirstTransition`](crate::Prior::BeforeFirstTransition)
     /// the path starts at X_1, and X_0 is summed over.
     ///
-    /// Of several best paths it is the one with the lowest last state, then the lowest last but
-    /// one, and so on. Paths tie if their factors are the same, in any order and up to powers of
-    /// two, as long as none falls more than 2^256 behind on the way; log-likelihoods tie as far
-    /// as rounding lets them. Paths that differ by less than rounding (1e-14 a factor) may be
-    /// ranked either way. An empty sequence gives the empty path, with log-probability 0.
+    /// Ties go to the path with the lowest last state, then with the lowest last but one, and so
+    /// on. Paths tie if their factors are the same, in any order and up to powers of two, as long
+    /// as none falls more than 2^256 behind on the way; log-likelihoods tie as far as rounding
+    /// lets them. Paths that differ by less than rounding (1e-14 a factor) may be ranked either
+    /// way. An empty sequence gives the empty path, with log-probability 0.
     ///
     /// O(E) a step; 4 n T bytes for the backpointers.
     ///

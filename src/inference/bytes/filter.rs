@@ -6,8 +6,8 @@ use crate::error::SnapshotError;
 use crate::inference::FilterSnapshot;
 
 impl FilterSnapshot {
-    /// Returns the state as bytes: 8 for each possible state, one bit for each state, and some
-    /// 60. Needs no feature.
+    /// Returns the state as bytes: 8 for each possible state, one bit for each state, and about
+    /// 60 more. Needs no feature.
     ///
     /// ```
     /// # use wayfix::inference::FilterSnapshot;
