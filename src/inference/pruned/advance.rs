@@ -158,7 +158,7 @@ fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
     if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
 }
 
-/// Returns the product of two numbers, one of which may be infinite; 0 if one of them is.
+/// Returns the product of two numbers, one of which may be infinite; 0 if either is 0.
 #[inline]
 fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }

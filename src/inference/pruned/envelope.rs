@@ -94,9 +94,9 @@ impl Envelope {
         self.lower.iter().any(|p| *p > 0.0)
     }
 
-    /// Scales the sums of a step, counts their rounding, and drops states that are small or
-    /// more than `limit`; `ranked` is scratch memory. Returns the logarithm of the
-    /// divisor of the lower bounds.
+    /// Scales the sums of a step, counts their rounding, and drops small states and those beyond
+    /// the `limit` largest; `ranked` is scratch memory. Returns the logarithm of the divisor of
+    /// the lower bounds.
     pub(super) fn settle(
         &mut self,
         raw: &Raw,

@@ -11,7 +11,7 @@ const COLUMN: f64 = 1.0 + 1.1e-9;
 const GRID: f64 = 4e-14;
 /// Relative rounding error for each unit of the logarithm, and for four more.
 const ROUNDING: f64 = f64::EPSILON;
-/// Largest power of two by which entries out of active states may be below the largest entry.
+/// Largest exponent of two by which entries out of active states may be below the largest entry.
 const SPREAD: f64 = 500.0;
 /// Largest entry in linear form; above it, powers of two are taken out.
 const LARGEST: f64 = 1e30;

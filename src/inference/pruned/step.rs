@@ -24,7 +24,7 @@ const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
 pub(super) const LEAST_SHARE: f64 = 1e-30;
 /// Part of the tolerance from which on the bound makes steps drop less.
 const NEAR: f64 = 1e-3;
-/// Factors on the share from one step to the next: near the tolerance, and otherwise.
+/// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
 const LESS: f64 = 0.1;
 const MORE: f64 = 1.01;
 

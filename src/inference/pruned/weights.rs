@@ -2,8 +2,8 @@
 
 use crate::likelihood::Unlisted;
 
-/// Largest power of two by which the likelihood of a state to which the belief leads may be below
-/// the largest of all: the remaining range of `f64` then holds both.
+/// Largest exponent of two by which the likelihood of a state to which the belief leads may be
+/// below the largest of all: the remaining range of `f64` then holds both.
 const SPREAD: f64 = 500.0;
 /// Range of factors for which likelihoods are not scaled.
 const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
