@@ -14,8 +14,8 @@ use crate::kernels::{self, Aligned, LIFT};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
 
-/// Streaming filter: the distribution of the present state given all observations so far, p(X_k |
-/// y_1 … y_k) (paper eq. 8).
+/// Streaming filter: the distribution of the present state given all observations so far,
+/// p(X_k | y_1 … y_k) (paper eq. 8).
 ///
 /// Each step costs one product with A and O(n), and allocates nothing after the first (which may,
 /// if the sensor fills memory of its own). After an error the filter is as it was before the

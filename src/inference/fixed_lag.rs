@@ -284,8 +284,8 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// Takes one time step: prediction, update, and the way back through the window. Returns ln
-    /// p(y_k | y_1 … y_{k-1}).
+    /// Takes one time step: prediction, update, and the way back through the window. Returns
+    /// ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors
     ///
