@@ -24,7 +24,7 @@
 //! assert_eq!(map.hops_from(0), [Some(0), Some(1), Some(2)]);
 //!
 //! let turning = TurningProbabilities::by_rule(&map, &TurningRule::default())?;
-//! assert!((turning.get(1, 0) - 0.4).abs() < 1e-15); // two equal streets, and a probability of stopping
+//! assert!((turning.get(1, 0) - 0.4).abs() < 1e-15); // two equal streets, and stops
 //! let a = turning.into_transition();
 //! # let _: wayfix::SparseTransition = a;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
