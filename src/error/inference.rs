@@ -71,7 +71,7 @@ pub enum InferenceError {
         step: usize,
     },
     /// The predicted probabilities do not sum to one: the transition operator violates its
-    /// contract, or its product with the transpose does not match.
+    /// contract, or its products and entries are not those of one matrix.
     PredictedSum {
         /// The step, from 1.
         step: usize,
