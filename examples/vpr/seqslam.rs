@@ -89,8 +89,8 @@ impl SeqSlam {
         rows.flat_map(|row| (0..n).map(move |i| enhanced(row, i))).collect()
     }
 
-    /// Returns, for each step, the place at the end or in the middle of the best line. O(T × n ×
-    /// velocities × sequence).
+    /// Returns, for each step, the place at the end or in the middle of the best line.
+    /// O(T × n × velocities × sequence).
     fn answers(
         &self,
         recording: &Recording,

@@ -147,8 +147,8 @@ impl Confusion {
         self.by_seen.entries()
     }
 
-    /// Returns P_c(seen | place), by index, or `None` if a place does not exist. O(log entries of
-    /// the place).
+    /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
+    /// O(log entries of the place).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
         let places = self.places();

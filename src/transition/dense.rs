@@ -62,8 +62,8 @@ impl DenseTransition {
         Self::from_fn(rows.len(), |i, j| rows[i].as_ref()[j])
     }
 
-    /// Creates an operator from the rows of A, one after another in one slice: `matrix[i * n +
-    /// j]` = A\[i, j\] = p(to i | from j). O(n²).
+    /// Creates an operator from the rows of A, one after another in one slice:
+    /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
     ///
     /// # Errors
     ///

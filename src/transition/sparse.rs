@@ -119,8 +119,8 @@ impl SparseTransition {
         Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
     }
 
-    /// Creates an operator from the rows of A, including zeros: `rows[i][j]` = A\[i, j\] = p(to i
-    /// | from j), so that **columns** sum to one. O(n²).
+    /// Creates an operator from the rows of A, including zeros:
+    /// `rows[i][j]` = A\[i, j\] = p(to i | from j), so that **columns** sum to one. O(n²).
     ///
     /// ```
     /// use wayfix::SparseTransition;
@@ -148,8 +148,8 @@ impl SparseTransition {
         Self::from_triplets(rows.len(), entries.filter(|entry| entry.2 != 0.0))
     }
 
-    /// Creates an operator from the rows of A, one after another in one slice: `matrix[i * n +
-    /// j]` = A\[i, j\] = p(to i | from j). O(n²).
+    /// Creates an operator from the rows of A, one after another in one slice:
+    /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
     ///
     /// # Errors
     ///
@@ -163,8 +163,8 @@ impl SparseTransition {
     }
 
     /// Creates an operator from any other one without a control, with one product per state.
-    /// Useful for frequent decoding with an operator whose entries are expensive. O(n · (a
-    /// product) + n log n + entries).
+    /// Useful for frequent decoding with an operator whose entries are expensive.
+    /// O(n · (a product) + n log n + entries).
     ///
     /// # Errors
     ///
@@ -225,8 +225,8 @@ impl SparseTransition {
         self.rows.entries()
     }
 
-    /// Returns A\[to, from\], or 0 if the entry is not stored or a state does not exist. O(log
-    /// entries of the row).
+    /// Returns A\[to, from\], or 0 if the entry is not stored or a state does not exist.
+    /// O(log entries of the row).
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
         let states = self.states();
