@@ -163,7 +163,7 @@ impl Error for InferenceError {
     }
 }
 
-/// A sequence of several that failed, with the cause.
+/// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
 pub struct SequenceError {
     /// Index of the sequence, from 0.

@@ -173,7 +173,7 @@ pub enum TransitionError {
     },
     /// There are more states or entries than 32-bit indices can address.
     TooMany {
-        /// "states" or "entries".
+        /// Name of the counted items, such as "states" or "entries".
         what: &'static str,
         /// Number found.
         count: usize,
