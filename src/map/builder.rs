@@ -1,4 +1,4 @@
-//! A map in the making.
+//! Step-by-step construction of a map.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -7,27 +7,27 @@ use super::road_map::Adjacency;
 use super::{CleaningReport, Coordinates, DroppedPlace, DroppedRoad};
 use super::{MapError, Place, Road, RoadMap};
 
-/// Takes places, then roads, and checks each as it comes, so that a reader of
-/// files can tell the line.
+/// Builder of a map from places, then roads. Each is checked as it is added, so that a reader of
+/// files can name the line.
 #[derive(Debug)]
 pub(super) struct Builder<P> {
     places: Vec<Place<P>>,
     indices: HashMap<u64, u32>,
-    /// With the number of each among those given.
+    /// Index of each road in the order given, with the road.
     roads: HashMap<(u32, u32), (usize, Road)>,
     report: CleaningReport,
-    /// Whether what may be dropped is dropped, and not an error.
+    /// True if repeated places, parallel roads and loops are dropped and reported, not errors.
     cleans: bool,
 }
 
 impl<P: Coordinates> Builder<P> {
-    /// Whatever is wrong is an error.
+    /// Returns a builder that drops nothing: all defects are errors.
     pub(super) fn strict() -> Self {
         let (places, report) = (Vec::new(), CleaningReport::default());
         Self { places, indices: HashMap::new(), roads: HashMap::new(), report, cleans: false }
     }
 
-    /// What is there twice or leads nowhere is dropped.
+    /// Returns a builder that drops repeated places, parallel roads and loops.
     pub(super) fn cleaning() -> Self {
         Self { cleans: true, ..Self::strict() }
     }
@@ -57,7 +57,7 @@ impl<P: Coordinates> Builder<P> {
         Ok(())
     }
 
-    /// A road as long as the straight line.
+    /// Adds a road as long as the straight line between its ends.
     #[cfg(feature = "csv")]
     pub(super) fn straight(
         &mut self,
@@ -125,7 +125,7 @@ impl<P: Coordinates> Builder<P> {
         pairs.sort_unstable();
         let incoming = Adjacency::new(places.len(), &pairs);
         let roads = sorted.into_iter().map(|road| road.1).collect();
-        // A road that was kept for a while is dropped after later ones.
+        // Parallel roads are found out of order when a later, shorter one replaces the kept road.
         report.parallel.sort_unstable_by_key(|dropped| dropped.index);
         Ok((RoadMap { places, indices, roads, outgoing, incoming }, report))
     }

@@ -1,4 +1,4 @@
-//! The discrete part of the sensor, P_c.
+//! Confusion of places, the discrete part P_c of the sensor.
 
 use super::ObservationError;
 use crate::error::{TableError, TransitionError};
@@ -6,42 +6,41 @@ use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
 use crate::transition::{Compressed, SparseTransition};
 
-/// P_c: a place is seen as itself, or mistaken for a few others.
+/// Confusion probabilities P_c: a place is observed as itself, or mistaken for a few others.
 ///
-/// [From a map](Self::new) it is mistaken for the places that a road joins with it (in
-/// either direction), and for no other (paper section II-B). Each neighbour takes the same
-/// share q of a place's probability, so that a busy junction is harder to tell from its
-/// neighbours than a quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours.
-/// The share is chosen so that the mean of P_c(i | i) over all places is the one asked for;
-/// in the paper that is 0.7. Measured confusions are taken by
-/// [`from_entries`](Self::from_entries) and [`from_weights`](Self::from_weights).
+/// [From a map](Self::new), a place is mistaken for the places joined to it by a road (in either
+/// direction), and for no other (paper section II-B). Each neighbour takes the same share q of a
+/// place's probability, so that a busy junction is harder to tell from its neighbours than a
+/// quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours. The share is chosen so
+/// that the mean of P_c(i | i) over all places is the one asked for, 0.7 in the paper. Measured
+/// confusions are given to [`from_entries`](Self::from_entries) or
+/// [`from_weights`](Self::from_weights).
 ///
-/// Only probabilities above 0 are stored, in 24 bytes an entry and 24 a place: 100,000 places
-/// with a few confusions each take some megabytes. A confusion is a sensor, a
-/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is
-/// seen; each step costs O(n), and O(states asked + places seen as this one) in pruned
-/// routines. A sensor with [Gaussian noise](Self::with_gaussian), as a
-/// [table](Self::into_table), holds n² numbers: for up to some thousands of places. See the
-/// [module](super) for an example.
+/// Only entries above 0 are stored, in 24 bytes an entry and 24 a place: 100,000 places with a
+/// few confusions each take some megabytes. A confusion is itself a sensor, a
+/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is seen; a
+/// step costs O(n), or O(states asked + places seen as this one) in pruned algorithms. A sensor
+/// with [Gaussian noise](Self::with_gaussian), as a [table](Self::into_table), holds n² numbers:
+/// for up to some thousands of places. See the [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
-    /// P_c(j | i) at line j and index i.
+    /// P_c(j | i) in line j at index i.
     pub(super) by_seen: Compressed,
-    /// P_c(j | i) at line i and index j.
+    /// P_c(j | i) in line i at index j.
     pub(super) by_place: Compressed,
-    /// The largest P_c(j | i) over i, for each j.
+    /// Largest P_c(j | i) over i, for each j.
     pub(super) largest: Vec<f64>,
 }
 
 impl Confusion {
-    /// Creates the confusion of the places of a map, with this mean probability of a
-    /// correct observation. O((places + roads) log).
+    /// Creates the confusion of the places of a map, with the given mean probability of a correct
+    /// observation. O((places + roads) log).
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is
-    /// below 1 and no place has a neighbour, or if a place has so many
-    /// neighbours that no probability would be left for itself.
+    /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is below 1 and no
+    /// place has a neighbour, or if a place has so many neighbours that no probability is left
+    /// for itself.
     pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
             return Err(ObservationError::Parameter {
@@ -70,13 +69,13 @@ impl Confusion {
         Self::from_entries(n, entries)
     }
 
-    /// Creates a confusion from entries (place, seen as, probability) in any order, by index;
-    /// others are 0. O(places + entries).
+    /// Creates a confusion from entries (place, seen as, probability) by index, in any order.
+    /// Missing entries are 0. O(places + entries).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
     ///
-    /// // Aisles 0 and 1 look alike; aisle 2 is never mistaken.
+    /// // Aisles 0 and 1 look alike; aisle 2 is never confused.
     /// let entries = [(0, 0, 0.8), (0, 1, 0.2), (1, 1, 0.9), (1, 0, 0.1), (2, 2, 1.0)];
     /// let confusion = Confusion::from_entries(3, entries)?;
     /// assert_eq!(confusion.probability(0, 1), Some(0.2));
@@ -99,8 +98,8 @@ impl Confusion {
     }
 
     /// Creates a confusion from weights (place, seen as, weight) of any scale, such as counts of
-    /// places seen as others: weights of the same pair are added up, and
-    /// those of a place divided by their sum. O(places + weights).
+    /// how often a place was seen as another. Weights of the same pair are added, and those of a
+    /// place are divided by their sum. O(places + weights).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
@@ -124,8 +123,8 @@ impl Confusion {
         Self::of(SparseTransition::compressed_weights(places, weights))
     }
 
-    /// Builds a confusion from rows and columns of p(to: seen | from: place), whose columns sum to
-    /// one, as those of a transition do.
+    /// Creates a confusion from the rows and columns of a matrix of p(to: seen | from: place),
+    /// whose columns sum to one, as those of a transition matrix.
     fn of(
         lines: Result<(Compressed, Compressed), TransitionError>,
     ) -> Result<Self, ObservationError> {
@@ -135,19 +134,19 @@ impl Confusion {
         Ok(Self { by_seen, by_place, largest })
     }
 
-    /// The number of places.
+    /// Number of places.
     #[must_use]
     pub fn places(&self) -> usize {
         self.largest.len()
     }
 
-    /// The number of probabilities above 0.
+    /// Number of probabilities above 0.
     #[must_use]
     pub fn entries(&self) -> usize {
         self.by_seen.entries()
     }
 
-    /// P_c(seen | place), by index, or `None` where there is no such place.
+    /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
     /// O(log entries of the place).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
@@ -159,7 +158,7 @@ impl Confusion {
         Some(at.and_then(|at| self.by_place.line(place).nth(at)).map_or(0.0, |entry| entry.1))
     }
 
-    /// Maps each entry, place by place.
+    /// Maps each entry (place, seen as, probability), in the order of the places.
     #[cfg(feature = "serde")]
     pub(crate) fn entries_of<T>(&self, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
         let places = 0..self.places();
@@ -170,7 +169,7 @@ impl Confusion {
         entries.map(|(place, seen_as, p)| part(place, seen_as, p)).collect()
     }
 
-    /// A confusion read from storage, checked.
+    /// Creates a confusion from a stored list of entries, given as one slice per component.
     #[cfg(feature = "serde")]
     pub(crate) fn from_lists(
         places: usize,
@@ -188,7 +187,8 @@ impl Confusion {
             }
         }
         if place.len() < places {
-            // Before any allocation, so that a wrong number of places does not exhaust memory.
+            // Checked before anything is allocated per place, so that a wrong number cannot
+            // exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
             return Err(ObservationError::Parameter { what, value, expected });
@@ -205,8 +205,8 @@ impl Confusion {
         row
     }
 
-    /// Converts to a table, a sensor without Gaussian noise whose steps borrow a column where this
-    /// confusion writes one. O(n²) time and memory.
+    /// Converts to a table without Gaussian noise, from which each step borrows its diagonal
+    /// instead of writing it. O(n²) time and memory.
     ///
     /// # Errors
     ///
@@ -217,7 +217,7 @@ impl Confusion {
     }
 }
 
-/// Converts errors of a matrix of places and sightings to those of sensors.
+/// Converts an error of the underlying sparse matrix to terms of places.
 fn of_pairs(error: &TransitionError) -> ObservationError {
     match *error {
         TransitionError::Empty => TableError::Empty { states: 0, symbols: 0 }.into(),
@@ -243,7 +243,7 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
             value: count as f64,
             expected: "at most 2147483647",
         },
-        // The only other error of sparse matrices is the number of entries.
+        // Only the error of too many entries is left.
         _ => ObservationError::Parameter {
             what: "the number of entries",
             value: f64::INFINITY,
