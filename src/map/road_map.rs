@@ -4,8 +4,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-use super::builder::Builder;
-use super::{CleaningReport, Coordinates, MapError, Position};
+use super::{Coordinates, Position};
 
 /// A place: a state of the model that has a position, on Earth or in a plane (see
 /// [`Coordinates`]).
@@ -118,76 +117,6 @@ impl Adjacency {
 
     pub(super) fn of(&self, place: usize) -> &[u32] {
         &self.ends[self.range(place)]
-    }
-}
-
-impl<P: Coordinates> RoadMap<P> {
-    /// Creates a map from places and the roads between them, in any order. O((places + roads)
-    /// log).
-    ///
-    /// # Errors
-    ///
-    /// [`MapError`] for no places, an id given twice, a position that is not
-    /// on Earth or in the plane, a road given twice or to itself, a road from or to a
-    /// place that does not exist, or a length that is not above 0.
-    pub fn new(
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<Self, MapError> {
-        Self::built(Builder::strict(), places, roads).map(|built| built.0)
-    }
-
-    /// Creates a map from raw data: as [`new`](Self::new), but duplicates and loops are dropped
-    /// and reported.
-    ///
-    /// - Of parallel roads, which lead from the same place to the same other one, the shortest is
-    ///   kept; of equally short ones, the first.
-    /// - Roads from a place to itself are dropped, whatever their length.
-    /// - Places with the id and the position of an earlier one are dropped.
-    ///
-    /// ```
-    /// use wayfix::map::{Place, Position, Road, RoadClass, RoadMap};
-    ///
-    /// let place = |id, latitude| Place {
-    ///     id,
-    ///     position: Position { latitude, longitude: 149.13 },
-    ///     name: String::new(),
-    /// };
-    /// let road = |from, to, metres| Road { from, to, class: RoadClass::Street, metres };
-    /// let (map, report) = RoadMap::cleaned(
-    ///     [place(1, -35.280), place(2, -35.281)],
-    ///     [road(1, 2, 130.0), road(2, 2, 40.0), road(1, 2, 112.0), road(2, 1, 112.0)],
-    /// )?;
-    /// assert_eq!(map.roads(), [road(1, 2, 112.0), road(2, 1, 112.0)]);
-    /// assert_eq!(report.parallel_roads()[0].index, 0);
-    /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
-    /// assert_eq!(
-    ///     report.to_string(),
-    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (1 parallel, 1 loops)"
-    /// );
-    /// # Ok::<(), wayfix::map::MapError>(())
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// [`MapError`] for defects that dropping cannot repair: no places, an id given to two
-    /// positions, a position that is not on Earth or in the plane, a road from or to a place that
-    /// does not exist, or a length that is not above 0.
-    pub fn cleaned(
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<(Self, CleaningReport), MapError> {
-        Self::built(Builder::cleaning(), places, roads)
-    }
-
-    fn built(
-        mut builder: Builder<P>,
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<(Self, CleaningReport), MapError> {
-        places.into_iter().try_for_each(|place| builder.place(place))?;
-        roads.into_iter().try_for_each(|road| builder.road(road))?;
-        builder.build()
     }
 }
 

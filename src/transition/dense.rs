@@ -2,12 +2,10 @@
 
 use std::sync::OnceLock;
 
-use super::sparse::LEAST_PLAIN;
-use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
+use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
-use crate::kernels::{self, Dense, DenseLogs};
+use crate::kernels::{Dense, DenseLogs};
 
 /// A dense transition matrix, stored by columns.
 ///
@@ -28,11 +26,11 @@ use crate::kernels::{self, Dense, DenseLogs};
 /// ```
 #[derive(Debug, Clone)]
 pub struct DenseTransition {
-    matrix: Dense,
+    pub(super) matrix: Dense,
     /// True if all entries above 0 are at least 2^-100.
     pub(super) plain: bool,
     /// log2 of the entries, computed by the first decoding.
-    log2: OnceLock<DenseLogs>,
+    pub(super) log2: OnceLock<DenseLogs>,
 }
 
 impl DenseTransition {
@@ -123,14 +121,14 @@ impl DenseTransition {
     #[cfg(feature = "faer")]
     #[must_use]
     pub fn as_faer(&self) -> faer::MatRef<'_, f64> {
-        let (n, matrix) = (self.states(), &self.matrix);
+        let (n, matrix) = (self.matrix.states(), &self.matrix);
         faer::MatRef::from_column_major_slice_with_stride(matrix.values(), n, n, matrix.stride())
     }
 
     /// Returns A\[to, from\], or 0 if a state does not exist.
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
-        let n = self.states();
+        let n = self.matrix.states();
         if to < n && from < n { self.matrix.column(from)[to] } else { 0.0 }
     }
 
@@ -141,99 +139,20 @@ impl DenseTransition {
     }
 
     /// Entries above 0 of a row.
-    fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        assert!(to < self.states(), "there is no state {to}");
+    pub(super) fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        assert!(to < self.matrix.states(), "there is no state {to}");
         let row = self.matrix.values()[to..].iter().step_by(self.matrix.stride()).copied();
         row.enumerate().filter(|entry| entry.1 > 0.0)
     }
 
     /// Entries above 0 of a column.
-    fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+    pub(super) fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         self.matrix.column(from).iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
     }
 
     /// Entries A\[i, j\], column by column.
     #[cfg(feature = "serde")]
     pub(crate) fn values(&self) -> Vec<f64> {
-        (0..self.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
+        (0..self.matrix.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
     }
-
-    fn check_slices(&self, x: &[f64], out: &[f64]) {
-        super::check_slices(self.states(), x, out);
-    }
-}
-
-impl Transition for DenseTransition {
-    type Control = ();
-
-    fn states(&self) -> usize {
-        self.matrix.states()
-    }
-
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.check_slices(x, out);
-        self.matrix.multiply(x, out);
-    }
-
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.check_slices(x, out);
-        self.matrix.multiply_transpose(x, out);
-    }
-
-    fn stored(&self, (): &()) -> Option<Stored<'_>> {
-        Some(Stored::dense(self))
-    }
-
-    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.row(i), x);
-        }
-    }
-
-    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.column(j), x);
-        }
-    }
-}
-
-impl TransitionEntries for DenseTransition {
-    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.row(to)
-    }
-
-    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.column(from)
-    }
-
-    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.check_slices(x, out);
-        let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
-        let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
-        log2.maximize(x, out, from);
-    }
-}
-
-/// Checks that there is at least one row, and that each has as many values as there are rows.
-pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
-    let expected = rows.len();
-    if expected == 0 {
-        return Err(TransitionError::Empty);
-    }
-    let lengths = rows.iter().map(|row| row.as_ref().len()).enumerate();
-    match lengths.into_iter().find(|(_, found)| *found != expected) {
-        Some((row, found)) => Err(TransitionError::RowLength { row, found, expected }),
-        None => Ok(()),
-    }
-}
-
-/// Checks that a slice has n × n values, with n above 0.
-pub(super) fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
-    if states == 0 {
-        return Err(TransitionError::Empty);
-    }
-    if states.checked_mul(states) != Some(found) {
-        return Err(TransitionError::WrongLength { states, found });
-    }
-    Ok(())
 }

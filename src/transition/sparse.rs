@@ -3,14 +3,10 @@
 use std::sync::OnceLock;
 
 use super::compressed::Compressed;
-use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
+use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
-
-/// 2^-100, the least entry with which products of beliefs keep full precision.
-pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
@@ -139,7 +135,7 @@ impl SparseTransition {
     /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
     /// [`TransitionError::RowLength`] for a row that does not have n values.
     pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TransitionError> {
-        super::dense::check_rows(rows)?;
+        check_rows(rows)?;
         let entries = rows
             .iter()
             .enumerate()
@@ -156,34 +152,10 @@ impl SparseTransition {
     /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
     /// [`TransitionError::WrongLength`] unless there are n × n values.
     pub fn from_row_major(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
-        super::dense::check_square(states, matrix.len())?;
+        check_square(states, matrix.len())?;
         // Zeros are skipped first, so that no memory is reserved for them.
         let entries = matrix.iter().enumerate().filter(|entry| *entry.1 != 0.0);
         Self::from_triplets(states, entries.map(|(at, &p)| (at / states, at % states, p)))
-    }
-
-    /// Creates an operator from any other one without a control, with one product per state.
-    /// Useful for frequent decoding with an operator whose entries are expensive.
-    /// O(n · (a product) + n log n + entries).
-    ///
-    /// # Errors
-    ///
-    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets).
-    pub fn from_operator<A>(operator: &A) -> Result<Self, TransitionError>
-    where
-        A: Transition<Control = ()> + ?Sized,
-    {
-        let n = operator.states();
-        let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
-        let mut entries = Vec::new();
-        for from in 0..n {
-            unit[from] = 1.0;
-            operator.apply(&(), &unit, &mut column);
-            unit[from] = 0.0;
-            let reached = column.iter().enumerate().filter(|(_, value)| **value != 0.0);
-            entries.extend(reached.map(|(to, &value)| (to, from, value)));
-        }
-        Self::from_triplets(n, entries)
     }
 
     /// Creates an operator from a dense faer view of A (columns sum to one). O(n²).
@@ -229,7 +201,7 @@ impl SparseTransition {
     /// O(log entries of the row).
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
-        let states = self.states();
+        let states = self.rows.lines();
         if to >= states || from >= states {
             return 0.0;
         }
@@ -254,51 +226,5 @@ impl SparseTransition {
     ) -> f64 {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
         maximize(Maximize { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
-    }
-}
-
-impl Transition for SparseTransition {
-    type Control = ();
-
-    fn states(&self) -> usize {
-        self.rows.lines()
-    }
-
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.sliced_rows.multiply(x, out);
-    }
-
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.sliced_columns.multiply(x, out);
-    }
-
-    fn stored(&self, (): &()) -> Option<Stored<'_>> {
-        Some(Stored::sparse(self))
-    }
-
-    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.rows.line(i), x);
-        }
-    }
-
-    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.columns.line(j), x);
-        }
-    }
-}
-
-impl TransitionEntries for SparseTransition {
-    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.rows.line(to)
-    }
-
-    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.columns.line(from)
-    }
-
-    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.maximize(x, None, out, from);
     }
 }

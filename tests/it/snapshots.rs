@@ -219,9 +219,9 @@ fn states_that_are_ruled_out_take_a_bit() {
     let hmm = ring(n);
     let mut filter = hmm.filter();
     (0..3).for_each(|_| _ = filter.step(&vec![0.5; n][..]).unwrap());
-    // Three states, a bit for each, three numbers of steps and sums, two lengths, and the
+    // Three states, a bit for each, four numbers of steps and sums, two lengths, and the
     // ends.
-    let expected = 8 * (3 + n.div_ceil(64) + 3 + 2 + 2);
+    let expected = 8 * (3 + n.div_ceil(64) + 4 + 2 + 2);
     assert_eq!(filter.snapshot().to_bytes().len(), expected);
     let mut pruned = hmm.pruned_filter(Pruning::default());
     (0..3).for_each(|_| _ = pruned.step(&vec![0.5; n][..]).unwrap());
@@ -273,7 +273,7 @@ fn bytes_of_something_else_say_what_they_are() {
     refused(&sealed([within, &[0; 3]].concat()), "3 bytes after the snapshot, expected 0");
     // A length that no memory holds.
     let mut long = within.to_vec();
-    long[32..40].copy_from_slice(&(1_u64 << 60).to_le_bytes());
+    long[40..48].copy_from_slice(&(1_u64 << 60).to_le_bytes());
     assert!(matches!(FilterSnapshot::from_bytes(&sealed(long)), Err(SnapshotError::Length { .. })));
     let mut smoother = hmm.fixed_lag(2);
     (0..3).for_each(|_| _ = smoother.step(&[0.5; 20]).unwrap());
