@@ -22,7 +22,6 @@ use crate::transition::{Compressed, SparseTransition};
 /// step costs O(n), or O(states asked + places seen as this one) in pruned algorithms. A sensor
 /// with [Gaussian noise](Self::with_gaussian), as a [table](Self::into_table), holds n² numbers:
 /// for up to some thousands of places. See the [module](super) for an example.
-/// [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
     /// P_c(j | i) in line j at index i.
