@@ -22,7 +22,7 @@ use crate::transition::{NoControl, Transition};
 /// smoother does, and gives, but for rounding, what [`Hmm::smooth`] would of the
 /// observations so far. A step costs one product for the filter and two for
 /// each step of the window, O(L) products in all; memory is 2 n (L + 1) numbers.
-/// Once the window is full, nothing is allocated. After an error it is as it was
+/// Once the window is full, steps and updates allocate nothing. After an error it is as it was
 /// before the call.
 ///
 /// `M` is how the model is held, as for [`Filter`].

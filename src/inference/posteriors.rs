@@ -86,12 +86,14 @@ impl Posteriors {
     /// assert_eq!(posteriors.iter().next(), posteriors.get(1));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    #[must_use]
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
         self.rows(1)
     }
 
     /// The distributions of steps 0 to T, in order: T + 1 of them, the first of
     /// which is that of X_0.
+    #[must_use]
     pub fn with_start(
         &self,
     ) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {

@@ -198,7 +198,7 @@ impl Confusion {
         Self::from_entries(places, entries)
     }
 
-    /// P_c(j | i) over all j.
+    /// Row i of the table: P_c(j | i) over all j.
     pub(super) fn row(&self, place: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.places()];
         self.by_place.line(place).for_each(|(seen, p)| row[seen] = p);

@@ -14,9 +14,7 @@ use wayfix::{
     TableLikelihood, Transition, evaluate,
 };
 
-#[cfg(feature = "csv")]
-use crate::kit::text;
-use crate::kit::{says, still};
+use crate::kit::{says, still, text};
 
 #[test]
 fn transitions() {

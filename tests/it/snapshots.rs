@@ -13,8 +13,8 @@ use wayfix::{
 
 use crate::kit::{Kind, cases, models};
 
-fn control(control: &usize, out: &mut Vec<u8>) {
-    out.extend(vec![7; *control]);
+fn control(control: usize, out: &mut Vec<u8>) {
+    out.extend(vec![7; control]);
 }
 
 fn its_control(bytes: &[u8]) -> Option<usize> {
@@ -49,10 +49,10 @@ proptest! {
             let state = FilterSnapshot::from_bytes(&bytes).unwrap();
             prop_assert_eq!(&state, &filter.snapshot());
             prop_assert_eq!(state.to_bytes(), bytes);
-            let bytes = smoother.snapshot().to_bytes_with(control);
+            let bytes = smoother.snapshot().to_bytes_with(|u, out| control(*u, out));
             let state = FixedLagSnapshot::from_bytes_with(&bytes, its_control).unwrap();
             prop_assert_eq!(&state, &smoother.snapshot());
-            prop_assert_eq!(state.to_bytes_with(control), bytes);
+            prop_assert_eq!(state.to_bytes_with(|u, out| control(*u, out)), bytes);
             if filter.step_with(&k, &model.logs[k]).is_err() {
                 break;
             }
@@ -125,7 +125,7 @@ proptest! {
         for k in 0..=model.steps() {
             for (kind, bytes) in [
                 filter.snapshot().to_bytes(),
-                smoother.snapshot().to_bytes_with(control),
+                smoother.snapshot().to_bytes_with(|u, out| control(*u, out)),
                 decoder.snapshot().to_bytes(),
                 pruned.snapshot().to_bytes(),
             ].into_iter().enumerate() {

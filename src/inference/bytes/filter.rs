@@ -63,7 +63,8 @@ impl FilterSnapshot {
     pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
         let steps = [reader.integer()?, reader.integer()?];
         let log_likelihood = reader.log_sum()?;
-        let belief = Belief::new(reader.doubles(0.0)?).map_err(contents)?;
+        let belief =
+            Belief::new(reader.doubles(0.0)?).map_err(|error| contents(error.to_string()))?;
         let logs = Some(reader.doubles(f64::NEG_INFINITY)?).filter(|logs| !logs.is_empty());
         Self::checked(steps, belief, logs, log_likelihood).map_err(contents)
     }

@@ -192,6 +192,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn contents(reason: impl ToString) -> SnapshotError {
-    SnapshotError::Contents { reason: reason.to_string() }
+fn contents(reason: String) -> SnapshotError {
+    SnapshotError::Contents { reason }
 }

@@ -14,6 +14,13 @@ use weights::{Way, Weights, nearest};
 /// A sparse operator whose moves have lengths, with the distance driven as evidence: at a
 /// junction, a vehicle that has driven 200 m took the road of that length.
 ///
+/// **Not for steps that are short against the roads.** A step starts and ends at places. If a
+/// vehicle is sampled several times between two places, as by a GPS tick each second on roads
+/// of 200 m, no move has the distance of a step, and the belief becomes sure of wrong places
+/// (in 6,000 such ticks, above 0.9 in 5,841 and right in 2,645). Step when a place is reached,
+/// with the distance since the last one, or put places along the roads, no farther apart than
+/// a step leads.
+///
 /// The control of a step is an `Option<OdometryReading>`: a distance d with its
 /// variance s², in the unit of the lengths (metres, on a map), which is
 /// [evidence on the move](Transition::evidence). With B for the
