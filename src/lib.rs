@@ -76,7 +76,7 @@
 //! | [`recognition`] | place recognition by images, from references and queries to answers, live and afterwards |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
-//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors) |
+//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), [from hmmlearn](guide::from_hmmlearn) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With

@@ -275,7 +275,7 @@ impl fmt::Display for TransitionError {
                 f,
                 "the {part} has {found} states, expected {expected} as the operator within"
             ),
-            Self::Control(value) => write!(f, "unknown control: {value}"),
+            Self::Control(reason) => f.write_str(reason),
         }
     }
 }

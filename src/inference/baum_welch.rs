@@ -153,6 +153,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Learns prior, transitions and sensor from sequences of observations, of any lengths:
     /// Baum–Welch, from this model to a local maximum.
     ///
+    /// States that are alike in this model (equal rows of the table, equal moves) stay alike: start
+    /// from different ones, or from several random models, and keep the one with the highest
+    /// [`log_likelihood`](LearnedModel::log_likelihood).
+    ///
     /// Sequences that this model rules out are excluded: [`LearnedModel::left_out`] names them.
     ///
     /// Structure is kept: probabilities of 0 stay 0. Parts that must not be learned are wrapped

@@ -188,6 +188,11 @@ where
     /// step, or after [`predict`](Self::predict). Returns the logarithm of its probability given
     /// all before.
     ///
+    /// A sensor of another kind is a part of the model: a
+    /// [`FusedLikelihood`](crate::FusedLikelihood) of two
+    /// [`OptionalLikelihood`](crate::OptionalLikelihood)s, with `step(&(Some(camera), None))` and
+    /// then `update(&(None, Some(position)))`.
+    ///
     /// Before any step, it is an observation of X_0, and errors call it step 0; but under
     /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
     ///
@@ -290,7 +295,8 @@ where
         state.logs.clone_from(&self.logs);
     }
 
-    /// Restores a snapshot, of this filter or another. Allocates nothing.
+    /// Restores a snapshot, of this filter or another. Allocates nothing. Only the number of states
+    /// is compared: keep a version of the model beside snapshots that outlive it.
     ///
     /// # Errors
     ///

@@ -21,7 +21,8 @@ use crate::transition::{NoControl, TransitionEntries};
 /// the path of [`Hmm::viterbi`]. A step costs one max-product and O(n) on
 /// average; memory is 8 n bytes for each undecided step, of which there may be
 /// many if two paths stay apart. After an error it is as it was before the
-/// call.
+/// call. It has neither `update` nor `relocate`, which would change paths already committed:
+/// fuse the sensors of a step in the model, and start another decoder after a relocation.
 ///
 /// `M` is a pointer to the model, as for [`Filter`](crate::Filter).
 ///
@@ -142,6 +143,12 @@ where
             state = level.from[state] as usize;
         }
         states
+    }
+
+    /// Number of steps not yet committed.
+    #[must_use]
+    pub fn undecided_len(&self) -> usize {
+        self.levels.len()
     }
 
     /// Log-probability ln p(path, y_1 … y_k) of the best path so far; 0 before any step.

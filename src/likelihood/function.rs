@@ -8,7 +8,10 @@ use crate::error::LikelihoodError;
 
 /// A sensor given by the function ln p(y | state) of observation and state.
 ///
-/// The function is called once per state and step.
+/// The function is called once per state and step. If readings are sometimes wrong altogether, let
+/// it have a floor: `((-0.5 * z * z).exp() + 1e-6).ln()` for a Gaussian, since otherwise one wild
+/// reading outweighs all before it. In a struct, name the type with a function pointer,
+/// `LogLikelihoodFn<fn(&f64, usize) -> f64, f64>`.
 ///
 /// ```
 /// use wayfix::likelihood::LogLikelihoodFn;

@@ -10,6 +10,7 @@
 //! | likelihoods, or their logarithms, computed elsewhere | [`LikelihoodVector`] |
 //! | likelihoods of a few states among many | [`SparseLikelihood`], with [`SparseObservation`] |
 //! | a function of observation and state | [`LogLikelihoodFn`] |
+//! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
 //! | several sensors | [`FusedLikelihood`] |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |

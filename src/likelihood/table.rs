@@ -124,6 +124,13 @@ impl TableLikelihood {
         Ok(Belief::known(columns.map(|column| kernels::dot(column, belief.values())).collect()))
     }
 
+    /// Returns the rows, as [`from_rows`](Self::from_rows) takes them. O(n m).
+    #[must_use]
+    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+        let row = |state| self.columns[state..].iter().step_by(self.states).copied().collect();
+        (0..self.states).map(row).collect()
+    }
+
     /// Returns p(symbol | state), or `None` if the state or symbol does not exist.
     #[must_use]
     pub fn probability(&self, state: usize, symbol: usize) -> Option<f64> {

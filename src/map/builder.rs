@@ -173,7 +173,7 @@ impl<P: Coordinates> RoadMap<P> {
     /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
     /// assert_eq!(
     ///     report.to_string(),
-    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (1 parallel, 1 loops)"
+    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (parallel: 1, loops: 1)"
     /// );
     /// # Ok::<(), wayfix::map::MapError>(())
     /// ```

@@ -77,7 +77,7 @@ impl fmt::Display for CleaningReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "dropped {} of {} places (repeated) and {} of {} roads ({} parallel, {} loops)",
+            "dropped {} of {} places (repeated) and {} of {} roads (parallel: {}, loops: {})",
             self.repeated.len(),
             self.places,
             self.parallel.len() + self.loops.len(),

@@ -93,7 +93,10 @@ impl fmt::Display for MapError {
                 "the road from place {from} to place {to} needs place {missing}, which does not exist"
             ),
             Self::DuplicateRoad { from, to } => {
-                write!(f, "the road from place {from} to place {to} is given twice")
+                write!(
+                    f,
+                    "the road from place {from} to place {to} is given twice (`RoadMap::cleaned` keeps the shorter one)"
+                )
             }
             Self::Loop { id } => write!(
                 f,

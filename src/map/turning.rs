@@ -18,6 +18,12 @@ pub struct ByClass {
 }
 
 impl ByClass {
+    /// The same number for every class.
+    #[must_use]
+    pub fn all(value: f64) -> Self {
+        Self { main: value, arterial: value, collector: value, street: value }
+    }
+
     /// Returns the number of a class.
     #[must_use]
     pub fn of(&self, class: RoadClass) -> f64 {

@@ -1,11 +1,15 @@
 //! Transition operators that store every entry.
 
+use std::fmt;
 use std::sync::OnceLock;
 
 use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{Dense, DenseLogs};
+
+/// Most states whose entries `Debug` shows.
+const SHOWN: usize = 8;
 
 /// A dense transition matrix, stored by columns.
 ///
@@ -24,13 +28,27 @@ use crate::kernels::{Dense, DenseLogs};
 /// assert_eq!(out, [0.7, 0.3]);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct DenseTransition {
     pub(super) matrix: Dense,
     /// True if all entries above 0 are at least 2^-100.
     pub(super) plain: bool,
     /// log2 of the entries, computed by the first decoding.
     pub(super) log2: OnceLock<DenseLogs>,
+}
+
+impl fmt::Debug for DenseTransition {
+    /// The number of states, and the rows of up to eight.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let states = self.matrix.states();
+        let mut out = f.debug_struct("DenseTransition");
+        out.field("states", &states);
+        if states > SHOWN {
+            out.finish_non_exhaustive()
+        } else {
+            out.field("rows", &self.to_rows()).finish()
+        }
+    }
 }
 
 impl DenseTransition {
@@ -130,6 +148,13 @@ impl DenseTransition {
     pub fn get(&self, to: usize, from: usize) -> f64 {
         let n = self.matrix.states();
         if to < n && from < n { self.matrix.column(from)[to] } else { 0.0 }
+    }
+
+    /// Returns the rows of A, as [`from_rows`](Self::from_rows) takes them. O(n²).
+    #[must_use]
+    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+        let n = self.matrix.states();
+        (0..n).map(|to| (0..n).map(|from| self.get(to, from)).collect()).collect()
     }
 
     /// Rows and columns of A.

@@ -1,9 +1,10 @@
 //! Transition operators that store only the entries above 0.
 
+use std::fmt;
 use std::sync::OnceLock;
 
-use super::compressed::Compressed;
 use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
+use super::compressed::Compressed;
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
@@ -30,7 +31,7 @@ use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
 /// assert_eq!(out, [0.35, 0.65]);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct SparseTransition {
     pub(super) rows: Compressed,
     pub(super) columns: Compressed,
@@ -42,6 +43,14 @@ pub struct SparseTransition {
     log2: OnceLock<Values>,
     /// Largest relative change of a value by rounding to 32 bits; 0 with values of 64 bits.
     pub(super) rounding: f64,
+}
+
+impl fmt::Debug for SparseTransition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut out = f.debug_struct("SparseTransition");
+        out.field("states", &self.rows.lines());
+        out.field("entries", &self.rows.entries()).finish_non_exhaustive()
+    }
 }
 
 impl SparseTransition {
@@ -195,6 +204,22 @@ impl SparseTransition {
     #[must_use]
     pub fn entries(&self) -> usize {
         self.rows.entries()
+    }
+
+    /// Returns the entries (to, from, probability), row by row, as
+    /// [`from_triplets`](Self::from_triplets) takes them.
+    ///
+    /// ```
+    /// # use wayfix::SparseTransition;
+    /// let entries = [(0, 0, 0.7), (1, 0, 0.3), (1, 1, 1.0)];
+    /// let a = SparseTransition::from_triplets(2, entries)?;
+    /// assert!(a.triplets().eq(entries));
+    /// assert_eq!(format!("{a:?}"), "SparseTransition { states: 2, entries: 3, .. }");
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    pub fn triplets(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        let rows = 0..self.rows.lines();
+        rows.flat_map(|to| self.rows.line(to).map(move |(from, p)| (to, from, p)))
     }
 
     /// Returns A\[to, from\], or 0 if the entry is not stored or a state does not exist.
