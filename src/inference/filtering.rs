@@ -50,7 +50,9 @@ impl FilteredSequence {
     }
 
     /// How many of the steps were taken in logarithms, as
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts. With up to eight
+    /// states these may be fewer than those of a filter: the faster ways of
+    /// [`Hmm::forward`] need logarithms less often.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs

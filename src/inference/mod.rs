@@ -121,6 +121,11 @@ impl LogSum {
         if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
+    /// True if the sum is a number that a stream can have; its parts may be damaged.
+    fn is_finite(self) -> bool {
+        self.sum.is_finite() && (self.sum + self.lost).is_finite()
+    }
+
     fn value(self) -> f64 {
         // Beyond the range of a double nothing was lost but the number itself.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }

@@ -40,7 +40,7 @@ impl SmoothedSequence {
     }
 
     /// How many of the steps were taken in logarithms, forward or back, which is several
-    /// times slower. If these are many and the tails of the model are not to be believed
+    /// times slower. With up to eight states these may be fewer than those of a filter. If these are many and the tails of the model are not to be believed
     /// anyway, it is faster [with rounded tails](Hmm::with_rounded_tails).
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
