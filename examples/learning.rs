@@ -1,5 +1,5 @@
-//! Learns how vehicles turn, by the classes of roads, from drives of which only
-//! uncertain sightings are known, and tracks better with it.
+//! Learns turning probabilities by road class from drives with uncertain observations only, and
+//! tracks better with them.
 //!
 //! ```text
 //! cargo run --release --example learning
@@ -13,7 +13,7 @@ use wayfix::map::{TurningProbabilities, TurningRule};
 use wayfix::{Belief, Fixed, Hmm, Prior, canberra, evaluate};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // Nobody knows how people drive here: to stay and to take any road are equally probable.
+    // Without any knowledge, staying and each road are equally probable.
     let map = canberra::map();
     let any_road = (0..canberra::PLACES).flat_map(|from| {
         let ways: Vec<usize> = map.neighbors(from).chain([from]).collect();
@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let camera = Fixed(canberra::sensor(2.0)?);
     let guess = Hmm::new(anywhere.clone(), unknown, camera.clone())?.with_rounded_tails();
 
-    // How they do drive: 200 recorded drives, and 200 to be tracked.
+    // The true behaviour: 200 recorded drives, and 200 to be tracked.
     let truth = TurningProbabilities::by_rule(&map, &TurningRule::default())?.into_transition();
     let truth = Hmm::new(anywhere, truth, camera)?.with_rounded_tails();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -49,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         learned.objectives()[learned.iterations()],
     );
 
-    // Two models in two lines: which explains the new drives better?
+    // The log-likelihoods of new drives compare the models.
     let sightings: Vec<&[usize]> = new.iter().map(Simulation::observations).collect();
     let score = |scores: Vec<Result<f64, _>>| scores.into_iter().sum::<Result<f64, _>>();
     println!(

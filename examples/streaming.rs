@@ -1,4 +1,4 @@
-//! A live position, one sighting at a time: what to paste into a robot.
+//! A live position from one observation at a time, as a template for a robot.
 //!
 //! ```text
 //! cargo run --release --example streaming
@@ -10,19 +10,20 @@ use wayfix::observation::Confusion;
 use wayfix::{Belief, Filter, Hmm, InferenceError, OptionalLikelihood, Prior, canberra};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // How the vehicle moves, a camera that may see nothing, and the start at place 5.
+    // Motion, a camera that may see nothing, and the start at place 5.
     let motion = canberra::turning().into_transition();
     let camera = Confusion::new(&canberra::map(), 0.7)?.into_table()?;
     let prior = Prior::BeforeFirstTransition(Belief::certain(canberra::PLACES, 4)?);
     let model = Arc::new(Hmm::new(prior, motion, OptionalLikelihood::new(camera))?);
 
-    // A filter owns its state and shares the model: move it to the thread that drives.
+    // A filter owns its state and shares the model, so it can move to another thread.
     let mut position = Filter::new(Arc::clone(&model));
     for place_seen in [Some(6), Some(7), None, Some(61), Some(8), Some(9)] {
         match position.step(&place_seen.map(|place| place - 1)) {
             Ok(_) => {}
             Err(error @ InferenceError::Impossible { .. }) => {
-                // Not from here: the filter is as it was, so drive on without this sighting.
+                // The observation is impossible here and the filter unchanged: predict without
+                // it.
                 println!("{error}; without it:");
                 position.predict()?;
             }

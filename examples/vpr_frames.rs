@@ -1,11 +1,10 @@
-//! Where along a route was each frame taken, given the frames of an earlier
-//! pass?
+//! Locates each frame of a drive along a route, given the frames of an earlier pass.
 //!
 //! ```text
 //! cargo run --release --example vpr_frames -- --reference A.u8 --query B.u8 --rows 16 --cols 32
 //! ```
 //!
-//! Without files, a made-up recording is used.
+//! Without files, a synthetic recording is used.
 
 #[path = "vpr/mod.rs"]
 mod vpr;
@@ -16,7 +15,7 @@ mod frames;
 mod hard;
 #[path = "vpr/robustness.rs"]
 mod robustness;
-// The tests of all modules run here.
+// Included so that the tests of all modules run here.
 #[cfg(test)]
 #[path = "vpr/similarity.rs"]
 mod similarity;
@@ -42,52 +41,49 @@ use vpr::synthetic;
 /// models.
 #[derive(Parser)]
 struct Arguments {
-    /// The frames of the map: grey, unsigned 8-bit, row by row, frame after
-    /// frame. Without files, a made-up recording is used.
+    /// Frames of the map: grey, unsigned 8-bit, row by row, frame after frame. Without files, a
+    /// synthetic recording is used.
     #[arg(long, value_name = "FILE", requires_all = ["query", "rows", "cols"])]
     reference: Option<PathBuf>,
-    /// The frames to be located: frame i shows the place of frame i of the map.
-    /// If the map has no such frame, its place is not on the map.
+    /// Frames to be located: frame i shows the place of frame i of the map. If the map has no
+    /// such frame, its place is not on the map.
     #[arg(long, value_name = "FILE", requires = "reference")]
     query: Option<PathBuf>,
-    /// The height of a frame.
+    /// Height of a frame.
     #[arg(long, requires = "reference", value_parser = whole, allow_negative_numbers = true)]
     rows: Option<usize>,
-    /// The width of a frame.
+    /// Width of a frame.
     #[arg(long, requires = "reference", value_parser = whole, allow_negative_numbers = true)]
     cols: Option<usize>,
-    /// The side of the square patches that are normalised.
+    /// Side of the square patches that are normalised.
     #[arg(long, value_name = "PIXELS", default_value_t = 8, value_parser = whole, allow_negative_numbers = true)]
     patch: usize,
-    /// Take only these frames of the reference as the map, as FIRST..END;
-    /// places number from FIRST [default: all; of the made-up recording, the
-    /// first 300].
+    /// Use only these frames of the reference as the map, as FIRST..END; places are numbered from
+    /// FIRST [default: all; of the synthetic recording, the first 300].
     #[arg(long, value_name = "RANGE", value_parser = span, allow_hyphen_values = true)]
     reference_range: Option<Range<usize>>,
-    /// Show the query as a drive of so many steps at a speed in frames per
-    /// step, as in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame
-    /// `--start`, and each step of each leg adds its speed and shows the
-    /// nearest frame, halves up. So there is one frame more than the legs have
-    /// steps, and those of detours [default: all frames in order; of the
-    /// made-up recording, a drive with a stop and a reverse].
+    /// Show the query as a drive with legs of a number of steps at a speed in frames per step, as
+    /// in "150@1,60@0,100@-1,200@0.5". Step 0 shows the frame `--start`, and each step of each
+    /// leg adds its speed and shows the nearest frame, halves rounded up. So there is one frame
+    /// more than the legs and detours have steps [default: all frames in order; of the synthetic
+    /// recording, a drive with a stop and a reverse].
     #[arg(long, value_name = "LEGS", value_delimiter = ',', allow_hyphen_values = true)]
     drive: Vec<Leg>,
-    /// The frame at which the drive starts.
+    /// Frame at which the drive starts.
     #[arg(long, value_name = "FRAME", default_value_t = 0, requires = "drive", value_parser = whole, allow_negative_numbers = true)]
     start: usize,
-    /// Before step STEP of the drive (from 1, detours not counted), show the
-    /// query frames FIRST to END - 1, driven at speed 1; then the drive goes on
-    /// as if nothing had been. May be given several times.
+    /// Before step STEP of the drive (from 1, detours not counted), show the query frames FIRST
+    /// to END - 1, driven at speed 1; then the drive continues as without the detour. May be
+    /// given several times.
     #[arg(long, value_name = "FIRST..END@STEP", allow_hyphen_values = true)]
     detour: Vec<Detour>,
-    /// Measure the distance before each step, in frames, with normal noise of
-    /// this standard deviation.
+    /// Measure the distance before each step, in frames, with normal noise of this standard
+    /// deviation.
     #[arg(long, value_name = "SD", value_parser = deviation, allow_negative_numbers = true)]
     odometry: Option<Normal<f64>>,
-    /// Then disturb the steps that are reported on, as real drives do, by each of
-    /// tunnel, fog, night, covered lens, look-alike places, jumps of exposure,
-    /// dropped and repeated frames, and by all in turn. Prints a table, and
-    /// writes it as hard.csv.
+    /// Then disturb the reported steps, as on real drives, by each of tunnel, fog, night, covered
+    /// lens, look-alike places, jumps of exposure, dropped and repeated frames, and by all in
+    /// turn. Prints a table, and writes it as hard.csv.
     #[arg(long)]
     hard: bool,
     #[command(flatten)]
@@ -135,7 +131,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let drive = Drive::new(&legs, start, frames)?.with_detours(&detours, frames)?;
     let pass = Pass { references: &references, map, queries: &queries, drive };
     let places = vpr::places(&references, &pass.map, arguments.patch)?;
-    // What is seen at each step, and the drive that it is seen on.
+    // Compares the frames shown at each step of a drive with the map.
     let record = |shown: &Descriptors, drive: &Drive| -> Result<Recording, String> {
         let mut recording = vpr::compare(name.clone(), &places, &pass.map, shown, drive)?;
         recording.closed = common.closed;

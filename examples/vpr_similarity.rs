@@ -1,11 +1,11 @@
-//! Where along a route was each image taken, given how similar it is to each
-//! image of an earlier pass, by any descriptor?
+//! Locates each image of a drive along a route, given its similarity to each image of an earlier
+//! pass, by any descriptor.
 //!
 //! ```text
 //! cargo run --release --example vpr_similarity -- --similarity S.csv --truth T.csv
 //! ```
 //!
-//! Without files, a made-up recording is used.
+//! Without files, a synthetic recording is used.
 
 #[path = "vpr/mod.rs"]
 mod vpr;
@@ -27,17 +27,17 @@ use vpr::synthetic;
 /// compares single images, SeqSLAM and hidden Markov models.
 #[derive(Parser)]
 struct Arguments {
-    /// A CSV file of similarities without a header: a line for each query image
-    /// in order of time, a column for each reference image in order along the
-    /// route. Without it, a made-up recording is used.
+    /// CSV file of similarities without a header: one line per query image in order of time, one
+    /// column per reference image in order along the route. Without it, a synthetic recording is
+    /// used.
     #[arg(long, value_name = "FILE", requires = "truth")]
     similarity: Option<PathBuf>,
-    /// A CSV file of `query,first,last`, from 0, below a header line of these
-    /// names or without one: which references, the last
-    /// included, show the place of the query; both empty or -1 if none does.
+    /// CSV file of `query,first,last`, from 0, with or without a header line of these names: the
+    /// references, including the last, that show the place of the query; both empty or -1 if none
+    /// does.
     #[arg(long, value_name = "FILE", requires = "similarity")]
     truth: Option<PathBuf>,
-    /// The matrix has distances: smaller = more alike, inf = surely not there.
+    /// The matrix holds distances: smaller = more alike, inf = surely not there.
     #[arg(long, requires = "similarity")]
     distances: bool,
     #[command(flatten)]

@@ -1,21 +1,20 @@
-//! A distribution over states and its verbs.
+//! Probability distributions over states.
 
 use std::ops::Range;
 
 use crate::error::BeliefError;
 
-/// How far a sum of probabilities may lie from one.
+/// Tolerance of the sum of probabilities, around one.
 ///
-/// Wide enough for rounding over millions of states, and narrow enough that a
-/// forgotten entry is found. It only accepts or refuses: no
-/// value is ever changed by it.
+/// Wide enough for rounding over millions of states, and narrow enough that a missing entry is
+/// found. It only decides on acceptance: no value is ever changed by it.
 pub(crate) const SUM_TOLERANCE: f64 = 1e-9;
 
 /// A probability distribution over the states 0 to n − 1.
 ///
-/// `S` is where the numbers are: [`Belief`] owns them, [`BeliefView`] borrows
-/// them from a filter or from a block of posteriors; both have the same verbs.
-/// Every value is finite and at least 0, and they sum to one.
+/// `S` is the storage of the values: [`Belief`] owns them, [`BeliefView`] borrows them from a
+/// filter or from a block of posteriors; both have the same methods. Every value is finite and at
+/// least 0, and they sum to one.
 ///
 /// ```
 /// use wayfix::Belief;
@@ -31,18 +30,18 @@ pub struct Belief<S = Vec<f64>> {
     probabilities: S,
 }
 
-/// A belief whose numbers live elsewhere; it is `Copy`.
+/// A belief that borrows its values; it is `Copy`.
 pub type BeliefView<'a> = Belief<&'a [f64]>;
 
 impl Belief {
-    /// A belief from probabilities, one per state.
+    /// Creates a belief from probabilities, one per state.
     ///
-    /// The values are kept as they are, to the bit. O(n).
+    /// The values are kept unchanged, to the bit. O(n).
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are none, if one is NaN, negative or infinite,
-    /// or if their sum is further than 1e-9 from one.
+    /// [`BeliefError`] if there are no values, if one is NaN, negative or infinite, or if their
+    /// sum differs from one by more than 1e-9.
     pub fn new(probabilities: Vec<f64>) -> Result<Self, BeliefError> {
         let sum = sum_of_valid(&probabilities)?;
         if (sum - 1.0).abs() > SUM_TOLERANCE {
@@ -51,27 +50,27 @@ impl Belief {
         Ok(Self { probabilities })
     }
 
-    /// A belief in proportion to weights of any positive scale. O(n).
+    /// Creates a belief proportional to weights of any positive scale. O(n).
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if there are none, if one is NaN, negative or infinite,
-    /// or if all are 0.
+    /// [`BeliefError`] if there are no weights, if one is NaN, negative or infinite, or if all
+    /// are 0.
     pub fn from_weights(mut weights: Vec<f64>) -> Result<Self, BeliefError> {
         sum_of_valid(&weights)?;
         let largest = weights.iter().copied().fold(0.0, f64::max);
         if largest == 0.0 {
             return Err(BeliefError::Sum { sum: 0.0, expected: "weights above 0" });
         }
-        // First by the largest: a sum of weights near the limits of a double
-        // would overflow, or lose digits below the smallest normal one.
+        // Divided by the maximum first: a sum of weights near the limits of a double would
+        // overflow, or lose precision below the smallest normal number.
         weights.iter_mut().for_each(|w| *w /= largest);
         let sum: f64 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
         Ok(Self { probabilities: weights })
     }
 
-    /// The same probability for each of n states.
+    /// Creates the uniform distribution over `states` states.
     ///
     /// # Errors
     ///
@@ -83,11 +82,11 @@ impl Belief {
         Ok(Self { probabilities: vec![1.0 / states as f64; states] })
     }
 
-    /// Probability one for `state`, out of `states`.
+    /// Creates a belief with probability one for `state`, out of `states`.
     ///
     /// # Errors
     ///
-    /// [`BeliefError::State`] if there is no such state.
+    /// [`BeliefError`] if the state does not exist.
     pub fn certain(states: usize, state: usize) -> Result<Self, BeliefError> {
         if states == 0 {
             return Err(BeliefError::Empty);
@@ -100,36 +99,36 @@ impl Belief {
         Ok(Self { probabilities })
     }
 
-    /// The probabilities, one per state.
+    /// Probabilities, one per state.
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
         &self.probabilities
     }
 
-    /// The probabilities, moved out.
+    /// Moves the probabilities out.
     #[must_use]
     pub fn into_vec(self) -> Vec<f64> {
         self.probabilities
     }
 
-    /// For values that are known to be a distribution.
+    /// Creates a belief from values that are known to be a distribution.
     pub(crate) fn known(probabilities: Vec<f64>) -> Self {
         Self { probabilities }
     }
 
-    /// For inference, which keeps the invariant itself.
+    /// Mutable values for inference, which maintains the invariant.
     pub(crate) fn as_mut_vec(&mut self) -> &mut Vec<f64> {
         &mut self.probabilities
     }
 }
 
 impl<'a> Belief<&'a [f64]> {
-    /// For inference, which knows that the values are a distribution.
+    /// Creates a view of values that are known to be a distribution.
     pub(crate) fn view(probabilities: &'a [f64]) -> Self {
         Self { probabilities }
     }
 
-    /// The probabilities, one per state, for as long as they are borrowed.
+    /// Probabilities, one per state, for as long as they are borrowed.
     #[must_use]
     pub fn as_slice(self) -> &'a [f64] {
         self.probabilities
@@ -137,7 +136,7 @@ impl<'a> Belief<&'a [f64]> {
 }
 
 impl<S: AsRef<[f64]>> Belief<S> {
-    /// How many states there are, n.
+    /// Number of states, n.
     #[must_use]
     pub fn states(&self) -> usize {
         self.values().len()
@@ -147,19 +146,19 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.probabilities.as_ref()
     }
 
-    /// The probability of one state, or `None` if there is no such state.
+    /// Probability of one state, or `None` if the state does not exist.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
         self.values().get(state).copied()
     }
 
-    /// The most probable state; of several, the lowest. O(n).
+    /// Returns the most probable state; ties go to the lowest. O(n).
     #[must_use]
     pub fn mode(&self) -> usize {
         self.peak().0
     }
 
-    /// The [mode](Self::mode) and its probability. O(n).
+    /// Returns the [mode](Self::mode) and its probability. O(n).
     ///
     /// ```
     /// let belief = wayfix::Belief::new(vec![0.1, 0.6, 0.3])?;
@@ -178,19 +177,19 @@ impl<S: AsRef<[f64]>> Belief<S> {
         best
     }
 
-    /// The Shannon entropy −Σ p ln p, in nats: 0 when certain, ln n when
-    /// uniform. O(n).
+    /// Shannon entropy −Σ p ln p, in nats: 0 for a certain belief, ln n for the uniform one.
+    /// O(n).
     #[must_use]
     pub fn entropy(&self) -> f64 {
         self.values().iter().filter(|p| **p > 0.0).fold(0.0, |sum, p| sum - p * p.ln())
     }
 
-    /// The probability that the state is one of `states` (each counted as
-    /// often as it is named). O(size of the set).
+    /// Probability that the state is one of `states`; a state listed several times is counted as
+    /// often. O(size of the set).
     ///
     /// # Errors
     ///
-    /// [`BeliefError::State`] if one does not exist.
+    /// [`BeliefError::State`] if one of them does not exist.
     pub fn mass(&self, states: impl IntoIterator<Item = usize>) -> Result<f64, BeliefError> {
         let p = self.values();
         states.into_iter().try_fold(0.0, |sum, state| {
@@ -199,11 +198,12 @@ impl<S: AsRef<[f64]>> Belief<S> {
         })
     }
 
-    /// The probability of the states at most `radius` from `centre` by index:
-    /// on a route, of being within so many places of one. Around the
-    /// [mode](Self::mode) it says whether a vehicle is localised, by a level that
-    /// you choose. It goes by numbers alone: a last state off the map, or the ends
-    /// of a loop, are no neighbours ([`given`](Self::given) leaves states out).
+    /// Probability of the states whose index is at most `radius` from `centre`: on a route, of
+    /// being within so many places.
+    ///
+    /// Around the [mode](Self::mode), compared with a threshold of your choice, it tells whether
+    /// a vehicle is localised. Only indices count: a last state off the map is a neighbour like
+    /// any other, and the ends of a loop are far apart ([`given`](Self::given) excludes states).
     /// O(radius).
     ///
     /// ```
@@ -225,18 +225,18 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.mass(centre.saturating_sub(radius)..end)
     }
 
-    /// The distribution given that the state is one of a range: on the map, say.
-    /// Its states are numbered from the start of the range. O(length).
+    /// Conditional distribution given that the state is in a range, for instance on the map. Its
+    /// states are numbered from the start of the range. O(length).
     ///
     /// ```
-    /// let belief = wayfix::Belief::new(vec![0.5, 0.25, 0.25])?; // the last is off the map
+    /// let belief = wayfix::Belief::new(vec![0.5, 0.25, 0.25])?; // the last state is off the map
     /// assert_eq!(belief.given(1..3)?.as_slice(), [0.5, 0.5]);
     /// # Ok::<(), wayfix::BeliefError>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`BeliefError`] if a state does not exist, or they have no probability.
+    /// [`BeliefError`] if a state does not exist, or the range has probability 0.
     pub fn given(&self, range: Range<usize>) -> Result<Belief, BeliefError> {
         let values = self.values();
         let states = values.len();
@@ -248,21 +248,21 @@ impl<S: AsRef<[f64]>> Belief<S> {
         Belief::from_weights(kept.to_vec())
     }
 
-    /// The smallest set of states that holds at least `level` of the
-    /// probability, most probable first; of equal ones, the lowest first.
+    /// Returns the smallest set of states with a probability of at least `level`, most probable
+    /// first; ties go to the lowest.
     ///
-    /// States of probability 0 are never in it. O(n log n).
+    /// States of probability 0 are never included. O(n log n).
     ///
     /// # Errors
     ///
-    /// [`BeliefError::Level`] if `level` is not from 0 to 1.
+    /// [`BeliefError::Level`] if `level` is outside 0 to 1.
     pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, BeliefError> {
         if !(0.0..=1.0).contains(&level) {
             return Err(BeliefError::Level { level });
         }
         let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();
-        order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // stable: ties stay in order
+        order.sort_by(|&i, &j| p[j].total_cmp(&p[i])); // a stable sort keeps ties in order
         let mut held = 0.0;
         let needed = order.iter().take_while(|&&i| {
             let before = held;
@@ -274,14 +274,14 @@ impl<S: AsRef<[f64]>> Belief<S> {
         Ok(order)
     }
 
-    /// A copy that owns its numbers.
+    /// Copies the values into a belief that owns them.
     #[must_use]
     pub fn to_owned(&self) -> Belief {
         Belief { probabilities: self.values().to_vec() }
     }
 }
 
-/// The sum, after each value was found valid.
+/// Checks each value and returns the sum.
 fn sum_of_valid(values: &[f64]) -> Result<f64, BeliefError> {
     if values.is_empty() {
         return Err(BeliefError::Empty);
@@ -336,7 +336,7 @@ mod tests {
     #[test]
     fn a_credible_set_ends_where_the_level_is_reached_in_double_precision() {
         let belief = Belief::new(vec![1e-300, 0.0, 1.0]).unwrap();
-        // 1.0 is reached by state 2 alone in double precision.
+        // In double precision, state 2 alone reaches 1.0.
         assert_eq!(belief.credible_set(1.0).unwrap(), [2]);
         assert!(belief.credible_set(1.1).is_err());
     }

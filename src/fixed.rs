@@ -1,9 +1,9 @@
-//! Parts of a model that learning leaves as they are.
+//! Parts of a model that are excluded from learning.
 
 use std::ops::Deref;
 
-/// A transition operator or a sensor that [learning](crate::Hmm::learn) leaves
-/// as it is; else the same.
+/// A transition operator or a sensor that [learning](crate::Hmm::learn) does not change. In all
+/// other respects it is the wrapped part.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
@@ -22,7 +22,7 @@ use std::ops::Deref;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(transparent))]
 pub struct Fixed<T>(
-    /// The part.
+    /// The wrapped part.
     pub T,
 );
 

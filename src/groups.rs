@@ -1,4 +1,4 @@
-//! States that belong together.
+//! Groups of states.
 
 use std::error::Error;
 use std::fmt;
@@ -6,38 +6,38 @@ use std::ops::Range;
 
 use crate::belief::Belief;
 
-/// Why states do not fall into groups, or a vector does not fit them.
+/// An invalid grouping of states, or an argument that does not fit it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum GroupError {
-    /// There are no states at all.
+    /// There are no states.
     Empty,
-    /// A number that no state has, below one that a state has.
+    /// A group has no states, though a higher number is used.
     Gap {
-        /// The empty group, from 0.
+        /// Number of the empty group, from 0.
         group: usize,
-        /// The highest number given.
+        /// Highest group number given.
         last: usize,
     },
-    /// A state beyond the last one.
+    /// The state does not exist.
     State {
         /// The state asked for, from 0.
         state: usize,
-        /// How many states there are.
+        /// Number of states.
         states: usize,
     },
-    /// A belief of another size.
+    /// A belief has a different number of states.
     Belief {
-        /// Its states.
+        /// Number of states of the belief.
         found: usize,
-        /// The states, or groups, that there are.
+        /// Number of states, or of groups where a belief over groups is expected.
         expected: usize,
     },
-    /// A slice for results that has not a place for each group.
+    /// An output slice does not have one value per group.
     Output {
-        /// Its length.
+        /// Length of the slice.
         found: usize,
-        /// The groups that there are.
+        /// Number of groups.
         expected: usize,
     },
 }
@@ -66,14 +66,14 @@ impl fmt::Display for GroupError {
 
 impl Error for GroupError {}
 
-/// A map from states to groups: places that were expanded into several states,
-/// by age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
-/// ([`KroneckerTransition`](crate::transition::KroneckerTransition)), or places of a
+/// Partition of the states into groups: the states of one place, where places were expanded by
+/// age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
+/// ([`KroneckerTransition`](crate::transition::KroneckerTransition)), or the places of a
 /// district.
 ///
-/// It brings beliefs and paths back to groups;
-/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) is a sensor that sees only
-/// them. Memory: 16 bytes a state.
+/// It maps beliefs and paths to groups;
+/// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood) is a sensor that observes only
+/// groups. Memory: 16 bytes a state.
 ///
 /// ```
 /// use wayfix::likelihood::Groups;
@@ -87,19 +87,19 @@ impl Error for GroupError {}
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Groups {
-    /// The group of each state.
+    /// Group of each state.
     of: Vec<usize>,
-    /// The states, group after group; group g ends before `ends[g]`.
+    /// States sorted by group; those of group g end before `ends[g]`.
     states: Vec<usize>,
     ends: Vec<usize>,
-    /// Runs of states whose groups follow each other, or are the same.
+    /// Runs of states that have the same group, or consecutive groups.
     runs: Vec<Run>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct Run {
     states: Range<usize>,
-    /// The group of the first.
+    /// Group of the first state.
     group: usize,
     same: bool,
 }
@@ -124,15 +124,15 @@ impl Run {
 }
 
 impl Groups {
-    /// From the group of each state; groups are numbered from 0 without gaps.
+    /// Creates a grouping from the group of each state; groups are numbered from 0 without gaps.
     /// O(n).
     ///
     /// # Errors
     ///
-    /// [`GroupError`] for no states, or a number that is left out.
+    /// [`GroupError`] if there are no states, or a group has none.
     pub fn new(of: Vec<usize>) -> Result<Self, GroupError> {
         let last = *of.iter().max().ok_or(GroupError::Empty)?;
-        // Were there more groups than states, one of the first n would be empty.
+        // If there are more groups than states, one of the first n is empty.
         let mut seen = vec![false; of.len().min(last.saturating_add(1))];
         for &group in &of {
             if let Some(seen) = seen.get_mut(group) {
@@ -145,13 +145,13 @@ impl Groups {
         }
     }
 
-    /// For groups that are known to be numbered without gaps.
+    /// Creates a grouping from groups that are known to be numbered without gaps.
     pub(crate) fn numbered(of: Vec<usize>, count: usize) -> Self {
         let mut ends = vec![0; count];
         of.iter().for_each(|&group| ends[group] += 1);
         let mut start = 0;
         for end in &mut ends {
-            (*end, start) = (start, start + *end); // the start, until filled
+            (*end, start) = (start, start + *end); // the start; filling moves it to the end
         }
         let mut states = vec![0; of.len()];
         for (state, &group) in of.iter().enumerate() {
@@ -162,25 +162,25 @@ impl Groups {
         Self { of, states, ends, runs }
     }
 
-    /// The number of groups.
+    /// Number of groups.
     #[must_use]
     pub fn count(&self) -> usize {
         self.ends.len()
     }
 
-    /// The group of each state.
+    /// Group of each state.
     #[must_use]
     pub fn as_slice(&self) -> &[usize] {
         &self.of
     }
 
-    /// The group of a state, or `None` if there is no such state.
+    /// Group of a state, or `None` if the state does not exist.
     #[must_use]
     pub fn group_of(&self, state: usize) -> Option<usize> {
         self.of.get(state).copied()
     }
 
-    /// The states of a group in ascending order; none if there is no such group.
+    /// States of a group in ascending order; none if the group does not exist.
     #[must_use]
     pub fn states(&self, group: usize) -> impl ExactSizeIterator<Item = usize> + Clone {
         let end = self.ends.get(group).copied().unwrap_or(0);
@@ -188,19 +188,19 @@ impl Groups {
         self.states[start..end].iter().copied()
     }
 
-    /// The probability of each group: the sum over its states. O(n).
+    /// Marginal distribution over the groups: the sum over the states of each. O(n).
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if the belief is not over these states.
+    /// [`GroupError::Belief`] if the belief has a different number of states.
     pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, GroupError> {
         let mut sums = vec![0.0; self.count()];
         self.marginal_into(belief, &mut sums)?;
         Ok(Belief::known(sums))
     }
 
-    /// The same into a slice with a place for each group, which allocates nothing:
-    /// for each step of a stream. O(n).
+    /// Writes the [marginal distribution](Self::marginal) over the groups to a slice with one
+    /// value per group. Allocates nothing, for use at each step of a stream. O(n).
     ///
     /// ```
     /// use wayfix::likelihood::Groups;
@@ -216,9 +216,8 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if the belief is not over these states,
-    /// [`GroupError::Output`] if the slice is of another length. It then is as
-    /// before.
+    /// [`GroupError::Belief`] if the belief has a different number of states, or
+    /// [`GroupError::Output`] if the slice has another length. The slice is then unchanged.
     pub fn marginal_into<S: AsRef<[f64]>>(
         &self,
         belief: &Belief<S>,
@@ -237,7 +236,7 @@ impl Groups {
         Ok(())
     }
 
-    /// `sums[group] += Σ` of the values of its states, in the order of the states.
+    /// Adds to each sum the values of the group's states, in the order of the states.
     pub(crate) fn add_up(&self, values: &[f64], sums: &mut [f64]) {
         for Run { states, group, same } in &self.runs {
             let values = &values[states.clone()];
@@ -250,7 +249,7 @@ impl Groups {
         }
     }
 
-    /// `out[state] =` the value of its group.
+    /// Writes the value of its group to each state.
     pub(crate) fn expand(&self, groups: &[f64], out: &mut [f64]) {
         for Run { states, group, same } in &self.runs {
             let out = &mut out[states.clone()];
@@ -262,8 +261,8 @@ impl Groups {
         }
     }
 
-    /// Goes through runs of some states: those of one group, or of groups that follow each
-    /// other. For each the states, the first group, and whether it is the only one.
+    /// Iterates over runs within a range of states, each of one group or of consecutive groups.
+    /// Items are the states, the first group, and true if it is the only one.
     pub(crate) fn runs(
         &self,
         states: Range<usize>,
@@ -277,7 +276,7 @@ impl Groups {
         })
     }
 
-    /// The groups that a path leads through, one a step.
+    /// Groups along a path of states, one per step.
     ///
     /// # Errors
     ///

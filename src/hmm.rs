@@ -5,15 +5,15 @@ use crate::error::HmmError;
 use crate::likelihood::Likelihood;
 use crate::transition::{self, Transition};
 
-/// What is believed before anything is observed, and **when** it holds.
+/// Belief before the first observation, and **when** it holds.
 ///
-/// The field has two conventions, and they give different results, in Viterbi
-/// too, so it must be said which one is meant.
+/// The field has two conventions. They give different results, in Viterbi too, so the prior names
+/// the one that is meant.
 ///
 /// ```
 /// use wayfix::{Belief, Prior};
 ///
-/// // The vehicle stands at place 4 of 105 and has yet to move.
+/// // The vehicle is at place 4 of 105 and has not moved yet.
 /// let prior = Prior::BeforeFirstTransition(Belief::certain(105, 4)?);
 /// assert_eq!(prior.belief().mode(), 4);
 /// # Ok::<(), wayfix::BeliefError>(())
@@ -25,14 +25,13 @@ pub enum Prior {
     /// The distribution of X_0, one transition before the first observation:
     /// α_0 = π_0, α_1 = B(y_1) A α_0. The paper's convention (eq. 10).
     BeforeFirstTransition(Belief),
-    /// The distribution of X_1, at which the first observation is made:
-    /// α_1 = B(y_1) π. The convention of Rabiner (1989), and of hmmlearn and
-    /// dynamax.
+    /// The distribution of X_1, the state of the first observation: α_1 = B(y_1) π. The
+    /// convention of Rabiner (1989), hmmlearn and dynamax.
     AtFirstObservation(Belief),
 }
 
 impl Prior {
-    /// The distribution itself.
+    /// Returns the distribution.
     #[must_use]
     pub fn belief(&self) -> &Belief {
         match self {
@@ -40,7 +39,7 @@ impl Prior {
         }
     }
 
-    /// Whether a transition leads to step k, counted from 1.
+    /// True if a transition leads to step k, counted from 1.
     pub(crate) fn moves_at(&self, step: usize) -> bool {
         step > 1 || matches!(self, Self::BeforeFirstTransition(_))
     }
@@ -49,15 +48,15 @@ impl Prior {
 /// A hidden Markov model: a [`Prior`], a [`Transition`] operator A and a
 /// [`Likelihood`] operator B.
 ///
-/// Its verbs are listed on the [front page](crate). Those for a whole
-/// [`Sequence`](crate::Sequence) take a slice of observations, or, for an
-/// operator with a control, a [`Controlled`](crate::Controlled) one: control k
-/// drives the transition from k − 1 to k, the one *before* observation k.
+/// Its methods are listed on the [front page](crate). Methods for a whole
+/// [`Sequence`](crate::Sequence) take a slice of observations, or, if the operator has a control,
+/// a [`Controlled`](crate::Controlled) sequence: control k drives the transition from k − 1 to k,
+/// *before* observation k.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 ///
-/// // Rain or no rain, and whether an umbrella is seen (Russell and Norvig).
+/// // States: rain or no rain; observations: umbrella or none (Russell and Norvig).
 /// let hmm = Hmm::new(
 ///     Prior::BeforeFirstTransition(Belief::uniform(2)?),
 ///     SparseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
@@ -78,14 +77,15 @@ pub struct Hmm<A, B> {
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// A model of three parts with the same number of states. O(n + E): of a
-    /// transition operator without a control the columns are checked, and that
-    /// its two products belong together; one with a control is checked as it is
-    /// used.
+    /// Creates a model from three parts with the same number of states. O(n + E).
+    ///
+    /// For a transition operator without a control, this checks the sums of the columns, and that
+    /// the two products are those of one matrix and its transpose. An operator with a control is
+    /// checked at each step.
     ///
     /// # Errors
     ///
-    /// [`HmmError`] if the parts differ in size, or if the operator is not
+    /// [`HmmError`] if the parts differ in their number of states, or if the operator is not
     /// stochastic.
     pub fn new(prior: Prior, transition: A, likelihood: B) -> Result<Self, HmmError> {
         let expected = prior.belief().states();
@@ -101,14 +101,13 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Ok(Self { prior, transition, likelihood, rounds_tails: false })
     }
 
-    /// The same model, whose filter and smoother may round to 0 what is below 2.2e-308
-    /// of the whole (the smallest normal double).
+    /// Allows filter and smoother to round to 0 what is below 2.2e-308 (the smallest normal
+    /// double) of the whole.
     ///
-    /// For models with tails that are not to be believed, such as those of a sensor with
-    /// a Gaussian: on a map they make nearly every belief hold values beyond doubles,
-    /// and keeping these in logarithms takes some ten times as long. The price: a
-    /// state so improbable does not come back, even if all later observations speak
-    /// for it.
+    /// For models whose tails carry no meaning, such as those of a sensor with Gaussian noise: on
+    /// a map they leave nearly every belief with values beyond the range of doubles, and a step
+    /// in logarithms, which keeps these, takes some ten times as long. The price is that a state
+    /// of so low a probability cannot recover, even if all later observations support it.
     ///
     /// ```
     /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -124,7 +123,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
-    /// Models [learned](Self::learn) from it and those read from a file keep the choice.
+    /// Models [learned](Self::learn) from it and models read from a file keep the setting.
     #[must_use]
     pub fn with_rounded_tails(self) -> Self {
         self.rounding_tails(true)
@@ -134,39 +133,38 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Self { rounds_tails, ..self }
     }
 
-    /// True for a model [with rounded tails](Self::with_rounded_tails).
+    /// True if the model has [rounded tails](Self::with_rounded_tails).
     #[must_use]
     pub fn rounds_tails(&self) -> bool {
         self.rounds_tails
     }
 
-    /// The number of states, n.
+    /// Number of states, n.
     #[must_use]
     pub fn states(&self) -> usize {
         self.prior.belief().states()
     }
 
-    /// What is believed before anything is observed.
+    /// Belief before the first observation.
     #[must_use]
     pub fn prior(&self) -> &Prior {
         &self.prior
     }
 
-    /// The transition operator A.
+    /// Transition operator A.
     #[must_use]
     pub fn transition(&self) -> &A {
         &self.transition
     }
 
-    /// The likelihood operator B.
+    /// Likelihood operator B.
     #[must_use]
     pub fn likelihood(&self) -> &B {
         &self.likelihood
     }
 
-    /// Prior, transition operator and likelihood operator, moved out. A model made of
-    /// them again keeps its tails unless it is told to
-    /// [round](Self::with_rounded_tails) them.
+    /// Moves prior, transition operator and likelihood operator out. A model built from them
+    /// keeps its tails unless told to [round](Self::with_rounded_tails) them again.
     #[must_use]
     pub fn into_parts(self) -> (Prior, A, B) {
         (self.prior, self.transition, self.likelihood)

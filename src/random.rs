@@ -1,9 +1,9 @@
-//! Drawing from finite distributions.
+//! Random draws from finite distributions.
 
 use rand::{Rng, RngExt};
 
-/// Draws an index in proportion to its weight. The weights sum to `total` but
-/// for rounding; an index of weight 0 is not drawn (unless there is no other).
+/// Draws an index with probability proportional to its weight. The weights sum to `total` up to
+/// rounding; an index of weight 0 is not drawn (unless all are 0).
 pub(crate) fn index<R: Rng + ?Sized>(
     weights: impl Iterator<Item = (usize, f64)>,
     total: f64,

@@ -1,5 +1,4 @@
-//! What a batch routine goes through: the observations of a drive, and what
-//! drove it.
+//! Sequences of observations and controls, the input of batch methods.
 
 use std::borrow::Borrow;
 
@@ -8,16 +7,16 @@ use crate::error::InferenceError;
 /// A sequence of steps 1 to T, each with an observation of type `Y` and a
 /// control of type `U`.
 ///
-/// Arrays, slices and vectors of observations (or of what can be borrowed as
-/// one: `[Vec<f64>]` for observations of type `[f64]`) are sequences for models
-/// without a control; [`Controlled`] puts a control beside each observation.
+/// Arrays, slices and vectors of observations are sequences for models without a control. Their
+/// elements may be anything that borrows as an observation, such as `Vec<f64>` for observations
+/// of type `[f64]`. [`Controlled`] adds a control to each observation.
 ///
 /// # Implement it yourself
 ///
 /// ```
 /// use wayfix::Sequence;
 ///
-/// /// A log of (metres driven since the last sighting, place seen).
+/// /// A log of pairs (metres driven since the last observation, place seen).
 /// struct Log(Vec<(f64, usize)>);
 ///
 /// impl Sequence<f64, usize> for Log {
@@ -38,14 +37,14 @@ use crate::error::InferenceError;
     note = "an operator with a control takes a `wayfix::Controlled`, with a control for each observation"
 )]
 pub trait Sequence<U, Y: ?Sized> {
-    /// The number of steps, T.
+    /// Number of steps, T.
     fn steps(&self) -> usize;
 
-    /// What drives the transition from `step` − 1 to `step`, the one before the
-    /// observation of `step`; steps are counted from 1.
+    /// Control of the transition from `step` − 1 to `step`, before the observation of `step`;
+    /// steps are counted from 1.
     fn control(&self, step: usize) -> &U;
 
-    /// The observation of a step, from 1 to T.
+    /// Observation of a step, from 1 to T.
     fn observation(&self, step: usize) -> &Y;
 }
 
@@ -63,7 +62,7 @@ impl<Y: ?Sized, T: Borrow<Y>> Sequence<(), Y> for [T] {
     }
 }
 
-/// Sequences that are another one.
+/// Implements sequences that delegate to another one.
 macro_rules! as_another {
     ($([$($generics:tt)*] $type:ty => $other:ty, $control:ty, [$($bound:tt)*];)*) => {$(
         impl<Y: ?Sized, $($generics)*> Sequence<$control, Y> for $type where $($bound)* {
@@ -88,11 +87,11 @@ as_another! {
     [U, S: ?Sized] &S => S, U, [S: Sequence<U, Y>];
 }
 
-/// Observations with a control for each: `controls[k - 1]` drives the
-/// transition from k − 1 to k, the one before `observations[k - 1]`.
+/// Observations with one control each: `controls[k - 1]` drives the transition from k − 1 to k,
+/// before `observations[k - 1]`.
 ///
-/// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) no
-/// transition leads to step 1, and the first control is not looked at.
+/// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) no transition leads to
+/// step 1, and the first control is ignored.
 ///
 /// ```
 /// use wayfix::transition::SwitchedTransition;
@@ -116,11 +115,11 @@ pub struct Controlled<'a, U, T> {
 }
 
 impl<'a, U, T> Controlled<'a, U, T> {
-    /// One control for each observation.
+    /// Pairs each observation with a control.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::ControlCount`] if there are not as many.
+    /// [`InferenceError::ControlCount`] if their numbers differ.
     pub fn new(controls: &'a [U], observations: &'a [T]) -> Result<Self, InferenceError> {
         if controls.len() != observations.len() {
             let (controls, observations) = (controls.len(), observations.len());
@@ -129,13 +128,13 @@ impl<'a, U, T> Controlled<'a, U, T> {
         Ok(Self { controls, observations })
     }
 
-    /// The controls, as many as observations.
+    /// Controls, one per observation.
     #[must_use]
     pub fn controls(&self) -> &'a [U] {
         self.controls
     }
 
-    /// The observations.
+    /// Observations.
     #[must_use]
     pub fn observations(&self) -> &'a [T] {
         self.observations

@@ -1,4 +1,4 @@
-//! Many simulated drives, estimated and scored.
+//! Simulated drives, estimated and scored.
 
 use std::error::Error;
 use std::num::NonZeroUsize;
@@ -7,11 +7,10 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::map::RoadMap;
 use wayfix::{canberra, evaluate};
 
-/// The length of a drive in the paper (section IV).
+/// Length of a drive in the paper (section IV).
 pub(crate) const STEPS: usize = 50;
 
-/// Where a drive starts and how noisy the sensor is, with the paper's two
-/// accuracies.
+/// Start of the drive and noise of the sensor, with the paper's two accuracies.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Setting {
     pub(crate) initial: u64,
@@ -27,50 +26,50 @@ pub(crate) const SETTINGS: [Setting; 3] = [
     Setting { initial: 90, sigma: 1.0, paper_filter: 0.76, paper_smoother: 0.82 },
 ];
 
-/// What names the place.
+/// Methods that estimate the place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Estimator {
     /// The sensor alone.
     Raw,
-    /// The most probable place given the sightings so far.
+    /// The most probable place given the observations so far.
     Filter,
-    /// The most probable place given all sightings.
+    /// The most probable place given all observations.
     Smoother,
-    /// The most probable drive.
+    /// The most probable path.
     Viterbi,
 }
 
 pub(crate) const ESTIMATORS: [Estimator; 4] =
     [Estimator::Raw, Estimator::Filter, Estimator::Smoother, Estimator::Viterbi];
 
-/// One drive: X_0, the truth X_1 … X_T, and an estimate of it by each estimator.
+/// One drive: X_0, the truth X_1 … X_T, and an estimate of it by each method.
 pub(crate) struct Drive {
     pub(crate) initial: usize,
     pub(crate) truth: Vec<usize>,
     pub(crate) estimates: [Vec<usize>; ESTIMATORS.len()],
 }
 
-/// How good an estimator is in a setting.
+/// Scores of an estimator in a setting.
 pub(crate) struct Row {
     pub(crate) setting: Setting,
     pub(crate) estimator: Estimator,
-    /// The accuracy over each drive.
+    /// Accuracy of each drive.
     pub(crate) accuracies: Vec<f64>,
-    /// The mean accuracy over the drives, and its standard error.
+    /// Mean accuracy over the drives, and its standard error.
     pub(crate) mean: f64,
     pub(crate) std_error: f64,
-    /// The central 95% of the accuracies of single drives.
+    /// Central 95% of the accuracies of single drives.
     pub(crate) lo95: f64,
     pub(crate) hi95: f64,
-    /// The mean distance from the true to the estimated place.
+    /// Mean distance from the true to the estimated place.
     pub(crate) hops: f64,
     pub(crate) metres: f64,
-    /// The fraction of estimated drives in which every move is possible.
+    /// Fraction of estimated paths in which every move is possible.
     pub(crate) legal: f64,
 }
 
 impl Row {
-    /// The paper's accuracy, where it has one.
+    /// Accuracy in the paper, if it has one.
     pub(crate) fn paper(&self) -> Option<f64> {
         match self.estimator {
             Estimator::Filter => Some(self.setting.paper_filter),
@@ -81,26 +80,26 @@ impl Row {
 }
 
 impl Setting {
-    /// Drive number `run`: its own stream of the generator, so that it is the
-    /// same however many drives there are.
+    /// Simulates drive number `run` with its own stream of the generator, so that it does not
+    /// depend on the number of drives.
     pub(crate) fn drive(&self, seed: u64, run: u64) -> Result<Drive, Box<dyn Error>> {
         let hmm = canberra::hmm(self.initial, self.sigma)?;
         drive(&hmm, self, seed, run)
     }
 
-    /// The beliefs of filter and smoother at each sighting of a drive.
+    /// Beliefs of filter and smoother at each observation of a drive.
     pub(crate) fn beliefs(&self, drive: &Drive) -> Result<[Vec<Vec<f64>>; 2], Box<dyn Error>> {
         let hmm = canberra::hmm(self.initial, self.sigma)?;
         let seen = &drive.estimates[Estimator::Raw as usize];
         let filtering = hmm.forward(seen)?;
         let smoothing = hmm.smooth(seen)?;
-        // Step 0, the known start, has no sighting.
+        // Step 0, the known start, has no observation.
         Ok([filtering.posteriors(), smoothing.posteriors()].map(|posteriors| {
             posteriors.iter().skip(1).map(|belief| belief.as_slice().to_vec()).collect()
         }))
     }
 
-    /// Many drives, scored: a row for each estimator.
+    /// Simulates and scores many drives, with one row per estimator.
     pub(crate) fn run(
         &self,
         map: &RoadMap,
@@ -184,7 +183,7 @@ fn drive(
     })
 }
 
-/// The value below which a fraction of the sorted values lies (nearest rank).
+/// Value below which a fraction of the sorted values lies (nearest rank).
 fn quantile(sorted: &[f64], fraction: f64) -> f64 {
     let below = sorted
         .iter()

@@ -1,5 +1,5 @@
-//! The paper's pictures as SVG: the map, true and estimated places, the two
-//! matrices; and Table 1 as intervals.
+//! Figures of the paper as SVG: the map, true and estimated places, the two matrices; and Table 1
+//! as intervals.
 
 #![expect(clippy::cast_possible_wrap, reason = "pixels and places are small numbers")]
 
@@ -15,7 +15,7 @@ use wayfix::{SparseTransition, TransitionEntries, canberra};
 use crate::experiment::{Drive, Estimator, Row, SETTINGS, STEPS};
 use crate::layout::{self, Layout};
 
-/// A picture and what it shows.
+/// A picture with its caption.
 pub(crate) struct Figure {
     pub(crate) file: String,
     pub(crate) caption: String,
@@ -24,7 +24,7 @@ pub(crate) struct Figure {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), Box<dyn Error>>;
 
-// Okabe and Ito's colours, which the colour-blind can tell apart.
+// Okabe and Ito's palette, which is safe for the colour-blind.
 const BLUE: RGBColor = RGBColor(0, 114, 178);
 const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
@@ -48,7 +48,7 @@ fn anchored(style: &TextStyle<'static>, horizontal: HPos) -> TextStyle<'static> 
     style.pos(Pos::new(horizontal, VPos::Center))
 }
 
-/// Draws all pictures into a folder, in the order in which a page shows them.
+/// Draws all pictures into a folder, in the order in which the page shows them.
 pub(crate) fn draw_all(
     folder: &Path,
     map: &RoadMap,
@@ -132,7 +132,7 @@ fn entries(transition: &SparseTransition) -> Vec<(usize, usize, f64)> {
     columns.flat_map(|j| transition.outgoing(&(), j).map(move |(i, p)| (i, j, p))).collect()
 }
 
-/// Means, intervals, and the paper's figures.
+/// Draws means and intervals beside the paper's values.
 fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
     let (left, right, top, step) = (190, 870, 62, 28);
     let x =
@@ -176,7 +176,7 @@ fn diamond((x, y): (i32, i32)) -> Polygon<(i32, i32)> {
     Polygon::new([(x, y - 7), (x + 7, y), (x, y + 7), (x - 7, y)], BLACK.filled())
 }
 
-/// Places as numbered dots, roads as lines.
+/// Draws places as numbered dots, and roads as lines.
 fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
     let layout = Layout::of(map);
     let stroke = |class| match class {
@@ -216,7 +216,7 @@ fn road_map(area: &Area<'_>, map: &RoadMap) -> Drawn {
     Ok(())
 }
 
-/// The true place at each step, and what was estimated.
+/// Draws the true place at each step, and estimates.
 fn track(area: &Area<'_>, title: &str, drive: &Drive, shown: &[Estimator]) -> Drawn {
     let (head, body) = area.split_vertically(44);
     head.draw(&Text::new(title.to_owned(), (20, 14), font(18)))?;
@@ -271,7 +271,7 @@ fn track(area: &Area<'_>, title: &str, drive: &Drive, shown: &[Estimator]) -> Dr
     Ok(())
 }
 
-/// A matrix as lightness: the lighter, the larger.
+/// Draws a matrix as lightness: the lighter, the larger.
 fn matrix(
     area: &Area<'_>,
     title: &str,
@@ -316,7 +316,7 @@ fn matrix(
         (left - 58, top + middle),
         anchored(&turned, HPos::Center),
     ))?;
-    // The scale.
+    // Colour scale.
     let (x, height) = (left + side + 30, 400);
     for y in 0..height {
         let p = largest * f64::from(height - y) / f64::from(height);

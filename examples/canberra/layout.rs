@@ -1,4 +1,4 @@
-//! Where places, roads and the numbers of places are drawn, in pixels.
+//! Positions of places, roads and place numbers in pixels.
 
 use wayfix::map::{RoadClass, RoadMap};
 
@@ -7,14 +7,14 @@ pub(crate) const HEIGHT: u32 = 1240;
 
 type Pixel = (i32, i32);
 
-/// The map on a picture of [`WIDTH`] by [`HEIGHT`] pixels.
+/// Layout of the map in a picture of [`WIDTH`] by [`HEIGHT`] pixels.
 pub(crate) struct Layout {
     pub(crate) places: Vec<Pixel>,
-    /// One line for both directions of a road.
+    /// Roads, one line for both directions.
     pub(crate) roads: Vec<RoadLine>,
 }
 
-/// A road, drawn straight.
+/// A road, drawn as a straight line.
 pub(crate) struct RoadLine {
     pub(crate) line: [Pixel; 2],
     pub(crate) class: RoadClass,
@@ -56,9 +56,8 @@ impl Layout {
         Self { places, roads }
     }
 
-    /// The direction from each place in which its number is clearest of roads
-    /// and of the numbers before it, as a vector of length 1. A number is
-    /// `away` from its place.
+    /// Direction from each place, as a unit vector, in which its number is farthest from roads
+    /// and from the numbers before it. A number is `away` from its place.
     pub(crate) fn directions(&self, away: f64) -> Vec<(f64, f64)> {
         let mut numbers: Vec<(f64, f64)> = Vec::new();
         let mut directions = Vec::new();
@@ -85,7 +84,7 @@ impl Layout {
 }
 
 impl RoadLine {
-    /// A triangle a little beyond the middle of a one-way road, along it.
+    /// Triangle a little beyond the middle of a one-way road, pointing along it.
     pub(crate) fn arrow(&self) -> Option<[Pixel; 3]> {
         self.one_way.then(|| arrow(self.line))
     }
@@ -103,7 +102,7 @@ fn distance(a: (f64, f64), b: (f64, f64)) -> f64 {
     (a.0 - b.0).hypot(a.1 - b.1)
 }
 
-/// A triangle a little beyond the middle of a line, along it.
+/// Triangle a little beyond the middle of a line, pointing along it.
 pub(crate) fn arrow([from, to]: [Pixel; 2]) -> [Pixel; 3] {
     let (dx, dy) = (f64::from(to.0 - from.0), f64::from(to.1 - from.1));
     let length = dx.hypot(dy).max(1.0);

@@ -1,13 +1,13 @@
-//! The paper's experiment: how often do filter and smoother name the right
-//! place, on a drive of 50 steps through central Canberra?
+//! The paper's experiment: the accuracy of filter and smoother on a drive of 50 steps through
+//! central Canberra.
 //!
 //! ```text
 //! cargo run --release --example canberra -- [--runs 2000] [--seed 1] [--out target/canberra]
 //! ```
 //!
-//! Prints Table 1 beside the paper's figures, and writes tables (CSV), pictures
-//! (SVG), a page that shows them (index.html), and one on which the first drives
-//! are played (replay.html) into the output folder.
+//! Prints Table 1 beside the paper's values, and writes tables (CSV), pictures (SVG), a page that
+//! shows them (index.html), and one that replays the first drives (replay.html) to the output
+//! folder.
 
 mod experiment;
 mod figures;
@@ -30,13 +30,13 @@ use experiment::{ESTIMATORS, Estimator, Row, SETTINGS, STEPS, Setting};
 /// Reproduces Table 1 of "Visual Place Recognition" as distributions.
 #[derive(Parser)]
 struct Arguments {
-    /// How many drives to simulate for each setting.
+    /// Number of drives to simulate for each setting.
     #[arg(long, default_value = "2000", value_parser = count)]
     runs: NonZeroUsize,
-    /// The seed of the random drives.
+    /// Seed of the random drives.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Where to write tables, pictures and the page.
+    /// Output folder for tables, pictures and pages.
     #[arg(long, default_value = "target/canberra")]
     out: PathBuf,
 }
@@ -143,7 +143,7 @@ fn write_table1(path: &Path, rows: &[Row], runs: NonZeroUsize) -> Result<(), csv
     Ok(file.flush()?)
 }
 
-/// A line for each drive, numbered from 1, with the accuracy of each estimator.
+/// Writes one line per drive, numbered from 1, with the accuracy of each estimator.
 fn write_drives(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
     let mut file = csv::Writer::from_path(path)?;
     let estimators = ESTIMATORS.map(|estimator| estimator.to_string());

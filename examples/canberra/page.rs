@@ -1,4 +1,4 @@
-//! One page that shows tables and pictures, readable offline.
+//! A page that shows tables and pictures offline.
 
 use std::fmt::Write;
 use std::num::NonZeroUsize;

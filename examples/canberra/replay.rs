@@ -1,5 +1,5 @@
-//! A page on which drives are played: the map, and at each step the true place,
-//! the sighting, and the beliefs of filter and smoother.
+//! A page that replays drives: the map, and at each step the true place, the observation, and the
+//! beliefs of filter and smoother.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -11,19 +11,19 @@ use wayfix::map::{RoadClass, RoadMap};
 use crate::experiment::{Estimator, SETTINGS, STEPS, Setting};
 use crate::layout::{Layout, RoadLine};
 
-/// How many drives of each setting can be played.
+/// Number of drives of each setting that can be replayed.
 const DRIVES: usize = 10;
-/// A belief is told as far as its probabilities are at least this, and in any
-/// case as far as the page lists its most probable places.
+/// Least probability that the page includes, except that the most probable places that it lists
+/// are always included.
 const LEAST: f64 = 0.001;
 const LISTED: usize = 5;
-/// Probabilities are told in units of 1 / `UNITS`.
+/// Probabilities are written in units of 1 / `UNITS`.
 const UNITS: f64 = 10_000.0;
 
 const TEMPLATE: &str = include_str!("replay.html");
 const SCRIPT: &str = include_str!("replay.js");
 
-/// The page, with all that it needs.
+/// Creates the page with all its data.
 pub(crate) fn html(map: &RoadMap, runs: NonZeroUsize, seed: u64) -> Result<String, Box<dyn Error>> {
     let drives = runs.get().min(DRIVES) as u64;
     let settings = SETTINGS.iter().map(|setting| {
@@ -40,7 +40,7 @@ pub(crate) fn html(map: &RoadMap, runs: NonZeroUsize, seed: u64) -> Result<Strin
         "places": places.collect::<Vec<_>>(),
         "settings": settings.collect::<Result<Vec<Value>, Box<dyn Error>>>()?,
     });
-    // No name can end the element that holds the data.
+    // Prevents names from closing the element that holds the data.
     let data = data.to_string().replace('<', "\\u003c");
     let layout = Layout::of(map);
     Ok(TEMPLATE
@@ -64,8 +64,8 @@ fn drive(setting: &Setting, seed: u64, run: u64) -> Result<Value, Box<dyn Error>
     }))
 }
 
-/// Place, probability, place, probability …, the most probable first; of equal
-/// ones the lowest place, so that the first is the mode.
+/// Encodes a belief as place, probability, place, probability …, most probable first; ties go to
+/// the lowest place, so that the first is the mode.
 #[expect(clippy::cast_sign_loss, reason = "probabilities are not negative")]
 fn told(belief: &[f64]) -> Vec<u32> {
     let mut places: Vec<(usize, f64)> = belief.iter().copied().enumerate().collect();
@@ -77,8 +77,8 @@ fn told(belief: &[f64]) -> Vec<u32> {
     told.flat_map(|(_, &(place, p))| [place as u32, (p * UNITS).round() as u32]).collect()
 }
 
-/// The map, and for each place the circles of filter and smoother, which the
-/// script sizes.
+/// Draws the map and, for each place, the circles of filter and smoother, which the script
+/// resizes.
 fn svg(layout: &Layout) -> String {
     let mut svg = String::new();
     let mut put = |text: std::fmt::Arguments<'_>| {
@@ -110,7 +110,7 @@ fn svg(layout: &Layout) -> String {
     svg
 }
 
-/// The number of each place, in the direction where there is room for it.
+/// Draws the number of each place, in the direction with most room.
 fn numbers(map: &RoadMap, layout: &Layout) -> String {
     let directions = layout.directions(24.0);
     let places = map.places().iter().zip(&layout.places).zip(directions);

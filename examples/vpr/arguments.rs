@@ -1,4 +1,4 @@
-//! What both examples take on the command line.
+//! Command-line options that both examples share.
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
@@ -7,73 +7,69 @@ use std::path::PathBuf;
 use super::seqslam::SeqSlam;
 use super::settings::{Offsets, Settings};
 
-/// The lengths of a line that `SeqSLAM` tries unless one is given.
+/// Lengths of a line that `SeqSLAM` tries by default.
 const SEQUENCES: [usize; 4] = [10, 20, 50, 100];
 
-/// How to learn, answer and report.
+/// Options for learning, answering and reporting.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Common {
-    /// The steps whose places are known and learned from, as FIRST..END,
-    /// several separated by commas [default: the first third].
+    /// Labelled steps to learn from, as FIRST..END, several separated by commas [default: the
+    /// first third].
     #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
     fit_on: Vec<Range<usize>>,
-    /// The steps that results are reported on [default: all that are not
-    /// learned from].
+    /// Steps to report results on [default: all that are not learned from].
     #[arg(long, value_name = "RANGES", value_delimiter = ',', value_parser = span, allow_hyphen_values = true)]
     report_on: Vec<Range<usize>>,
-    /// How many steps later a fixed-lag answer is due.
+    /// Delay of fixed-lag answers, in steps.
     #[arg(long, value_name = "STEPS", default_value_t = 20, value_parser = whole, allow_negative_numbers = true)]
     lag: usize,
     /// Model places that are not on the map.
     #[arg(long)]
     pub(crate) off_map: bool,
-    /// How many references beside the right ones still count as right.
+    /// Number of references beside the right ones that still count as right.
     #[arg(long, value_name = "REFERENCES", default_value = "1,10", value_delimiter = ',', value_parser = whole, allow_negative_numbers = true)]
     tolerance: Vec<usize>,
     /// The references form a closed route.
     #[arg(long = "loop")]
     pub(crate) closed: bool,
-    /// SeqSLAM: the length of a line, in steps [default: of 10, 20, 50 and 100,
-    /// the one of most recall on the steps reported on, which favours SeqSLAM].
+    /// SeqSLAM: the length of a line, in steps [default: of 10, 20, 50 and 100, the one with the
+    /// highest recall on the steps reported on, which favours SeqSLAM].
     #[arg(long, value_name = "STEPS", value_parser = count, allow_negative_numbers = true)]
     sequence: Option<NonZeroUsize>,
     /// SeqSLAM: the slopes of a line, in references per step.
     #[arg(long, value_name = "SPEEDS", default_value = "0.8,0.9,1,1.1,1.2", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
     velocities: Vec<f64>,
-    /// SeqSLAM: the references on either side that contrast is relative to.
+    /// SeqSLAM: the number of references on either side that contrast is relative to.
     #[arg(long, value_name = "REFERENCES", default_value_t = 10, value_parser = whole, allow_negative_numbers = true)]
     contrast: usize,
-    /// Write what was learned into a file, as JSON (with the feature serde).
+    /// Write what was learned to a file, as JSON (with the feature serde).
     #[arg(long, value_name = "FILE", conflicts_with = "fit")]
     save: Option<PathBuf>,
-    /// Use what was learned before and saved, rather than learn; all steps are
-    /// reported on by default (with the feature serde).
+    /// Use a saved fit instead of learning; all steps are reported on by default (with the
+    /// feature serde).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fit_on", "offsets", "speeds"])]
     fit: Option<PathBuf>,
-    /// Temperature of the camera: likelihoods are raised to the power of
-    /// 1 / T. Single images are taken at 1 [default: 2.5, or what is better in each
-    /// part of the labelled steps].
+    /// Temperature of the camera: likelihoods are raised to the power of 1 / T. Single images are
+    /// taken at 1 [default: 2.5, or a value that is better in each part of the labelled steps].
     #[arg(long, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
     temperature: Option<f64>,
-    /// Correct for references that look like everything, by the mean and the
-    /// deviation of each. There is no `hubs` any more: `all` does without [default:
-    /// all].
+    /// Correct for references that resemble everything, by the mean and the deviation of each.
+    /// The former value `hubs` no longer exists; `all` replaces it [default: all].
     #[arg(long, value_name = "WHICH")]
     offsets: Option<Offsets>,
-    /// The speeds that the vehicle may have, in references per step; negative ones
-    /// are reverse [default: 13 from -3 to 3].
+    /// Speeds that the vehicle may have, in references per step; negative ones are reverse
+    /// [default: 13 from -3 to 3].
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = speed, allow_hyphen_values = true)]
     speeds: Vec<f64>,
-    /// The seed of all that is random.
+    /// Seed of all random numbers.
     #[arg(long, default_value_t = 1, allow_negative_numbers = true)]
     pub(crate) seed: u64,
-    /// Where to write tables and pictures [default: target/ and the example's
-    /// name].
+    /// Folder for tables and pictures [default: target/ and the example's name].
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
 }
 
-/// A whole number, or what was expected.
+/// Parses a whole number.
 pub(crate) fn whole(text: &str) -> Result<usize, String> {
     text.trim().parse().map_err(|_| String::from("expected a whole number of at least 0"))
 }
@@ -82,7 +78,7 @@ fn count(text: &str) -> Result<NonZeroUsize, String> {
     text.parse().map_err(|_| String::from("expected a whole number above 0"))
 }
 
-/// FIRST..END, the end excluded; not empty.
+/// Parses FIRST..END, a range without its end that must not be empty.
 pub(crate) fn span(text: &str) -> Result<Range<usize>, String> {
     let parse = || {
         let (first, end) = text.trim().split_once("..")?;
@@ -102,7 +98,7 @@ fn temperature(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| String::from("expected a number from 0.01 to 1000"))
 }
 
-/// Each value once, in order of its first place.
+/// Returns each value once, in the order of first occurrence.
 fn distinct<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
     let mut kept = Vec::new();
     for value in values {
@@ -114,8 +110,7 @@ fn distinct<T: Copy + PartialEq>(values: &[T]) -> Vec<T> {
 }
 
 impl Common {
-    /// Settings for a recording of so many
-    /// steps.
+    /// Returns the settings for a recording of this many steps.
     pub(crate) fn settings(&self, steps: usize) -> Result<Settings, String> {
         let third = 0..steps / 3;
         let fit_on = match &self.fit_on[..] {
@@ -171,7 +166,7 @@ impl Common {
     }
 }
 
-/// In order, with those that meet as one.
+/// Checks and sorts ranges, and joins those that meet.
 fn joined(option: &str, spans: &[Range<usize>], steps: usize) -> Result<Vec<Range<usize>>, String> {
     let mut ranges = spans.to_vec();
     if let Some(Range { start, end }) = ranges.iter().find(|range| range.end > steps) {
@@ -271,7 +266,7 @@ mod tests {
         assert_eq!(given.offsets, Some(Offsets::None));
         let given = settings(9, "--speeds 0.5,0,-1,0").unwrap();
         assert_eq!(given.speeds, [-1.0, 0.0, 0.5]);
-        // Nothing is learned from, however short the recording.
+        // With a saved fit nothing is learned, however short the recording.
         let given = settings(2, "--fit a").unwrap();
         assert_eq!(
             (given.fit, given.fit_on, given.report_on),

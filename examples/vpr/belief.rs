@@ -1,5 +1,5 @@
-//! The belief over time as a picture: steps along, places up, the darker the
-//! more probable, with the true places as a thin line.
+//! Picture of the belief over time: steps along the first axis, places along the second, darker
+//! for more probable, with the true places as a thin line.
 
 #![expect(
     clippy::cast_possible_wrap,
@@ -19,11 +19,11 @@ use plotters::style::text_anchor::HPos;
 use super::recording::Recording;
 use super::style::{Area, Drawn, GREY, VERMILLION, anchored, font, shortened};
 
-/// Four shades for each factor of ten, down to 0.0001.
+/// Number of shades: four for each factor of ten, down to 0.0001.
 const SHADES: u8 = 16;
 const DECADES: i32 = 4;
 const BACKGROUND: &str = "/>\n";
-/// Runs of one shade; each takes some twenty bytes.
+/// Most runs of one shade; each takes some twenty bytes.
 const MOST_RUNS: usize = 40_000;
 const CELLS: (usize, usize) = (600, 400);
 const LEFT: i32 = 72;
@@ -31,7 +31,7 @@ const TOP: i32 = 84;
 const WIDTH: i32 = 900;
 const HEIGHT: i32 = 480;
 
-/// A shade of blue from white (0) to almost black, ever darker.
+/// Shade of blue from white (0) to almost black, ever darker.
 fn shade(level: u8) -> RGBColor {
     let stops = [(255, 255, 255), (170, 212, 240), (60, 140, 200), (0, 70, 140), (0, 15, 50)];
     let at = f64::from(level) / f64::from(SHADES) * (stops.len() - 1) as f64;
@@ -42,15 +42,15 @@ fn shade(level: u8) -> RGBColor {
     RGBColor(mix(a.0, b.0), mix(a.1, b.1), mix(a.2, b.2))
 }
 
-/// The shade of a probability: 0 below 0.0001, the darkest at 1.
+/// Shade of a probability: 0 below 0.0001, the darkest at 1.
 fn level(p: f32) -> u8 {
     let part = 1.0 + f64::from(p).log10() / f64::from(DECADES);
-    // By rounding, a sum of probabilities may lie above 1.
+    // A sum of probabilities may exceed 1 by rounding.
     if part > 0.0 { ((part * f64::from(SHADES)).ceil() as u8).min(SHADES) } else { 0 }
 }
 
-/// The largest values of a matrix in cells, column by column: at most so many
-/// steps (columns) and places (rows).
+/// Maxima of a matrix over cells, column by column, with at most the given numbers of steps
+/// (columns) and places (rows).
 fn cells(belief: &[f32], places: usize, (columns, rows): (usize, usize)) -> Vec<Vec<f32>> {
     let steps = belief.len() / places;
     let (columns, rows) = (columns.min(steps), rows.min(places));
@@ -65,7 +65,7 @@ fn cells(belief: &[f32], places: usize, (columns, rows): (usize, usize)) -> Vec<
     cells
 }
 
-/// Cells of equal shade that follow each other in a column: shade, column, rows.
+/// Runs of cells of equal shade within a column: shade, column, rows.
 fn runs(cells: &[Vec<f32>]) -> Vec<(u8, usize, Range<usize>)> {
     let mut runs = Vec::new();
     for (column, values) in cells.iter().enumerate() {
@@ -82,7 +82,7 @@ fn runs(cells: &[Vec<f32>]) -> Vec<(u8, usize, Range<usize>)> {
     runs
 }
 
-/// The image as SVG, a path for each shade; coarser if there are too many runs.
+/// Image as SVG with one path per shade; coarser if there are too many runs.
 fn image(belief: &[f32], places: usize) -> String {
     let (mut size, mut grid) = (CELLS, cells(belief, places, CELLS));
     let mut all = runs(&grid);
@@ -114,7 +114,7 @@ fn image(belief: &[f32], places: usize) -> String {
     svg
 }
 
-/// Draws beliefs, a row of places for each step.
+/// Draws beliefs, one row of places per step.
 pub(crate) fn draw(
     file: &Path,
     recording: &Recording,
@@ -141,8 +141,8 @@ fn frame(area: &Area<'_>, recording: &Recording, learned: &[Range<usize>]) -> Dr
     let name = shortened(&recording.name, 130);
     area.draw(&Text::new(name, (20, 40), font(14).color(&GREY)))?;
 
-    // The truth, with breaks where it leaves the map or goes around, in dashes
-    // that the belief can be seen through.
+    // The truth, interrupted where it leaves the map or goes around the loop, in dashes through
+    // which the belief is visible.
     let dashes = |mut line: Vec<(i32, i32)>| -> Drawn {
         line.dedup();
         let width = if steps.max(places) > 300 { 1 } else { 2 };
@@ -186,7 +186,7 @@ fn frame(area: &Area<'_>, recording: &Recording, learned: &[Range<usize>]) -> Dr
     let turned = anchored(15, HPos::Center).transform(FontTransform::Rotate270);
     area.draw(&Text::new("reference", (18, TOP + HEIGHT / 2), turned))?;
 
-    // What lines and strips are.
+    // Legend.
     let legend = |left: i32, colour: RGBColor, text: &str| -> Drawn {
         let mark = [(left, 53), (left + 26, 59)];
         area.draw(&Rectangle::new(mark, colour.filled()))?;
@@ -201,7 +201,7 @@ fn frame(area: &Area<'_>, recording: &Recording, learned: &[Range<usize>]) -> Dr
     }
     legend(LEFT + 760, GREY, "learned from")?;
 
-    // The scale.
+    // Colour scale.
     let (left, tall) = (LEFT + WIDTH + 24, 320);
     let height = |level: u8| TOP + tall - i32::from(level) * tall / i32::from(SHADES);
     area.draw(&Text::new("probability", (left - 4, TOP - 12), anchored(13, HPos::Left)))?;
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn an_image_stays_small() {
-        // As many different cells as there can be.
+        // The largest possible number of different cells.
         let (steps, places) = (1000, 900);
         let belief =
             (0..steps * places).map(|i| if (i + i / places) % 2 == 0 { 1.0 } else { 0.01 });

@@ -1,32 +1,31 @@
-//! A recording shown again as a drive of one's own: with stops, reverse, other
-//! speeds, and detours.
+//! Simulated drives through a recording: with stops, reverse, other speeds, and detours.
 
 use std::ops::Range;
 use std::str::FromStr;
 
-/// So many steps at a speed in frames per step.
+/// A number of steps at one speed, in frames per step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Leg {
     pub(crate) steps: usize,
     pub(crate) speed: f64,
 }
 
-/// Frames that are shown before a step of the drive.
+/// A range of frames shown before a step of the drive.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Detour {
     pub(crate) frames: Range<usize>,
     pub(crate) at: usize,
 }
 
-/// Which frame each step shows, and how far the vehicle moved before it.
+/// Frame shown at each step, and the distance moved before it.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Drive {
     pub(crate) frames: Vec<usize>,
-    /// In frames; the first is 0.
+    /// Distances in frames; the first is 0.
     pub(crate) distances: Vec<f64>,
 }
 
-/// A number without its many digits, if it is huge.
+/// Formats a number, shortened if it is huge.
 fn short(value: f64) -> String {
     if value.abs() > 1e9 { format!("{value:e}") } else { value.to_string() }
 }
@@ -63,8 +62,8 @@ impl FromStr for Detour {
 }
 
 impl Drive {
-    /// Shows frame `start`, then a frame for each step of the legs: the one
-    /// nearest to where the vehicle is, halves up.
+    /// Shows frame `start`, then one frame for each step of the legs: the one nearest to the
+    /// position, halves rounded up.
     pub(crate) fn new(legs: &[Leg], start: usize, frames: usize) -> Result<Self, String> {
         let last = frames - 1;
         if start > last {
@@ -95,8 +94,8 @@ impl Drive {
         Ok(drive)
     }
 
-    /// Puts the frames of each detour before its step. They are driven at speed
-    /// 1, and the step after them has the distance that it has without them.
+    /// Inserts the frames of each detour before its step. Detours are driven at speed 1, and the
+    /// step after one has the same distance as without it.
     pub(crate) fn with_detours(self, detours: &[Detour], frames: usize) -> Result<Self, String> {
         let steps = self.frames.len();
         for Detour { frames: Range { start, end }, at } in detours {
@@ -139,7 +138,7 @@ mod tests {
     #[test]
     fn a_drive_shows_the_nearest_frames() {
         let drive = Drive::new(&legs("2@1,1@0,2@2,2@-1,3@0.5,1@-0.25"), 3, 20).unwrap();
-        // 3 4 5 5 7 9 8 7 7.5 8 8.5 8.25
+        // Positions: 3 4 5 5 7 9 8 7 7.5 8 8.5 8.25.
         assert_eq!(drive.frames, [3, 4, 5, 5, 7, 9, 8, 7, 8, 8, 9, 8]);
         assert_eq!(
             drive.distances,

@@ -11,17 +11,17 @@ use super::recording::{Answers, Recording};
 use super::settings::Settings;
 use super::{fit, spinner};
 
-/// How many steps a filter has to find its place.
+/// Number of steps within which a filter must find its place.
 const LOCALISE: usize = 100;
 
-/// What the methods say.
+/// Estimates of all methods.
 pub(crate) struct Estimates {
     pub(crate) answers: Vec<Answers>,
-    /// Smoothed, T × n.
+    /// Smoothed beliefs, T × n.
     pub(crate) belief: Vec<f32>,
-    /// For each lag, the place at each step.
+    /// Place at each step, for each lag.
     pub(crate) lags: Vec<(usize, Vec<Option<usize>>)>,
-    /// What to print beside the results.
+    /// Notes to print beside the results.
     pub(crate) notes: Vec<String>,
 }
 
@@ -52,7 +52,7 @@ struct Task<'a> {
     recording: &'a Recording,
     settings: &'a Settings,
     recognizer: Recognizer,
-    /// How far from the middle of the true places is still right.
+    /// Number of references on either side of the middle that are still right.
     width: usize,
 }
 
@@ -87,7 +87,7 @@ impl Task<'_> {
         Ok(Estimates { answers, belief: belief.map(|p| p as f32).collect(), lags, notes })
     }
 
-    /// The result of a method, and how many milliseconds it took for each step.
+    /// Returns the result of a method and its time per step in milliseconds.
     fn timed<T>(
         &self,
         what: &'static str,
@@ -101,8 +101,7 @@ impl Task<'_> {
         Ok((result?, ms))
     }
 
-    /// The recording step by step, as a vehicle would be followed; its
-    /// log-likelihood.
+    /// Filters the recording step by step, as on a vehicle, and returns the log-likelihood.
     fn live(&self) -> Result<f64, RecognitionError> {
         let mut track = self.recognizer.track();
         for step in 0..self.recording.steps() {
@@ -111,7 +110,7 @@ impl Task<'_> {
         Ok(track.log_likelihood())
     }
 
-    /// The places at several lags; and the answers at the lag asked for.
+    /// Places at several lags, and the answers at the chosen lag.
     #[expect(clippy::type_complexity, reason = "as `Estimates` has it")]
     fn lagged(
         &self,
@@ -134,8 +133,8 @@ impl Task<'_> {
         Ok(places)
     }
 
-    /// How soon a filter that starts anywhere has found the place, from starts
-    /// all over the recording that are neither learned from nor off the map.
+    /// Reports how soon a filter without a known start finds the place, from starts all over the
+    /// recording, except for steps that are learned from or off the map.
     fn localised(&self) -> Result<Option<String>, Box<dyn Error>> {
         let count = self.recording.steps();
         let tolerance = self.settings.tolerances.iter().copied().max().unwrap_or(0);
@@ -167,7 +166,7 @@ impl Task<'_> {
         }))
     }
 
-    /// The probability that a place is right to a tolerance, or of off the map.
+    /// Probability that a place is right to a tolerance, or of being off the map.
     fn mass_near(&self, belief: BeliefView<'_>, place: Option<usize>, tolerance: usize) -> f64 {
         let belief = belief.as_slice();
         let within = tolerance.saturating_add(self.width);
@@ -177,7 +176,7 @@ impl Task<'_> {
         }
     }
 
-    /// The probability of what is true.
+    /// Probability of the true places.
     fn true_mass(&self, beliefs: &PlaceBeliefs, step: usize, tolerance: usize) -> f64 {
         let (Some(_), Some(belief)) = (&self.recording.truth[step], beliefs.get(step)) else {
             return beliefs.mass(step, None);
@@ -201,7 +200,7 @@ impl Task<'_> {
         }
     }
 
-    /// Places, as probable as the beliefs say.
+    /// Answers with the probabilities that the beliefs give to the places.
     fn answers_at(
         &self,
         method: &str,
@@ -231,7 +230,8 @@ mod tests {
 
     use super::*;
 
-    /// Along a route of 40 references, then off it, then on; two references are right.
+    /// A drive along 40 references, then off the map, then on it; two references are right at
+    /// each step.
     fn recording(closed: bool) -> Recording {
         let places = (0..30).map(Some).chain([None; 12]).chain((25..40).map(Some));
         let truth: Vec<_> = places.map(|place| place.map(|i: usize| i..=(i + 1).min(39))).collect();
@@ -266,7 +266,7 @@ mod tests {
                 let right = |step: &usize| recording.is_right(*step, answers.places[*step], 1);
                 let count = |steps: Range<usize>| steps.filter(right).count();
                 assert!(count(5..30) == 25, "{}", answers.method);
-                // The rates off the map show afterwards.
+                // The rates off the map are known only afterwards.
                 if ["smoother", "viterbi"].contains(&&answers.method[..]) {
                     assert!(count(0..57) >= 53, "{} {}", answers.method, count(0..57));
                 }
@@ -278,7 +278,7 @@ mod tests {
                 found.lags.iter().map(|lag| lag.0).collect::<Vec<_>>(),
                 [0, 1, 2, 4, 5, 10, 20]
             );
-            // Waiting for nothing is filtering.
+            // A lag of 0 is filtering.
             assert_eq!(found.lags[0].1, found.answers[1].places);
             assert_eq!(found.belief.len(), 57 * 40);
             let masses = |at: usize| found.answers[at].truth_mass.as_ref().unwrap();

@@ -15,29 +15,29 @@ const PANEL: i32 = 425;
 const HEAD: i32 = 62;
 const LEGEND: i32 = 250;
 const GAP: i32 = 16;
-/// Pictures are at most so wide, so that they can be read on a page.
+/// Largest width of a picture that is readable on a page.
 const WIDTH: i32 = 1100;
-/// Bins of fewer steps are drawn pale.
+/// Number of steps below which a bin is drawn pale.
 const FEW: usize = 10;
 
-/// A line of a chart.
+/// A curve of a chart.
 struct Curve {
     name: String,
     look: Look,
     points: Vec<(f64, f64)>,
 }
 
-/// Axes of a panel; unless said otherwise, both from 0 to 1.
+/// Axes of a panel, both from 0 to 1 by default.
 struct Axes {
     title: String,
-    /// Size of the panel, in pixels.
+    /// Side of the panel, in pixels.
     side: i32,
-    /// Pixels between the title and the plot.
+    /// Space between the title and the plot, in pixels.
     space: i32,
     labels: [&'static str; 2],
-    /// The end of the first axis.
+    /// End of the first axis.
     x_end: f64,
-    /// The start of the second.
+    /// Start of the second axis.
     y_start: f64,
     diagonal: bool,
 }
@@ -65,8 +65,8 @@ fn picture(
     Ok(area.present()?)
 }
 
-/// A square panel with its upper left corner at a pixel; returns where values
-/// lie in the picture.
+/// Draws a square panel with its upper left corner at a pixel; returns the map from values to
+/// pixels.
 fn panel(
     area: &Area<'_>,
     corner: Pixel,
@@ -105,7 +105,7 @@ fn panel(
     Ok(at)
 }
 
-/// Panels of curves, two in a row, and the legend of the first beside them.
+/// Draws panels of curves, two in a row, with the legend of the first beside them.
 fn curves(file: &Path, titles: [&str; 2], panels: &[(Axes, Vec<Curve>)]) -> Drawn {
     let (columns, rows) = (panels.len().clamp(1, 2), panels.len().div_ceil(2) as i32);
     let width = columns as i32 * PANEL;
@@ -132,19 +132,18 @@ fn curves(file: &Path, titles: [&str; 2], panels: &[(Axes, Vec<Curve>)]) -> Draw
     })
 }
 
-/// A lower end of an axis that ends at 1, in tenths.
+/// Lower end of an axis that ends at 1, in tenths.
 fn below(values: impl Iterator<Item = f64>) -> f64 {
     let least = values.fold(1.0, f64::min);
     (least * 10.0).floor().min(9.0) / 10.0
 }
 
-/// "within 1 reference".
+/// Formats a tolerance, as "within 1 reference".
 pub(crate) fn within(tolerance: usize) -> String {
     format!("within {}", super::counted(tolerance, "reference"))
 }
 
-/// A panel for each tolerance, a curve for each method: steps, as the area is
-/// counted.
+/// Draws one panel per tolerance and one curve per method, in steps, as the area is computed.
 pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let scores = measured.iter().flat_map(|method| &method.scores);
     let points = scores.flat_map(|score| score.curve.points());
@@ -167,7 +166,7 @@ pub(crate) fn precision_recall(file: &Path, name: &str, measured: &[Measured]) -
     curves(file, ["Precision and recall", name], &panels.collect::<Vec<_>>())
 }
 
-/// ROC curves of each method: on the map or not.
+/// Draws the ROC curve of each method for being on the map.
 pub(crate) fn roc(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let lines = measured.iter().filter_map(|method| {
         let (name, look) = style::of_method(&method.method);
@@ -182,7 +181,7 @@ pub(crate) fn roc(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     curves(file, ["Is it on the map? ROC", name], &[(axes, lines.collect())])
 }
 
-/// Recall against lag, a line for each tolerance.
+/// Draws recall against lag, one curve per tolerance.
 pub(crate) fn lags(
     file: &Path,
     name: &str,
@@ -203,8 +202,7 @@ pub(crate) fn lags(
     curves(file, ["What waiting brings", name], &[(axes, lines.collect())])
 }
 
-/// Reliability diagrams: for each tolerance, a panel
-/// for each method that has probabilities.
+/// Draws reliability diagrams, one panel for each tolerance and each method with probabilities.
 pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
     let diagrams = |at: usize| {
         measured.iter().filter_map(move |method| {
@@ -258,7 +256,7 @@ pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Dra
     })
 }
 
-/// Wilson's interval of 95% for the fraction of a bin that is right.
+/// Wilson's 95% interval for the fraction of right answers in a bin.
 fn interval(bin: &ReliabilityBin) -> (f64, f64) {
     let (z, n, p) = (1.96, bin.count() as f64, bin.fraction_true());
     let scale = 1.0 + z * z / n;

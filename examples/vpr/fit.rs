@@ -1,4 +1,4 @@
-//! The recogniser of a recording: learned on its labelled part, or saved before.
+//! Recogniser of a recording: learned from its labelled part, or from a saved fit.
 
 use std::error::Error;
 use std::ops::Range;
@@ -11,7 +11,7 @@ use super::recording::Recording;
 use super::settings::{Offsets, Settings};
 use super::{chain, decimals, saved, spinner};
 
-/// Makes the recogniser, and saves what it learned if that is asked for.
+/// Creates the recogniser, and saves the fit if asked to.
 pub(super) fn recognizer(
     recording: &Recording,
     settings: &Settings,
@@ -40,7 +40,7 @@ pub(super) fn recognizer(
     Ok(recognizer)
 }
 
-/// The fit to the labelled part.
+/// Learns from the labelled part.
 fn learned(
     recognizer: &Recognizer,
     recording: &Recording,
@@ -60,7 +60,7 @@ fn learned(
     Ok(fitted.fit().clone())
 }
 
-/// A saved fit, for a route and places off the map as here.
+/// Reads a saved fit, which must be for the same kind of route and of places off the map.
 fn read(file: &Path, recording: &Recording, settings: &Settings) -> Result<Fit, String> {
     let fit = saved::read(file)?;
     let mut options = fit.options().clone();
@@ -75,7 +75,7 @@ fn read(file: &Path, recording: &Recording, settings: &Settings) -> Result<Fit, 
     Ok(fit.with_options(options))
 }
 
-/// Lines that tell what was learned, and reasons to doubt it.
+/// Summarises the fit, with reasons to doubt it.
 pub(super) fn notes(fit: &Fit, recording: &Recording, settings: &Settings) -> Vec<String> {
     let options = fit.options();
     let speeds = options.speeds.values().iter().zip(options.speeds.shares());
@@ -127,7 +127,7 @@ pub(super) fn notes(fit: &Fit, recording: &Recording, settings: &Settings) -> Ve
     notes
 }
 
-/// A warning as a line.
+/// Formats a warning.
 pub(super) fn warned(warning: &Warning) -> String {
     format!("WARNING: {warning}")
 }
@@ -136,7 +136,7 @@ pub(super) fn warned(warning: &Warning) -> String {
 mod tests {
     use super::*;
 
-    /// Ahead on 20 references, with one step off the map.
+    /// A forward drive along 20 references, with one step off the map.
     fn recording() -> Recording {
         let cells = (0..20).flat_map(|step| (0..20).map(move |i| (step, i)));
         let seen = |(step, i)| if step == i { 0.0 } else { 1.0 + ((step * 3 + i) % 7) as f32 };

@@ -1,4 +1,4 @@
-//! Reads raw grey frames.
+//! Raw grey frames from files.
 
 use std::fs;
 use std::path::Path;

@@ -1,6 +1,5 @@
-//! Disturbances of a camera on real drives, spliced into a recording: pixels of
-//! the query are altered before descriptors are made of them, and frames are
-//! lost or come twice.
+//! Disturbances of real cameras and drives, inserted into a recording: pixels of the query are
+//! altered before the descriptors are computed, and frames are lost or repeated.
 
 use std::ops::Range;
 
@@ -15,17 +14,17 @@ use crate::vpr::synthetic::grey;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Black, but for the noise of the sensor.
+    /// Black, except for the noise of the sensor.
     Tunnel,
-    /// A bright grey with little contrast left.
+    /// A bright grey with little remaining contrast.
     Fog,
-    /// A tenth of the light, and noise.
+    /// A tenth of the light, with noise.
     Night,
-    /// A part of the image that stays as it is.
+    /// A part of the image that does not change.
     Lens,
-    /// Noisy copies of the map elsewhere, driven through as the vehicle drives.
+    /// Noisy copies of another part of the map, passed at the speed of the vehicle.
     LookAlike,
-    /// Gain and offset that jump, so far that pixels saturate.
+    /// Jumps of gain and offset, so large that pixels saturate.
     Exposure,
     /// Half of the frames are lost.
     Dropped,
@@ -33,7 +32,7 @@ pub(crate) enum Kind {
     Repeated,
 }
 
-/// All kinds, and what outputs call them.
+/// All kinds with their names in the outputs.
 pub(crate) const KINDS: [(Kind, &str); 8] = [
     (Kind::Tunnel, "tunnel"),
     (Kind::Fog, "fog"),
@@ -45,10 +44,10 @@ pub(crate) const KINDS: [(Kind, &str); 8] = [
     (Kind::Repeated, "repeated"),
 ];
 
-/// A query that is driven along a map.
+/// A query pass along a map.
 pub(crate) struct Pass<'a> {
     pub(crate) references: &'a Frames,
-    /// The references that are the map.
+    /// References of the map.
     pub(crate) map: Range<usize>,
     pub(crate) queries: &'a Frames,
     pub(crate) drive: Drive,
@@ -57,24 +56,24 @@ pub(crate) struct Pass<'a> {
 /// A pass with disturbances.
 #[derive(Debug)]
 pub(crate) struct Disturbed {
-    /// Frames seen, one for each step.
+    /// Frames shown, one per step.
     pub(crate) shown: Frames,
-    /// Where the vehicle truly is.
+    /// True positions of the vehicle.
     pub(crate) drive: Drive,
-    /// For each step, that of the undisturbed drive; never falling.
+    /// Step of the undisturbed drive for each step; never decreasing.
     sources: Vec<usize>,
-    /// Steps of the undisturbed drive.
+    /// Disturbed steps, as steps of the undisturbed drive.
     stretches: Vec<Range<usize>>,
 }
 
-/// A generator of its own for each stream; 0 and 1 are taken.
+/// Creates an independent generator for each stream; streams 0 and 1 are in use elsewhere.
 pub(crate) fn generator(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream);
     rng
 }
 
-/// Maps grey values and adds noise of a standard deviation.
+/// Maps grey values, and adds noise of the given standard deviation.
 fn alter(frame: &mut [u8], deviation: f64, rng: &mut ChaCha8Rng, map: impl Fn(f64) -> f64) {
     for pixel in frame {
         let noise: f64 = StandardNormal.sample(rng);
@@ -83,7 +82,7 @@ fn alter(frame: &mut [u8], deviation: f64, rng: &mut ChaCha8Rng, map: impl Fn(f6
 }
 
 impl Pass<'_> {
-    /// Disturbs stretches in order, the n-th with the n-th kind, over and over.
+    /// Disturbs stretches in order, cycling through the kinds.
     pub(crate) fn disturbed(
         &self,
         stretches: &[Range<usize>],
@@ -98,7 +97,7 @@ impl Pass<'_> {
         }
         shown.extend((next..self.drive.frames.len()).map(|step| (step, self.seen(step))));
         let (sources, pixels): (Vec<usize>, Vec<Vec<u8>>) = shown.into_iter().unzip();
-        // A lost frame was driven past all the same.
+        // The vehicle also passes the places of lost frames.
         let mut passed = 0;
         let distances = sources.iter().map(|&source| {
             let driven = self.drive.distances[passed..=source].iter().skip(1).sum();
@@ -120,7 +119,7 @@ impl Pass<'_> {
         self.queries.frame(self.drive.frames[step]).to_vec()
     }
 
-    /// Appends the steps of a stretch, and what is seen at each.
+    /// Appends the steps of a stretch with the frames shown at each.
     fn disturb(
         &self,
         stretch: Range<usize>,
@@ -130,12 +129,12 @@ impl Pass<'_> {
     ) {
         let Frames { rows, cols, .. } = *self.queries;
         let contrast = rng.random_range(0.05..0.3);
-        // Between a quarter and all of the image.
+        // The cover takes between a quarter and all of the image.
         let tall = rng.random_range(rows.div_ceil(2)..=rows);
         let wide = rng.random_range(cols.div_ceil(2)..=cols);
         let top = rng.random_range(0..=rows - tall);
         let left = rng.random_range(0..=cols - wide);
-        // At least a quarter of the map away, either way around.
+        // At least a quarter of the map away, in both directions.
         let n = self.map.len();
         let away = rng.random_range(n / 4..=n - n / 4);
         let (mut gain, mut offset) = (0.0, 0.0);
@@ -174,7 +173,7 @@ impl Pass<'_> {
 }
 
 impl Disturbed {
-    /// The same steps to learn from and to report on, where they are now.
+    /// Maps the settings to the disturbed steps: the same steps are learned from and reported on.
     pub(crate) fn settings(&self, settings: &Settings) -> Settings {
         let now = |step: usize| self.sources.partition_point(|source| *source < step);
         let reported =
@@ -188,7 +187,7 @@ impl Disturbed {
         }
     }
 
-    /// The steps that are disturbed.
+    /// Disturbed steps.
     pub(crate) fn steps(&self) -> Vec<usize> {
         let within = |step: &usize| self.stretches.iter().any(|s| s.contains(&self.sources[*step]));
         (0..self.sources.len()).filter(within).collect()
@@ -202,7 +201,7 @@ mod tests {
     const ROWS: usize = 4;
     const COLS: usize = 6;
 
-    /// Frame i has the grey values i, i + 1, i + 2, …
+    /// Frames in which frame i has the grey values i, i + 1, i + 2, …
     fn frames(count: u8) -> Frames {
         let frame = |i: u8| (0..24).map(move |pixel| i + pixel);
         Frames { rows: ROWS, cols: COLS, pixels: (0..count).flat_map(frame).collect() }
@@ -245,7 +244,7 @@ mod tests {
         let lens = of(Kind::Lens);
         let covered = (0..24).filter(|at| (30..50).all(|step| lens.frame(step)[*at] == 60));
         assert!(covered.count() >= 6);
-        // 256 pixels from the truth or more, but for the noise, or around.
+        // At least 256 pixels away from the truth, except for noise, or around the loop.
         let like = of(Kind::LookAlike);
         let mean = |step: usize| like.frame(step).iter().map(|p| f64::from(*p)).sum::<f64>() / 24.0;
         assert!((mean(30) - 46.5).abs() > 25.0 && (mean(40) - mean(30)).abs() < 16.0);
@@ -267,7 +266,7 @@ mod tests {
         assert!((15..45).contains(&more) && now.steps().len() == 30 + more && shown(&now));
         assert_eq!(now.drive.distances.iter().sum::<f64>(), drive.distances.iter().sum::<f64>());
 
-        // Later ones move on.
+        // Later steps are shifted.
         let settings = Settings {
             fit_on: vec![0..20, 70..75],
             report_on: (20..70).chain(75..81).collect(),

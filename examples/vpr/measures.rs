@@ -1,4 +1,4 @@
-//! How good answers are, by the measures of the library.
+//! Measures of the quality of answers, computed by the library.
 
 use std::error::Error;
 
@@ -8,39 +8,37 @@ use super::recording::{Answers, Recording};
 
 const BINS: usize = 10;
 
-/// How many steps are a minute, at one a second.
+/// Number of steps in a minute, at one step a second.
 const MINUTE: usize = 60;
 
-/// A method, measured on the steps that are reported.
+/// Measures of a method on the reported steps.
 pub(crate) struct Measured {
     pub(crate) method: String,
-    /// For each tolerance.
+    /// Scores, for each tolerance.
     pub(crate) scores: Vec<Scores>,
-    /// How well it knows places that are on the map from those that are not;
-    /// `None` unless there are both.
+    /// ROC curve for being on the map; `None` unless there are steps both on and off it.
     pub(crate) roc: Option<RocCurve>,
     pub(crate) step_ms: Option<f64>,
 }
 
-/// To one tolerance.
+/// Scores at one tolerance.
 pub(crate) struct Scores {
     pub(crate) tolerance: usize,
-    /// Of the steps on the map, the fraction with a right answer.
+    /// Fraction of right answers, of the steps on the map.
     pub(crate) recall: f64,
-    /// The lowest recall of 60 reported steps in a row; of all, if there are
-    /// fewer.
+    /// Lowest recall of 60 consecutive reported steps; of all, if there are fewer.
     pub(crate) worst_minute: f64,
     pub(crate) curve: PrecisionRecallCurve,
-    /// Of the probability that the answer is right, "not on the map" included.
+    /// Reliability of the probability that the answer is right, including "not on the map".
     pub(crate) reliability: Option<ReliabilityDiagram>,
-    /// The logarithm of the probability given to what is true.
+    /// Log score of the probability of the true places.
     pub(crate) log_score: Option<LogScore>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct LogScore {
     pub(crate) mean: f64,
-    /// That of the worst step, and which step of the recording it is.
+    /// Log score of the worst step, and its index in the recording.
     pub(crate) worst: (f64, usize),
 }
 
@@ -72,7 +70,7 @@ pub(crate) fn measure(
         Ok(Scores {
             tolerance,
             recall: recall(steps),
-            // A minute off the map is NaN, which is no minimum.
+            // A minute off the map has a recall of NaN, which `min` ignores.
             worst_minute: minutes.fold(f64::NAN, f64::min),
             curve,
             reliability: reliability.transpose()?,
@@ -80,7 +78,7 @@ pub(crate) fn measure(
         })
     });
     let scores = scores.collect::<Result<_, Box<dyn Error>>>()?;
-    // A method without a probability of being on the map has its confidence.
+    // Methods without a probability of being on the map are scored by their confidence.
     let score = answers.on_map.as_ref().unwrap_or(&answers.confidence);
     let samples = steps.iter().map(|&step| (score[step], recording.truth[step].is_some()));
     let samples: Vec<_> = samples.collect();
@@ -101,8 +99,7 @@ fn on_map(recording: &Recording, steps: &[usize]) -> usize {
     steps.iter().filter(|step| recording.truth[**step].is_some()).count()
 }
 
-/// Of the steps on the map, the fraction with a right answer; NaN if none is on
-/// the map.
+/// Fraction of right answers, of the steps on the map; NaN if there are none.
 pub(crate) fn recall(
     recording: &Recording,
     places: &[Option<usize>],
@@ -137,19 +134,19 @@ mod tests {
         };
         let measured = measure(&recording, &answers, &[1], &[1, 2, 3, 4, 5]).unwrap();
         let scores = &measured.scores[0];
-        // Of steps 1, 2 and 5, the second has no answer; step 4 needs none.
+        // Step 2 has no answer, steps 1 and 5 have; step 4 is off the map.
         assert_eq!(scores.recall, 2.0 / 3.0);
         let points = scores.curve.points().iter().map(|p| (p.precision(), p.recall()));
         let expected = [(1.0, 1.0 / 3.0), (1.0, 2.0 / 3.0), (2.0 / 3.0, 2.0 / 3.0)];
         assert_eq!(points.collect::<Vec<_>>(), expected);
-        // Right: steps 1, 3 and 5.
+        // Steps 1, 3 and 5 are right.
         let bins = scores.reliability.as_ref().unwrap().bins().iter();
         let bins: Vec<_> = bins.map(|bin| (bin.count(), bin.fraction_true())).collect();
         assert_eq!(bins, [(1, 1.0), (2, 0.5), (2, 0.5)]);
         let LogScore { mean, worst } = scores.log_score.unwrap();
         assert!((mean - 0.5_f64.ln()).abs() < 1e-15);
         assert_eq!((worst, measured.step_ms), ((0.25_f64.ln(), 3), Some(0.25)));
-        // Of six pairs, (0.4, 0.8) and (0.7, 0.8) are the wrong way round.
+        // Two of six pairs, (0.4, 0.8) and (0.7, 0.8), are in the wrong order.
         assert_eq!(measured.roc.unwrap().area(), 4.0 / 6.0);
         assert!(measure(&recording, &answers, &[1], &[1, 2]).unwrap().roc.is_none());
     }
@@ -159,7 +156,7 @@ mod tests {
         let truth = |step: usize| (step < 200).then_some(0..=0);
         let truth = (0..300).map(truth).collect();
         let recording = Recording { references: 9, truth, ..Recording::default() };
-        // Wrong at steps 100 to 129.
+        // Steps 100 to 129 are wrong.
         let place = |step: usize| Some(if (100..130).contains(&step) { 5 } else { 0 });
         let answers = Answers {
             places: (0..300).map(place).collect(),

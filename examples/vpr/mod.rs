@@ -1,5 +1,5 @@
-//! What both examples on visual place recognition share: a recording goes in,
-//! answers of several methods, tables and pictures come out.
+//! Code that both examples on visual place recognition share, from a recording to the answers of
+//! several methods, with tables and pictures.
 
 pub(crate) mod arguments;
 mod belief;
@@ -36,7 +36,7 @@ use recording::Recording;
 use seqslam::SeqSlam;
 use settings::Settings;
 
-/// A bar that says what is being counted.
+/// Creates a progress bar with a label.
 pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg:20} {bar:40} {pos}/{len} steps, {eta} left");
     let bar = ProgressBar::new(count as u64).with_message(what);
@@ -46,37 +46,37 @@ pub(crate) fn bar(what: &'static str, count: usize) -> ProgressBar {
     bar
 }
 
-/// Says what is being done, as long as that takes.
+/// Shows a spinner with a label while something runs.
 pub(crate) fn spinner(what: &'static str) -> ProgressBar {
     let spinner = ProgressBar::new_spinner().with_message(what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
 }
 
-/// What went wrong, and why: an error and its causes.
+/// Formats an error with its causes.
 pub(crate) fn chain(error: &(dyn Error + 'static)) -> String {
     let causes = std::iter::successors(error.source(), |error| (*error).source());
     causes.fold(error.to_string(), |text, cause| {
         let cause = cause.to_string();
-        // Some errors say their cause themselves.
+        // Some errors include their cause in the message.
         if text.contains(&cause) { text } else { format!("{text}: {cause}") }
     })
 }
 
-/// Says what went wrong, if anything did.
+/// Reports an error, if any, and returns the exit code.
 pub(crate) fn exit_code(result: Result<(), Box<dyn Error>>) -> ExitCode {
     let Err(error) = result else { return ExitCode::SUCCESS };
-    // Nobody may be there to read it.
+    // Standard error may be closed.
     let _ = writeln!(io::stderr(), "error: {}", chain(&*error));
     ExitCode::FAILURE
 }
 
-/// "1 step", "2 steps".
+/// Formats a count, as "1 step" or "2 steps".
 pub(crate) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// So many digits after the point, and no minus before a zero.
+/// Formats with the given number of decimals, without a minus before zero.
 pub(crate) fn decimals(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     match text.strip_prefix('-') {
@@ -85,12 +85,12 @@ pub(crate) fn decimals(value: f64, digits: usize) -> String {
     }
 }
 
-/// What a recording is called: the last part of a path.
+/// Name of a recording: the last part of a path.
 pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// The descriptors of the places of a map.
+/// Descriptors of the places of a map.
 pub(crate) fn places(
     references: &Frames,
     map: &Range<usize>,
@@ -109,8 +109,8 @@ pub(crate) fn places(
     references.descriptors(map.clone(), patch)
 }
 
-/// Compares what is seen at each step of a drive with the places of a map, of
-/// which frame i shows the place of frame i of the query.
+/// Compares the frame shown at each step of a drive with the places of a map. Frame i of the map
+/// shows the place of frame i of the query.
 pub(crate) fn compare(
     name: String,
     places: &Descriptors,
@@ -126,7 +126,7 @@ pub(crate) fn compare(
     Ok(Recording { name, references: map.len(), distances, truth, ..Recording::default() })
 }
 
-/// What the methods say of a recording, and how good that is.
+/// Estimates of all methods, and their measures.
 pub(crate) struct Outcome {
     pub(crate) estimates: Estimates,
     pub(crate) measured: Vec<Measured>,
@@ -175,7 +175,7 @@ pub(crate) fn outcome(
     let measure = |answers| measures::measure(recording, answers, tolerances, report_on);
     let mut measured = estimates.answers.iter().map(measure).collect::<Result<Vec<_>, _>>()?;
     if !settings.off_map {
-        // Nobody was asked whether it is on the map.
+        // Being on the map was not estimated.
         measured.iter_mut().for_each(|method| method.roc = None);
         let mut used = settings.fit_on.iter().cloned().flatten().chain(report_on.iter().copied());
         if used.any(|step| recording.truth[step].is_none()) {
@@ -202,12 +202,12 @@ pub(crate) fn run(
     Ok(outcome)
 }
 
-/// Says where something could not be written, and why.
+/// Error message for output that could not be written.
 pub(crate) fn cannot_write(out: &Path, error: &(dyn Error + 'static)) -> String {
     format!("cannot write into {}: {}", out.display(), chain(error))
 }
 
-/// Prints; it is no failure if a reader has seen enough.
+/// Prints to standard output; a closed pipe is no error.
 pub(crate) fn print(text: &str) -> Result<(), String> {
     let mut out = io::stdout().lock();
     match write!(out, "{text}").and_then(|()| out.flush()) {
@@ -247,7 +247,7 @@ fn write(
         tables::write_roc(&table, measured)?;
         figures::roc(&picture, name, measured)?;
     } else {
-        // Those of another run would not belong to the rest.
+        // Files of an earlier run would not match the others.
         for file in [table, picture] {
             fs::remove_file(file).or_else(|error| match error.kind() {
                 io::ErrorKind::NotFound => Ok(()),

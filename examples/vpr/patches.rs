@@ -1,9 +1,8 @@
-//! Grey frames, and the descriptor of `SeqSLAM` (Milford and Wyeth, 2012):
-//! patches brought to the same mean and contrast.
+//! Grey frames, and the patch-normalised descriptor of `SeqSLAM` (Milford and Wyeth, 2012).
 
 use indicatif::ProgressBar;
 
-/// Frames of one size, row by row, one after the other; at least one.
+/// Frames of one size, one after the other, row by row; at least one.
 #[derive(Debug)]
 pub(crate) struct Frames {
     pub(crate) rows: usize,
@@ -11,7 +10,7 @@ pub(crate) struct Frames {
     pub(crate) pixels: Vec<u8>,
 }
 
-/// As many numbers for each frame as it has pixels.
+/// Descriptors with one number per pixel.
 pub(crate) struct Descriptors {
     size: usize,
     values: Vec<f32>,
@@ -27,9 +26,9 @@ impl Frames {
         &self.pixels[frame * size..][..size]
     }
 
-    /// Splits frames into square patches and brings each patch to mean 0 and
-    /// standard deviation 1; a flat patch becomes 0. The pixels of a patch
-    /// follow each other, as only differences of the same pixels are taken.
+    /// Splits frames into square patches and normalises each patch to mean 0 and standard
+    /// deviation 1; a flat patch becomes 0. The pixels of a patch are stored one after another,
+    /// since only differences of the same pixels are taken.
     pub(crate) fn descriptors(
         &self,
         frames: impl ExactSizeIterator<Item = usize>,
@@ -74,18 +73,18 @@ fn normalize(pixels: impl Iterator<Item = f64> + Clone, into: &mut Vec<f32>) {
     let (count, sum) = pixels.clone().fold((0.0, 0.0), |(n, sum), x| (n + 1.0, sum + x));
     let mean = sum / count;
     let variance = pixels.clone().map(|x| (x - mean).powi(2)).sum::<f64>() / count;
-    // Whole numbers that are all equal have their mean exactly.
+    // The mean of equal whole numbers is exact.
     let scale = if variance == 0.0 { 0.0 } else { variance.sqrt().recip() };
     into.extend(pixels.map(|x| ((x - mean) * scale) as f32));
 }
 
-/// The mean absolute difference of each query (row) to each reference.
+/// Mean absolute difference of each query (row) to each reference.
 pub(crate) fn differences(
     queries: &Descriptors,
     references: &Descriptors,
     bar: &ProgressBar,
 ) -> Result<Vec<f32>, String> {
-    /// So many queries stay in the cache while the references pass by.
+    /// Number of queries that stay in the cache while all references are read.
     const BLOCK: usize = 8;
     let size = queries.size;
     let (rows, columns) = (queries.values.len() / size, references.values.len() / size);
@@ -107,7 +106,7 @@ pub(crate) fn differences(
     Ok(all)
 }
 
-/// In sixteen sums side by side, which the compiler can keep in registers.
+/// Mean absolute difference in sixteen parallel sums, which the compiler can keep in registers.
 fn mean_difference(a: &[f32], b: &[f32]) -> f32 {
     const LANES: usize = 16;
     let mut sums = [0.0_f32; LANES];
@@ -153,7 +152,7 @@ mod tests {
             }
         }
 
-        /// Pixel by pixel, with patches looked up again for each.
+        /// Compares with the formula, evaluated pixel by pixel.
         #[test]
         fn differences_are_those_of_the_formula((patch, frames) in frames(), skip in 0_usize..3) {
             let count = frames.count();

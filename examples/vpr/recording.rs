@@ -1,79 +1,79 @@
-//! A recording to be located, and answers about it.
+//! Recordings to be located, and the answers of methods.
 
 use std::ops::RangeInclusive;
 
 use wayfix::evaluate;
 
-/// A query pass along a mapped route: how unlike each image is to each image
-/// of the map, and where it truly was.
+/// A query pass along a mapped route: the distance of each image to each image of the map, and
+/// the true places.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Recording {
-    /// What the outputs call it.
+    /// Name of the recording in the outputs.
     pub(crate) name: String,
-    /// How many places the map has, n.
+    /// Number of places of the map, n.
     pub(crate) references: usize,
-    /// T × n, a row for each step of the query; smaller = more alike.
+    /// Distances, T × n, one row per step of the query; smaller = more alike.
     pub(crate) distances: Vec<f32>,
-    /// The places that are right at each step; `None`: it is off the map.
+    /// Right places at each step; `None` if it is off the map.
     pub(crate) truth: Vec<Option<RangeInclusive<usize>>>,
-    /// How many references the vehicle advanced before each step, as measured;
-    /// the first is 0 and means nothing.
+    /// Measured number of references that the vehicle advanced before each step; the first is 0
+    /// and ignored.
     pub(crate) odometry: Option<Vec<f64>>,
-    /// Does the last reference lie before the first one?
+    /// True if the last reference is followed by the first one.
     pub(crate) closed: bool,
 }
 
-/// What one method says, a value for each step.
+/// Answers of one method, one value per step.
 #[derive(Debug, Default)]
 pub(crate) struct Answers {
     pub(crate) method: String,
-    /// `None`: "not on the map".
+    /// Places; `None` means "not on the map".
     pub(crate) places: Vec<Option<usize>>,
-    /// Of any scale, larger = surer.
+    /// Confidence on any scale; larger = surer.
     pub(crate) confidence: Vec<f64>,
-    /// For each tolerance: the probability that the answer is right.
+    /// Probability that the answer is right, for each tolerance.
     pub(crate) probability: Option<Vec<Vec<f64>>>,
-    /// For each tolerance: the probability given to what is true.
+    /// Probability of the true places, for each tolerance.
     pub(crate) truth_mass: Option<Vec<Vec<f64>>>,
-    /// The probability of being on the map.
+    /// Probability of being on the map.
     pub(crate) on_map: Option<Vec<f64>>,
-    /// How long a step takes, in milliseconds, once images are compared.
+    /// Time of a step in milliseconds, without the comparison of images.
     pub(crate) step_ms: Option<f64>,
 }
 
 impl Recording {
-    /// How many steps the query has, T.
+    /// Number of steps of the query, T.
     pub(crate) fn steps(&self) -> usize {
         self.truth.len()
     }
 
-    /// How unlike the image of a step is to each place.
+    /// Distances of the image of a step to each place.
     pub(crate) fn row(&self, step: usize) -> &[f32] {
         &self.distances[step * self.references..][..self.references]
     }
 
-    /// The rows of all steps.
+    /// Rows of all steps.
     pub(crate) fn rows(&self) -> Vec<&[f32]> {
         self.distances.chunks_exact(self.references).collect()
     }
 
-    /// How far the vehicle drove before a step, if that was measured.
+    /// Measured distance driven before a step, if any.
     pub(crate) fn reading(&self, step: usize) -> Option<f64> {
         self.odometry.as_ref()?.get(step).copied().filter(|_| step > 0)
     }
 
-    /// The readings of all steps; empty if there are none.
+    /// Readings of all steps; empty if there are none.
     pub(crate) fn readings(&self) -> Vec<Option<f64>> {
         let count = self.odometry.as_ref().map_or(0, Vec::len);
         (0..count).map(|step| self.reading(step)).collect()
     }
 
-    /// Is an answer right, to a tolerance in references?
+    /// True if an answer is right to a tolerance in references.
     pub(crate) fn is_right(&self, step: usize, answer: Option<usize>, tolerance: usize) -> bool {
         let (Some(truth), Some(place)) = (&self.truth[step], answer) else {
             return self.truth[step].is_none() && answer.is_none();
         };
-        // On a closed route, the places also lie one round ahead and one behind.
+        // On a closed route, the places are also repeated one round ahead and one behind.
         let n = if self.closed { self.references } else { 0 };
         let ahead = truth.start() + n..=truth.end() + n;
         let near = |truth, place| evaluate::is_within(truth, place, tolerance) == Ok(true);

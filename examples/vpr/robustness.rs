@@ -1,5 +1,4 @@
-//! How well each method does on a recording with disturbances, beside the same
-//! recording without.
+//! Results of each method on a recording with and without disturbances.
 
 use std::error::Error;
 use std::io::{self, Write};
@@ -16,9 +15,9 @@ use crate::vpr::{
     Outcome, cannot_write, chain, counted, decimals, figures, measures, outcome, print, tables,
 };
 
-/// How many steps a disturbance lasts.
+/// Lengths of a disturbance, in steps.
 const LENGTHS: [usize; 5] = [10, 20, 30, 45, 60];
-/// How many steps there are before each.
+/// Number of clear steps before each disturbance.
 const CLEAR: RangeInclusive<usize> = 15..=40;
 
 const HEADER: [&str; 9] = [
@@ -33,15 +32,15 @@ const HEADER: [&str; 9] = [
     "stretch_steps",
 ];
 
-/// A method with a disturbance, measured to a tolerance.
+/// Measures of a method under a disturbance, at one tolerance.
 struct Line {
     disturbance: &'static str,
     method: String,
     tolerance: usize,
-    /// Recall on all reported steps and in the stretches that are disturbed,
-    /// calibration error, log score, and recall of the worst minute.
+    /// Recall on all reported steps and in the disturbed stretches, calibration error, log score,
+    /// and recall of the worst minute.
     numbers: [Option<f64>; 5],
-    /// How many steps the stretches have.
+    /// Number of disturbed steps.
     steps: usize,
 }
 
@@ -70,7 +69,7 @@ fn lines(
     lines
 }
 
-/// Stretches of all lengths among some steps, with clear ones before each.
+/// Draws stretches of all lengths among the given steps, with clear steps before each.
 fn stretches(steps: &[usize], seed: u64) -> Vec<Range<usize>> {
     let mut rng = generator(seed, 2);
     let (mut stretches, mut lengths) = (Vec::new(), Vec::new());
@@ -93,8 +92,8 @@ fn stretches(steps: &[usize], seed: u64) -> Vec<Range<usize>> {
     stretches
 }
 
-/// Disturbs the reported steps of a pass by each kind and by all in turn; writes
-/// and prints how good the methods are. Takes what made the recording.
+/// Disturbs the reported steps of a pass by each kind and by all in turn; writes and prints the
+/// measures of all methods. Takes the function that creates a recording.
 pub(crate) fn run(
     pass: &Pass<'_>,
     undisturbed: (&Recording, &Outcome),
@@ -112,7 +111,7 @@ pub(crate) fn run(
     let single = KINDS.map(|(kind, name)| (name, vec![kind]));
     let all = ("all", KINDS.map(|kind| kind.0).to_vec());
     for (number, (name, kinds)) in (1..).zip(single.into_iter().chain([all])) {
-        // Nobody may be there to read it.
+        // Standard error may be closed.
         let _ = writeln!(io::stderr(), "{name}: disturbance {number} of {}", KINDS.len() + 1);
         let disturbed = pass.disturbed(&stretches, &kinds, common.seed);
         let recording = record(&disturbed)?;

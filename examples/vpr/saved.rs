@@ -1,4 +1,4 @@
-//! What was learned, in a file (feature `serde`).
+//! Fits stored in files (feature `serde`).
 
 use std::path::Path;
 

@@ -2,48 +2,47 @@
 //! query and a map (Milford and Wyeth, ICRA 2012), with the uniqueness of
 //! `OpenSeqSLAM` (Sünderhauf, Neubert and Protzel, 2013) as confidence.
 //!
-//! Where the two leave a choice or do not suit a live answer:
+//! Differences to the two papers, where they leave a choice or do not suit a live answer:
 //!
-//! - At the ends of the query, a line has only the steps that exist, and its
-//!   score is the mean over them. Where a line runs beyond an open map, it gets
-//!   the difference 0 there, the mean of every contrast window, so that neither
-//!   short lines nor long ones are favoured. On a closed route it goes around.
+//! - At the ends of the query, a line has only the steps that exist, and its score is the mean
+//!   over them. Where a line runs beyond an open map, the difference there is 0, the mean of
+//!   every contrast window, so that neither short lines nor long ones are favoured. On a closed
+//!   route it continues around the loop.
 //! - Contrast windows that are flat become 0.
-//! - Lines are read at the nearest reference, halves up.
-//! - `OpenSeqSLAM` shifts all enhanced differences so that the least one is 0,
-//!   and compares the best score with the best one elsewhere by their ratio. As
-//!   the least one is not known to a live vehicle, scores are shifted here by
-//!   (m − 1) / √m, the most that one of m values can lie below their mean, in
-//!   standard deviations. The confidence is 1 − best / second best: larger =
-//!   surer, 0 if the second is as good, and if there is none elsewhere.
+//! - Lines are read at the nearest reference, halves rounded up.
+//! - `OpenSeqSLAM` shifts all enhanced differences so that the smallest is 0, and uses the ratio
+//!   of the best score to the best one elsewhere. As a live vehicle does not know the smallest
+//!   one yet, scores are shifted here by (m − 1) / √m, the most that one of m values can lie
+//!   below their mean, in standard deviations. The confidence is 1 − best / second best: larger =
+//!   surer, and 0 if the second is as good, or if there is none elsewhere.
 
 use indicatif::ProgressBar;
 
 use super::recording::{Answers, Recording};
 
-/// The parameters of the method.
+/// Parameters of the method.
 pub(crate) struct SeqSlam {
-    /// References on either side that contrast is relative to, and that do not
-    /// count as another place.
+    /// Number of references on either side that contrast is relative to, and that do not count as
+    /// another place.
     pub(crate) contrast: usize,
-    /// The lengths of a line that are tried, in steps; at least one.
+    /// Candidate lengths of a line, in steps; at least one.
     pub(crate) sequences: Vec<usize>,
-    /// References per step.
+    /// Slopes of a line, in references per step.
     pub(crate) velocities: Vec<f64>,
 }
 
-/// Which steps a line goes through.
+/// Position of a line relative to the step that it answers.
 #[derive(Clone, Copy)]
 enum Alignment {
-    /// Those up to the answered one, as a live vehicle must.
+    /// Ends at the answered step, as required for a live answer.
     Trailing,
-    /// As many on both sides; of an even number, the extra one is before.
+    /// Centred on the answered step; with an even number of steps, the extra one is before it.
     Centred,
 }
 
 impl SeqSlam {
-    /// Answers of both alignments, each with the length of a line that is best by
-    /// a measure, the shortest of equals.
+    /// Answers of both alignments, each with the length of a line that is best by a measure; ties
+    /// go to the shortest.
     pub(crate) fn run(
         &self,
         recording: &Recording,
@@ -62,9 +61,9 @@ impl SeqSlam {
         best.into_iter().flatten().map(|(_, sequence, answers)| (sequence, answers)).collect()
     }
 
-    /// Each difference relative to those at the references around it: minus
-    /// their mean, by their standard deviation (of a sample). Infinite ones stay
-    /// so and do not count. O(T × n × window).
+    /// Normalises each difference by those at the references around it: subtracts their mean and
+    /// divides by their sample standard deviation. Infinite differences stay infinite and do not
+    /// count. O(T × n × window).
     fn enhance(&self, recording: &Recording) -> Vec<f32> {
         let n = recording.references;
         let enhanced = |row: &[f32], i: usize| {
@@ -72,7 +71,7 @@ impl SeqSlam {
                 return f32::INFINITY;
             }
             let window = if recording.closed {
-                // No reference is in a window twice.
+                // Each reference is in a window at most once.
                 let reach = self.contrast.min((n - 1) / 2);
                 i + n - reach..i + n + reach + 1
             } else {
@@ -90,8 +89,8 @@ impl SeqSlam {
         rows.flat_map(|row| (0..n).map(move |i| enhanced(row, i))).collect()
     }
 
-    /// Names the place at the end or in the middle of the best line, for each
-    /// step. O(T × n × velocities × sequence).
+    /// Returns, for each step, the place at the end or in the middle of the best line.
+    /// O(T × n × velocities × sequence).
     fn answers(
         &self,
         recording: &Recording,
@@ -126,7 +125,7 @@ impl SeqSlam {
         Answers { method: method.into(), places, confidence, ..Answers::default() }
     }
 
-    /// The lowest of the sums over `count` steps, and how unique it is.
+    /// Returns the place with the lowest sum over `count` steps, and its uniqueness.
     fn best(&self, sums: &[f32], count: f64, closed: bool) -> (usize, f64) {
         let n = sums.len();
         let lowest = |best: (usize, f32), (i, &sum)| if sum < best.1 { (i, sum) } else { best };
@@ -149,7 +148,7 @@ impl SeqSlam {
     }
 }
 
-/// Adds to each place what the row has `by` places further on.
+/// Adds to each place the value of the row at `by` places further on.
 fn add_shifted(row: &[f32], by: isize, closed: bool, to: &mut [f32]) {
     let add = |to: &mut [f32], row: &[f32]| to.iter_mut().zip(row).for_each(|(to, x)| *to += x);
     let n = row.len();
@@ -180,7 +179,7 @@ mod tests {
         Recording { references, distances, truth, closed, ..Recording::default() }
     }
 
-    /// Whole numbers, of which sums are exact; few, so that there are ties.
+    /// Recordings of whole numbers, whose sums are exact; of few values, so that there are ties.
     fn recordings() -> impl Strategy<Value = Recording> {
         (1_usize..12, 1_usize..14, any::<bool>()).prop_flat_map(|(steps, references, closed)| {
             proptest::collection::vec((0_i8..20).prop_map(f32::from), steps * references)
@@ -188,7 +187,7 @@ mod tests {
         })
     }
 
-    /// The reference a line passes, if the map has one there.
+    /// Reference on a line, if the map has one there.
     fn passed(recording: &Recording, place: usize, ahead: i64) -> Option<usize> {
         let (n, at) = (recording.references as i64, place as i64 + ahead);
         let at = if recording.closed { at.rem_euclid(n) } else { at };
@@ -221,7 +220,7 @@ mod tests {
             }
         }
 
-        /// Line by line.
+        /// Compares with the best of all lines, evaluated one by one.
         #[test]
         fn lines_are_the_best(
             recording in recordings(),
@@ -284,7 +283,7 @@ mod tests {
         let velocities = vec![0.8, 1.0, 1.2];
         let seqslam = SeqSlam { contrast: 5, sequences: vec![10, 12], velocities };
         for (sequence, answers) in seqslam.run(&recording, |_| 1.0) {
-            assert_eq!(sequence, 10); // the shorter of equals
+            assert_eq!(sequence, 10); // ties go to the shorter
             assert_eq!(answers.places, (5..5 + steps).map(Some).collect::<Vec<_>>());
             assert!(answers.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
         }

@@ -1,39 +1,37 @@
-//! What both examples do with a recording.
+//! Settings of both examples for one recording.
 
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// Which references are corrected for how they compare with anything.
+/// References whose resemblance to everything is corrected for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Offsets {
     None,
     All,
 }
 
-/// What to learn from, how to answer, and what to report.
+/// Settings for learning, answering and reporting.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Settings {
-    /// The steps whose truth may be used: in order, apart from each other; none
-    /// with a saved fit.
+    /// Steps whose truth may be used, as sorted and separate ranges; empty with a saved fit.
     pub(crate) fit_on: Vec<Range<usize>>,
-    /// The steps that results are reported on: in order, none learned from.
+    /// Steps that results are reported on, sorted, none of them learned from.
     pub(crate) report_on: Vec<usize>,
-    /// How many steps later a fixed-lag answer is due.
+    /// Delay of fixed-lag answers, in steps.
     pub(crate) lag: usize,
-    /// Model places that are not on the map.
+    /// True to model places that are not on the map.
     pub(crate) off_map: bool,
-    /// How far a right answer may lie from the truth, in references; at least
-    /// one, each once. The fit does not depend on them.
+    /// Distances from the truth at which an answer is still right, in references; at least one,
+    /// without duplicates. The fit does not depend on them.
     pub(crate) tolerances: Vec<usize>,
-    /// Where to write the fit.
+    /// File to write the fit to.
     pub(crate) save: Option<PathBuf>,
-    /// The saved fit to be used.
+    /// Saved fit to use.
     pub(crate) fit: Option<PathBuf>,
-    /// The temperature of the camera, rather than one that is learned.
+    /// Temperature of the camera, instead of a learned one.
     pub(crate) temperature: Option<f64>,
-    /// The offsets of the references, rather than those of all.
+    /// Offsets of the references, instead of those of all.
     pub(crate) offsets: Option<Offsets>,
-    /// The speeds of the vehicle in references per step, ascending; none: those
-    /// that are built in.
+    /// Speeds of the vehicle in references per step, ascending; empty for the built-in ones.
     pub(crate) speeds: Vec<f64>,
 }

@@ -1,5 +1,5 @@
-//! Reads a similarity matrix and its ground truth from CSV files. Errors count
-//! lines and columns from 1, as an editor does.
+//! Similarity matrices and ground truth from CSV files. Errors count lines and columns from 1, as
+//! editors do.
 
 use std::fs;
 use std::path::Path;
@@ -13,16 +13,15 @@ use crate::vpr::style::shortened;
 #[path = "truth.rs"]
 mod truth;
 
-/// The columns of a matrix, and its values row by row.
+/// Values of a matrix row by row, with its number of columns.
 struct Matrix {
     columns: usize,
     values: Vec<f32>,
-    /// The first line, if its numbers count up from 0 or 1.
+    /// Values of the first line, if they count up from 0 or 1.
     counts: Option<u64>,
 }
 
-/// Reads similarities, or distances, of queries to references, and which
-/// references are right.
+/// Reads similarities, or distances, of queries to references, and the right references.
 pub(crate) fn read(similarity: &Path, truth: &Path, distances: bool) -> Result<Recording, String> {
     let read = |file: &Path| {
         let name = file.display().to_string();
@@ -76,7 +75,7 @@ impl Lines {
         Ok(Self { name: name.to_owned(), records })
     }
 
-    /// Says what is wrong with a line: its separators, if these are no commas.
+    /// Error message for a line, which names its separator if that is not a comma.
     fn wrong(&self, (line, record): &(u64, StringRecord), what: &str) -> String {
         let has = |found: char| record.iter().any(|cell| cell.contains(found));
         let words = record.iter().flat_map(str::split_whitespace).count();
@@ -90,21 +89,21 @@ impl Lines {
     }
 }
 
-/// A number of a matrix; distances may also be infinite.
+/// Parses a number of a matrix; distances may also be infinite.
 fn number(text: &str, distances: bool) -> Option<f32> {
     let value = text.parse::<f32>().ok()?;
-    // Finite numbers that are too large are infinite, too, once they are read.
+    // Finite numbers that are too large also parse as infinite.
     let infinite =
         distances && value == f32::INFINITY && !text.contains(|c: char| c.is_ascii_digit());
     (value.is_finite() || infinite).then_some(value)
 }
 
-/// A cell, as errors quote it.
+/// Quotes a cell for an error message.
 fn quoted(cell: &str) -> String {
     format!("{:?}", shortened(cell, 40))
 }
 
-/// Are these 0, 1, 2, … or 1, 2, 3, …?
+/// True if the cells are 0, 1, 2, … or 1, 2, 3, …
 fn counts<'a>(mut cells: impl Iterator<Item = &'a str>) -> bool {
     let first = cells.next().and_then(|cell| cell.parse::<f64>().ok());
     let Some(first) = first.filter(|first| *first == 0.0 || *first == 1.0) else { return false };
@@ -112,14 +111,14 @@ fn counts<'a>(mut cells: impl Iterator<Item = &'a str>) -> bool {
     rest.peek().is_some() && rest.all(|(n, cell)| cell.parse() == Ok(first + f64::from(n)))
 }
 
-/// A matrix of numbers without a header.
+/// Parses a matrix of numbers without a header.
 fn matrix(name: &str, text: &[u8], distances: bool) -> Result<Matrix, String> {
     let lines =
         Lines::new(name, text, "a line for each query image, a column for each reference image")?;
     let first = &lines.records[0];
     let columns = first.1.len();
     let named = first.1.iter().all(|cell| cell.parse::<f32>().is_err());
-    // As a program writes a table with the numbers of rows and columns.
+    // Many programs write a table with row and column numbers.
     let numbered = first.1[0].parse::<f32>().is_err() && counts(first.1.iter().skip(1));
     if lines.records.len() > 1 && (named || numbered) {
         let too = if numbered { ", and the first column, if it numbers the lines" } else { "" };

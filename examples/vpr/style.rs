@@ -1,5 +1,5 @@
-//! How each method looks in pictures: by colour, dashes and marks, so that
-//! neither the colour-blind nor a printer has to guess.
+//! Style of each method in pictures: colour, dashes and marks, so that pictures are readable for
+//! the colour-blind and in print.
 
 use std::error::Error;
 
@@ -12,7 +12,7 @@ pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 pub(crate) type Drawn = Result<(), Box<dyn Error>>;
 pub(crate) type Pixel = (i32, i32);
 
-// Okabe and Ito's colours, which the colour-blind can tell apart.
+// Okabe and Ito's palette, which is safe for the colour-blind.
 const ORANGE: RGBColor = RGBColor(230, 159, 0);
 const SKY: RGBColor = RGBColor(86, 180, 233);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
@@ -22,16 +22,16 @@ const PURPLE: RGBColor = RGBColor(204, 121, 167);
 pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
 pub(crate) const PALE: RGBColor = RGBColor(225, 225, 225);
 
-/// A line and its marks.
+/// Style of a line and its marks.
 #[derive(Clone, Copy)]
 pub(crate) struct Look {
     pub(crate) colour: RGBColor,
-    /// The length of dashes and of the gaps between them; 0: none.
+    /// Length of dashes and of the gaps between them; 0 for a solid line.
     dash: u32,
     mark: Mark,
 }
 
-/// The corners of a shape, or the ends of strokes through its middle.
+/// Corners of a shape, or ends of strokes through its middle.
 #[derive(Clone, Copy)]
 enum Mark {
     Filled(&'static [(f64, f64)]),
@@ -61,18 +61,18 @@ const METHODS: [(&str, &str, Look); 7] = [
     ("viterbi", "Viterbi", look(PURPLE, 14, PLUS)),
 ];
 
-/// Where a method stands in that order; others come last.
+/// Position of a method in that order; others come last.
 pub(crate) fn order(method: &str) -> usize {
     METHODS.iter().position(|known| known.0 == method).unwrap_or(METHODS.len())
 }
 
-/// What pictures call a method, and how it looks.
+/// Name and style of a method in pictures.
 pub(crate) fn of_method(method: &str) -> (&str, Look) {
     let known = METHODS.get(order(method));
     known.map_or((method, look(BLACK, 0, CROSS)), |known| (known.1, known.2))
 }
 
-/// The n-th of several lines that are no methods.
+/// Style of the n-th of several lines that are not methods.
 pub(crate) fn of_line(n: usize) -> Look {
     METHODS[(n + 3) % METHODS.len()].2
 }
@@ -81,12 +81,12 @@ pub(crate) fn font(size: i32) -> TextStyle<'static> {
     TextStyle::from(("sans-serif", size).into_font()).color(&BLACK)
 }
 
-/// Text whose left end, middle or right end is at a point.
+/// Text style anchored at its left end, middle or right end.
 pub(crate) fn anchored(size: i32, horizontal: HPos) -> TextStyle<'static> {
     font(size).pos(Pos::new(horizontal, VPos::Center))
 }
 
-/// At most so many characters of a name.
+/// Shortens a name to at most `most` characters.
 pub(crate) fn shortened(name: &str, most: usize) -> String {
     if name.chars().count() <= most {
         return name.to_owned();
@@ -95,8 +95,8 @@ pub(crate) fn shortened(name: &str, most: usize) -> String {
 }
 
 impl Look {
-    /// A line through pixels, with some ten marks at even distances on it,
-    /// those of the n-th line apart from those of others.
+    /// Draws a line through pixels, with some ten evenly spaced marks. The marks of different n
+    /// are offset.
     pub(crate) fn line(&self, area: &Area<'_>, points: &[Pixel], n: usize) -> Drawn {
         self.path(area, points)?;
         let gap = 46.0;
@@ -115,7 +115,7 @@ impl Look {
         points.last().map_or(Ok(()), |&end| self.mark(area, end))
     }
 
-    /// The line alone.
+    /// Draws the line without marks.
     pub(crate) fn path(&self, area: &Area<'_>, points: &[Pixel]) -> Drawn {
         let (points, style) = (points.to_vec(), self.colour.stroke_width(2));
         if self.dash == 0 {
@@ -129,7 +129,7 @@ impl Look {
         self.sized_mark(area, at, 4.0)
     }
 
-    /// A mark so many pixels in radius.
+    /// Draws a mark of the given radius, in pixels.
     #[expect(clippy::cast_possible_truncation, reason = "pixels are small numbers")]
     pub(crate) fn sized_mark(&self, area: &Area<'_>, (x, y): Pixel, radius: f64) -> Drawn {
         let at = |(across, down): (f64, f64)| {
@@ -151,14 +151,14 @@ impl Look {
         Ok(())
     }
 
-    /// The same with less contrast to white.
+    /// The same style in a paler colour.
     pub(crate) fn pale(self) -> Self {
         let pale = |part: u8| 255 - (255 - part) / 2;
         let RGBColor(red, green, blue) = self.colour;
         Self { colour: RGBColor(pale(red), pale(green), pale(blue)), ..self }
     }
 
-    /// A short line with its mark, and what it stands for.
+    /// Draws a legend entry: a short line with its mark, and the text.
     pub(crate) fn legend(&self, area: &Area<'_>, (x, y): Pixel, text: String) -> Drawn {
         self.path(area, &[(x, y), (x + 34, y)])?;
         self.mark(area, (x + 17, y))?;

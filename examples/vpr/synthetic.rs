@@ -1,9 +1,9 @@
-//! A small made-up recording, for a first run without data.
+//! A small synthetic recording, for a first run without data.
 //!
-//! A route of 360 places, each a smooth random texture that resembles those
-//! next to it. The reference pass shows them as they are; the query pass has
-//! another contrast and brightness, the texture of another season that changes
-//! slowly, and noise. It is not meant to be like any real camera.
+//! The route has 360 places, each with a smooth random texture that resembles those of its
+//! neighbours. The reference pass shows them unchanged; the query pass has another contrast and
+//! brightness, the texture of another season that changes slowly, and noise. It does not imitate
+//! a real camera.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -11,25 +11,25 @@ use rand_distr::{Distribution, StandardNormal};
 use super::drive::{Detour, Leg};
 use super::patches::Frames;
 
-/// What outputs call the recording.
+/// Name of the recording in the outputs.
 pub(crate) const NAME: &str = "synthetic recording (made up by the example)";
-/// The frames of both passes.
+/// Number of frames of each pass.
 pub(crate) const PLACES: usize = 360;
-/// The first of them are the map.
+/// Number of frames that form the map, from the first on.
 pub(crate) const MAPPED: usize = 300;
-/// The frame at which the drive starts.
+/// First frame of the drive.
 pub(crate) const START: usize = 10;
 
 const ROWS: usize = 16;
 const COLS: usize = 32;
 
-/// Ahead, a stop, ahead, reverse, twice as fast, slower.
+/// Legs: ahead, a stop, ahead, reverse, twice as fast, slower.
 pub(crate) fn legs() -> Vec<Leg> {
     let legs = [(120, 1.0), (30, 0.0), (60, 1.0), (50, -1.0), (50, 2.0), (40, 0.5), (30, 1.0)];
     legs.map(|(steps, speed)| Leg { steps, speed }).to_vec()
 }
 
-/// A detour to places that are not on the map.
+/// Detour to places that are not on the map.
 pub(crate) fn detours() -> Vec<Detour> {
     vec![
         Detour { frames: MAPPED + 5..MAPPED + 30, at: 60 },
@@ -37,8 +37,8 @@ pub(crate) fn detours() -> Vec<Detour> {
     ]
 }
 
-/// The reference pass and the query pass, frame by frame of the same places.
-/// On a closed route, the last place of the map resembles the first.
+/// Reference pass and query pass; frames with the same index show the same place. On a closed
+/// route, the last place of the map resembles the first.
 pub(crate) fn frames(seed: u64, closed: bool) -> (Frames, Frames) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let places = textures(4, closed, &mut rng);
@@ -65,14 +65,14 @@ pub(crate) fn frames(seed: u64, closed: bool) -> (Frames, Frames) {
     (references, queries)
 }
 
-/// The nearest value that a pixel has.
+/// Nearest value that a pixel can have.
 #[expect(clippy::cast_sign_loss, reason = "it is clamped, as a camera's is")]
 pub(crate) fn grey(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// A texture for each place: white noise, smoothed along the route and in the
-/// image, of variance one.
+/// One texture per place: white noise of variance one, smoothed along the route and within the
+/// image.
 fn textures(along: usize, closed: bool, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     const BLUR: usize = 3;
     let mut white = || -> Vec<f64> {

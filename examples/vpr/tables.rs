@@ -1,4 +1,4 @@
-//! What is printed, and the tables as CSV.
+//! Printed report, and tables as CSV.
 
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::measures::{Measured, Scores};
 use super::recording::{Answers, Recording};
 use super::settings::Settings;
 
-/// The report that is printed: what was located, and how well.
+/// Report of what was located, and how well.
 pub(crate) fn report(
     recording: &Recording,
     settings: &Settings,
@@ -66,7 +66,7 @@ fn decimals(value: f64) -> String {
     super::decimals(value, 6)
 }
 
-/// A number, or nothing.
+/// Formats a number, or nothing.
 pub(crate) fn optional(value: Option<f64>) -> String {
     value.map_or(String::new(), decimals)
 }
@@ -83,7 +83,7 @@ pub(crate) fn write(
     Ok(file.flush()?)
 }
 
-/// Each method to each tolerance, as lines of a table begin.
+/// Each method at each tolerance, with the first cells of its line.
 fn methods(measured: &[Measured]) -> impl Iterator<Item = (&Measured, &Scores, Vec<String>)> {
     measured.iter().flat_map(|method| {
         let line = |score: &Scores| vec![method.method.clone(), score.tolerance.to_string()];
@@ -91,7 +91,7 @@ fn methods(measured: &[Measured]) -> impl Iterator<Item = (&Measured, &Scores, V
     })
 }
 
-/// Recall, calibration, log score and time of each method, to each tolerance.
+/// Writes recall, calibration, log score and time of each method at each tolerance.
 pub(crate) fn write_table(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
     let header = [
         "method",
@@ -122,7 +122,7 @@ pub(crate) fn write_table(file: &Path, measured: &[Measured]) -> Result<(), csv:
     write(file, &header, lines)
 }
 
-/// What each method says at each step, reported or not.
+/// Writes the answer of each method at each step, reported or not.
 pub(crate) fn write_answers(
     file: &Path,
     recording: &Recording,
@@ -151,7 +151,7 @@ pub(crate) fn write_answers(
     write(file, &header, lines)
 }
 
-/// Precision and recall at each threshold.
+/// Writes precision and recall at each threshold.
 pub(crate) fn write_precision_recall(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
     let lines = methods(measured).flat_map(|(_, score, line)| {
         score.curve.points().iter().map(move |point| {
@@ -162,7 +162,7 @@ pub(crate) fn write_precision_recall(file: &Path, measured: &[Measured]) -> Resu
     write(file, &["method", "tolerance", "threshold", "precision", "recall"], lines)
 }
 
-/// How often answers of some probability are right.
+/// Writes the fraction of right answers in each bin of probability.
 pub(crate) fn write_reliability(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
     let lines = methods(measured).flat_map(|(_, score, line)| {
         let bins = score.reliability.iter().flat_map(ReliabilityDiagram::bins);
@@ -177,7 +177,7 @@ pub(crate) fn write_reliability(file: &Path, measured: &[Measured]) -> Result<()
     write(file, &header, lines)
 }
 
-/// ROC curves of each method: on the map or not.
+/// Writes the ROC curve of each method for being on the map.
 pub(crate) fn write_roc(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
     let lines = measured.iter().flat_map(|Measured { method, roc, .. }| {
         roc.iter().flat_map(RocCurve::points).map(|point| {
@@ -189,7 +189,7 @@ pub(crate) fn write_roc(file: &Path, measured: &[Measured]) -> Result<(), csv::E
     write(file, &header, lines)
 }
 
-/// Recall against lag: a recall for each tolerance.
+/// Writes recall against lag, at each tolerance.
 pub(crate) fn write_lags(
     file: &Path,
     tolerances: &[usize],

@@ -1,16 +1,16 @@
-//! Reads which places are right.
+//! Ground truth from CSV files.
 
 use std::ops::RangeInclusive;
 
 use super::{Lines, Matrix, quoted};
 use crate::vpr::counted;
 
-/// The places that are right for each query; `None`: it is off the map.
+/// Right places of each query; `None` if it is off the map.
 type Truth = Vec<Option<RangeInclusive<usize>>>;
 
-/// Which references are right for each query: lines of query, first and last, in
-/// any order, the latter two empty or -1 where the place is not on the map.
-/// Also checks that a matrix, of some name, has a line for each query.
+/// Reads the right references of each query, from lines of query, first and last in any order.
+/// The latter two are empty or -1 if the place is not on the map. Also checks that the named
+/// matrix has one line per query.
 pub(super) fn truth(name: &str, text: &[u8], of: &str, matrix: &Matrix) -> Result<Truth, String> {
     let expected = "lines of query,first,last";
     let mut lines = Lines::new(name, text, expected)?;
@@ -94,7 +94,7 @@ pub(super) fn truth(name: &str, text: &[u8], of: &str, matrix: &Matrix) -> Resul
 mod tests {
     use super::*;
 
-    /// Of a matrix of ten columns.
+    /// Reads the truth of a matrix with ten columns.
     fn truth_of(queries: usize, counts: Option<u64>, text: &str) -> Result<Truth, String> {
         let matrix = Matrix { columns: 10, values: vec![0.0; 10 * queries], counts };
         super::truth("FILE", text.as_bytes(), "MATRIX", &matrix)
@@ -161,14 +161,14 @@ mod tests {
             "MATRIX has 4 × 10 numbers, for 3 queries of FILE: line 1 of it looks like a header \
              line, delete it"
         );
-        // Such distances may well be those of the first query.
+        // With as many lines as queries, the first line may be data.
         assert!(truth_of(4, Some(1), &lines(4)).is_ok());
         assert_eq!(
             truth_of(4, None, &lines(10)).unwrap_err(),
             "MATRIX has 4 × 10 numbers, for 10 queries of FILE: expected a line for each query and \
              a column for each reference, transpose it"
         );
-        // Places that the lines are too few for.
+        // Transposed, the matrix would have too few references for these places.
         let error = truth_of(4, None, "9,4,4\n".repeat(10).as_str()).unwrap_err();
         assert!(error.ends_with("FILE: expected a line for each query"), "{error}");
         let error = truth("0,1,2,3\n0,1,2,3\n1,1,2,3\n").unwrap_err();

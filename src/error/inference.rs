@@ -1,104 +1,103 @@
-//! What can be wrong with sequences, and with what is learned from them.
+//! Errors of inference on sequences, and of learning from them.
 
 use std::error::Error;
 use std::fmt;
 
 use super::{BeliefError, HmmError, LikelihoodError, TransitionError};
 
-/// Why inference stopped at a step.
+/// A failure of inference at a step.
 ///
 /// Steps are counted from 1: step k is about observation `y_k`, which is
 /// `ys[k - 1]` of a batch.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum InferenceError {
-    /// The model rules the observation out: its probability given all before
-    /// it is 0. (In a model with [rounded tails](crate::Hmm::with_rounded_tails) that
-    /// counts as 0, too, which was below 2.2e-308 of the whole.)
+    /// The observation has probability 0 given all earlier ones. In a model with
+    /// [rounded tails](crate::Hmm::with_rounded_tails) this includes probabilities that were
+    /// rounded to 0, being below 2.2e-308 of the whole.
     Impossible {
         /// The step, from 1.
         step: usize,
     },
-    /// The model rules out what was measured on the way to the step: its
-    /// [likelihood](crate::Transition::evidence) is 0 for all moves that the belief
-    /// before allows.
+    /// The [likelihood](crate::Transition::evidence) of what was measured on the way to the step
+    /// is 0 for all moves from the states that the belief allows.
     ImpossibleMove {
         /// The step, from 1.
         step: usize,
     },
-    /// The observation is impossible in all states that a pruned routine still
-    /// follows, but perhaps not in one that it has dropped.
+    /// The observation is impossible in all states that a pruned algorithm still tracks, though
+    /// perhaps not in a state that was pruned.
     Pruned {
         /// The step, from 1.
         step: usize,
     },
-    /// The likelihood could not be had.
+    /// The likelihood could not be computed, or is invalid.
     Likelihood {
         /// The step, from 1.
         step: usize,
-        /// What was wrong.
+        /// Cause.
         source: LikelihoodError,
     },
-    /// The control is not one that the transition operator knows.
+    /// The transition operator does not accept the control.
     Control {
         /// The step, from 1.
         step: usize,
-        /// What was wrong.
+        /// Cause.
         source: TransitionError,
     },
-    /// The transition operator gave a value that is no probability: it does
-    /// not keep its contract.
+    /// The transition operator returned a value that is not a probability, so it violates its
+    /// contract.
     Predicted {
         /// The step, from 1.
         step: usize,
         /// The state, from 0.
         state: usize,
-        /// What it predicted.
+        /// Value predicted.
         value: f64,
     },
-    /// The log factor of [evidence on a move](crate::Transition::evidence) is not a
-    /// number from −1e300 to 1e300.
+    /// The log factor of [evidence on a move](crate::Transition::evidence) is NaN, or above 1e300
+    /// in magnitude.
     EvidenceFactor {
         /// The step, from 1.
         step: usize,
         /// The log factor.
         value: f64,
     },
-    /// The control of a step to be simulated is
-    /// [evidence on the move](crate::Transition::evidence): what is measured depends on
-    /// the states, and cannot be given before they are drawn.
+    /// The control of a step to be simulated is [evidence on the
+    /// move](crate::Transition::evidence): a measurement depends on the states, and cannot be
+    /// given before they are drawn.
     SimulatedEvidence {
         /// The step, from 1.
         step: usize,
     },
-    /// The predictions do not sum to one: the transition operator does not keep
-    /// its contract, or its transpose is not that of it.
+    /// The predicted probabilities do not sum to one: the transition operator violates its
+    /// contract, or its products and entries are not those of one matrix.
     PredictedSum {
         /// The step, from 1.
         step: usize,
-        /// What they sum to.
+        /// Sum found.
         sum: f64,
     },
-    /// The filter has taken as many steps as a snapshot can count: 2^53, or less
-    /// where a `usize` has 32 bits.
+    /// The filter has taken as many steps as a snapshot can count: 2^53, or fewer where a `usize`
+    /// has 32 bits.
     TooMany {
-        /// Steps taken.
+        /// Number of steps taken.
         steps: usize,
     },
-    /// A batch has not as many controls as observations.
+    /// A batch has a different number of controls than of observations.
     ControlCount {
-        /// Controls given.
+        /// Number of controls.
         controls: usize,
-        /// Observations given.
+        /// Number of observations.
         observations: usize,
     },
-    /// A snapshot or a belief is of another model.
+    /// A snapshot or a belief has another number of states than the model.
     StateCount {
         /// "snapshot" or "belief".
         what: &'static str,
-        /// Its states.
+        /// Number of states found.
         found: usize,
-        /// States of the model.
+        /// Number of states of the model.
         expected: usize,
     },
 }
@@ -164,12 +163,12 @@ impl Error for InferenceError {
     }
 }
 
-/// Which of many sequences failed, and why.
+/// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
 pub struct SequenceError {
-    /// Its index, from 0.
+    /// Index of the sequence, from 0.
     pub sequence: usize,
-    /// What was wrong, with the step.
+    /// Cause, with the step.
     pub source: InferenceError,
 }
 
@@ -186,33 +185,34 @@ impl Error for SequenceError {
     }
 }
 
-/// Why a model could not be learned.
+/// A failure of learning.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum LearnError {
-    /// There is no sequence to learn from: none was given, or each failed.
+    /// There is no sequence to learn from: none was given, or all of them failed.
     Nothing {
-        /// How many were given.
+        /// Number of sequences given.
         sequences: usize,
-        /// The first that failed.
+        /// The first failure, if any.
         first: Option<SequenceError>,
     },
-    /// A sequence (or labelled drive) is not valid.
+    /// A sequence (or labelled drive) is invalid.
     Sequence(SequenceError),
-    /// A number of [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or infinite.
+    /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
+    /// infinite.
     Parameter {
-        /// Which one.
+        /// Name of the number.
         what: &'static str,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// A labelled drive has not a state for each observation.
+    /// A labelled drive does not have one state per observation.
     Length {
         /// The drive, from 0.
         drive: usize,
-        /// Its states.
+        /// Number of states.
         states: usize,
-        /// Its observations.
+        /// Number of observations.
         observations: usize,
     },
     /// A labelled drive is in a state that does not exist.
@@ -223,14 +223,14 @@ pub enum LearnError {
         step: usize,
         /// The state.
         state: usize,
-        /// How many states there are.
+        /// Number of states.
         states: usize,
     },
-    /// A labelled drive starts where the prior rules it out.
+    /// A labelled drive starts in a state with prior probability 0.
     Start {
         /// The drive, from 0.
         drive: usize,
-        /// Where it starts.
+        /// State in which it starts.
         state: usize,
     },
     /// A labelled drive makes a move that the transition operator forbids.
@@ -239,12 +239,12 @@ pub enum LearnError {
         drive: usize,
         /// The step that the move leads to.
         step: usize,
-        /// The state that is left.
+        /// Source state.
         from: usize,
-        /// The state that is reached.
+        /// Destination state.
         to: usize,
     },
-    /// A labelled drive has an observation that the sensor rules out there.
+    /// A labelled drive has an observation that is impossible in its state.
     Sighting {
         /// The drive, from 0.
         drive: usize,
@@ -259,16 +259,16 @@ pub enum LearnError {
     Transition(TransitionError),
     /// The sensor could not be estimated.
     Likelihood(Box<dyn Error + Send + Sync>),
-    /// The parts estimated do not fit together.
+    /// The estimated parts do not fit together.
     Hmm(HmmError),
-    /// The objective fell by more than rounding explains: a part does not
-    /// maximise what it is given.
+    /// The objective decreased by more than rounding explains: a part's re-estimation does not
+    /// maximise it.
     Fell {
-        /// Which one, from 1.
+        /// Number of the iteration, from 1.
         iteration: usize,
-        /// The objective before.
+        /// Objective before the iteration.
         before: f64,
-        /// The objective after.
+        /// Objective after the iteration.
         after: f64,
     },
 }

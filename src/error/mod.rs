@@ -1,9 +1,10 @@
-//! What can be wrong with models and observations, one enum per concern. What
-//! can be wrong with maps, sensors of places and scores stands with them.
+//! Errors of models, observations, learning and snapshots, one enum per concern. Errors of maps
+//! and of sensors are defined in their own modules.
 //!
-//! A message says what was found, where, and what was expected, and ends with that of
-//! its cause. As the cause is in the text, `source` is what is behind the cause, so that a
-//! chain says nothing twice. States and symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
+//! A message says what was found, where, and what was expected, and ends with the message of its
+//! cause. As the cause is in the text already, `source` returns the cause's own source, so that a
+//! printed chain repeats nothing. States and symbols are counted from 0, as in slices; steps from
+//! 1, as in `y_1 … y_T`.
 
 mod inference;
 mod snapshot;
@@ -15,36 +16,36 @@ use std::error::Error;
 use std::fmt;
 use std::sync::Arc;
 
-/// Why a vector is not a probability distribution over states.
+/// An invalid probability distribution over states, or an invalid query of one.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum BeliefError {
-    /// There are no states at all.
+    /// There are no states.
     Empty,
     /// A probability is NaN, negative or infinite.
     Probability {
         /// The state, from 0.
         state: usize,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
     /// The probabilities do not sum to one, or all weights are 0.
     Sum {
-        /// What they sum to.
+        /// Sum found.
         sum: f64,
-        /// What was expected of the sum.
+        /// Expected sum, in words.
         expected: &'static str,
     },
-    /// A state beyond the last one.
+    /// The state does not exist.
     State {
         /// The state asked for, from 0.
         state: usize,
-        /// How many states there are.
+        /// Number of states.
         states: usize,
     },
-    /// A level outside 0 to 1.
+    /// The level is outside 0 to 1.
     Level {
-        /// What was given.
+        /// Level found.
         level: f64,
     },
 }
@@ -74,11 +75,11 @@ impl fmt::Display for BeliefError {
 
 impl Error for BeliefError {}
 
-/// Why an operator is not a transition operator, or a control not one of its.
+/// An invalid transition operator, or a control that it does not accept.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TransitionError {
-    /// There are no states at all.
+    /// There are no states.
     Empty,
     /// The matrix is not square.
     NotSquare {
@@ -87,124 +88,124 @@ pub enum TransitionError {
         /// Columns found.
         columns: usize,
     },
-    /// A slice does not hold n × n values.
+    /// The slice does not hold n × n values.
     WrongLength {
-        /// How many states were announced.
+        /// Number of states, n.
         states: usize,
-        /// How many values were given.
+        /// Number of values found.
         found: usize,
     },
-    /// A row has not a value for each state.
+    /// A row does not have one value per state.
     RowLength {
         /// The row, from 0.
         row: usize,
-        /// Values found.
+        /// Number of values found.
         found: usize,
-        /// How many rows there are, and so states.
+        /// Number of rows, and so of states.
         expected: usize,
     },
     /// A probability is NaN, negative or infinite.
     Entry {
-        /// The state that is reached (row of A).
+        /// Destination state (row of A).
         to: usize,
-        /// The state that is left (column of A).
+        /// Source state (column of A).
         from: usize,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// A state beyond the last one.
+    /// An entry names a state that does not exist.
     OutOfRange {
-        /// The state that is reached.
+        /// Destination state.
         to: usize,
-        /// The state that is left.
+        /// Source state.
         from: usize,
-        /// How many states there are.
+        /// Number of states.
         states: usize,
     },
-    /// An entry was given twice.
+    /// An entry is given twice.
     Duplicate {
-        /// The state that is reached.
+        /// Destination state.
         to: usize,
-        /// The state that is left.
+        /// Source state.
         from: usize,
     },
-    /// The probabilities of leaving a state do not sum to one.
+    /// The probabilities of the transitions out of a state (a column) do not sum to one.
     ColumnSum {
-        /// The state that is left.
+        /// Source state.
         column: usize,
-        /// What its column sums to.
+        /// Sum of the column.
         sum: f64,
     },
-    /// The same of a matrix whose rows sum to one: it is given as its transpose.
+    /// The columns do not sum to one but the rows do: the matrix is probably transposed.
     RowsSumToOne {
-        /// The state that is left.
+        /// Source state.
         column: usize,
-        /// What its column sums to.
+        /// Sum of the column.
         sum: f64,
     },
     /// A weight is NaN, negative or infinite.
     Weight {
-        /// The state that is reached.
+        /// Destination state.
         to: usize,
-        /// The state that is left.
+        /// Source state.
         from: usize,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// No weight above 0 leads out of a state.
+    /// All transitions out of a state have weight 0.
     NoWeight {
-        /// The state that is left.
+        /// Source state.
         column: usize,
     },
-    /// The two products are not those of one matrix and its transpose.
+    /// The products with A and with A' are not those of one matrix and its transpose.
     Transpose {
-        /// By A.
+        /// v' (A u), by the product with A.
         forward: f64,
-        /// By A'.
+        /// u' (A' v), by the product with A'.
         backward: f64,
     },
-    /// A move was seen or expected that the operator does not allow.
+    /// A move that was observed or expected is not allowed by the operator.
     Forbidden {
-        /// The state that is reached.
+        /// Destination state.
         to: usize,
-        /// The state that is left.
+        /// Source state.
         from: usize,
     },
-    /// More states or entries than 32-bit indices can name.
+    /// There are more states or entries than 32-bit indices can address.
     TooMany {
-        /// States or entries.
+        /// Name of the counted items, such as "states" or "entries".
         what: &'static str,
-        /// How many there are.
+        /// Number found.
         count: usize,
     },
-    /// Operators of one family differ in size.
+    /// The operators of a family differ in their number of states.
     StateCount {
-        /// The operator's number, from 0.
+        /// Index of the operator, from 0.
         operator: usize,
-        /// Its states.
+        /// Number of states found.
         found: usize,
-        /// The states of operator 0.
+        /// Number of states of operator 0.
         expected: usize,
     },
-    /// A number that the operator is made from is not a valid one.
+    /// A parameter of the operator is out of range.
     Parameter {
-        /// Which number.
+        /// Name of the parameter.
         what: String,
-        /// What was found.
+        /// Value found.
         value: f64,
-        /// What was expected.
+        /// Valid values, in words.
         expected: &'static str,
     },
-    /// A part of the operator is of another size than what it is built on.
+    /// A part of the operator has another number of states than the operator it is built on.
     PartStates {
-        /// Which part.
+        /// Name of the part.
         part: &'static str,
-        /// Its states.
+        /// Number of states of the part.
         found: usize,
-        /// The states of the operator within.
+        /// Number of states of the inner operator.
         expected: usize,
     },
-    /// A control that the operator does not know.
+    /// The operator does not accept the control.
     Control(String),
 }
 
@@ -274,55 +275,54 @@ impl fmt::Display for TransitionError {
                 f,
                 "the {part} has {found} states, expected {expected} as the operator within"
             ),
-            Self::Control(value) => write!(f, "unknown control: {value}"),
+            Self::Control(reason) => f.write_str(reason),
         }
     }
 }
 
 impl Error for TransitionError {}
 
-/// Why an observation gives no likelihood.
+/// A likelihood that could not be computed or is invalid.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum LikelihoodError {
-    /// A likelihood (or log-likelihood) is not a valid one.
+    /// A likelihood (or log-likelihood) is out of range.
     Value {
         /// The state, from 0.
         state: usize,
         /// "likelihood" or "log-likelihood".
         kind: &'static str,
-        /// What was found.
+        /// Value found.
         value: f64,
-        /// What was expected.
+        /// Valid values, in words.
         expected: &'static str,
     },
-    /// The common log factor is NaN, or beyond 1e300 in size.
+    /// The common log factor is NaN, or above 1e300 in magnitude.
     LogFactor {
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// The diagonal, or a vector given as an observation, has a wrong length.
+    /// The diagonal, or a vector given as an observation, does not have one value per state.
     WrongLength {
-        /// Values found.
+        /// Number of values found.
         found: usize,
-        /// The number of states.
+        /// Number of states.
         expected: usize,
     },
-    /// A symbol that the table does not hold.
+    /// The table does not have the symbol.
     Symbol {
         /// The symbol, from 0.
         symbol: usize,
-        /// How many symbols there are.
+        /// Number of symbols.
         symbols: usize,
     },
-    /// The bound on the likelihoods of states that were not listed is not a
-    /// valid one.
+    /// The bound on the likelihoods of unlisted states is out of range.
     Bound {
-        /// Likelihood or log-likelihood.
+        /// "likelihood" or "log-likelihood".
         kind: &'static str,
-        /// What was found.
+        /// Value found.
         value: f64,
-        /// What was expected.
+        /// Valid values, in words.
         expected: &'static str,
     },
     /// A state is listed twice in an observation.
@@ -330,14 +330,14 @@ pub enum LikelihoodError {
         /// The state, from 0.
         state: usize,
     },
-    /// An observation lists a state that the model does not have.
+    /// An observation lists a state that does not exist.
     Listed {
         /// The state, from 0.
         state: usize,
-        /// How many states there are.
+        /// Number of states.
         states: usize,
     },
-    /// A sensor of your own has failed.
+    /// A sensor defined outside this crate failed.
     Sensor(Arc<dyn Error + Send + Sync>),
 }
 
@@ -383,24 +383,24 @@ impl Error for LikelihoodError {
     }
 }
 
-/// Why a table of observation probabilities is not one.
+/// An invalid table of observation probabilities.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TableError {
     /// There are no states or no symbols.
     Empty {
-        /// States found.
+        /// Number of states.
         states: usize,
-        /// Symbols found.
+        /// Number of symbols.
         symbols: usize,
     },
-    /// The rows are not of one length.
+    /// The rows differ in length.
     RowLength {
         /// The state, from 0.
         state: usize,
-        /// Values in its row.
+        /// Number of values in its row.
         found: usize,
-        /// Values in the row of state 0.
+        /// Number of values in the row of state 0.
         expected: usize,
     },
     /// A probability is NaN, negative or infinite.
@@ -409,14 +409,14 @@ pub enum TableError {
         state: usize,
         /// The symbol, from 0.
         symbol: usize,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// A state's probabilities do not sum to one.
+    /// The probabilities of a state's symbols do not sum to one.
     RowSum {
         /// The state, from 0.
         state: usize,
-        /// What they sum to.
+        /// Sum found.
         sum: f64,
     },
 }
@@ -445,19 +445,19 @@ impl fmt::Display for TableError {
 
 impl Error for TableError {}
 
-/// Why parts do not make a hidden Markov model.
+/// Parts that do not form a hidden Markov model.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum HmmError {
     /// The parts differ in their number of states.
     StateCount {
-        /// Which part differs from the first.
+        /// Name of the part that differs from the first.
         part: &'static str,
-        /// Its states.
+        /// Number of states of the part.
         found: usize,
-        /// The first part.
+        /// Name of the first part.
         first: &'static str,
-        /// The states of the first part.
+        /// Number of states of the first part.
         expected: usize,
     },
     /// The transition operator is not valid.

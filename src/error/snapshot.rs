@@ -1,56 +1,55 @@
-//! What can be wrong with a snapshot in bytes.
+//! Errors of reading a snapshot from bytes.
 
 use std::error::Error;
 use std::fmt;
 
-/// Why bytes are not those of a snapshot.
+/// Bytes that are not a valid snapshot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SnapshotError {
-    /// They do not begin as those of any snapshot do.
+    /// The bytes do not begin with the header of a snapshot.
     Format,
-    /// They are those of a snapshot of another kind.
+    /// The bytes are a snapshot of another type.
     Kind {
-        /// The name of its type, or "unknown".
+        /// Name of the type found, or "unknown".
         found: &'static str,
-        /// That of the type asked for.
+        /// Name of the type asked for.
         expected: &'static str,
     },
-    /// They are in another version of the format.
+    /// The bytes are in another version of the format.
     Version {
-        /// The version.
+        /// Version found.
         found: u8,
-        /// The one that is read.
+        /// Version that can be read.
         expected: u8,
     },
-    /// Some of them have changed, or are missing: their sum is not the one that they end
-    /// with.
+    /// Some bytes are changed or missing: the checksum does not match.
     Checksum {
-        /// The sum of the bytes.
+        /// Checksum of the bytes.
         found: u64,
-        /// The sum that they say they have.
+        /// Checksum stored at their end.
         expected: u64,
     },
-    /// They end too early.
+    /// The bytes end too early.
     Length {
-        /// How many there are.
+        /// Number of bytes found.
         found: usize,
-        /// How many are needed at least.
+        /// Least number of bytes needed.
         expected: usize,
     },
-    /// There are more of them than the snapshot takes.
+    /// There are bytes after the end of the snapshot.
     Trailing {
-        /// How many.
+        /// Number of these bytes.
         bytes: usize,
     },
     /// The control of a past step could not be read.
     Control {
-        /// Which of the past steps, from 0.
+        /// Index of the past step, from 0.
         index: usize,
     },
-    /// Their numbers are none that a stream can have.
+    /// The numbers are not a valid state of a stream.
     Contents {
-        /// What was found, and what was expected.
+        /// The invalid number, with the valid values.
         reason: String,
     },
 }

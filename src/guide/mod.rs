@@ -4,6 +4,9 @@
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
 
+#[doc = include_str!("from_hmmlearn.md")]
+pub mod from_hmmlearn {}
+
 #[doc = include_str!("performance.md")]
 pub mod performance {}
 

@@ -1,5 +1,5 @@
-//! One step back: from what is known of X_k given all, to X_{k-1}
-//! (paper section III-B), scaled.
+//! One backward step: from the smoothed distribution of X_k to that of X_{k-1} (paper section
+//! III-B), scaled.
 //!
 //! The paper's recursion γ_k ∝ α_k β_k with β_{k-1} = A' B(y_k) β_k (eqs. 12
 //! and 14) under- or overflows. With filtered α_k that sum to one, and
@@ -12,11 +12,11 @@
 //! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed. That holds
 //! with evidence on the move too, where neither the columns of A nor p_k sum to one.
 //!
-//! Predictions need not be made again (to keep them would take as much memory as the
-//! result): with q_k = γ_k / α_k, the product that the step before has
-//! left, and α_k = b_k ∘ p_k / N_k, the ratio is b_k ∘ q_k / N_k. So it is made where
-//! the likelihoods are at hand without cost; elsewhere, and where doubles do not
-//! hold q, predictions are made again.
+//! Predictions need not be recomputed (storing them would take as much memory as the result):
+//! with q_k = γ_k / α_k, the product left by the previous backward step, and α_k = b_k ∘ p_k /
+//! N_k, the ratio γ_k / p_k is b_k ∘ q_k / N_k. It is computed this way where the likelihoods are
+//! at hand without cost; elsewhere, and where q leaves the range of `f64`, predictions are
+//! recomputed.
 
 use super::held::Held;
 use super::step::{Step, is_one, normalize_logs};
@@ -25,12 +25,12 @@ use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Retreat, Sparse};
 use crate::likelihood::{Likelihood, Scratch};
 use crate::transition::Transition;
 
-/// A ratio γ / p above 2^64 is not taken in linear space if the lifted p is
-/// below 2^40: it might overflow.
+/// Largest ratio γ / p, 2^64, taken in linear space if the lifted p is below 2^40; a larger one
+/// might overflow.
 const LARGEST_RATIO: f64 = f64::from_bits((1023 + 64) << 52);
 const LEAST_PREDICTED: f64 = f64::from_bits((1023 + 40) << 52);
 
-/// Memory for steps back, and the result of the last one.
+/// Memory for backward steps, and the result of the last one.
 #[derive(Debug, Clone)]
 pub(super) struct Backward {
     /// γ_{k-1}.
@@ -38,7 +38,7 @@ pub(super) struct Backward {
     /// γ_k / p_k times `ratio_scale`, or its logarithm.
     pub(super) ratio: Aligned,
     pub(super) ratio_scale: f64,
-    /// Whether `ratio` is in logarithms.
+    /// True if `ratio` is in logarithms.
     pub(super) in_logs: bool,
     carried: Carried,
     predicted: Aligned,
@@ -46,26 +46,26 @@ pub(super) struct Backward {
     scratch: Scratch,
 }
 
-/// What one step back leaves to the next.
+/// State that one backward step leaves to the next.
 #[derive(Debug, Clone)]
 pub(super) struct Carried {
     /// γ_k / α_k, lifted by [`BACK_LIFT`]; 1 at the last step.
     q: Aligned,
-    /// Σ γ_k: one, but for rounding, which must not add up.
+    /// Σ γ_k: one up to rounding, which must not accumulate.
     sum: f64,
-    /// Whether doubles hold it.
+    /// True if `q` is within the range of `f64`.
     held: bool,
 }
 
-/// What was seen at step k, and its normaliser N_k if the filter took the
-/// step with the likelihoods as they are, else 0.
+/// Observation of step k, and its normaliser N_k if the filter took the step with unscaled
+/// likelihoods, else 0.
 pub(super) struct Seen<'a, Y: ?Sized> {
     pub(super) observation: &'a Y,
     pub(super) normalizer: f64,
 }
 
 impl Backward {
-    /// At the last step of a sequence.
+    /// Creates the state at the last step of a sequence.
     pub(super) fn new(states: usize) -> Self {
         let zeros = Aligned::new(states, 0.0);
         Self {
@@ -80,17 +80,17 @@ impl Backward {
         }
     }
 
-    /// What the last step back has left.
+    /// Returns the state left by the last backward step.
     pub(super) fn carried(&self) -> Carried {
         self.carried.clone()
     }
 
-    /// Goes on from there.
+    /// Continues from the state that [`carried`](Self::carried) returned.
     pub(super) fn carry_on(&mut self, carried: &Carried) {
         self.carried.clone_from(carried);
     }
 
-    /// As [`retreat`](Self::retreat), by what was seen if it can be.
+    /// Goes back as [`retreat`](Self::retreat), with the ratio from the observation if possible.
     pub(super) fn retreat_from<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -99,7 +99,7 @@ impl Backward {
         gamma: &[f64],
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else { return self.retreat(step, alpha, gamma) };
-        // (A step in logarithms has left no normaliser.)
+        // A step in logarithms has left no normaliser.
         if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
             return self.retreat(step, alpha, gamma);
         }
@@ -120,14 +120,14 @@ impl Backward {
         Ok(())
     }
 
-    /// The ratio γ_k / p_k from what was seen at k. Returns whether it could be
-    /// had so.
+    /// Computes the ratio γ_k / p_k from the observation of step k. Returns false if that is not
+    /// possible.
     fn weigh<B: Likelihood>(&mut self, likelihood: &B, seen: &Seen<'_, B::Observation>) -> bool {
         let Self { ratio, carried, scratch, .. } = self;
         if seen.normalizer == 0.0 || !likelihood.is_at_hand() {
             return false;
         }
-        // That it is valid has been seen on the way there.
+        // Validated on the forward pass.
         let found = likelihood.diagonal(seen.observation, scratch);
         let Ok(ref diagonal) = found else { return false };
         let Some(likelihoods) = diagonal.linear_values() else { return false };
@@ -139,8 +139,8 @@ impl Backward {
         true
     }
 
-    /// From γ_k to γ_{k-1}, where a step leads from α_{k-1}. Where nothing
-    /// moves they are the same, and there is no ratio.
+    /// Goes from γ_k to γ_{k-1} by the step that leads from α_{k-1}. Without a transition they
+    /// are equal, and there is no ratio.
     pub(super) fn retreat<A: Transition, B: Likelihood>(
         &mut self,
         step: &Step<'_, A, B>,
@@ -164,8 +164,8 @@ impl Backward {
         if self.in_logs { self.retreat_in_logs(step, control, alpha, gamma) } else { Ok(()) }
     }
 
-    /// From γ_k / p_k to γ_{k-1}. Returns whether doubles held it: the sum of γ
-    /// does not change from step to step but for rounding.
+    /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`,
+    /// which shows in the sum of γ: from step to step it changes by rounding only.
     fn multiply<A: Transition>(
         &mut self,
         transition: &A,
@@ -177,17 +177,17 @@ impl Backward {
         self.gamma.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
         let sum = kernels::sum(&self.gamma);
         kernels::normalize(&mut self.gamma, sum);
-        // From here on it can go on by what was seen. (Should q overflow, the
-        // next sum is not one.)
+        // From here on, ratios can come from observations again. (If q overflows, the next sum is
+        // not one.)
         let carried = &mut self.carried;
         carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
         (carried.sum, carried.held) = (sum / LIFT, is_one(sum / LIFT));
         carried.held
     }
 
-    /// The same in logarithms, where linear space does not hold the ratios.
-    /// What γ_k itself rounds to 0, below 2.2e-308 for each state, cannot matter:
-    /// it would add no more than that to γ_{k-1}.
+    /// Goes back in logarithms, where linear space does not hold the ratios. Parts of γ_k that
+    /// round to 0, below 2.2e-308 for each state, do not matter: they would add no more than that
+    /// to γ_{k-1}.
     #[cold]
     fn retreat_in_logs<A: Transition, B: Likelihood>(
         &mut self,
@@ -205,9 +205,8 @@ impl Backward {
             *ratio = if g > 0.0 { g.ln() - predicted } else { f64::NEG_INFINITY };
         }
         transition.apply_transpose_log(control, ratio, predicted);
-        // As in linear space, the sum of γ must have stayed one, as far as the
-        // digits of the logarithms go. (−∞ stays so, also where A' has led here
-        // from somewhere.)
+        // As in linear space, the sum of γ must have stayed one, up to the digits of the
+        // logarithms. (−∞ stays −∞, also where the backward term is finite.)
         let mut size = 0.0_f64;
         for (out, &back) in values.iter_mut().zip(&*predicted) {
             if out.is_finite() {
@@ -225,13 +224,13 @@ impl Backward {
     }
 }
 
-/// `ratio = gamma / predicted`, 0 where γ is; the prediction is lifted. Returns
-/// whether doubles held it.
+/// Computes `ratio = gamma / predicted`, 0 where γ is; the prediction is lifted. Returns false if
+/// the ratio may leave the range of `f64`.
 fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
     let mut held = true;
     for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {
         *ratio = if g > 0.0 { g * LIFT / p } else { 0.0 };
-        // (Only evidence makes a prediction too large.)
+        // Only evidence makes a prediction too large.
         held &= p <= f64::MAX && (p >= LEAST_PREDICTED || *ratio <= LARGEST_RATIO);
     }
     held

@@ -1,5 +1,5 @@
-//! Learning by expectation and maximisation (Baum, Petrie, Soules and Weiss
-//! 1970; Rabiner 1989, section III-C).
+//! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
+//! section III-C).
 
 use super::checkpoints::Order;
 use super::lockstep::{self, Group, Memory, Plan};
@@ -12,12 +12,11 @@ use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
 use crate::transition::{LearnTransition, MoveCounts, Transition};
 
-/// How [`Hmm::learn`] learns.
+/// Options of [`Hmm::learn`].
 ///
-/// Pseudo-counts are those of a Dirichlet prior: each free parameter counts as
-/// seen so many times more (0 for maximum likelihood, 1 for Laplace's rule).
-/// What is 0 in the model stays 0, whatever they are: a forbidden move stays
-/// forbidden.
+/// Pseudo-counts are those of a Dirichlet prior: each free parameter counts as observed so many
+/// more times (0 for maximum likelihood, 1 for Laplace's rule). Probabilities of 0 in the model
+/// stay 0 in any case: a forbidden move stays forbidden.
 ///
 /// ```
 /// use wayfix::inference::LearningOptions;
@@ -26,19 +25,19 @@ use crate::transition::{LearnTransition, MoveCounts, Transition};
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearningOptions {
-    /// The largest number of re-estimations; 100 unless changed.
+    /// Largest number of re-estimations; 100 by default.
     pub iterations: usize,
-    /// Stop when one gains less than this, in nats of the objective; 1e-3
-    /// unless changed.
+    /// Gain of a re-estimation below which learning stops, in nats of the objective; 1e-3 by
+    /// default.
     pub tolerance: f64,
-    /// Leave the prior as it is. (Parts of the model are kept by
+    /// True to keep the prior as it is. (Other parts of the model are kept by
     /// [`Fixed`](crate::Fixed).)
     pub keep_prior: bool,
-    /// For the prior; 0 unless changed.
+    /// Pseudo-count of the prior; 0 by default.
     pub prior_pseudo_count: f64,
-    /// For the transition operator; 0 unless changed.
+    /// Pseudo-count of the transition operator; 0 by default.
     pub transition_pseudo_count: f64,
-    /// For the sensor; 0 unless changed.
+    /// Pseudo-count of the sensor; 0 by default.
     pub likelihood_pseudo_count: f64,
 }
 
@@ -71,16 +70,16 @@ impl LearningOptions {
     }
 }
 
-/// Why learning stopped.
+/// Reason why learning stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopReason {
     /// The last re-estimation gained less than the tolerance.
     Converged,
-    /// As many iterations as allowed were made.
+    /// The allowed number of iterations was made.
     Iterations,
 }
 
-/// A model that was learned, and how it went.
+/// A learned model, with the course of learning.
 ///
 /// Made by [`Hmm::learn`].
 #[derive(Debug)]
@@ -93,55 +92,54 @@ pub struct LearnedModel<A, B> {
 }
 
 impl<A, B> LearnedModel<A, B> {
-    /// The model learned.
+    /// The learned model.
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
     }
 
-    /// The model learned, moved out.
+    /// Returns the learned model by value.
     #[must_use]
     pub fn into_model(self) -> Hmm<A, B> {
         self.model
     }
 
-    /// What is maximised, for the model as it was given and after each
-    /// re-estimation: ln p of all observations, plus the logarithm of the
-    /// Dirichlet density (but for a constant) if there are pseudo-counts. It
-    /// never falls but for rounding.
+    /// Values of the objective, of the given model and after each re-estimation: ln p of all
+    /// observations, plus the logarithm of the Dirichlet density (up to a constant) if there are
+    /// pseudo-counts. It never falls, up to rounding.
     #[must_use]
     pub fn objectives(&self) -> &[f64] {
         &self.objectives
     }
 
-    /// ln p of all observations that were not [left out](Self::left_out), under
-    /// the model learned.
+    /// Log-likelihood of all observations that were not [left out](Self::left_out), under the
+    /// learned model.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
 
-    /// How many times the model was re-estimated.
+    /// Number of re-estimations.
     #[must_use]
     pub fn iterations(&self) -> usize {
         self.objectives.len() - 1
     }
 
-    /// Why it stopped.
+    /// Reason why learning stopped.
     #[must_use]
     pub fn reason(&self) -> StopReason {
         self.reason
     }
 
-    /// The sequences that nothing was learned from, and why: those that the
-    /// model as given rules out, or that are not valid.
+    /// Sequences excluded from learning, with the reason: the given model rules them out, or they
+    /// are not valid.
     #[must_use]
     pub fn left_out(&self) -> &[SequenceError] {
         &self.left_out
     }
 }
 
-/// What is expected of the hidden states, given observations.
+/// Expected statistics of the hidden states, given observations.
 pub(super) struct Expected<B: LearnLikelihood> {
     /// Σ p(X_0 | y_1 … y_T) over the sequences.
     pub(super) first: Vec<f64>,
@@ -152,20 +150,22 @@ pub(super) struct Expected<B: LearnLikelihood> {
 
 /// # Learning
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// Learns prior, transitions and sensor from sequences of observations, of
-    /// any lengths: Baum–Welch, from this model on, to a local maximum.
+    /// Learns prior, transitions and sensor from sequences of observations, of any lengths:
+    /// Baum–Welch, from this model to a local maximum.
     ///
-    /// Sequences that this model rules out take no part:
-    /// [`LearnedModel::left_out`] names them.
+    /// States that are alike in this model (equal rows of the table, equal moves) stay alike: start
+    /// from different ones, or from several random models, and keep the one with the highest
+    /// [`log_likelihood`](LearnedModel::log_likelihood).
     ///
-    /// Structure is kept: what has probability 0 keeps it. What must not be
-    /// learned is wrapped in [`Fixed`](crate::Fixed). An iteration goes twice through
-    /// each sequence, O(E) a step. With a stored matrix eight go in lock-step, with
-    /// 128 n T bytes for such a group; others, and those that doubles do not hold,
-    /// one by one as by [`smooth_each`](Self::smooth_each), with O(n + E) memory and
-    /// the sensor's statistics for each of 64 that are gone through together. Empty
-    /// ones say nothing. In parallel with the feature `rayon`, with the same result to
-    /// the bit.
+    /// Sequences that this model rules out are excluded: [`LearnedModel::left_out`] names them.
+    ///
+    /// Structure is kept: probabilities of 0 stay 0. Parts that must not be learned are wrapped
+    /// in [`Fixed`](crate::Fixed). An iteration passes twice through each sequence, O(E) a step.
+    /// With a stored matrix, eight sequences run in lock-step, with 128 n T bytes for such a
+    /// group; others, and those outside the range of `f64`, run one by one as in
+    /// [`smooth_each`](Self::smooth_each), with O(n + E) memory and the sensor's statistics for
+    /// each of 64 that are processed together. Empty sequences have no influence. Runs in
+    /// parallel with the feature `rayon`, with the same result to the bit.
     ///
     /// ```
     /// use wayfix::inference::LearningOptions;
@@ -241,7 +241,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// The expectations of each sequence, added up in order, and those that
+    /// Returns the expectations of all sequences, added up in order, and the errors of those that
     /// have none.
     fn expect<S>(&self, sequences: &[(usize, &S)]) -> (Expected<B>, Vec<SequenceError>)
     where
@@ -289,8 +289,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         (sum, failed)
     }
 
-    /// The expectations of a group in lock-step, and those of each sequence that
-    /// has to be gone through by itself.
+    /// Returns the expectations of a group in lock-step, and of each sequence that has to be
+    /// processed by itself.
     fn expect_together<S>(
         &self,
         plan: &Plan<'_, A, B>,
@@ -330,7 +330,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     {
         let mut expected = self.nothing_expected();
         if sequence.steps() == 0 {
-            return Ok(expected); // it says nothing
+            return Ok(expected); // no observations
         }
         let mut result = Ok(());
         let log = self.smooth_each(sequence, Order::Backward, |step| {
@@ -353,7 +353,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         Ok(expected)
     }
 
-    /// The model that fits the expectations best.
+    /// Returns the model that fits the expectations best.
     pub(super) fn maximize(
         &self,
         expected: &Expected<B>,

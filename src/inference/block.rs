@@ -1,4 +1,4 @@
-//! The filtered distributions of a stretch of steps, kept for going back.
+//! Filtered distributions of consecutive steps, kept for the backward pass.
 
 use std::collections::HashMap;
 
@@ -12,28 +12,28 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Row r is the belief r steps after the first one.
+/// Filtered distributions of consecutive steps; row r is the belief r steps after the first one.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
     pub(super) rows: Rows,
-    /// The logarithms of the rows that have values beyond doubles.
+    /// Logarithms of the rows with values outside the range of `f64`.
     pub(super) logs: HashMap<usize, Vec<f64>>,
-    /// The normaliser of the step to each row, as
+    /// Normaliser of the step to each row, as
     /// [`Advanced`](super::held::Advanced) has it.
-    normalisers: Vec<f64>,
-    /// Whether the step to each row was taken in logarithms.
-    by_logs: Vec<bool>,
+    normalizers: Vec<f64>,
+    /// Rows to which a step was taken in logarithms, ascending.
+    by_logs: Vec<usize>,
 }
 
 impl Block {
     pub(super) fn new(states: usize, steps: usize) -> Self {
         let rows = Rows::with_capacity(states, steps + 1);
-        let (normalisers, by_logs) = (vec![0.0; steps + 1], vec![false; steps + 1]);
-        Self { rows, logs: HashMap::new(), normalisers, by_logs }
+        let normalizers = vec![0.0; steps + 1];
+        Self { rows, logs: HashMap::new(), normalizers, by_logs: Vec::new() }
     }
 
-    /// Runs a filter `steps` further and keeps all beliefs, beginning with the
-    /// present one. Hands ln p(y_k | y_1 … y_{k-1}) to `each`.
+    /// Runs a filter `steps` further and keeps all beliefs, beginning with the present one.
+    /// Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
     pub(super) fn fill<A, B, S>(
         &mut self,
         filter: &mut Filter<&Hmm<A, B>>,
@@ -48,13 +48,17 @@ impl Block {
     {
         self.rows.clear();
         self.logs.clear();
+        self.by_logs.clear();
         self.keep(0, filter);
         for row in 1..=steps {
             let step = filter.steps() + 1;
             let control = sequence.control(step);
             let advanced = filter.step_in_full(control, sequence.observation(step))?;
             each(advanced.log);
-            (self.normalisers[row], self.by_logs[row]) = (advanced.normalizer, advanced.by_logs);
+            self.normalizers[row] = advanced.normalizer;
+            if advanced.by_logs {
+                self.by_logs.push(row);
+            }
             self.keep(row, filter);
         }
         Ok(())
@@ -68,15 +72,14 @@ impl Block {
         }
     }
 
-    /// Whether the step to a row was taken in logarithms.
+    /// Returns true if the step to a row was taken in logarithms.
     pub(super) fn by_logs(&self, row: usize) -> bool {
-        self.by_logs[row]
+        self.by_logs.binary_search(&row).is_ok()
     }
 
-    /// What was seen on the way to a row, where `observation` is that of its
-    /// step.
+    /// Returns the observation of the step to a row, with its normaliser.
     pub(super) fn seen<'a, Y: ?Sized>(&self, row: usize, observation: &'a Y) -> Seen<'a, Y> {
-        Seen { observation, normalizer: self.normalisers[row] }
+        Seen { observation, normalizer: self.normalizers[row] }
     }
 
     pub(super) fn held(&self, row: usize) -> Held<'_> {

@@ -9,16 +9,16 @@ use crate::kernels::{self, Made, Update, Updated, Watch};
 use crate::likelihood::{Diagonal, Likelihood};
 use crate::transition::Transition;
 
-/// 2^-100: with entries from here on, products with what is not [tiny](kernels::TINY) are
-/// normal doubles.
+/// Smallest entry, 2^-100, whose products with probabilities that are not [tiny](kernels::TINY)
+/// are normal `f64`s.
 const LEAST_ENTRY: f64 = f64::from_bits((1023 - 100) << 52);
-/// As many likelihoods of one group are multiplied by at a time.
+/// Number of likelihoods of one group that are multiplied at a time.
 const REPEATED: usize = 512;
 
 impl<A: Transition, B: Likelihood> Step<'_, A, B> {
-    /// Takes the step with likelihoods of groups of states. Gives the normaliser, with the
-    /// probability of evidence on the move in it, or `None` where belief or entries may be
-    /// too small for that, or doubles do not hold the results.
+    /// Takes the step with likelihoods of groups of states. Returns the normaliser, with the
+    /// probability of evidence on the move in it, or `None` if belief or entries may be too small
+    /// for that, or the results leave the range of `f64`.
     pub(super) fn advance_by_blocks(
         &self,
         (diagonal, groups): (&Diagonal<'_>, &Groups),
@@ -60,7 +60,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 }
             }
         });
-        // The step with all products at once tells errors.
+        // Errors are reported by the step with all products at once.
         if states != before.linear.len() || updated.negative_predicted || updated.small {
             if updated.small {
                 lifted.lift_for_some_steps();

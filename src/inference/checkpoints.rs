@@ -1,9 +1,8 @@
-//! The smoother with checkpoints: any length in O(n √T) memory.
+//! Smoother with checkpoints: sequences of any length in O(n √T) memory.
 //!
-//! The filter runs once over the sequence and leaves a snapshot at every
-//! boundary between segments. Each segment is then filtered again from its
-//! snapshot, and gone back through: checkpointing of one level (of several:
-//! Griewank 1992).
+//! The filter runs once over the sequence and leaves a snapshot at every boundary between
+//! segments. Each segment is then filtered again from its snapshot, and smoothed backward:
+//! checkpointing of one level (several levels: Griewank 1992).
 
 use super::backward::Backward;
 use super::block::Block;
@@ -19,20 +18,20 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{MoveCounts, Transition, TransitionEntries};
 
-/// Sequences of fewer numbers (states times steps) than this are one segment:
-/// half a megabyte a block, which a cache holds.
+/// Size, states times steps, below which a sequence is one segment: half a megabyte a block,
+/// which fits into a cache.
 const ONE_SEGMENT: usize = 1 << 16;
 
-/// In which order steps are visited.
+/// Order in which steps are visited.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// 0 to T. Takes one more pass back than the other.
+    /// From 0 to T. Takes one more backward pass than the other order.
     Forward,
-    /// T to 0.
+    /// From T to 0.
     Backward,
 }
 
-/// What is known of one step, given all observations.
+/// Filtered and smoothed distributions of one step.
 ///
 /// Handed out by [`Hmm::smooth_each`].
 #[derive(Debug)]
@@ -44,27 +43,26 @@ pub struct SmoothedStep<'a, A: Transition> {
 }
 
 impl<'a, A: Transition> SmoothedStep<'a, A> {
-    /// The step k, from 0 to T.
+    /// Number of the step, k, from 0 to T.
     #[must_use]
     pub fn step(&self) -> usize {
         self.step
     }
 
-    /// p(X_k | y_1 … y_k).
+    /// Filtered distribution p(X_k | y_1 … y_k).
     #[must_use]
     pub fn filtered(&self) -> BeliefView<'a> {
         Belief::view(self.filtered)
     }
 
-    /// p(X_k | y_1 … y_T).
+    /// Smoothed distribution p(X_k | y_1 … y_T).
     #[must_use]
     pub fn smoothed(&self) -> BeliefView<'a> {
         Belief::view(self.smoothed)
     }
 
-    /// p(X_{k-1}, X_k | y_1 … y_T), or `None` where nothing moves to step k: at
-    /// 0, and at 1 under
-    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
+    /// Pairwise posterior p(X_{k-1}, X_k | y_1 … y_T), or `None` without a transition to step k:
+    /// at 0, and at 1 under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
     #[must_use]
     pub fn pairs(&self) -> Option<&Pairs<'a, A>> {
         self.pairs.as_ref()
@@ -72,14 +70,13 @@ impl<'a, A: Transition> SmoothedStep<'a, A> {
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// Smooths a sequence of any length in O(n √T) memory, and hands each step
-    /// to a visitor, with the pairwise posterior of the move that leads to it.
-    /// Returns ln p(y_1 … y_T).
+    /// Smooths a sequence of any length in O(n √T) memory, and passes each step to a visitor,
+    /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
     ///
-    /// Gives what [`smooth`](Self::smooth) gives, to the bit (to rounding, with up
-    /// to eight states and no control). Takes three products with A or A' a step in backward order and five in forward
-    /// order (two in either, if n T is below 65,536), and O(n); more where the sensor
-    /// has to compute its likelihoods.
+    /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
+    /// eight states and no control). Costs three products with A or A' a step in backward order
+    /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
+    /// the sensor has to compute its likelihoods.
     ///
     /// ```
     /// use wayfix::inference::Order;
@@ -101,8 +98,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// As [`smooth`](Self::smooth). Nothing has been visited then, unless the
-    /// operator breaks its contract.
+    /// As [`smooth`](Self::smooth). No step has been visited then, unless the operator breaks
+    /// its contract.
     pub fn smooth_each<S>(
         &self,
         sequence: &S,
@@ -128,7 +125,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         };
         let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
         if order == Order::Forward {
-            // Where each segment ends, as the pass back finds it.
+            // γ at the end of each segment, with the state of the backward pass.
             let last = segments.filter.held().linear.to_vec();
             let mut ends = vec![(last, segments.backward.carried())];
             for start in checkpoints[1..].iter().rev() {
@@ -155,11 +152,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Ok(log_likelihood)
     }
 
-    /// The expected number of moves from each state to each other, the sum over
-    /// all steps of p(X_{k-1}, X_k | y_1 … y_T).
+    /// Returns the expected number of moves between each pair of states, the sum over all steps
+    /// of p(X_{k-1}, X_k | y_1 … y_T).
     ///
-    /// As [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds
-    /// a number for each entry of A, never n × n for a sparse one.
+    /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds one
+    /// number for each entry of A, never n × n for a sparse one.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -189,17 +186,17 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Segments of a sequence, of which one at a time is held.
+/// Segments of a sequence, one of them in memory at a time.
 struct Segments<'m, A: Transition, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
-    /// The filtered beliefs of the segment that starts after `held` steps.
+    /// Filtered beliefs of the segment that starts after `held` steps.
     block: Block,
     held: Option<usize>,
     smoothed: Rows,
-    /// γ / p of each step, or their logarithms.
+    /// Ratio γ / p of each step, or its logarithm.
     ratios: Vec<f64>,
-    /// Which of the two, and the scale of the former.
+    /// For each step, true if the ratio is in logarithms; and the scale of a linear ratio.
     forms: Vec<(bool, f64)>,
     filter: Filter<&'m Hmm<A, B>>,
     backward: Backward,
@@ -211,7 +208,7 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    /// Runs the filter over all, and keeps its state every `length` steps.
+    /// Runs the filter over the whole sequence, and keeps a snapshot every `length` steps.
     fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
         let mut checkpoints = Vec::new();
         loop {
@@ -224,8 +221,7 @@ where
         }
     }
 
-    /// Filters a segment, unless it is the one at hand. Returns how many steps
-    /// it has.
+    /// Filters a segment, unless it is in memory. Returns its number of steps.
     fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
         let rows = length.min(self.sequence.steps() - start);
         if self.held.replace(start) != Some(start) {
@@ -234,8 +230,8 @@ where
         Ok(rows)
     }
 
-    /// Filters a segment and goes back through it from the γ at its end.
-    /// Returns how many steps it has.
+    /// Filters a segment and goes back through it from the γ at its end. Returns its number of
+    /// steps.
     fn run(
         &mut self,
         start: &FilterSnapshot,

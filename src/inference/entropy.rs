@@ -1,5 +1,4 @@
-//! The entropy of the whole path given the observations (Hernando, Crespi and
-//! Cybenko 2005).
+//! Entropy of the whole path given the observations (Hernando, Crespi and Cybenko 2005).
 
 use super::filter::Filter;
 use super::held::Held;
@@ -11,20 +10,20 @@ use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// The Shannon entropy of p(x_1 … x_T | y_1 … y_T), in nats: 0 if only one
-    /// path is possible, and how unsure the drive as a whole still is. It is no
-    /// more than the sum of the entropies of the smoothed beliefs.
+    /// Returns the Shannon entropy of p(x_1 … x_T | y_1 … y_T), in nats: the remaining
+    /// uncertainty about the whole path, 0 if only one path is possible. It is at most the sum of
+    /// the entropies of the smoothed beliefs.
     ///
-    /// In one pass forward, O(E) a step and O(n) memory. Every term is at least
-    /// 0, so that nothing cancels; the error is about 1e-12 nats, since that of
-    /// a probability near one is the last digit of its distance from one.
+    /// Takes one forward pass, O(E) a step and O(n) memory. All terms are at least 0, so that
+    /// nothing cancels; the error is about 1e-12 nats, since that of a probability near one is
+    /// the last digit of its distance from one.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let table = TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.5]])?;
     /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, table)?;
-    /// // Nothing is known of two states that are drawn anew at each of 3 steps.
+    /// // Two states drawn anew at each of 3 steps, of which the observations say nothing.
     /// assert!((hmm.path_entropy(&[0, 1, 0])? - 8.0_f64.ln()).abs() < 1e-12);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -57,7 +56,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     }
 }
 
-/// Σ γ_T(i) (H(path | i) − ln γ_T(i)).
+/// Returns Σ γ_T(i) (H(path | i) − ln γ_T(i)).
 fn total<A, B>(filter: &Filter<&Hmm<A, B>>, entropy: &[f64]) -> f64
 where
     A: TransitionEntries,
@@ -74,8 +73,8 @@ where
 }
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// H_k(i) = Σ_j q_j (H_{k-1}(j) − ln q_j), where q_j is the probability
-    /// that i was reached from j: in proportion to A\[i, j\] α_{k-1}(j).
+    /// Computes H_k(i) = Σ_j q_j (H_{k-1}(j) − ln q_j), where q_j is the probability that i was
+    /// reached from j, in proportion to A\[i, j\] α_{k-1}(j).
     fn entropies(
         &self,
         alpha: Held<'_>,

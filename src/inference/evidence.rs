@@ -1,6 +1,5 @@
-//! A step of the filter with evidence on the move: what was measured between two
-//! steps multiplies the entries of A, so that the sum of the prediction is its
-//! probability.
+//! A step of the filter with evidence on the move: measurements between two steps multiply the
+//! entries of A, so that the sum of the prediction is their probability.
 
 use std::ops::RangeInclusive;
 
@@ -11,16 +10,15 @@ use crate::kernels::{self, LARGEST_LOG, LIFT, Made, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
 use crate::transition::{SparseTransition, Stored, Transition};
 
-/// Sums of predictions with which a step is taken in linear space, 2^-100 to 2^7: lifted,
-/// and with likelihoods from 2^-300 to 2^16, they and their parts down to the smallest
-/// normal double are doubles; and entries that an operator has lost below that are no more
-/// than 2^-922 of the sum.
+/// Sums of predictions for steps in linear space, 2^-100 to 2^7: lifted, and with likelihoods
+/// from 2^-300 to 2^16, they and their parts down to the smallest normal `f64` are within its
+/// range; entries that an operator has lost below that are no more than 2^-922 of the sum.
 pub(super) const SUMS: RangeInclusive<f64> =
     f64::from_bits((1023 - 100) << 52)..=f64::from_bits((1023 + 7) << 52);
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
-    /// The log factor of the evidence on the move to this step, if there is evidence;
-    /// checks the control.
+    /// Checks the control, and returns the log factor of the evidence on the move to this step,
+    /// if any.
     #[inline]
     pub(super) fn evidence(&self) -> Result<Option<f64>, InferenceError> {
         let Some(control) = self.control else { return Ok(None) };
@@ -32,19 +30,19 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
     }
 
-    /// Whether entries of a step with evidence are beyond doubles.
+    /// Returns true if entries of a step with evidence are outside the range of `f64`.
     pub(super) fn needs_logs(&self) -> bool {
         self.control.is_some_and(|control| self.hmm.transition().needs_logs(control))
     }
 
-    /// The sparse matrix of the step, if there is one and no evidence.
+    /// Returns the sparse matrix of the step, if there is one and no evidence.
     pub(super) fn stored(&self, control: &A::Control) -> Option<&'m SparseTransition> {
         let transition = self.hmm.transition();
         let matrix = transition.stored(control).and_then(Stored::as_sparse)?;
         transition.evidence(control).is_none().then_some(matrix)
     }
 
-    /// [`advance`](Self::advance) with evidence on the move.
+    /// Advances with evidence on the move, otherwise as [`advance`](Self::advance).
     pub(super) fn advance_by_evidence(
         &self,
         log_factor: f64,
@@ -81,9 +79,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Advanced { log: advanced.log + log_factor, ..advanced })
     }
 
-    /// The step in linear space. Gives the normaliser of the likelihoods, with the
-    /// probability of the evidence in it, or `None` where doubles do not hold the
-    /// results.
+    /// Takes the step in linear space. Returns the normaliser of the likelihoods, with the
+    /// probability of the evidence in it, or `None` if the results leave the range of `f64`.
     fn advance_in_doubles_by_evidence(
         &self,
         likelihoods: Likelihoods<'_>,
@@ -95,7 +92,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.predict(lifted, results.predicted);
         let prediction = Made(results.predicted);
         let updated = kernels::update(likelihoods.update(prediction, LIFT, results.lifted));
-        // A NaN or an infinite value makes the sum one.
+        // A NaN or infinite value makes the sum NaN or infinite.
         if updated.negative_predicted || !SUMS.contains(&(updated.predicted / LIFT)) {
             self.evidence_sum(results.predicted)?;
             return Ok(None);
@@ -110,13 +107,13 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
     }
 
-    /// The sum of a lifted prediction with evidence, or `None` where the step has to be
+    /// Returns the sum of a lifted prediction with evidence, or `None` if the step has to be
     /// taken in logarithms.
     pub(super) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
             if value == f64::INFINITY {
-                return Ok(None); // perhaps only with the lift
+                return Ok(None); // may be finite without the lift
             }
             return Err(InferenceError::Predicted { step: self.number, state, value });
         }
@@ -124,8 +121,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(SUMS.contains(&(sum / LIFT)).then_some(sum))
     }
 
-    /// The logarithms of a prediction with evidence must be numbers, or those of 0, and
-    /// not all of them that.
+    /// Checks that the logarithms of a prediction with evidence are numbers or −∞, and not all
+    /// −∞.
     pub(super) fn check_log_evidence(&self, logs: &[f64]) -> Result<(), InferenceError> {
         let step = self.number;
         match kernels::largest(logs, Valid::Logs) {

@@ -1,4 +1,4 @@
-//! The streaming filter (paper section III-A).
+//! Streaming filter (paper section III-A).
 
 use std::mem;
 use std::ops::Deref;
@@ -14,22 +14,20 @@ use crate::kernels::{self, Aligned, LIFT};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
 
-/// The streaming filter: the distribution of the present state given all
-/// observations so far, p(X_k | y_1 … y_k) (paper eq. 8).
+/// Streaming filter: the distribution of the present state given all observations so far,
+/// p(X_k | y_1 … y_k) (paper eq. 8).
 ///
-/// Each step costs one product with A and O(n), and allocates nothing after the
-/// first (which may, if the sensor fills memory of its own). After
-/// an error the filter is as it was before the call, so that the caller can
-/// skip the observation, [`predict`](Self::predict) only, or
+/// Each step costs one product with A and O(n), and allocates nothing after the first (which may,
+/// if the sensor fills memory of its own). After an error the filter is as it was before the
+/// call, so that the caller can skip the observation, [`predict`](Self::predict) only, or
 /// [`restart`](Self::restart).
 ///
-/// `M` is how the model is held: [`Hmm::filter`] borrows it; [`Filter::new`]
-/// also takes an `Arc`, a `Box` or another pointer.
+/// `M` is a pointer to the model: [`Hmm::filter`] borrows it; [`Filter::new`] also takes an
+/// `Arc`, a `Box` or another pointer.
 ///
-/// What a double does not hold (below 2.2e-308 of the whole) is kept in
-/// logarithms, at some cost in time, so that the filter can come back to such a
-/// state. Only in a model with [rounded tails](Hmm::with_rounded_tails) it
-/// becomes 0.
+/// Probabilities outside the range of `f64` (below 2.2e-308 of the whole) are kept in logarithms,
+/// at some cost in time, so that the filter can come back to such a state. Only in a model with
+/// [rounded tails](Hmm::with_rounded_tails) they become 0.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -58,7 +56,7 @@ pub struct Filter<M> {
     steps: usize,
     steps_in_logs: usize,
     belief: Aligned,
-    /// The logarithms of the belief, if it has values that doubles do not hold.
+    /// Logarithms of the belief, if it has values outside the range of `f64`.
     logs: Option<Vec<f64>>,
     log_likelihood: LogSum,
     lifted: Lifted,
@@ -73,7 +71,7 @@ pub struct Filter<M> {
 
 /// # Streams
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// A streaming filter at the prior, which borrows the model.
+    /// Returns a streaming filter at the prior, which borrows the model.
     #[must_use]
     pub fn filter(&self) -> Filter<&Self> {
         Filter::new(self)
@@ -86,8 +84,8 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// A filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
-    /// filter that holds it. It allocates all that its steps will need.
+    /// Creates a filter at the prior, from a pointer to a model: `&hmm`, or `Arc::new(hmm)` for a
+    /// filter that owns it. Allocates all memory that its steps need.
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
@@ -110,18 +108,17 @@ where
         }
     }
 
-    /// One time step: prediction under `control`, then update with
-    /// `observation`. The control drives the transition that leads here.
-    /// Returns ln p(y_k | y_1 … y_{k-1}), how well the observation was
-    /// predicted; with evidence on the move, how well both were, ln p(u_k, y_k | …).
+    /// Takes one time step: prediction under `control`, then update with `observation`. The
+    /// control drives the transition to this step. Returns the log-likelihood of the observation,
+    /// ln p(y_k | y_1 … y_{k-1}); with evidence on the move, of both, ln p(u_k, y_k | …).
     ///
-    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
-    /// first step has no transition, and its control is not looked at.
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
+    /// no transition, and its control is ignored.
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step, if the observation is impossible, or
-    /// if control or likelihood are not valid. The filter then is as before.
+    /// [`InferenceError`] with the step, if the observation is impossible, or if control or
+    /// likelihood are not valid. The filter is then unchanged.
     pub fn step_with(
         &mut self,
         control: &A::Control,
@@ -130,7 +127,7 @@ where
         Ok(self.step_in_full(control, observation)?.log)
     }
 
-    /// A step, with all that it gives.
+    /// Takes a step, and returns its full outcome.
     pub(super) fn step_in_full(
         &mut self,
         control: &A::Control,
@@ -141,10 +138,9 @@ where
         self.advance(number, control, observation)
     }
 
-    /// Prediction under `control` alone: one time step without an
-    /// observation. The log-likelihood stays, unless the control is
-    /// [evidence on the move](crate::Transition::evidence): then the belief is that given
-    /// the evidence, whose log-likelihood is added.
+    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
+    /// stays, unless the control is [evidence on the move](crate::Transition::evidence): then the
+    /// belief is conditioned on the evidence, whose log-likelihood is added.
     ///
     /// # Errors
     ///
@@ -158,7 +154,7 @@ where
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         let mut by_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
-        // ln p(u), but for the log factor of the evidence.
+        // ln p(u), without the log factor of the evidence.
         let mut log = 0.0;
         if !by_logs {
             step.predict(lifted.values(belief), after);
@@ -188,13 +184,17 @@ where
         Ok(())
     }
 
-    /// Update with an observation alone: no time passes. For a further sensor
-    /// at the same step, or after [`predict`](Self::predict). Returns the
-    /// logarithm of its probability given all before.
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict`](Self::predict). Returns the logarithm of its probability given
+    /// all before.
     ///
-    /// Before any step, it is an observation of X_0, and errors call it step 0;
-    /// but under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
-    /// it makes step 1.
+    /// A sensor of another kind is a part of the model: a
+    /// [`FusedLikelihood`](crate::FusedLikelihood) of two
+    /// [`OptionalLikelihood`](crate::OptionalLikelihood)s, with `step(&(Some(camera), None))` and
+    /// then `update(&(None, Some(position)))`.
+    ///
+    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
     ///
     /// # Errors
     ///
@@ -205,11 +205,10 @@ where
         Ok(self.advance(number, None, observation)?.log)
     }
 
-    /// The distribution `controls.len()` steps ahead, without observations,
-    /// under one control a step. If these are evidence on moves, it is that given what
-    /// they say was measured; for a forecast that knows of nothing measured, give
-    /// controls that say so. The filter stays where it is. (From a fresh
-    /// filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
+    /// Returns the distribution `controls.len()` steps ahead, without observations, under one
+    /// control a step. Controls that are evidence on moves condition it on their measurements;
+    /// for a forecast without measurements, give controls without them. The filter is unchanged.
+    /// (From a fresh filter under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation)
     /// the first step is to X_1, which is distributed as the prior.)
     ///
     /// # Errors
@@ -222,32 +221,31 @@ where
         Ok(ahead.belief().to_owned())
     }
 
-    /// The present belief: p(X_k | y_1 … y_k) after an update, the predicted
-    /// one after a prediction, the prior before anything.
+    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
+    /// the prior before any step.
     #[must_use]
     pub fn belief(&self) -> BeliefView<'_> {
         Belief::view(&self.belief)
     }
 
-    /// ln p(y_1 … y_k), over the observations made, and over evidence on moves.
+    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()
     }
 
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// How many of the steps so far were taken in logarithms, which is several times
-    /// slower: doubles did not hold the belief before or after, or the observation
-    /// contradicted the prediction too much. A prediction and an update alone count one
-    /// each.
+    /// Number of steps so far taken in logarithms, which is several times slower: the belief
+    /// before or after was outside the range of `f64`, or the observation contradicted the
+    /// prediction too much. A prediction and an update alone count one each.
     ///
-    /// If these are many and the tails of the model are not to be believed anyway, it is
-    /// faster [with rounded tails](Hmm::with_rounded_tails).
+    /// If there are many, and the tails of the model are not credible anyway, [rounded
+    /// tails](Hmm::with_rounded_tails) are faster.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -273,8 +271,8 @@ where
         &self.model
     }
 
-    /// A copy of all that the filter knows. A filter that is
-    /// [restored](Self::restore) from it goes on with identical bits.
+    /// Returns a copy of the filter's state. A filter that is [restored](Self::restore) from it
+    /// continues with identical bits.
     #[must_use]
     pub fn snapshot(&self) -> FilterSnapshot {
         FilterSnapshot {
@@ -286,8 +284,8 @@ where
         }
     }
 
-    /// The same in place of another one of this model. Allocates nothing, unless there
-    /// are logarithms now.
+    /// Overwrites a snapshot of this model with the present state. Allocates nothing, unless
+    /// there are logarithms for the first time.
     pub(super) fn snapshot_to(&self, state: &mut FilterSnapshot) {
         (state.steps, state.steps_in_logs) = (self.steps, self.steps_in_logs);
         state.log_likelihood = self.log_likelihood;
@@ -297,7 +295,8 @@ where
         state.logs.clone_from(&self.logs);
     }
 
-    /// Goes back (or over) to a snapshot. Allocates nothing.
+    /// Restores a snapshot, of this filter or another. Allocates nothing. Only the number of states
+    /// is compared: keep a version of the model beside snapshots that outlive it.
     ///
     /// # Errors
     ///
@@ -318,7 +317,7 @@ where
         Ok(())
     }
 
-    /// Back to the prior, with no steps taken.
+    /// Returns to the prior, with no steps taken.
     pub fn restart(&mut self) {
         let Self { model, belief, .. } = self;
         belief.copy_from_slice(model.prior().belief().as_slice());
@@ -327,8 +326,8 @@ where
         self.keep_logs(false);
     }
 
-    /// Puts another belief in place of the present one, as when a vehicle is
-    /// told where it is, or lost. Steps and log-likelihood stay.
+    /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
+    /// Steps and log-likelihood stay.
     ///
     /// # Errors
     ///
@@ -364,7 +363,7 @@ where
         Held { linear: &self.belief, logs: self.logs.as_deref() }
     }
 
-    /// Only here does a step change the filter.
+    /// Applies the outcome of a step; nothing before this changes the filter.
     fn commit(&mut self, number: usize, advanced: &Advanced) {
         let belief = &mut self.belief;
         match advanced.form {
@@ -382,7 +381,7 @@ where
         self.log_likelihood.add(advanced.log);
     }
 
-    /// Takes over the logarithms in `after_logs`, or has none from now on.
+    /// Keeps the logarithms in `after_logs`, or drops those kept so far.
     fn keep_logs(&mut self, keep: bool) {
         if !keep && self.logs.is_none() {
             return;
@@ -404,8 +403,8 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// One time step: prediction, then update with `observation`. Returns
-    /// ln p(y_k | y_1 … y_{k-1}), how well the observation was predicted.
+    /// Takes one time step: prediction, then update with `observation`. Returns the
+    /// log-likelihood of the observation, ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors
     ///
@@ -417,8 +416,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// Prediction alone: one time step without an observation. The
-    /// log-likelihood stays.
+    /// Predicts alone: one time step without an observation. The log-likelihood stays.
     ///
     /// # Errors
     ///
@@ -430,8 +428,8 @@ where
         self.predict_with(&A::Control::NONE)
     }
 
-    /// The distribution `steps` ahead, without observations. The filter stays
-    /// where it is. Costs `steps` products with A.
+    /// Returns the distribution `steps` ahead, without observations. The filter is unchanged.
+    /// Costs `steps` products with A.
     ///
     /// ```
     /// let hmm = wayfix::canberra::hmm(5, 1.0)?;
@@ -453,8 +451,8 @@ where
     }
 }
 
-/// A prediction sums to one but for rounding, which must not add up over many.
-/// Returns whether something rounds to 0.
+/// Normalizes a prediction, which sums to one up to rounding, so that rounding does not
+/// accumulate. Returns true if a value rounds to 0.
 fn normalize(predicted: &mut [f64], sum: f64) -> bool {
     let least = f64::MIN_POSITIVE * sum;
     let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);

@@ -1,21 +1,21 @@
-//! What a filter knows, as plain data.
+//! State of a filter, as plain data.
 
 use super::LogSum;
 use super::held::Held;
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::InferenceError;
 
-/// The most steps that a filter takes and a snapshot holds: a double can count them.
+/// Largest number of steps of a filter or snapshot: an `f64` can count them.
 pub(crate) const MOST_STEPS: usize =
     if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
 
-/// The number of the step after so many.
+/// Returns the number of the step after `steps` steps.
 pub(super) fn next_step(steps: usize) -> Result<usize, InferenceError> {
     if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
 }
 
-/// All that a filter knows after k steps: plain data, to be kept, compared,
-/// sent elsewhere, and restored.
+/// State of a filter after k steps: plain data, to be kept, compared, sent elsewhere and
+/// restored.
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -34,13 +34,13 @@ pub struct FilterSnapshot {
     pub(crate) steps: usize,
     pub(crate) steps_in_logs: usize,
     pub(crate) belief: Belief,
-    /// The logarithms of the belief, if it has values that doubles do not hold.
+    /// Logarithms of the belief, if it has values outside the range of `f64`.
     pub(crate) logs: Option<Vec<f64>>,
     pub(crate) log_likelihood: LogSum,
 }
 
 impl FilterSnapshot {
-    /// From parts that may be damaged.
+    /// Creates a snapshot from parts that may be damaged.
     pub(crate) fn checked(
         [steps, steps_in_logs]: [usize; 2],
         belief: Belief,
@@ -56,7 +56,7 @@ impl FilterSnapshot {
                 return Err(format!("{found} logarithms for a belief over {expected} states"));
             }
             for (state, (log, p)) in logs.iter().zip(belief.as_slice()).enumerate() {
-                // NaN agrees with nothing.
+                // False for a NaN.
                 let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
                 if !agree {
                     return Err(format!(
@@ -78,26 +78,26 @@ impl FilterSnapshot {
         Held { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
     }
 
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// How many of them were taken in logarithms, as
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts.
+    /// Number of these steps taken in logarithms, as counted by
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs).
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs
     }
 
-    /// The belief after these steps.
+    /// Belief after these steps.
     #[must_use]
     pub fn belief(&self) -> &Belief {
         &self.belief
     }
 
-    /// ln p(y_1 … y_k), over the observations made.
+    /// Log-likelihood ln p(y_1 … y_k) of the observations so far.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()

@@ -1,4 +1,4 @@
-//! The forward pass over a whole sequence.
+//! Forward pass over a whole sequence.
 
 use super::block::Block;
 use super::posteriors::Posteriors;
@@ -9,8 +9,7 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Filtered distributions of a whole sequence, and how well each observation
-/// was predicted.
+/// Filtered distributions of a whole sequence, with the log-likelihood of each observation.
 ///
 /// Made by [`Hmm::forward`].
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +21,7 @@ pub struct FilteredSequence {
 }
 
 impl FilteredSequence {
-    /// Of a routine that takes no step in logarithms.
+    /// Creates the result of a routine that takes no step in logarithms.
     pub(super) fn new(
         posteriors: Posteriors,
         log_likelihoods: Vec<f64>,
@@ -31,28 +30,27 @@ impl FilteredSequence {
         Self { posteriors, log_likelihoods, log_likelihood, steps_in_logs: 0 }
     }
 
-    /// p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
+    /// Filtered distributions p(X_k | y_1 … y_k) for k = 0 … T; the prior at 0.
     #[must_use]
     pub fn posteriors(&self) -> &Posteriors {
         &self.posteriors
     }
 
-    /// ln p(y_k | y_1 … y_{k-1}) at k − 1, for k = 1 … T.
+    /// Log-likelihoods ln p(y_k | y_1 … y_{k-1}) at index k − 1, for k = 1 … T.
     #[must_use]
     pub fn log_likelihoods(&self) -> &[f64] {
         &self.log_likelihoods
     }
 
-    /// ln p(y_1 … y_T).
+    /// Log-likelihood ln p(y_1 … y_T).
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
 
-    /// How many of the steps were taken in logarithms, as
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs) counts. With up to eight
-    /// states these may be fewer than those of a filter: the faster ways of
-    /// [`Hmm::forward`] need logarithms less often.
+    /// Number of steps taken in logarithms, as counted by
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs). With up to eight states it may be
+    /// lower than that of a filter: the faster algorithms for them need logarithms less often.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs
@@ -63,9 +61,9 @@ impl FilteredSequence {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Filters a whole sequence: the forward pass (paper eq. 10), scaled.
     ///
-    /// Gives what a [filter](Self::filter) gives, to the bit; to rounding, and many
-    /// times as fast, for more than 64 steps with up to eight states and no control.
-    /// One product with A and O(n) a step; the result holds n (T + 1) numbers.
+    /// Results equal those of a [filter](Self::filter), to the bit; for more than 64 steps with
+    /// up to eight states and no control, up to rounding, and many times as fast. Costs one
+    /// product with A and O(n) a step; the result holds n (T + 1) numbers.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -100,11 +98,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood, steps_in_logs })
     }
 
-    /// ln p(y_1 … y_T), without storing anything for each step.
+    /// Returns ln p(y_1 … y_T), without storing anything for each step.
     ///
-    /// One product with A and O(n) a step, O(n) memory. The sum of the
-    /// logarithms that a [filter](Self::filter) gives; with up to eight states and
-    /// no control to rounding, and several times as fast.
+    /// Costs one product with A and O(n) a step, and O(n) memory. Equals the sum of the
+    /// logarithms that a [filter](Self::filter) returns; with up to eight states and no control
+    /// up to rounding, and several times as fast.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -1,5 +1,4 @@
-//! The fixed-lag smoother: a live answer that has seen a little of what came
-//! after.
+//! Fixed-lag smoother: a live estimate that has seen a few later observations.
 
 use std::collections::VecDeque;
 use std::ops::Deref;
@@ -15,17 +14,15 @@ use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
 
-/// The fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last
-/// steps j = k − L … k.
+/// Fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last steps j = k − L … k.
 ///
-/// It goes back from the filtered belief through the window, as the batch
-/// smoother does, and gives, but for rounding, what [`Hmm::smooth`] would of the
-/// observations so far. A step costs one product for the filter and two for
-/// each step of the window, O(L) products in all; memory is 2 n (L + 1) numbers.
-/// Once the window is full, nothing is allocated. After an error it is as it was
-/// before the call.
+/// It goes back from the filtered belief through the window, as the batch smoother does, and
+/// equals, up to rounding, the result of [`Hmm::smooth`] for the observations so far. A step
+/// costs one product for the filter and two for each step of the window, O(L) products in all;
+/// memory is 2 n (L + 1) numbers. Once the window is full, steps and updates allocate nothing. After an error
+/// it is as it was before the call.
 ///
-/// `M` is how the model is held, as for [`Filter`].
+/// `M` is a pointer to the model, as for [`Filter`].
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -36,7 +33,7 @@ use crate::transition::{NoControl, Transition};
 /// for sighting in [0, 0, 1, 0, 0] {
 ///     smoother.step(&sighting)?;
 /// }
-/// // What was two steps ago, after all five sightings.
+/// // Belief of two steps ago, after all five sightings.
 /// let smoothing = hmm.smooth(&[0, 0, 1, 0, 0])?;
 /// let (stream, batch) = (smoother.get(3).unwrap(), smoothing.posteriors().get(3).unwrap());
 /// assert!((stream.as_slice()[0] - batch.as_slice()[0]).abs() < 1e-15);
@@ -48,8 +45,8 @@ use crate::transition::{NoControl, Transition};
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
     lag: usize,
-    /// What the filter knew before each of the last L moves, oldest first, and
-    /// what drove the step.
+    /// State of the filter before each of the last L moves, oldest first, and the control of the
+    /// move.
     past: VecDeque<(FilterSnapshot, U)>,
     /// γ of the present step, of the one before, and so on; then memory for more.
     window: Vec<Vec<f64>>,
@@ -59,8 +56,8 @@ pub struct FixedLag<M, U> {
 }
 
 impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
-    /// A smoother that looks `lag` steps back, at the prior; it borrows the
-    /// model. A lag of 0 is the filter.
+    /// Returns a smoother at the prior that looks `lag` steps back and borrows the model. A lag
+    /// of 0 is the filter.
     #[must_use]
     pub fn fixed_lag(&self, lag: usize) -> FixedLag<&Self, A::Control> {
         FixedLag::new(self, lag)
@@ -73,7 +70,7 @@ where
     A: Transition<Control: Clone>,
     B: Likelihood,
 {
-    /// A smoother at the prior, with any pointer to a model.
+    /// Creates a smoother at the prior, with any pointer to a model.
     #[must_use]
     pub fn new(model: M, lag: usize) -> Self {
         let backward = Backward::new(model.states());
@@ -82,9 +79,8 @@ where
         Self { filter, lag, past, window, backward, spare: Vec::new() }
     }
 
-    /// One time step under a control, which drives the transition that leads
-    /// here: prediction, update, and back through the window. Returns
-    /// ln p(y_k | y_1 … y_{k-1}).
+    /// Takes one time step under a control, which drives the transition to this step: prediction,
+    /// update, and the way back through the window. Returns ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors
     ///
@@ -97,7 +93,7 @@ where
         self.advance(Some(control), |filter| filter.step_with(control, observation))
     }
 
-    /// One time step without an observation.
+    /// Takes one time step without an observation.
     ///
     /// # Errors
     ///
@@ -106,13 +102,13 @@ where
         self.advance(Some(control), |filter| filter.predict_with(control))
     }
 
-    /// Update with an observation alone: no time passes. For a further sensor at
-    /// the same step, or after [`predict_with`](Self::predict_with). All steps of
-    /// the window take it into account, as if it had come with the last
-    /// observation. Returns the logarithm of its probability given all before.
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). All steps of the window take it into
+    /// account, as if it had come with the last observation. Returns the logarithm of its
+    /// probability given all before.
     ///
-    /// Before any step it is as [`Filter::update`] says. Costs as a step, but for
-    /// the product of the prediction.
+    /// Before any step it acts as [`Filter::update`] does. Costs as much as a step, without the
+    /// product of the prediction.
     ///
     /// # Errors
     ///
@@ -121,12 +117,11 @@ where
         self.advance(None, |filter| filter.update(observation))
     }
 
-    /// Puts another belief in place of the present one, as when a vehicle is
-    /// told where it is, or lost. Steps and log-likelihood stay.
+    /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
+    /// Steps and log-likelihood stay.
     ///
-    /// A new stretch begins: the window has the present step alone, and grows from
-    /// here. The steps before are gone, since what is seen from now on
-    /// says nothing of them.
+    /// The window restarts with the present step alone, and grows from there: later observations
+    /// say nothing of the steps before.
     ///
     /// # Errors
     ///
@@ -137,17 +132,17 @@ where
         Ok(())
     }
 
-    /// p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or the first
-    /// step of the stretch (0, unless there was a [relocation](Self::relocate))
-    /// until there are more steps. No later step will revise it.
+    /// Smoothed distribution p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or,
+    /// until there are more steps, the first step since the last [relocation](Self::relocate) (0
+    /// without one). No later step revises it.
     #[must_use]
     pub fn lagged(&self) -> BeliefView<'_> {
         Belief::view(&self.window[self.past.len()])
     }
 
-    /// p(X_j | y_1 … y_k) for a step j of the window, k − L to k (from the first
-    /// step of the stretch on); `None` outside. After the last observation these
-    /// are the rest of the smoothed drive.
+    /// Smoothed distribution p(X_j | y_1 … y_k) of a step j of the window, from k − L (or the
+    /// last relocation) to k; `None` outside. After the last observation these are the rest of
+    /// the smoothed drive.
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) X_0 is
     /// the same state as X_1.
@@ -160,15 +155,14 @@ where
         (row <= self.past.len()).then(|| Belief::view(&self.window[row]))
     }
 
-    /// The filter inside: present belief, log-likelihood, steps, forecasts.
+    /// The filter inside, with present belief, log-likelihood, steps and forecasts.
     #[must_use]
     pub fn filter(&self) -> &Filter<M> {
         &self.filter
     }
 
-    /// How many of the steps so far were taken in logarithms, as
-    /// [`Filter::steps_in_logs`] counts. As long as one is in the window, so is the way back
-    /// over it.
+    /// Number of steps so far taken in logarithms, as counted by [`Filter::steps_in_logs`]. While
+    /// one is in the window, the way back over it is in logarithms too.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.filter.steps_in_logs()
@@ -180,21 +174,21 @@ where
         self.lag
     }
 
-    /// A copy of all that the smoother knows. One that is
-    /// [restored](Self::restore) from it goes on with identical bits.
+    /// Returns a copy of the smoother's state. A smoother that is [restored](Self::restore) from
+    /// it continues with identical bits.
     #[must_use]
     pub fn snapshot(&self) -> FixedLagSnapshot<A::Control> {
         let past = self.past.iter().cloned().collect();
         FixedLagSnapshot { lag: self.lag, present: self.filter.snapshot(), past }
     }
 
-    /// Goes back (or over) to a snapshot, and takes over its lag.
+    /// Restores a snapshot, of this smoother or another, and takes over its lag.
     ///
     /// # Errors
     ///
     /// [`InferenceError::StateCount`] if it has another number of states, or
-    /// [`InferenceError::Control`] for a control that is not one of the model.
-    /// The smoother then is as before.
+    /// [`InferenceError::Control`] for a control that is not valid for the model. The smoother is
+    /// then unchanged.
     pub fn restore(
         &mut self,
         snapshot: &FixedLagSnapshot<A::Control>,
@@ -208,13 +202,13 @@ where
         })
     }
 
-    /// Back to the prior, with no steps taken.
+    /// Returns to the prior, with no steps taken.
     pub fn restart(&mut self) {
         self.filter.restart();
         self.begin();
     }
 
-    /// The window of a stretch that begins with the present belief.
+    /// Restarts the window with the present belief.
     fn begin(&mut self) {
         self.spare.extend(self.past.drain(..).map(|(state, _)| state));
         self.window[0].copy_from_slice(self.filter.belief().as_slice());
@@ -226,7 +220,7 @@ where
         self.smooth()
     }
 
-    /// A step under a control, or an update without one.
+    /// Takes a step under a control, or an update without one.
     fn advance<R>(
         &mut self,
         control: Option<&A::Control>,
@@ -250,7 +244,7 @@ where
             None => Some(before),
         };
         if let Err(error) = self.smooth() {
-            // The operator breaks its contract: back to where it did not.
+            // The operator breaks its contract: restore the state before the step.
             if let Some(before) = unmoved.or_else(|| self.past.pop_back().map(|last| last.0)) {
                 self.filter.restore(&before)?;
                 self.spare.push(before);
@@ -265,7 +259,7 @@ where
         Ok(result)
     }
 
-    /// From the filtered belief back through the window.
+    /// Goes back from the filtered belief through the window.
     fn smooth(&mut self) -> Result<(), InferenceError> {
         let Self { filter, lag, past, window, backward, .. } = self;
         let back = past.len().min(*lag);
@@ -290,7 +284,7 @@ where
     A: Transition,
     B: Likelihood,
 {
-    /// One time step: prediction, update, and back through the window. Returns
+    /// Takes one time step: prediction, update, and the way back through the window. Returns
     /// ln p(y_k | y_1 … y_{k-1}).
     ///
     /// # Errors
@@ -303,7 +297,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// One time step without an observation.
+    /// Takes one time step without an observation.
     ///
     /// # Errors
     ///

@@ -1,9 +1,8 @@
-//! What a fixed-lag smoother knows, as plain data.
+//! State of a fixed-lag smoother, as plain data.
 
 use super::filter_snapshot::FilterSnapshot;
 
-/// All that a fixed-lag smoother knows: plain data, to be kept, compared, sent
-/// elsewhere, and restored.
+/// State of a fixed-lag smoother: plain data, to be kept, compared, sent elsewhere and restored.
 ///
 /// Made by [`FixedLag::snapshot`](crate::FixedLag::snapshot).
 #[derive(Debug, Clone, PartialEq)]
@@ -14,15 +13,15 @@ pub struct FixedLagSnapshot<U> {
 }
 
 impl<U> FixedLagSnapshot<U> {
-    /// From parts that may be damaged.
+    /// Creates a snapshot from parts that may be damaged.
     pub(crate) fn checked(
         lag: usize,
         present: FilterSnapshot,
         past: Vec<(FilterSnapshot, U)>,
     ) -> Result<Self, String> {
         let (found, steps) = (past.len(), present.steps);
-        // (There are fewer after a relocation, and before the second step of a prior at
-        // the first observation.)
+        // There are fewer after a relocation, and before the second step under a prior at the
+        // first observation.
         if found > lag.min(steps) {
             return Err(format!(
                 "{found} past states after {steps} steps with a lag of {lag}, expected at most {}",

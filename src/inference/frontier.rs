@@ -1,15 +1,15 @@
-//! The few states that are followed among millions, and those that a step can
-//! lead to.
+//! Active set: the few states that are followed among millions, and the candidates that a step
+//! can reach.
 
 use crate::transition::TransitionEntries;
 
-/// Which states are followed. A dense array says so, with no hashing: 4 bytes a
-/// state, and a bit for those that are listed.
+/// Active set and candidates. A dense array replaces hashing: 4 bytes a state, and a bit a state
+/// for the candidates.
 #[derive(Debug, Clone)]
 pub(super) struct Frontier {
-    /// One more than a state's place among those followed, or 0.
+    /// One more than the position of a state in the active set, or 0.
     places: Vec<u32>,
-    /// A bit for each candidate, but for those that are only wanted.
+    /// A bit for each candidate that the step reaches; those that are only wanted have none.
     reached: Vec<u64>,
     candidates: Vec<usize>,
 }
@@ -20,13 +20,13 @@ impl Frontier {
         Self { places: vec![0; states], reached, candidates: Vec::new() }
     }
 
-    /// The place of a state among those followed.
+    /// Returns the position of a state in the active set.
     #[inline]
     pub(super) fn place(&self, state: usize) -> Option<usize> {
         (self.places[state] as usize).checked_sub(1)
     }
 
-    /// Follows other states from now on.
+    /// Replaces the active set.
     pub(super) fn follow(&mut self, before: &[usize], after: &[usize]) {
         before.iter().for_each(|&state| self.places[state] = 0);
         for (&state, place) in after.iter().zip(1..) {
@@ -34,8 +34,8 @@ impl Frontier {
         }
     }
 
-    /// Lists what a step can lead to from the states followed, or these
-    /// themselves if nothing moves, and whatever else is wanted.
+    /// Lists as candidates the states that a step can reach from the active ones, or these
+    /// themselves without a transition, and all wanted states.
     pub(super) fn list<A: TransitionEntries>(
         &mut self,
         followed: &[usize],
@@ -65,8 +65,8 @@ impl Frontier {
         self.add_wanted(wanted);
     }
 
-    /// Lists the states for which that is said, in ascending order, and whatever else
-    /// is wanted.
+    /// Lists as candidates the states for which `leads` is true, in ascending order, and all
+    /// wanted states.
     pub(super) fn list_reached(&mut self, leads: impl Iterator<Item = bool>, wanted: &[usize]) {
         let Self { reached, candidates, .. } = self;
         candidates.iter().for_each(|&state| reached[state / 64] = 0);
@@ -96,13 +96,13 @@ impl Frontier {
         candidates.sort_unstable();
     }
 
-    /// Whether the step leads to a candidate from a state that is followed.
+    /// Returns true if the step leads to a candidate from an active state.
     #[inline]
     pub(super) fn is_reached(&self, candidate: usize) -> bool {
         self.reached[candidate / 64] >> (candidate % 64) & 1 == 1
     }
 
-    /// What was listed last, in ascending order.
+    /// Returns the candidates listed last, in ascending order.
     pub(super) fn candidates(&self) -> &[usize] {
         &self.candidates
     }

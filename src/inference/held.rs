@@ -1,15 +1,14 @@
-//! The forms in which a step takes a belief and leaves one.
+//! Forms in which a step takes a belief and leaves one.
 
 use std::f64::consts::LN_2;
 
 use crate::kernels::{self, Aligned, LIFT};
 use crate::transition::TransitionEntries;
 
-/// For how many steps to lift once a result was too small without.
+/// Number of steps with a lift after a result that was too small without one.
 const LIFT_FOR: u32 = 64;
 
-/// A distribution; as logarithms too, if it has values above 0 that doubles
-/// do not hold.
+/// A distribution, also as logarithms if it has positive values outside the range of `f64`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held<'a> {
     pub(super) linear: &'a [f64],
@@ -17,14 +16,13 @@ pub(super) struct Held<'a> {
 }
 
 impl Held<'_> {
-    /// The logarithm of one probability.
+    /// Returns the logarithm of one probability.
     pub(super) fn log(&self, state: usize) -> f64 {
         self.logs.map_or_else(|| self.linear[state].ln(), |logs| logs[state])
     }
 
-    /// The ways into a state i in proportion to α(j) A\[i, j\], with the states j
-    /// that they come from; NaN or all 0 if there are none. `in_logs` if the step
-    /// needs logarithms.
+    /// Lists the states j that lead into a state i, with weights in proportion to α(j) A\[i, j\],
+    /// which are NaN or all 0 if there are none. With `in_logs`, the step needs logarithms.
     pub(super) fn ways<A: TransitionEntries>(
         &self,
         transition: &A,
@@ -38,13 +36,13 @@ impl Held<'_> {
             let incoming = transition.incoming(control, to);
             ways.extend(incoming.map(|(from, p)| (from, self.linear[from] * LIFT * p)));
             let total: f64 = ways.iter().map(|way| way.1).sum();
-            // (Of no entries at all, some may be too small to be listed so.)
+            // An empty list may come from entries too small to be listed in linear form.
             let nothing = || !ways.is_empty() && ways.iter().all(|way| self.linear[way.0] == 0.0);
             if (1.0 / LIFT..=f64::MAX).contains(&total) || nothing() {
                 return;
             }
         }
-        // Too small for doubles, or some of it is.
+        // Some or all weights are too small for `f64`.
         ways.clear();
         let incoming = transition.incoming_log2(control, to);
         ways.extend(incoming.map(|(from, log2)| (from, self.log(from) + log2 * LN_2)));
@@ -52,7 +50,7 @@ impl Held<'_> {
         ways.iter_mut().for_each(|way| way.1 = (way.1 - largest).exp());
     }
 
-    /// The logarithms, from wherever they are.
+    /// Writes the logarithms, from either form.
     pub(super) fn logs_to(&self, out: &mut [f64]) {
         match self.logs {
             Some(logs) => out.copy_from_slice(logs),
@@ -61,16 +59,16 @@ impl Held<'_> {
     }
 }
 
-/// The belief before a step in the form that products take: lifted by
-/// [`LIFT`], unless it and the matrix have nothing so small that it matters.
+/// Belief before a step in the form that products take: lifted by [`LIFT`], unless neither it nor
+/// the matrix has values so small that it matters.
 #[derive(Debug, Clone)]
 pub(super) struct Lifted {
     values: Aligned,
-    /// Whether `values` are those of the present belief.
+    /// True if `values` belong to the present belief.
     valid: bool,
-    /// Whether the belief has a value above 0 and below 2^-900.
+    /// True if the belief has a value above 0 and below 2^-900.
     tiny: bool,
-    /// For how many steps more to lift in any case: results have been small.
+    /// Number of further steps to lift in any case, after small results.
     more: u32,
 }
 
@@ -82,22 +80,22 @@ impl Lifted {
         new
     }
 
-    /// Takes another belief.
+    /// Switches to another belief.
     pub(super) fn follow(&mut self, belief: &[f64]) {
         (self.valid, self.tiny) = (false, kernels::any_tiny(belief));
     }
 
-    /// Whether products take the lifted belief.
+    /// Returns true if products take the lifted belief.
     pub(super) fn is_needed(&self) -> bool {
         self.tiny || self.more > 0
     }
 
-    /// After a result that was too small.
+    /// Lifts the next steps, after a result that was too small.
     pub(super) fn lift_for_some_steps(&mut self) {
         self.more = LIFT_FOR;
     }
 
-    /// The lifted belief.
+    /// Returns the lifted belief.
     pub(super) fn values(&mut self, belief: &[f64]) -> &[f64] {
         if !self.valid {
             kernels::lift(belief, &mut self.values);
@@ -106,7 +104,7 @@ impl Lifted {
         &self.values
     }
 
-    /// After a step that has put the belief into its results.
+    /// Takes over the belief that a step has put into its results.
     pub(super) fn commit(&mut self, form: Form, lifted: &mut Aligned) {
         self.more = self.more.saturating_sub(1);
         match form {
@@ -120,41 +118,40 @@ impl Lifted {
     }
 }
 
-/// In which form a step has left its result.
+/// Form in which a step has left its result.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Form {
     /// The belief is in [`Results::lifted`], not lifted.
     Plain { tiny: bool },
-    /// It is in [`Results::after`], and lifted in `lifted`.
+    /// The belief is in [`Results::after`], and lifted in [`Results::lifted`].
     Lifted { tiny: bool },
-    /// It is in [`Results::after`] alone.
+    /// The belief is in [`Results::after`] alone.
     Other,
 }
 
-/// Where a step writes its results.
+/// Output buffers of a step.
 pub(super) struct Results<'a> {
-    /// The prediction, lifted, which then sums to [`LIFT`] but for rounding and for
-    /// evidence on the move; not written where it need not be kept.
+    /// Prediction, lifted, which sums to [`LIFT`] up to rounding and evidence on the move; not
+    /// written where it is not needed.
     pub(super) predicted: &'a mut [f64],
-    /// The belief after the observation.
+    /// Belief after the observation.
     pub(super) after: &'a mut [f64],
-    /// The same lifted, as [`Form`] says.
+    /// Belief after the observation, in the form that [`Form`] says.
     pub(super) lifted: &'a mut [f64],
-    /// Its logarithms, if the step says so.
+    /// Logarithms of the belief, if [`Advanced::in_logs`].
     pub(super) logs: &'a mut [f64],
 }
 
-/// What else a step gives.
+/// Outcome of a step, besides its [`Results`].
 pub(super) struct Advanced {
     /// ln N, the log-likelihood of the observation and of evidence on the move.
     pub(super) log: f64,
-    /// N itself, for the likelihoods as the sensor gave them, where the step was
-    /// taken with those; else 0.
+    /// N itself, if the step was taken with the likelihoods as the sensor gave them, else 0.
     pub(super) normalizer: f64,
-    /// Whether the step was taken in logarithms.
+    /// True if the step was taken in logarithms.
     pub(super) by_logs: bool,
-    /// Whether the belief has to be kept as logarithms too.
+    /// True if the belief has to be kept as logarithms too.
     pub(super) in_logs: bool,
-    /// Where the belief is.
+    /// Form and place of the belief.
     pub(super) form: Form,
 }

@@ -2,11 +2,11 @@
 
 use crate::error::{InferenceError, SequenceError};
 
-/// The result for each sequence, in order.
+/// Results of all sequences, in order.
 pub(super) type Results<R> = Vec<Result<R, SequenceError>>;
 
-/// Applies a routine to each sequence. Each result is made by one thread, and
-/// does not depend on how many there are.
+/// Applies a routine to each sequence. Each result is computed by one thread, and does not depend
+/// on the number of threads.
 pub(super) fn each<S: Sync, R: Send>(
     sequences: &[S],
     routine: impl Fn(&S) -> Result<R, InferenceError> + Sync,

@@ -10,8 +10,8 @@ use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
-/// A path to a state: its score, the state before, and which of the paths to
-/// that state it goes on from.
+/// A path to a state: its score, the state before, and the rank of the path to that state that it
+/// extends.
 #[derive(Debug, Clone, Copy)]
 struct Way {
     score: f64,
@@ -20,17 +20,15 @@ struct Way {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// The `count` most probable paths x_1 … x_T, the best first; fewer, if the
-    /// model allows fewer. They are distinct, and the first is that of
-    /// [`viterbi`](Self::viterbi) (to the last digit but one, where an operator
-    /// adds the logarithms of several factors).
+    /// Returns the `count` most probable paths x_1 … x_T, the best first; fewer, if the model
+    /// allows fewer. They are distinct, and the first is that of [`viterbi`](Self::viterbi) (to
+    /// the last digit but one, where an operator adds the logarithms of several factors).
     ///
-    /// Equally probable paths are in the order of their last state, then of
-    /// the last but one, and so on; what counts as equal is said at
-    /// [`viterbi`](Self::viterbi). As there, X_0 is summed over. An empty
-    /// sequence has one path, the empty one.
+    /// Equally probable paths are in the order of their last state, then of the last but one, and
+    /// so on; [`viterbi`](Self::viterbi) says which paths count as equal. As there, X_0 is summed
+    /// over. An empty sequence has one path, the empty one.
     ///
-    /// O(E K + n K log K) a step; 16 n K T bytes for the way back, and 24 n T.
+    /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers, and 24 n T.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -58,14 +56,14 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         }
         let mut work = Workspace::new(n);
         let mut taken_out = TakenOut::default();
-        // The paths to each state of each step, best first.
+        // Paths to each state of each step, best first.
         let mut lists: Vec<Vec<Vec<Way>>> = Vec::with_capacity(steps);
         let mut added = vec![0.0; n];
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
                 None => step.first_ways(&mut added, &mut taken_out)?,
-                // One at least, to know whether the observations are possible.
+                // At least one, to detect impossible observations.
                 Some(before) => step.best_ways(before, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
@@ -104,7 +102,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// The only path to each state of step 1.
+    /// Returns the only path to each state of step 1.
     fn first_ways(
         &self,
         scores: &mut [f64],
@@ -119,7 +117,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             .collect())
     }
 
-    /// The best paths to each state, from those to the states before.
+    /// Extends the paths to the states before to the best paths to each state.
     fn best_ways(
         &self,
         before: &[Vec<Way>],
@@ -149,8 +147,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// Keeps the best, in order; of equal scores those from the lowest state, and
-/// then those of the best rank among its paths.
+/// Keeps the best, in order; ties go to the lowest state before, then to the best rank among its
+/// paths.
 fn keep_best(ways: &mut Vec<Way>, count: usize) {
     let order = |a: &Way, b: &Way| {
         b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))

@@ -8,27 +8,24 @@ use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::{self, LearnTransition, Move, Transition};
 
-/// A drive whose states are known, as of a [`Simulation`](crate::inference::Simulation).
+/// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
 #[derive(Debug, Clone, Copy)]
 pub struct LabelledSequence<'a, S: ?Sized> {
-    /// X_0, where it is known; else the move to X_1 is not counted, nor is
-    /// anything learned of the prior. (Under [`Prior::AtFirstObservation`] there
-    /// is none, and it is not looked at.)
+    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
+    /// prior. Ignored under [`Prior::AtFirstObservation`], where no move leads to X_1.
     pub initial: Option<usize>,
     /// X_1 … X_T.
     pub states: &'a [usize],
-    /// The observations, and controls if there are any.
+    /// Observations, with controls if there are any.
     pub sequence: &'a S,
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// The model estimated from labelled drives: relative frequencies, with the
-    /// pseudo-counts of `learning` added to what this model allows. O(T n) for
-    /// each drive.
+    /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
+    /// `learning` added to the entries that this model allows. O(T n) for each drive.
     ///
-    /// What has probability 0 in this model keeps it, so that smoothing puts
-    /// nothing where the map has no road; what is never seen, without
-    /// pseudo-counts, stays as it is.
+    /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road;
+    /// parameters without observations and pseudo-counts keep their values.
     ///
     /// ```
     /// use wayfix::inference::{LabelledSequence, LearningOptions};
@@ -37,7 +34,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// let hmm = Hmm::new(
     ///     Prior::BeforeFirstTransition(Belief::certain(3, 0)?),
     ///     SparseTransition::from_triplets(
-    ///         3, // which moves there are; how probable they are is to be learned
+    ///         3, // the possible moves; their probabilities are learned
     ///         [(0, 0, 0.5), (1, 0, 0.5), (1, 1, 0.5), (2, 1, 0.5), (2, 2, 1.0)],
     ///     )?,
     ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
@@ -102,7 +99,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Whether the model allows what the drive does.
+    /// Checks that the model allows the states, moves and observations of a drive.
     fn check_drive<S>(
         &self,
         drive: usize,

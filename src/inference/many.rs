@@ -1,4 +1,4 @@
-//! The same routine for many sequences, in parallel with the feature `rayon`.
+//! Routines for many sequences, in parallel with the feature `rayon`.
 
 use super::filtering::FilteredSequence;
 use super::lockstep::{self, Room};
@@ -13,22 +13,21 @@ use crate::transition::{Transition, TransitionEntries};
 
 /// # Many sequences
 ///
-/// Of any lengths: the verb for one with `_all`, which gives what that gives but for
-/// rounding (paths are the same, and so are errors). With the feature `rayon` in
-/// parallel, with the same results to the bit.
+/// Each method for one sequence has a counterpart with `_all` for many, of any lengths. Results
+/// are equal up to rounding (paths and errors exactly). With the feature `rayon`, sequences run
+/// in parallel, with the same results to the bit.
 ///
 /// With a [`SparseTransition`](crate::SparseTransition) or a
-/// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of
-/// eight sequences of nearly the same length go in lock-step, one in each lane of a
-/// vector: a step then takes less time, most so with dense matrices, and a group
-/// 128 n T bytes beside its results.
+/// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of eight
+/// sequences of nearly the same length run in lock-step, one in each lane of a vector: a step
+/// then takes less time, most so with dense matrices, and a group takes 128 n T bytes beside its
+/// results.
 ///
-/// Results of such sequences share pieces of memory of up to 32 MB, which live as long as
-/// one of the results in them; a clone has memory of its own.
+/// Results of such sequences share blocks of memory of up to 32 MB, which live as long as any
+/// result in them; a clone has memory of its own.
 ///
-/// The result at index i is that of sequence i. One that fails does not hinder
-/// the others; its [`SequenceError`] names it, so that the results can also be
-/// collected into one.
+/// The result at index i is that of sequence i. A sequence that fails does not affect the others;
+/// its [`SequenceError`] names it, so that the results can also be collected into one.
 ///
 /// ```
 /// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
@@ -40,7 +39,7 @@ use crate::transition::{Transition, TransitionEntries};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
-    /// [`forward`](Self::forward) for each sequence.
+    /// Runs [`forward`](Self::forward) on each sequence.
     pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<FilteredSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
@@ -52,7 +51,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lockstep::each(self, sequences, Room::Rows, lockstep::filter, finish, single)
     }
 
-    /// [`smooth`](Self::smooth) for each sequence.
+    /// Runs [`smooth`](Self::smooth) on each sequence.
     pub fn smooth_all<S>(&self, sequences: &[S]) -> Vec<Result<SmoothedSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
@@ -63,7 +62,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lockstep::each(self, sequences, Room::Rows, lockstep::smooth, finish, single)
     }
 
-    /// [`log_likelihood`](Self::log_likelihood) for each sequence.
+    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence.
     pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
@@ -72,7 +71,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         lockstep::each(self, sequences, Room::Nothing, lockstep::score, |log, _| log, single)
     }
 
-    /// [`viterbi`](Self::viterbi) for each sequence.
+    /// Runs [`viterbi`](Self::viterbi) on each sequence.
     pub fn viterbi_all<S>(&self, sequences: &[S]) -> Vec<Result<ViterbiPath, SequenceError>>
     where
         A: TransitionEntries,

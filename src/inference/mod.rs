@@ -1,27 +1,27 @@
-//! The verbs of [`Hmm`](crate::Hmm), their options and results: filter, smoother, decoders,
-//! simulation and learning.
+//! Algorithms of [`Hmm`](crate::Hmm), with their options and results: filters, smoothers,
+//! decoders, simulation and learning.
 //!
 //! | call | result | cost of a step |
 //! |---|---|---|
 //! | [`Hmm::filter`](crate::Hmm::filter) | [`Filter`], a stream; saved as a [`FilterSnapshot`] | a product |
-//! | [`Hmm::fixed_lag`](crate::Hmm::fixed_lag) | [`FixedLag`], a stream; saved as a [`FixedLagSnapshot`] | a product, and L to smooth |
-//! | [`Hmm::pruned_filter`](crate::Hmm::pruned_filter) | [`PrunedFilter`], a stream with a [`Certificate`], by [`Pruning`] | of the active states |
+//! | [`Hmm::fixed_lag`](crate::Hmm::fixed_lag) | [`FixedLag`], a stream; saved as a [`FixedLagSnapshot`] | a product, and O(L) products to smooth |
+//! | [`Hmm::pruned_filter`](crate::Hmm::pruned_filter) | [`PrunedFilter`], a stream with a [`Certificate`], by [`Pruning`] | the entries of the active states |
 //! | [`Hmm::online_viterbi`](crate::Hmm::online_viterbi) | [`OnlineViterbi`], a stream | a max-product |
 //! | [`Hmm::forward`](crate::Hmm::forward) | [`FilteredSequence`], with [`Posteriors`] | a product |
 //! | [`Hmm::smooth`](crate::Hmm::smooth) | [`SmoothedSequence`], with [`Posteriors`] | two products |
 //! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with [`Pairs`] | three products |
 //! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
-//! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | of the beam |
+//! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
-//! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products, for each iteration |
-//! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | a count |
+//! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
+//! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | one count |
 //!
-//! [`formulas`](crate::guide::formulas) derives each, [`performance`](crate::guide::performance)
-//! says what limits it.
+//! [`formulas`](crate::guide::formulas) derives each algorithm;
+//! [`performance`](crate::guide::performance) says what limits its speed.
 
-// One algorithm a file; `step` holds what they share: a prediction, a checked diagonal,
-// a normalizer.
+// One algorithm per file; `step` has their common parts: prediction, checked diagonal,
+// normaliser.
 mod filter;
 mod filter_snapshot;
 
@@ -96,8 +96,7 @@ pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
 pub use viterbi::ViterbiPath;
 
-/// A sum of many logarithms that keeps what rounding would lose (Neumaier
-/// 1974), so that a million steps do not drift.
+/// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct LogSum {
     pub(crate) sum: f64,
@@ -116,18 +115,18 @@ impl LogSum {
         self.sum = sum;
     }
 
-    /// The same with nothing that is not looked at: a NaN is what was lost of infinity.
+    /// Clears the compensation of an infinite sum, which is NaN and unused.
     fn known(self) -> Self {
         if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
-    /// True if the sum is a number that a stream can have; its parts may be damaged.
+    /// True if sum and compensation together are finite; both may be damaged.
     fn is_finite(self) -> bool {
         self.sum.is_finite() && (self.sum + self.lost).is_finite()
     }
 
     fn value(self) -> f64 {
-        // Beyond the range of a double nothing was lost but the number itself.
+        // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
     }
 }

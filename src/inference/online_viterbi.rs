@@ -1,5 +1,5 @@
-//! Viterbi decoding as a stream: what all surviving paths agree on is final
-//! (Šrámek, Brejová and Vinař 2007).
+//! Viterbi decoding as a stream: states on which all surviving paths agree are final (Šrámek,
+//! Brejová and Vinař 2007).
 
 use std::collections::VecDeque;
 use std::mem;
@@ -14,17 +14,17 @@ use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, TransitionEntries};
 
-/// A decoder for a live stream: it commits the states of a step as soon as the
-/// best paths to all possible present states agree on it, and never revises
-/// what it has committed.
+/// Streaming Viterbi decoder: it commits the states of a step as soon as the best paths to all
+/// possible present states agree on it, and never revises a committed state.
 ///
 /// Committed and [undecided](Self::undecided) states together are, at any time,
 /// the path of [`Hmm::viterbi`]. A step costs one max-product and O(n) on
 /// average; memory is 8 n bytes for each undecided step, of which there may be
 /// many if two paths stay apart. After an error it is as it was before the
-/// call.
+/// call. It has neither `update` nor `relocate`, which would change paths already committed:
+/// fuse the sensors of a step in the model, and start another decoder after a relocation.
 ///
-/// `M` is how the model is held, as for [`Filter`](crate::Filter).
+/// `M` is a pointer to the model, as for [`Filter`](crate::Filter).
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -47,26 +47,26 @@ pub struct OnlineViterbi<M> {
     steps: usize,
     scores: Vec<f64>,
     taken_out: TakenOut,
-    /// The undecided steps, the oldest first.
+    /// Undecided steps, the oldest first.
     levels: VecDeque<Level>,
     committed: Vec<usize>,
     next: Vec<f64>,
     from: Vec<u32>,
     work: Workspace,
     spare: Vec<Level>,
-    /// The states before those of the last step that no path goes on from.
+    /// Predecessors of those states of the last step that no path extends.
     gone: Vec<u32>,
 }
 
-/// The states of one step as nodes of the tree of best paths.
+/// States of one step as nodes of the tree of best paths.
 #[derive(Debug, Clone)]
 struct Level {
-    /// The best state before each.
+    /// Best predecessor of each state.
     from: Vec<u32>,
-    /// How many surviving nodes of the next level go on from each; at the last
-    /// level, whether the state is possible.
+    /// Number of surviving nodes of the next level that extend each node; at the last level, 1
+    /// for a possible state and 0 for others.
     uses: Vec<u32>,
-    /// How many nodes are used.
+    /// Number of nodes in use.
     alive: usize,
 }
 
@@ -77,7 +77,7 @@ impl Level {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// A decoder for a live stream, which borrows the model.
+    /// Returns a decoder for a live stream, which borrows the model.
     #[must_use]
     pub fn online_viterbi(&self) -> OnlineViterbi<&Self> {
         OnlineViterbi::new(self)
@@ -90,7 +90,7 @@ where
     A: TransitionEntries,
     B: Likelihood,
 {
-    /// A decoder before the first step, with any pointer to a model.
+    /// Creates a decoder before the first step, with any pointer to a model.
     #[must_use]
     pub fn new(model: M) -> Self {
         let n = model.states();
@@ -109,9 +109,8 @@ where
         }
     }
 
-    /// One step under a control, which drives the transition that leads here.
-    /// Returns the states that it commits, those of the oldest undecided steps;
-    /// often none, sometimes many.
+    /// Takes one step under a control, which drives the transition to it. Returns the states that
+    /// it commits, those of the oldest undecided steps; often none, sometimes many.
     ///
     /// # Errors
     ///
@@ -124,7 +123,7 @@ where
         self.advance(control, Some(observation))
     }
 
-    /// One step without an observation. Returns the states that it commits.
+    /// Takes one step without an observation. Returns the states that it commits.
     ///
     /// # Errors
     ///
@@ -133,8 +132,8 @@ where
         self.advance(control, None)
     }
 
-    /// The states of the steps not yet committed, on the best path so far:
-    /// after the last observation, the rest of the decoded path.
+    /// Returns the states of the steps not yet committed, on the best path so far: after the last
+    /// observation, the rest of the decoded path.
     #[must_use]
     pub fn undecided(&self) -> Vec<usize> {
         let mut state = best(&self.scores);
@@ -146,13 +145,19 @@ where
         states
     }
 
-    /// ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
+    /// Number of steps not yet committed.
+    #[must_use]
+    pub fn undecided_len(&self) -> usize {
+        self.levels.len()
+    }
+
+    /// Log-probability ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
     #[must_use]
     pub fn log_probability(&self) -> f64 {
         self.taken_out.log_probability(self.scores[best(&self.scores)])
     }
 
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
@@ -164,15 +169,15 @@ where
         &self.model
     }
 
-    /// A copy of all that the decoder knows: of the paths that may still be the best
-    /// one, not of the states that it has committed. A decoder that is
-    /// [restored](Self::restore) from it goes on with identical bits.
+    /// Returns a copy of the decoder's state: of the paths that may still be the best one, not of
+    /// the committed states. A decoder that is [restored](Self::restore) from it continues with
+    /// identical bits.
     #[must_use]
     pub fn snapshot(&self) -> OnlineViterbiSnapshot {
         let levels = self.levels.iter().enumerate().map(|(at, level)| {
             let nodes = (0..).zip(level.uses.iter().zip(&level.from));
             let alive = nodes.filter(|(_, (uses, _))| **uses > 0);
-            // (Those before the oldest undecided step have been committed.)
+            // Predecessors of the oldest undecided step have been committed.
             let node = |(state, (_, &from))| Node { state, from: if at == 0 { 0 } else { from } };
             alive.map(node).collect()
         });
@@ -184,7 +189,7 @@ where
         }
     }
 
-    /// Goes back (or over) to a snapshot. Costs O(n) and n for each undecided step.
+    /// Restores a snapshot, of this decoder or another. Costs O(n) and n for each undecided step.
     ///
     /// # Errors
     ///
@@ -206,7 +211,7 @@ where
             level.alive = nodes.len();
             for &Node { state, from } in nodes {
                 level.from[state as usize] = from;
-                // At the end of the tree, a use stands for being possible.
+                // At the end of the tree, one use marks a possible state.
                 level.uses[state as usize] = 1;
             }
             if let Some(before) = self.levels.back_mut() {
@@ -218,7 +223,7 @@ where
         Ok(())
     }
 
-    /// Back to before the first step.
+    /// Returns to before the first step.
     pub fn restart(&mut self) {
         self.scores.fill(0.0);
         (self.steps, self.taken_out) = (0, TakenOut::default());
@@ -244,7 +249,7 @@ where
         } else {
             step.decode(scores, observation, (next, from), work, &mut taken_out)?;
         }
-        // From here on nothing fails.
+        // Nothing fails from here on.
         self.taken_out = taken_out;
         mem::swap(&mut self.scores, &mut self.next);
         self.steps = number;
@@ -253,8 +258,7 @@ where
         Ok(&self.committed)
     }
 
-    /// Puts the present step on the tree, and takes off what no path to it
-    /// uses.
+    /// Adds the present step to the tree, and removes the nodes that no path to it uses.
     fn grow(&mut self) {
         let n = self.scores.len();
         let mut level = self.spare.pop().unwrap_or_else(|| Level::new(n));
@@ -263,7 +267,7 @@ where
         level.uses.iter_mut().zip(possible).for_each(|(uses, possible)| *uses = possible);
         level.alive = level.uses.iter().filter(|uses| **uses > 0).count();
         if let Some(last) = self.levels.back_mut() {
-            // One use of a possible state stood for being at the end.
+            // The use that marked a possible state at the end of the tree is removed below.
             for (&from, &uses) in level.from.iter().zip(&level.uses) {
                 last.uses[from as usize] += uses;
             }
@@ -286,7 +290,7 @@ where
         self.levels.push_back(level);
     }
 
-    /// One use less of a node; without any it goes, and so may those before it.
+    /// Removes one use of a node; a node without uses is removed, and so may be its predecessors.
     fn release(&mut self, mut at: usize, mut state: usize) {
         loop {
             let level = &mut self.levels[at];
@@ -303,7 +307,7 @@ where
         }
     }
 
-    /// Commits the oldest steps of which one node is left.
+    /// Commits the oldest steps that have one node left.
     fn commit(&mut self) {
         self.committed.clear();
         while self.levels.front().is_some_and(|level| level.alive == 1) {
@@ -321,7 +325,7 @@ where
     A: TransitionEntries,
     B: Likelihood,
 {
-    /// One step. Returns the states that it commits.
+    /// Takes one step. Returns the states that it commits.
     ///
     /// # Errors
     ///
@@ -333,7 +337,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// One step without an observation. Returns the states that it commits.
+    /// Takes one step without an observation. Returns the states that it commits.
     ///
     /// # Errors
     ///

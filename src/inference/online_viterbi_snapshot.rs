@@ -1,13 +1,13 @@
-//! What an online decoder knows, as plain data.
+//! State of an online decoder, as plain data.
 
 use super::filter_snapshot::MOST_STEPS;
 use super::scores::{TakenOut, best};
 
-/// All that an online Viterbi decoder knows after k steps: plain data, to be kept,
-/// compared, sent elsewhere, and restored.
+/// State of an online Viterbi decoder after k steps: plain data, to be kept, compared, sent
+/// elsewhere and restored.
 ///
-/// Made by [`OnlineViterbi::snapshot`](crate::OnlineViterbi::snapshot). Memory: 8 n
-/// bytes, and 8 for each state of an undecided step that a path may lead through.
+/// Made by [`OnlineViterbi::snapshot`](crate::OnlineViterbi::snapshot). Memory: 8 n bytes, and 8
+/// for each state of an undecided step on a surviving path.
 ///
 /// ```
 /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -30,33 +30,33 @@ pub struct OnlineViterbiSnapshot {
     pub(crate) steps: usize,
     pub(crate) scores: Vec<f64>,
     pub(crate) taken_out: TakenOut,
-    /// The states of each undecided step, the oldest first, that a path leads through,
-    /// in ascending order.
+    /// States of each undecided step on a surviving path, in ascending order; the oldest step
+    /// first.
     pub(crate) levels: Vec<Vec<Node>>,
 }
 
-/// A state on a path.
+/// A state on a surviving path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Node {
     pub(crate) state: u32,
-    /// The state before; 0 at the oldest undecided step.
+    /// Predecessor; 0 at the oldest undecided step.
     pub(crate) from: u32,
 }
 
 impl OnlineViterbiSnapshot {
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
+    /// Log-probability ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
     #[must_use]
     pub fn log_probability(&self) -> f64 {
         self.taken_out.log_probability(self.scores[best(&self.scores)])
     }
 
-    /// From parts that may be of another decoder's, or damaged.
+    /// Creates a snapshot from parts that may be damaged, or those of another decoder.
     pub(crate) fn checked(
         steps: usize,
         scores: Vec<f64>,

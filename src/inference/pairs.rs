@@ -1,4 +1,4 @@
-//! Pairwise posteriors: the move from one step to the next, given all.
+//! Pairwise posteriors: the move from one step to the next, given all observations.
 
 use std::f64::consts::LN_2;
 use std::fmt;
@@ -8,8 +8,8 @@ use super::step::is_one;
 use crate::error::InferenceError;
 use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
 
-/// p(X_{k-1} = j, X_k = i | y_1 … y_T) for one k, as a product that is never
-/// stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
+/// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
+/// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
 ///
 /// Handed out by [`SmoothedStep::pairs`](super::SmoothedStep::pairs).
 pub struct Pairs<'a, A: Transition> {
@@ -29,10 +29,10 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 }
 
 impl<A: TransitionEntries> Pairs<'_, A> {
-    /// The moves that the operator of this step allows, out of state 0 first,
-    /// in ascending order; they sum to one, but for rounding (and for entries below
-    /// 1e-323 that an operator does not list as logarithms either). Moves out of a
-    /// state of probability 0 may be left out. O(E) in all.
+    /// Returns the moves that the operator of this step allows, out of state 0 first, in
+    /// ascending order; they sum to one, up to rounding (and up to entries below 1e-323 that an
+    /// operator does not list as logarithms either). Moves out of a state of probability 0 may be
+    /// left out. O(E) in all.
     pub fn moves(&self) -> impl Iterator<Item = Move> {
         let states = 0..self.ratio.len();
         let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
@@ -53,8 +53,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         linear.chain(logs)
     }
 
-    /// Adds the moves of this step to others; they must sum to one, since an operator may
-    /// list other entries than its product has.
+    /// Adds the moves of this step to others. They must sum to one, since an operator may list
+    /// other entries than its product has.
     pub(super) fn add_to(
         &self,
         counts: &mut MoveCounts,

@@ -1,4 +1,4 @@
-//! A block of distributions, one for each step.
+//! Block of distributions, one for each step.
 
 use std::fmt;
 use std::ops::Range;
@@ -30,42 +30,42 @@ pub struct Posteriors {
     values: Values,
 }
 
-/// Where the numbers are.
+/// Storage of the numbers.
 enum Values {
     Own(Vec<f64>),
     Part(Part),
 }
 
-/// A part of numbers that are kept together.
+/// Part of a shared block of numbers.
 pub(super) struct Part {
     pub(super) all: Arc<Aligned>,
     pub(super) range: Range<usize>,
 }
 
 impl Posteriors {
-    /// From a row for each step from 0.
+    /// Creates the posteriors from a row for each step from 0.
     pub(super) fn from_values(states: usize, values: Vec<f64>) -> Self {
         Self { states, values: Values::Own(values) }
     }
 
-    /// The same, from a part of what is kept together.
+    /// Creates the posteriors from a part of a shared block.
     pub(super) fn from_part(states: usize, part: Part) -> Self {
         Self { states, values: Values::Part(part) }
     }
 
-    /// The number of steps, T.
+    /// Number of steps, T.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.as_slice().len() / self.states - 1
     }
 
-    /// The number of states, n.
+    /// Number of states, n.
     #[must_use]
     pub fn states(&self) -> usize {
         self.states
     }
 
-    /// The distribution of step k, from 0 to T, or `None` beyond.
+    /// Returns the distribution of step k, from 0 to T, or `None` beyond.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
         let start = step.checked_mul(self.states)?;
@@ -73,8 +73,8 @@ impl Posteriors {
         Some(Belief::view(values))
     }
 
-    /// The distributions of the steps with an observation, 1 to T, in order: T of
-    /// them, beside the observations and the [modes](Self::modes).
+    /// Returns the distributions of the steps with an observation, 1 to T, in order: T of them,
+    /// as there are observations and [modes](Self::modes).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -86,12 +86,14 @@ impl Posteriors {
     /// assert_eq!(posteriors.iter().next(), posteriors.get(1));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    #[must_use]
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
         self.rows(1)
     }
 
-    /// The distributions of steps 0 to T, in order: T + 1 of them, the first of
-    /// which is that of X_0.
+    /// Returns the distributions of steps 0 to T, in order: T + 1 of them, beginning with that of
+    /// X_0.
+    #[must_use]
     pub fn with_start(
         &self,
     ) -> impl DoubleEndedIterator<Item = BeliefView<'_>> + ExactSizeIterator {
@@ -105,18 +107,17 @@ impl Posteriors {
         self.as_slice()[first * self.states..].chunks_exact(self.states).map(Belief::view)
     }
 
-    /// The most probable state of each step with an observation, 1 to T, so
-    /// that `modes()[k - 1]` belongs to `ys[k - 1]`; ties go to the lowest
-    /// state. O(n T).
+    /// Returns the most probable state of each step with an observation, 1 to T, so that
+    /// `modes()[k - 1]` belongs to `ys[k - 1]`; ties go to the lowest state. O(n T).
     ///
-    /// Each is the best guess for its own step; as a path they need not be a
-    /// legal one. For that there is [`Hmm::viterbi`](crate::Hmm::viterbi).
+    /// Each is the best estimate for its own step; together they need not be a legal path. For
+    /// paths there is [`Hmm::viterbi`](crate::Hmm::viterbi).
     #[must_use]
     pub fn modes(&self) -> Vec<usize> {
         self.iter().map(|belief| belief.mode()).collect()
     }
 
-    /// All numbers, step after step: state i of step k at k n + i.
+    /// All numbers, step after step: state i of step k at index k n + i.
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
         match &self.values {
@@ -134,7 +135,7 @@ impl fmt::Debug for Posteriors {
 }
 
 impl Clone for Posteriors {
-    /// A copy in memory of its own.
+    /// Copies the numbers into memory of their own.
     fn clone(&self) -> Self {
         Self::from_values(self.states, self.as_slice().to_vec())
     }
@@ -146,7 +147,7 @@ impl PartialEq for Posteriors {
     }
 }
 
-/// Distributions that are being made: row r is that r steps after the first.
+/// Distributions under construction; row r belongs to the step r after the first.
 #[derive(Debug, Clone)]
 pub(super) struct Rows {
     states: usize,
@@ -154,12 +155,12 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// No row yet, with room for some.
+    /// Creates an empty block with room for so many rows.
     pub(super) fn with_capacity(states: usize, rows: usize) -> Self {
         Self { states, values: in_large_pages(Vec::with_capacity(states * rows)) }
     }
 
-    /// Rows of zeros.
+    /// Creates rows of zeros.
     pub(super) fn zeros(states: usize, rows: usize) -> Self {
         Self { states, values: in_large_pages(vec![0.0; states * rows]) }
     }
@@ -168,7 +169,7 @@ impl Rows {
         self.values.clear();
     }
 
-    /// Adds a row.
+    /// Appends a row.
     pub(super) fn push(&mut self, row: &[f64]) {
         self.values.extend_from_slice(row);
     }

@@ -14,14 +14,14 @@ use crate::random::index;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
-/// Draws whole paths from p(x_1 … x_T | y_1 … y_T).
+/// Sampler of whole paths from p(x_1 … x_T | y_1 … y_T).
 ///
-/// Made by [`Hmm::path_sampler`], which filters; each draw then goes back once.
+/// Made by [`Hmm::path_sampler`], which filters; each draw is one backward pass.
 pub struct PathSampler<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     block: Block,
-    /// The steps that need logarithms, in order.
+    /// Steps that need logarithms, in order.
     in_logs: Vec<usize>,
 }
 
@@ -32,12 +32,12 @@ impl<A, B, S: ?Sized> fmt::Debug for PathSampler<'_, A, B, S> {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// Filters a sequence, to draw paths of hidden states given all of it. For
-    /// questions that no marginal answers: how long a drive was on a road, or
-    /// whether it passed a place at all.
+    /// Filters a sequence, and returns a sampler of hidden paths given all of it. For questions
+    /// that no marginal answers: how long a drive was on a road, or whether it passed a place at
+    /// all.
     ///
-    /// One product with A and O(n) a step, and n (T + 1) numbers; a draw then
-    /// takes O(ways into a state) a step.
+    /// Costs one product with A and O(n) a step, and n (T + 1) numbers; a draw then takes
+    /// O(entries into a state) a step.
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -84,19 +84,19 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    /// Draws the states of steps 1 to T. The same generator in the same state
-    /// gives the same path.
+    /// Draws the states of steps 1 to T. The same generator in the same state gives the same
+    /// path.
     ///
     /// # Errors
     ///
-    /// [`InferenceError::PredictedSum`] if the operator lists no entry into a
-    /// state that its product leads to: it breaks its contract, or the entry is
-    /// below 1e-323 and not listed as a logarithm either.
+    /// [`InferenceError::PredictedSum`] if the operator lists no entry into a state that its
+    /// product reaches: it breaks its contract, or the entry is below 1e-323 and not listed as a
+    /// logarithm either.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
         let mut ways = Vec::new();
         for at in (0..states.len()).rev() {
-            let row = at + 1; // of the step
+            let row = at + 1; // row of the step
             let alpha = self.block.held(row);
             match states.get(at + 1) {
                 None => ways = alpha.linear.iter().copied().enumerate().collect(),

@@ -1,7 +1,6 @@
-//! What the decoders share: scores, which are sums of logarithms to base 2 on
-//! a grid on which sums are exact (see `kernels::log2`), so that ties are ties.
-//! Whole numbers are taken out of them at every step, which is exact too, and
-//! keeps their digits over any number of steps.
+//! Scores of the decoders: sums of logarithms to base 2, on a grid on which sums are exact (see
+//! `kernels::log2`), so that ties are ties. Whole numbers are taken out of them at every step,
+//! which is exact too, and keeps their digits over any number of steps.
 
 use std::f64::consts::{LN_2, LOG2_E};
 
@@ -12,20 +11,20 @@ use crate::kernels::{self, LIFT, Shifted};
 use crate::likelihood::{Diagonal, Likelihood, Values};
 use crate::transition::TransitionEntries;
 
-/// 2^-900. A prior of at least this, lifted, is above 2^99: its product with
-/// the least entry, 2^-1074, is a double with all its digits.
+/// Least prior taken in linear space, 2^-900. Lifted, it is above 2^99, so that its product with
+/// the least entry, 2^-1074, is an `f64` with all its digits.
 const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
 
-/// What was taken out of the scores.
+/// Amounts taken out of the scores.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct TakenOut {
-    /// An integer, exactly.
+    /// Sum of the whole numbers, an exact integer.
     pub(crate) whole: f64,
     pub(crate) factors: LogSum,
 }
 
 impl TakenOut {
-    /// ln of the probability of a path with this score.
+    /// Returns ln p of a path with this score.
     pub(super) fn log_probability(&self, score: f64) -> f64 {
         let mut sum = self.factors;
         sum.add(self.whole * LN_2);
@@ -33,7 +32,7 @@ impl TakenOut {
         sum.value()
     }
 
-    /// What can be taken out of scores of which this is the best.
+    /// Takes out the whole part of the best score, and returns it.
     fn whole_of(&mut self, best: f64) -> f64 {
         let floor = best.floor();
         self.whole += floor;
@@ -42,8 +41,7 @@ impl TakenOut {
 }
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// The scores of the states of step 1, before its observation: X_0 is
-    /// summed over.
+    /// Computes the scores of the states of step 1, before its observation; X_0 is summed over.
     pub(super) fn first_scores(
         &self,
         scores: &mut [f64],
@@ -69,8 +67,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         }
         let tiny = |p: &f64| *p > 0.0 && *p < LEAST_PRIOR;
         if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
-            // Products of two such numbers may be beyond a double. Where they are
-            // not, scores stay as they are, for the sake of ties.
+            // Products of two such numbers may underflow. Where they do not, scores stay as they
+            // are, for the sake of ties.
             let (mut logs, mut next) = (lifted, vec![0.0; prior.len()]);
             logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
             self.hmm.transition().apply_log(control, &logs, &mut next);
@@ -84,7 +82,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// The same where doubles do not hold the evidence on the first move.
+    /// Computes the first scores in logarithms, where the evidence on the first move leaves the
+    /// range of `f64`.
     #[cold]
     fn first_scores_in_logs(
         &self,
@@ -100,7 +99,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// Takes out the log factor of the evidence on the move, if there is some.
+    /// Takes out the log factor of the evidence on the move. Returns true if there is evidence.
     pub(super) fn take_out_evidence(
         &self,
         taken_out: &mut TakenOut,
@@ -110,8 +109,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(evidence.is_some())
     }
 
-    /// An error if evidence on the move leaves no way with a probability above 0, or
-    /// is not valid; `best` is the score of the best way.
+    /// Returns an error if evidence on the move leaves no path with a probability above 0, or is
+    /// not valid; `best` is the score of the best path.
     pub(super) fn check_best_way(&self, best: f64) -> Result<(), InferenceError> {
         let step = self.number;
         if best.is_finite() {
@@ -123,8 +122,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         }
     }
 
-    /// A step of Viterbi: the best way into each state, with the likelihoods of
-    /// the observation if there is one, and a whole number taken out.
+    /// Takes a step of Viterbi: finds the best predecessor of each state, adds the likelihoods of
+    /// the observation if there is one, and takes out a whole number.
     pub(super) fn decode(
         &self,
         scores: &[f64],
@@ -157,7 +156,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// Adds the likelihoods to the scores.
+    /// Adds the likelihoods of an observation to the scores.
     pub(super) fn observe(
         &self,
         observation: &B::Observation,
@@ -172,7 +171,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         Ok(())
     }
 
-    /// The scores of likelihoods; what they leave out goes to `taken_out`.
+    /// Returns the scores of likelihoods; their common factor goes to `taken_out`.
     fn likelihood_scores<'a>(
         &self,
         diagonal: &Diagonal<'a>,
@@ -181,7 +180,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<Shifted<'a>, InferenceError> {
         let scores = match diagonal.values {
-            // They become scores as they are added.
+            // Converted to scores as they are added.
             Values::Log(scores) if largest > f64::NEG_INFINITY => {
                 let shifted = Shifted { scores, shift: 0.0, natural: Some(largest) };
                 Some((shifted, largest + diagonal.log_factor))
@@ -219,14 +218,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
     }
 }
 
-/// log2 of a lifted probability. Where it is a double with all its digits, of
-/// that itself: a prior then has the same logarithm as an entry of its size.
+/// Returns log2 of a lifted probability, taken after the lift is undone if that keeps all digits:
+/// a prior then has the same logarithm as an entry of its size.
 pub(super) fn unlifted_log2(lifted: f64) -> f64 {
     let p = lifted / LIFT;
     if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }
 }
 
-/// The lowest state of the highest score.
+/// Returns the lowest state of the highest score.
 pub(super) fn best(scores: &[f64]) -> usize {
     let mut state = 0;
     for (i, &score) in scores.iter().enumerate() {
@@ -237,8 +236,8 @@ pub(super) fn best(scores: &[f64]) -> usize {
     state
 }
 
-/// log2 b, but for a common part that keeps them small, and that part as a
-/// natural logarithm; `None` if all are 0.
+/// Returns log2 b less a common part, which keeps the values small, and that part as a natural
+/// logarithm; `None` if all are 0.
 pub(super) fn likelihood_scores<'a>(
     diagonal: &Diagonal<'a>,
     largest: f64,

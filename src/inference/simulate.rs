@@ -13,7 +13,7 @@ use crate::likelihood::SampleObservation;
 use crate::random::index;
 use crate::transition::TransitionEntries;
 
-/// A drive drawn from a model: what was true, and what was seen.
+/// A simulated drive: its true states and its observations.
 ///
 /// Made by [`Hmm::simulate`] and [`Filter::simulate`].
 #[derive(Debug, Clone, PartialEq)]
@@ -24,26 +24,26 @@ pub struct Simulation<Y> {
 }
 
 impl<Y> Simulation<Y> {
-    /// The state before the first transition: X_0, or that of a filter; `None`
-    /// if none leads to the first step.
+    /// State before the first transition: X_0, or the present state of a filter; `None` without a
+    /// transition to the first step.
     #[must_use]
     pub fn initial(&self) -> Option<usize> {
         self.initial
     }
 
-    /// X_1 … X_T.
+    /// States X_1 … X_T.
     #[must_use]
     pub fn states(&self) -> &[usize] {
         &self.states
     }
 
-    /// y_1 … y_T.
+    /// Observations y_1 … y_T.
     #[must_use]
     pub fn observations(&self) -> &[Y] {
         &self.observations
     }
 
-    /// The drive with its true states, to be learned from.
+    /// Returns the drive with its true states, for learning.
     #[must_use]
     pub fn labelled(&self) -> LabelledSequence<'_, [Y]> {
         LabelledSequence {
@@ -55,12 +55,12 @@ impl<Y> Simulation<Y> {
 }
 
 impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
-    /// Draws T steps of hidden states and their observations.
+    /// Draws `steps` hidden states and their observations.
     ///
-    /// The same generator in the same state gives the same drive. O(n) for the
-    /// first state, then O(ways out of a state + what an observation costs) a
-    /// step. (Of an operator with [evidence](crate::Transition::evidence) and no control,
-    /// moves are drawn in proportion to its entries.)
+    /// The same generator in the same state gives the same drive. O(n) for the first state, then
+    /// O(entries out of a state + the cost of an observation) a step. (Under an operator with
+    /// [evidence](crate::Transition::evidence) and no control, moves are drawn in proportion to
+    /// its entries.)
     ///
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -84,14 +84,14 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         self.draw(self.prior().belief().as_slice(), 0, &vec![(); steps], rng)
     }
 
-    /// The same under controls, one a step: `controls[k - 1]` drives the
-    /// transition from k − 1 to k.
+    /// Draws a drive under controls, one a step: `controls[k - 1]` drives the transition from k −
+    /// 1 to k.
     ///
     /// # Errors
     ///
     /// [`InferenceError::Control`] with the step whose control is not valid, or
-    /// [`InferenceError::SimulatedEvidence`] with one whose control is not something
-    /// that drives the step, but was measured on it.
+    /// [`InferenceError::SimulatedEvidence`] with the step whose control does not drive it, but
+    /// was measured on it.
     pub fn simulate_with<R: Rng + ?Sized>(
         &self,
         controls: &[A::Control],
@@ -101,7 +101,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
     }
 
-    /// Checks the controls of the steps after those taken.
+    /// Checks the controls of the steps after the first `taken`.
     fn check_controls(&self, taken: usize, controls: &[A::Control]) -> Result<(), InferenceError> {
         for (number, control) in (taken + 1..).zip(controls) {
             if self.prior().moves_at(number) {
@@ -145,9 +145,8 @@ where
     A: TransitionEntries,
     B: SampleObservation,
 {
-    /// Draws what may come next: a present state from the belief, then states
-    /// and observations of the next `steps` steps. Its `initial` is the present
-    /// state. The filter stays where it is.
+    /// Draws a possible future: a present state from the belief, then states and observations of
+    /// the next `steps` steps. Its `initial` is the present state. The filter is unchanged.
     ///
     /// ```
     /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -165,7 +164,7 @@ where
         self.model().draw(self.belief().as_slice(), self.steps(), &vec![(); steps], rng)
     }
 
-    /// The same under controls, one a step.
+    /// Draws a possible future under controls, one a step.
     ///
     /// # Errors
     ///

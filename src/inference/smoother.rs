@@ -1,4 +1,4 @@
-//! The batch smoother: forward, then back over the same block.
+//! Batch smoother: a forward pass, then a backward pass over the same block.
 
 use super::backward::Backward;
 use super::block::Block;
@@ -22,26 +22,27 @@ pub struct SmoothedSequence {
 }
 
 impl SmoothedSequence {
-    /// Of a routine that takes no step in logarithms.
+    /// Creates the result of a routine that takes no step in logarithms.
     pub(super) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
         Self { posteriors, log_likelihood, steps_in_logs: 0 }
     }
 
-    /// p(X_k | y_1 … y_T) for k = 0 … T. At T it is the filtered one.
+    /// Smoothed distributions p(X_k | y_1 … y_T) for k = 0 … T; at T, the filtered one.
     #[must_use]
     pub fn posteriors(&self) -> &Posteriors {
         &self.posteriors
     }
 
-    /// ln p(y_1 … y_T).
+    /// Log-likelihood ln p(y_1 … y_T).
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
 
-    /// How many of the steps were taken in logarithms, forward or back, which is several
-    /// times slower. With up to eight states these may be fewer than those of a filter. If these are many and the tails of the model are not to be believed
-    /// anyway, it is faster [with rounded tails](Hmm::with_rounded_tails).
+    /// Number of steps taken in logarithms, forward or backward, which is several times slower.
+    /// With up to eight states it may be lower than that of a filter. If there are many, and the
+    /// tails of the model are not credible anyway, [rounded tails](Hmm::with_rounded_tails) are
+    /// faster.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs
@@ -49,17 +50,17 @@ impl SmoothedSequence {
 }
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
-    /// Smooths a sequence of observations (paper eqs. 10 to 14): every step
-    /// given all of them.
+    /// Smooths a sequence of observations (paper eqs. 10 to 14): returns the distribution of
+    /// every step given all of them.
     ///
-    /// An empty sequence is allowed: the posterior of X_0 then is the prior.
+    /// An empty sequence is allowed: the posterior of X_0 is then the prior.
     ///
-    /// Two products with A or A' and O(n) a step (three where the sensor has to
-    /// compute its likelihoods); the result holds n (T + 1) numbers, and of other
-    /// memory one number a step grows with T (but for steps that doubles do not
-    /// hold, which keep n more). With up to eight states and no control it goes other,
-    /// faster ways; from five states on with n T further numbers of memory. For long
-    /// sequences there is [`smooth_each`](Self::smooth_each), for live ones a fixed lag.
+    /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
+    /// likelihoods). The result holds n (T + 1) numbers; other memory grows by one number a step,
+    /// and by n for each step outside the range of `f64`. Models of up to eight states without a
+    /// control take specialised paths, which are faster; from five states on they use n T
+    /// additional `f64`s. For long sequences there is [`smooth_each`](Self::smooth_each), for
+    /// live ones [`fixed_lag`](Self::fixed_lag).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

@@ -8,16 +8,16 @@ use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
 
-/// A step is taken in linear space if the normaliser is at least this part of
-/// the largest likelihood. A likelihood that has lost digits by scaling then
-/// gives a result below 2^-990, which is looked at again.
-const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
-/// Likelihoods with their largest value in this range, 2^-300 to 2^16, are taken as
-/// they are: their products with lifted predictions are doubles, and the sum is.
+/// Smallest ratio of the normaliser to the largest likelihood for a step in linear space. A
+/// likelihood that has lost digits by scaling then gives a result below 2^-990, which is checked
+/// again.
+const LEAST_NORMALIZER: f64 = f64::from_bits((1023 - 32) << 52);
+/// Range of largest likelihoods that need no scaling, 2^-300 to 2^16: their products with lifted
+/// predictions, and the sum of these, are within the range of `f64`.
 pub(super) const UNSCALED: std::ops::RangeInclusive<f64> =
     f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
 
-/// Memory for steps; allocated once, when it is made.
+/// Scratch memory for steps, allocated once.
 #[derive(Debug, Clone)]
 pub(super) struct Workspace {
     pub(super) scratch: Scratch,
@@ -30,17 +30,17 @@ impl Workspace {
     }
 }
 
-/// The model at one step.
+/// Model, number and control of one step.
 pub(super) struct Step<'m, A: Transition, B> {
     pub(super) hmm: &'m Hmm<A, B>,
-    /// The number of the step, for errors.
+    /// Number of the step, for errors.
     pub(super) number: usize,
-    /// The control, or `None` if nothing moves.
+    /// Control, or `None` without a transition.
     pub(super) control: Option<&'m A::Control>,
 }
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
-    /// A step of a sequence.
+    /// Creates the step of a sequence with this number.
     pub(super) fn of<S>(hmm: &'m Hmm<A, B>, sequence: &'m S, number: usize) -> Self
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -49,8 +49,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Self { hmm, number, control }
     }
 
-    /// `after = A before`, or the same if nothing moves; of any scale. The control has
-    /// been checked.
+    /// Predicts: `after = A before`, or a copy without a transition; of any scale. The control
+    /// must have been checked.
     pub(super) fn predict(&self, before: &[f64], after: &mut [f64]) {
         match self.control {
             Some(control) => self.hmm.transition().apply(control, before, after),
@@ -63,8 +63,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.hmm.transition().check_control(control).map_err(wrap)
     }
 
-    /// Checks the diagonal of an observation, and gives it with its largest
-    /// value.
+    /// Returns the checked diagonal of an observation, and its largest value.
     pub(super) fn diagonal<'a>(
         &'a self,
         observation: &'a B::Observation,
@@ -76,14 +75,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok((diagonal, largest))
     }
 
-    /// From the last belief to the one after the observation.
+    /// Advances from the last belief to the one after the observation.
     ///
-    /// In linear space, unless logarithms are needed: because the belief before
-    /// is kept so, because the observation contradicts the prediction by more
-    /// than 2^32, or because a state that is possible would get 0. The last does
-    /// not count in a model with rounded tails.
+    /// The step is taken in linear space unless it needs logarithms: because the belief before is
+    /// kept in logarithms, because the observation contradicts the prediction by more than 2^32,
+    /// or because a possible state would get 0. The last does not count in a model with rounded
+    /// tails.
     ///
-    /// `lifted` follows the belief before.
+    /// `lifted` is the lifted form of the belief before.
     pub(super) fn advance(
         &self,
         observation: &B::Observation,
@@ -107,7 +106,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             }
         }
         let wrap = |source| InferenceError::Likelihood { step: self.number, source };
-        // Not moved: to copy what has just been written takes as long as some rows.
+        // Borrowed, since copying a diagonal that was just written takes as long as some rows.
         let found = self.hmm.likelihood().diagonal(observation, scratch);
         let diagonal = match found {
             Ok(ref diagonal) => diagonal,
@@ -118,7 +117,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return self.advance_by_evidence(log_factor, diagonal, before, lifted, results, values);
         }
         let tails_rounded = self.hmm.rounds_tails();
-        // As they are, if they can be; whether they are valid is seen on the way.
+        // Unscaled if possible; the update checks validity on the way.
         if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
             let as_they_are =
                 Likelihoods { diagonal, values: linear, scaled: false, tails_rounded };
@@ -142,7 +141,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.update_in_logs(diagonal, log_scale, results)
     }
 
-    /// Likelihoods near one; returns the logarithm of what was divided out.
+    /// Scales likelihoods to a largest value of one, and returns the logarithm of the divisor.
     pub(super) fn scale(
         &self,
         diagonal: &Diagonal<'_>,
@@ -167,9 +166,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
     }
 
-    /// The step in linear space. Gives the normaliser of the likelihoods, or
-    /// `None` where doubles do not hold the results or the likelihoods are not valid or
-    /// have to be scaled.
+    /// Takes the step in linear space. Returns the normaliser of the likelihoods, or `None` if
+    /// the results leave the range of `f64` or the likelihoods are not valid or need scaling.
     #[inline]
     fn advance_in_doubles(
         &self,
@@ -206,12 +204,12 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Some((updated.products / LIFT, Form::Lifted { tiny })))
     }
 
-    /// The matrix of a step without evidence, if there is a sparse one.
+    /// Returns the sparse matrix of a step without evidence, if there is one.
     fn matrix(&self) -> Option<&'m SparseTransition> {
         self.hmm.transition().stored(self.control?).and_then(Stored::as_sparse)
     }
 
-    /// Prediction and product with the likelihoods, into the lifted result.
+    /// Writes the product of prediction and likelihoods into the lifted result.
     #[inline]
     fn update(
         &self,
@@ -236,8 +234,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(updated)
     }
 
-    /// Whether a state that prediction and likelihood allow has got 0, or a
-    /// scaled likelihood too small to have all its digits.
+    /// Returns true if a state that prediction and likelihood allow has become 0, or a scaled
+    /// likelihood is too small to have all its digits.
     #[cold]
     pub(super) fn loses_states(
         &self,
@@ -258,9 +256,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
     }
 
-    /// From the prediction in logarithms to the belief after the observation.
-    /// `log_scale` is taken out of the likelihoods first, so that they keep their
-    /// digits.
+    /// Updates the prediction in logarithms to the belief after the observation. `log_scale` is
+    /// taken out of the likelihoods first, so that they keep their digits.
     #[cold]
     pub(super) fn update_in_logs(
         &self,
@@ -279,7 +276,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(Advanced { log, normalizer: 0.0, by_logs: true, in_logs, form: Form::Other })
     }
 
-    /// The prediction in logarithms (into those of the results), checked: a
+    /// Predicts in logarithms, into those of the results, and checks the prediction: a
     /// distribution, unless there is evidence on the move.
     pub(super) fn predict_in_logs(
         &self,
@@ -303,8 +300,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Ok(())
     }
 
-    /// A lifted prediction must be a distribution, whatever operator made it.
-    /// Returns its sum.
+    /// Checks that a lifted prediction is a distribution, since any operator may have made it,
+    /// and returns its sum.
     pub(super) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
         let step = self.number;
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
@@ -322,15 +319,16 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
 pub(super) struct Likelihoods<'a> {
     pub(super) diagonal: &'a Diagonal<'a>,
     pub(super) values: &'a [f64],
-    /// Whether they have been scaled, so that one of 0 may have been above.
+    /// True if they have been scaled, so that a value of 0 may have been positive.
     pub(super) scaled: bool,
-    /// Whether the model rounds tails.
+    /// True if the model rounds tails.
     pub(super) tails_rounded: bool,
 }
 
 impl<'a> Likelihoods<'a> {
     pub(super) fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
-        // Without a lift, small results are not held, whatever becomes of them.
+        // Without a lift, small results lose digits, so that they are watched with rounded tails
+        // too.
         let watch = match self {
             _ if lift > 1.0 && self.tails_rounded => Watch::Nothing,
             Self { scaled: true, .. } => Watch::Predictions,
@@ -340,31 +338,31 @@ impl<'a> Likelihoods<'a> {
     }
 }
 
-/// Whether doubles hold the results of an update, and the likelihoods are valid
-/// and near enough to one.
+/// Returns true if the results of an update are within the range of `f64`, and the likelihoods
+/// are valid and near enough to one.
 #[inline]
 pub(super) fn holds(updated: &Updated, lift: f64) -> bool {
     let normalizer = updated.products / lift;
     !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)
         && is_one(updated.predicted / lift)
-        // So that a NaN is not valid either.
-        && normalizer >= LEAST_NORMALISER * updated.largest_likelihood
+        // False for a NaN, too.
+        && normalizer >= LEAST_NORMALIZER * updated.largest_likelihood
         && normalizer.is_finite()
 }
 
-/// One, but for rounding and what columns may be off by.
+/// Returns true for a sum of one, up to rounding and the deviation allowed in columns.
 pub(super) fn is_one(sum: f64) -> bool {
     (sum - 1.0).abs() <= 1e-6
 }
 
-/// Whether a probability above 0 rounds to 0.
+/// Returns true if a probability above 0 rounds to 0 in linear space.
 pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
     logs.iter().zip(linear).any(|(log, p)| *p == 0.0 && *log > f64::NEG_INFINITY)
 }
 
-/// Makes logarithms those of a distribution, and the distribution itself.
-/// Returns the logarithm of their sum, or `None` if it is that of 0.
+/// Normalizes logarithms, and writes the distribution itself to `linear`. Returns the logarithm
+/// of their sum, or `None` if the sum is 0.
 pub(super) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
     let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if !largest.is_finite() {

@@ -20,19 +20,19 @@ pub struct ViterbiPath {
 }
 
 impl ViterbiPath {
-    /// The states of steps 1 to T: `states()[k - 1]` belongs to `ys[k - 1]`.
+    /// States of steps 1 to T: `states()[k - 1]` belongs to `ys[k - 1]`.
     #[must_use]
     pub fn states(&self) -> &[usize] {
         &self.states
     }
 
-    /// ln p(path, y_1 … y_T): never −∞, since an impossible path is an error.
+    /// Log-probability ln p(path, y_1 … y_T); never −∞, since an impossible path is an error.
     #[must_use]
     pub fn log_probability(&self) -> f64 {
         self.log_probability
     }
 
-    /// The states, moved out.
+    /// Returns the states by value.
     #[must_use]
     pub fn into_states(self) -> Vec<usize> {
         self.states
@@ -41,21 +41,19 @@ impl ViterbiPath {
 
 /// # Paths
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// The path that maximises p(x_1 … x_T, y_1 … y_T): every move of it is one
-    /// that the transition operator allows.
+    /// Returns the path that maximises p(x_1 … x_T, y_1 … y_T). The transition operator allows
+    /// every move of it.
     ///
     /// Under [`Prior::BeforeFirstTransition`](crate::Prior::BeforeFirstTransition)
     /// the path starts at X_1, and X_0 is summed over.
     ///
-    /// Of several best paths it is the one whose last state is the lowest, then
-    /// the last but one, and so on. Paths tie if their factors are the same, in
-    /// any order and but for powers of two, as long as none falls more than
-    /// 2^256 behind on the way; log-likelihoods tie as far as rounding lets them.
-    /// Paths that differ by less than rounding (1e-14 a factor) may count as
-    /// either.
-    /// An empty sequence gives the empty path, with log-probability 0.
+    /// Ties go to the path with the lowest last state, then with the lowest last but one, and so
+    /// on. Paths tie if their factors are the same, in any order and up to powers of two, as long
+    /// as none falls more than 2^256 behind on the way; log-likelihoods tie as far as rounding
+    /// lets them. Paths that differ by less than rounding (1e-14 a factor) may be ranked either
+    /// way. An empty sequence gives the empty path, with log-probability 0.
     ///
-    /// O(E) a step; 4 n T bytes for the way back.
+    /// O(E) a step; 4 n T bytes for the backpointers.
     ///
     /// # Errors
     ///

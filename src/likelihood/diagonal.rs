@@ -1,51 +1,50 @@
-//! What a likelihood hands to inference.
+//! Diagonals: the likelihoods of one observation.
 
 use crate::error::LikelihoodError;
 use crate::kernels::{self, LARGEST_LOG, Valid};
 
-/// The diagonal of B(y): one likelihood per state, as numbers or as
-/// logarithms, with a common factor taken out if wanted.
+/// Diagonal of B(y): one likelihood per state, as numbers or as logarithms, with an optional
+/// common log factor.
 ///
-/// It borrows its values, so a table hands out its column without copying.
+/// The values are borrowed, so a table returns its column without copying.
 #[derive(Debug, Clone, Copy)]
 pub struct Diagonal<'a> {
     pub(crate) values: Values<'a>,
     pub(crate) log_factor: f64,
 }
 
-/// In which form the likelihoods are.
+/// Values of a diagonal, in one of three forms.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Values<'a> {
-    /// As they come from a sensor.
+    /// Likelihoods, unchecked.
     Linear(&'a [f64]),
-    /// As natural logarithms.
+    /// Natural logarithms of likelihoods, unchecked.
     Log(&'a [f64]),
-    /// Known to be valid, with the largest of them and, if at hand, their
-    /// logarithms to base 2.
+    /// Valid likelihoods with their maximum and, if available, their logarithms to base 2.
     Checked { linear: &'a [f64], largest: f64, log2: Option<&'a [f64]> },
 }
 
 impl<'a> Diagonal<'a> {
-    /// From likelihoods, each finite and at least 0.
+    /// Creates a diagonal from likelihoods, each finite and at least 0.
     #[inline]
     #[must_use]
     pub fn linear(values: &'a [f64]) -> Self {
         Self::of(Values::Linear(values))
     }
 
-    /// From natural logarithms of likelihoods, each at most 1e300 in size, or −∞
-    /// (which is a likelihood of exactly 0).
+    /// Creates a diagonal from natural logarithms of likelihoods, each at most 1e300 in
+    /// magnitude, or −∞ (a likelihood of exactly 0).
     ///
-    /// They may lie anywhere there: differences beyond the range of a double's
-    /// exponent are handled exactly.
+    /// The whole range is usable: differences beyond the range of a double's exponent are handled
+    /// exactly.
     #[inline]
     #[must_use]
     pub fn log(values: &'a [f64]) -> Self {
         Self::of(Values::Log(values))
     }
 
-    /// The same with ln c added to every log-likelihood: c is a factor that
-    /// was taken out of all values, and belongs into the log-likelihood.
+    /// Adds ln c to the log factor, where c is a factor that was taken out of all values; it is
+    /// added back in the log-likelihood.
     #[must_use]
     pub fn with_log_factor(self, log_factor: f64) -> Self {
         Self { log_factor: self.log_factor + log_factor, ..self }
@@ -56,7 +55,7 @@ impl<'a> Diagonal<'a> {
         Self { values, log_factor: 0.0 }
     }
 
-    /// For values that are known to be valid and have this maximum.
+    /// Creates a diagonal from values that are known to be valid and to have this maximum.
     #[inline]
     pub(crate) fn checked(linear: &'a [f64], largest: f64, log2: Option<&'a [f64]>) -> Self {
         Self::of(Values::Checked { linear, largest, log2 })
@@ -70,7 +69,7 @@ impl<'a> Diagonal<'a> {
         }
     }
 
-    /// The likelihoods, unless they are logarithms.
+    /// Returns the likelihoods, or `None` if the values are logarithms.
     pub(crate) fn linear_values(&self) -> Option<&'a [f64]> {
         match self.values {
             Values::Linear(linear) | Values::Checked { linear, .. } => Some(linear),
@@ -78,7 +77,7 @@ impl<'a> Diagonal<'a> {
         }
     }
 
-    /// Checks length and factor.
+    /// Checks the length and the log factor.
     #[inline]
     pub(crate) fn check_shape(&self, states: usize) -> Result<(), LikelihoodError> {
         if self.len() != states {
@@ -87,8 +86,8 @@ impl<'a> Diagonal<'a> {
         check_log_factor(self.log_factor)
     }
 
-    /// Checks length, values and factor, and returns the largest value in the
-    /// form that the diagonal has (0 or −∞ if every state is ruled out).
+    /// Checks length, values and log factor, and returns the largest value in the form of the
+    /// diagonal (0 or −∞ if every state is ruled out).
     pub(crate) fn check(&self, states: usize) -> Result<f64, LikelihoodError> {
         self.check_shape(states)?;
         let (values, valid) = match self.values {
@@ -102,7 +101,7 @@ impl<'a> Diagonal<'a> {
         })
     }
 
-    /// The natural logarithm of each value, without the log factor.
+    /// Natural logarithms of the values, without the log factor.
     pub(crate) fn logs(&self) -> impl Iterator<Item = f64> + Clone + 'a {
         let (values, is_log) = match self.values {
             Values::Linear(values) | Values::Checked { linear: values, .. } => (values, false),
@@ -112,13 +111,13 @@ impl<'a> Diagonal<'a> {
     }
 }
 
-/// A common factor must stay finite over all steps.
+/// Checks a log factor, the sum of which must stay finite over all steps.
 pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
     let valid = value.abs() <= LARGEST_LOG;
     if valid { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
 }
 
-/// Memory that a likelihood may fill, kept from step to step.
+/// Reusable memory for the values of a diagonal, kept from step to step.
 ///
 /// ```
 /// let mut scratch = wayfix::Scratch::default();
@@ -132,16 +131,16 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    /// A slice of `count` values to fill; what it holds before is left over
-    /// from earlier steps. Allocates only when it grows.
+    /// Returns a slice of `count` values to fill. Their initial contents are left over from
+    /// earlier steps. Allocates only when it grows.
     #[inline]
     pub fn values(&mut self, count: usize) -> &mut [f64] {
         self.values.resize(count, 0.0);
         &mut self.values
     }
 
-    /// Values to fill, beside as many further scratches for the parts of a
-    /// composed likelihood as are asked for.
+    /// Returns `count` values to fill, and `parts` separate scratches for the parts of a composed
+    /// likelihood.
     pub fn with_parts(&mut self, count: usize, parts: usize) -> (&mut [f64], &mut [Scratch]) {
         self.values.resize(count, 0.0);
         self.parts.resize_with(parts.max(self.parts.len()), Scratch::default);

@@ -1,4 +1,4 @@
-//! A log-likelihood given as a closure.
+//! Log-likelihoods computed by a closure.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -6,9 +6,12 @@ use std::marker::PhantomData;
 use super::{Diagonal, Likelihood, Scratch};
 use crate::error::LikelihoodError;
 
-/// ln p(y | state) as a function of observation and state.
+/// A sensor given by the function ln p(y | state) of observation and state.
 ///
-/// It is called once per state and step.
+/// The function is called once per state and step. If readings are sometimes wrong altogether, let
+/// it have a floor: `((-0.5 * z * z).exp() + 1e-6).ln()` for a Gaussian, since otherwise one wild
+/// reading outweighs all before it. In a struct, name the type with a function pointer,
+/// `LogLikelihoodFn<fn(&f64, usize) -> f64, f64>`.
 ///
 /// ```
 /// use wayfix::likelihood::LogLikelihoodFn;
@@ -33,8 +36,8 @@ pub struct LogLikelihoodFn<F, Y: ?Sized> {
 }
 
 impl<F: Fn(&Y, usize) -> f64, Y: ?Sized> LogLikelihoodFn<F, Y> {
-    /// For `states` states; the function gives a value of at most 1e300 in size, or
-    /// −∞.
+    /// Creates a sensor of `states` states. The function returns a value of at most 1e300 in
+    /// magnitude, or −∞.
     pub fn new(states: usize, function: F) -> Self {
         Self { states, function, observation: PhantomData }
     }

@@ -1,4 +1,4 @@
-//! Several sensors at once.
+//! Fusion of two sensors.
 
 use rand::Rng;
 
@@ -7,8 +7,8 @@ use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::{HmmError, LikelihoodError};
 
-/// Two sensors that err independently given the state: the product of their
-/// diagonals. The observation is a pair; nest it for more than two.
+/// Two sensors with independent errors given the state: the product of their diagonals. The
+/// observation is a pair; nest it for more than two sensors.
 ///
 /// ```
 /// use wayfix::likelihood::LogLikelihoodFn;
@@ -31,11 +31,11 @@ pub struct FusedLikelihood<B1, B2> {
 }
 
 impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
-    /// Both sensors together.
+    /// Fuses two sensors.
     ///
     /// # Errors
     ///
-    /// [`HmmError::StateCount`] if they differ in their number of states.
+    /// [`HmmError::StateCount`] if the sensors differ in their number of states.
     pub fn new(first: B1, second: B2) -> Result<Self, HmmError>
     where
         B1::Observation: Owned,
@@ -53,13 +53,13 @@ impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
         Ok(Self { first, second })
     }
 
-    /// The first sensor.
+    /// Returns the first sensor.
     #[must_use]
     pub fn first(&self) -> &B1 {
         &self.first
     }
 
-    /// The second sensor.
+    /// Returns the second sensor.
     #[must_use]
     pub fn second(&self) -> &B2 {
         &self.second
@@ -92,7 +92,7 @@ where
         if multiply(first.values, second.values, product) {
             return Ok(Diagonal { log_factor, ..Diagonal::linear(product) });
         }
-        // Shifts of both are taken out first, so that the sums keep their digits.
+        // The maxima are subtracted first, so that the sums keep their precision.
         let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
         let shift = (shift(is_log(&first), largest.0), shift(is_log(&second), largest.1));
         let logs = first.logs().zip(second.logs());
@@ -135,7 +135,7 @@ where
         let log = |unlisted: &Unlisted, b: f64| if unlisted.is_log() { b } else { b.ln() };
         let sum = |a: f64, b: f64| (log(&first, a) - shift.0) + (log(&second, b) - shift.1);
         out.iter_mut().zip(values).for_each(|(out, value)| *out = sum(*out, *value));
-        // Logarithms of the bounds and the three sums have roundings.
+        // The logarithms of the bounds and the three sums are rounded, so the bound is raised.
         let others = sum(first.largest(), second.largest());
         let size = log(&first, first.largest()).abs() + log(&second, second.largest()).abs();
         let size = size + shift.0.abs() + shift.1.abs();
@@ -150,19 +150,18 @@ where
     }
 }
 
-/// A factor to take out of logarithms, of which the largest is given.
+/// Shift of logarithms with the given maximum; 0 for linear values.
 fn shift(is_log: bool, largest: f64) -> f64 {
     if is_log && largest.is_finite() { largest } else { 0.0 }
 }
 
-/// True if a product is within the range in which a double is exact, or 0 because
-/// a factor is.
+/// True if a product is a normal number, so that it has full precision, or 0 because a factor is.
 fn is_exact(a: f64, b: f64, product: f64) -> bool {
     (f64::MIN_POSITIVE..=f64::MAX).contains(&product) || a == 0.0 || b == 0.0
 }
 
-/// The product of two diagonals, unless one is in logarithms or a product
-/// leaves the range in which a double is exact.
+/// Multiplies two diagonals into `out`; returns false if one is in logarithms, or a product
+/// leaves the range of normal numbers.
 fn multiply(first: Values<'_>, second: Values<'_>, out: &mut [f64]) -> bool {
     let (
         Values::Linear(first) | Values::Checked { linear: first, .. },

@@ -1,4 +1,4 @@
-//! Sensors that see only the group of a state.
+//! Sensors that observe only the group of a state.
 
 use rand::Rng;
 
@@ -8,11 +8,11 @@ use crate::error::{HmmError, LikelihoodError};
 use crate::groups::Groups;
 use crate::kernels::{self, Valid};
 
-/// A sensor of groups as one of states: all states of a group have its
-/// likelihood. For a camera that sees the place, but not how long the vehicle
-/// has been there or where it heads.
+/// A sensor of groups as a sensor of states: all states of a group have the likelihood of the
+/// group. For a camera that observes the place, but not how long the vehicle has been there or
+/// where it is heading.
 ///
-/// O(n) a step on top of the sensor's own.
+/// Costs O(n) a step on top of the inner sensor.
 ///
 /// ```
 /// use wayfix::likelihood::GroupedLikelihood;
@@ -36,11 +36,11 @@ pub struct GroupedLikelihood<B> {
 }
 
 impl<B: Likelihood> GroupedLikelihood<B> {
-    /// The sensor, whose states are the groups.
+    /// Creates a sensor from one whose states are the groups.
     ///
     /// # Errors
     ///
-    /// [`HmmError::StateCount`] if the sensor has not a state for each group.
+    /// [`HmmError::StateCount`] if the sensor does not have one state per group.
     pub fn new(sensor: B, groups: Groups) -> Result<Self, HmmError> {
         let (found, expected) = (sensor.states(), groups.count());
         if found != expected {
@@ -50,13 +50,13 @@ impl<B: Likelihood> GroupedLikelihood<B> {
         Ok(Self { sensor, groups })
     }
 
-    /// The sensor of the groups.
+    /// Returns the sensor of the groups.
     #[must_use]
     pub fn sensor(&self) -> &B {
         &self.sensor
     }
 
-    /// Which states it takes for one.
+    /// Returns the groups of states.
     pub fn groups(&self) -> &Groups {
         &self.groups
     }
@@ -84,7 +84,7 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
         }
         let expand = |groups: &[f64], out: &mut [f64]| self.groups.expand(groups, out);
         let values = match diagonal.values {
-            // There are fewer groups than states to be checked.
+            // Checked here once per group instead of once per state.
             Values::Linear(groups) => {
                 expand(groups, states);
                 match kernels::largest(groups, Valid::Likelihoods) {
@@ -96,7 +96,7 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
                 expand(groups, states);
                 Values::Log(states)
             }
-            // No group is empty, so the largest value stays.
+            // No group is empty, so the maximum is that of the groups.
             Values::Checked { linear, largest, log2 } => {
                 expand(linear, states);
                 let log2 = log2.map(|log2| {

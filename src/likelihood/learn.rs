@@ -1,19 +1,19 @@
-//! Sensors that can be learned.
+//! Learning of sensors.
 
 use std::error::Error;
 
 use super::Likelihood;
 
-/// A sensor that can be estimated from observations whose states are known with
-/// some probability: it maximises Σ p ln b(y) over all observations y and
-/// states, p being the probability of the state.
+/// A sensor that can be re-estimated from observations and the posterior probabilities of their
+/// states: it maximises Σ p ln b(y) over all observations y and states, where p is the
+/// probability of the state.
 ///
-/// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions
-/// learn their parts; [`Fixed`](crate::Fixed) keeps any sensor as it is.
+/// [`TableLikelihood`](crate::TableLikelihood) learns each row; compositions learn their parts;
+/// [`Fixed`](crate::Fixed) excludes a sensor from learning.
 ///
 /// # Implement it yourself
 ///
-/// Readings with a mean for each state, and Gaussian noise of one unit:
+/// Readings with one mean per state, and Gaussian noise of unit variance:
 ///
 /// ```
 /// use std::error::Error;
@@ -66,14 +66,13 @@ use super::Likelihood;
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
 )]
 pub trait LearnLikelihood: Likelihood + Sized {
-    /// What is gathered over the observations.
+    /// Sufficient statistics of the observations.
     type Statistics: Send;
 
-    /// Nothing gathered yet.
+    /// Returns empty statistics.
     fn statistics(&self) -> Self::Statistics;
 
-    /// Adds one observation, where `posterior[i]` is the probability that it
-    /// was made in state i.
+    /// Adds one observation, where `posterior[i]` is the probability of state i at that step.
     fn add(
         &self,
         statistics: &mut Self::Statistics,
@@ -81,24 +80,25 @@ pub trait LearnLikelihood: Likelihood + Sized {
         posterior: &[f64],
     );
 
-    /// Adds what another sequence gave.
+    /// Adds the statistics of another sequence.
     fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics);
 
-    /// The sensor that makes these observations most probable, each free
-    /// parameter having been seen `pseudo_count` times besides; what was not
-    /// seen at all (or less than 2.2e-308 times) stays as it is.
+    /// Returns the sensor that maximises the likelihood of the observations, with `pseudo_count`
+    /// added to the count of each free parameter. States without counts (or with less than
+    /// 2.2e-308 in all) keep their parameters.
     ///
     /// # Errors
     ///
-    /// Any, when there is no such sensor.
+    /// Any error, if the statistics do not determine a valid sensor.
     fn reestimate(
         &self,
         statistics: &Self::Statistics,
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>>;
 
-    /// As [`LearnTransition::log_prior`](crate::transition::LearnTransition::log_prior); 0 for a sensor that has no use for
-    /// pseudo-counts.
+    /// Log density of the prior that the pseudo-counts stand for, without its constant, as
+    /// [`LearnTransition::log_prior`](crate::transition::LearnTransition::log_prior). 0 for a
+    /// sensor that does not use pseudo-counts.
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         let _ = pseudo_count;
         0.0

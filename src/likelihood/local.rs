@@ -1,20 +1,21 @@
-//! Sensors that can be asked for a few states only.
+//! Sensors that can be evaluated at a few states only.
 
 use super::{Likelihood, Scratch};
 use crate::error::LikelihoodError;
 use crate::kernels::Valid;
 
-/// A sensor that gives the likelihoods of some states without looking at all of
-/// them, and a bound on those of all others: what pruned routines ask, such as
+/// A sensor that gives the likelihoods of some states without evaluating all, and a bound on
+/// those of all others. Pruned algorithms require it, such as
 /// [`Hmm::pruned_filter`](crate::Hmm::pruned_filter) and
 /// [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi).
 ///
-/// What these prove rests on the bound: it must hold, and the smaller it is, the
-/// more they prove. A sensor behind a reference, `Box`, `Rc` or `Arc` is one, too.
+/// The error bounds of these algorithms rest on this bound: it must hold, and the smaller it is,
+/// the tighter they are. A sensor behind a reference, `Box`, `Rc` or `Arc` implements the trait,
+/// too.
 ///
 /// # Implement it yourself
 ///
-/// A beacon beside a road of n places, heard the worse the farther it is:
+/// A beacon beside a road of n places, which is received less well the farther away it is:
 ///
 /// ```
 /// use wayfix::likelihood::{LocalLikelihood, Unlisted};
@@ -43,7 +44,7 @@ use crate::kernels::Valid;
 /// impl LocalLikelihood for Beacons {
 ///     fn local(&self, &beacon: &usize, states: &[usize], out: &mut [f64], _: &mut Scratch) -> Result<Unlisted, LikelihoodError> {
 ///         out.iter_mut().zip(states).for_each(|(b, &i)| *b = self.heard(beacon, i));
-///         // The nearest place that is not listed is heard best of these.
+///         // Of the unlisted places, the nearest has the largest likelihood.
 ///         let distance = (0..self.0).find(|d| {
 ///             [beacon.checked_sub(*d), Some(beacon + d)].into_iter().flatten()
 ///                 .any(|i| i < self.0 && states.binary_search(&i).is_err())
@@ -51,7 +52,7 @@ use crate::kernels::Valid;
 ///         Ok(Unlisted::at_most(distance.map_or(0.0, |d| self.heard(beacon, beacon + d))))
 ///     }
 ///
-///     // Where it is heard well, even if nobody thought of these places.
+///     // Places near the beacon, even if the filter has no mass there.
 ///     fn standing_out(&self, &beacon: &usize, states: &mut Vec<usize>) {
 ///         states.extend(beacon.saturating_sub(9)..(beacon + 10).min(self.0));
 ///     }
@@ -64,20 +65,18 @@ use crate::kernels::Valid;
 /// # Ok::<(), LikelihoodError>(())
 /// ```
 pub trait LocalLikelihood: Likelihood {
-    /// Writes the likelihood of each of `states` to `out`, and returns a bound on
-    /// that of every state that is not listed; or, with
-    /// [`Unlisted::log_at_most`], natural logarithms in both.
+    /// Writes the likelihood of each of `states` to `out`, and returns a bound on the likelihood
+    /// of every other state. With [`Unlisted::log_at_most`], both are natural logarithms.
     ///
-    /// `states` are below [`states`](Likelihood::states), distinct and in
-    /// ascending order; `out` has as many values. Likelihoods may have any
-    /// positive scale, as those of [`diagonal`](Likelihood::diagonal), but the
-    /// same for `out` and the bound; [`Unlisted::with_log_factor`] says what was
-    /// taken out. A likelihood of 0 rules a state out: where a double may not hold
-    /// all likelihoods, logarithms do. Whoever calls this checks what comes back.
+    /// `states` are below [`states`](Likelihood::states), distinct and in ascending order; `out`
+    /// has the same length. Likelihoods may have any positive scale, as in
+    /// [`diagonal`](Likelihood::diagonal), but the same in `out` and in the bound;
+    /// [`Unlisted::with_log_factor`] gives the factor that was taken out. A likelihood of 0 rules
+    /// a state out; use logarithms where likelihoods may underflow. The caller checks the values.
     ///
     /// # Errors
     ///
-    /// [`LikelihoodError`] when there is no likelihood for this observation.
+    /// [`LikelihoodError`] if the observation has no valid likelihood.
     fn local(
         &self,
         observation: &Self::Observation,
@@ -86,19 +85,18 @@ pub trait LocalLikelihood: Likelihood {
         scratch: &mut Scratch,
     ) -> Result<Unlisted, LikelihoodError>;
 
-    /// Appends the states for which the observation speaks most, in any order:
-    /// they are then asked for even if nothing known leads there, so that the
-    /// bound on the rest is low. No state at or above
-    /// [`states`](Likelihood::states).
+    /// Appends the states with the largest likelihoods of an observation, in any order. These are
+    /// then evaluated even if no tracked state leads there, which keeps the bound on the others
+    /// low. All must be below [`states`](Likelihood::states).
     ///
-    /// It changes how much is proven and what it costs, never what is true; none,
-    /// unless an implementation says otherwise.
+    /// The choice affects the cost and the tightness of the error bounds, not their validity. By
+    /// default no states are appended.
     fn standing_out(&self, observation: &Self::Observation, states: &mut Vec<usize>) {
         let _ = (observation, states);
     }
 }
 
-/// What a [`LocalLikelihood`] says of all states that were not listed.
+/// Bound on the likelihoods of all states not listed in a call of [`LocalLikelihood::local`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unlisted {
     largest: f64,
@@ -107,54 +105,53 @@ pub struct Unlisted {
 }
 
 impl Unlisted {
-    /// Their likelihoods are at most this: finite and at least 0, 0 if all states
-    /// are listed.
+    /// Creates an upper bound on likelihoods: finite and at least 0, and 0 if all states are
+    /// listed.
     #[must_use]
     pub fn at_most(largest: f64) -> Self {
         Self { largest, is_log: false, log_factor: 0.0 }
     }
 
-    /// Their natural log-likelihoods are at most this, and `out` holds natural
-    /// logarithms, too: at most 1e300 in size, or −∞, which rules a state out, and
-    /// is the bound if all states are listed.
+    /// Creates an upper bound on natural log-likelihoods, for `out` in natural logarithms, too:
+    /// each at most 1e300 in magnitude, or −∞, which rules a state out. It is −∞ if all states
+    /// are listed.
     #[must_use]
     pub fn log_at_most(largest: f64) -> Self {
         Self { largest, is_log: true, log_factor: 0.0 }
     }
 
-    /// The same with ln c added to every log-likelihood, listed or not: c is a
-    /// factor that was taken out of all values.
+    /// Adds ln c to the log factor, where c is a factor that was taken out of all likelihoods,
+    /// listed or not.
     #[must_use]
     pub fn with_log_factor(self, log_factor: f64) -> Self {
         Self { log_factor: self.log_factor + log_factor, ..self }
     }
 
-    /// The bound.
+    /// Returns the bound.
     #[must_use]
     pub fn largest(&self) -> f64 {
         self.largest
     }
 
-    /// True if the bound and the likelihoods that came with it are natural
-    /// logarithms.
+    /// True if the bound and the likelihoods returned with it are natural logarithms.
     #[must_use]
     pub fn is_log(&self) -> bool {
         self.is_log
     }
 
-    /// Whether a likelihood of this size, in the form of the bound, is not that of 0.
+    /// True if a likelihood, in the form of the bound, is above 0.
     pub(crate) fn is_possible(&self, likelihood: f64) -> bool {
         likelihood > if self.is_log { f64::NEG_INFINITY } else { 0.0 }
     }
 
-    /// The logarithm of what was taken out of all likelihoods.
+    /// Logarithm of the factor that was taken out of all likelihoods.
     #[must_use]
     pub fn log_factor(&self) -> f64 {
         self.log_factor
     }
 
-    /// Checks the bound and the likelihoods that came with it, and returns the
-    /// largest of them all, in the form that they have.
+    /// Checks the bound and the likelihoods returned with it, and returns the maximum of them
+    /// all, in their form.
     pub(crate) fn check(&self, states: &[usize], listed: &[f64]) -> Result<f64, LikelihoodError> {
         super::diagonal::check_log_factor(self.log_factor)?;
         let valid = if self.is_log { Valid::Logs } else { Valid::Likelihoods };

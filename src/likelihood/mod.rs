@@ -1,15 +1,16 @@
 //! Likelihood operators: from an observation to a diagonal, `b_i` = p(y | state i).
 //!
-//! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns at any scale.
-//! Pruned routines ask for [`LocalLikelihood`], simulation for [`SampleObservation`],
-//! learning for [`LearnLikelihood`].
+//! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns, at any scale. Pruned
+//! algorithms require [`LocalLikelihood`], simulation [`SampleObservation`], learning
+//! [`LearnLikelihood`].
 //!
-//! | for | take |
+//! | for | use |
 //! |---|---|
 //! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
 //! | likelihoods, or their logarithms, computed elsewhere | [`LikelihoodVector`] |
 //! | likelihoods of a few states among many | [`SparseLikelihood`], with [`SparseObservation`] |
 //! | a function of observation and state | [`LogLikelihoodFn`] |
+//! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
 //! | several sensors | [`FusedLikelihood`] |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
@@ -51,19 +52,19 @@ use rand::Rng;
 
 use crate::error::LikelihoodError;
 
-/// A likelihood operator B(y): turns one observation into a diagonal with
-/// `b_i` = p(y | `X_k` = i) (paper eq. 7, which means `X_k`).
+/// A likelihood operator B(y), which turns one observation into a diagonal with `b_i` = p(y |
+/// `X_k` = i). (Paper eq. 7, which conditions on the previous state but means `X_k`.)
 ///
-/// The diagonal may have any positive scale, as long as it is the same for all
-/// states: posteriors do not depend on it, and the log-likelihood is that of
-/// the diagonal as it is given, with the log factor added back.
+/// The diagonal may have any positive scale that is the same for all states: posteriors do not
+/// depend on it, and the log-likelihood is computed from the diagonal as it is, with the log
+/// factor added back.
 ///
-/// A sensor behind a reference, `Box`, `Rc` or `Arc` is a sensor too: share one
-/// among models, or choose one at run time as `Box<dyn Likelihood<…>>`.
+/// A sensor behind a reference, `Box`, `Rc` or `Arc` is a sensor, too: models can share one, or
+/// choose one at run time as `Box<dyn Likelihood<…>>`.
 ///
 /// # Implement it yourself
 ///
-/// A sensor that tells odd places from even ones, nine times out of ten:
+/// A sensor that distinguishes odd places from even ones, correctly nine times out of ten:
 ///
 /// ```
 /// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
@@ -92,31 +93,31 @@ use crate::error::LikelihoodError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Likelihood {
-    /// What is observed at a step.
+    /// Observation of one step.
     type Observation: ?Sized;
 
-    /// The number of states, n.
+    /// Number of states, n.
     fn states(&self) -> usize;
 
-    /// The diagonal of B(y), n values.
+    /// Returns the diagonal of B(y), n values.
     ///
-    /// It may point into `self`, into the observation, or into `scratch`,
-    /// which keeps its memory from step to step. Whoever calls this checks
-    /// what comes back: an implementation need not look for NaN.
+    /// It may borrow from `self`, from the observation, or from `scratch`, which keeps its memory
+    /// from step to step. The caller checks the values: an implementation need not look for NaN.
     ///
     /// # Errors
     ///
-    /// [`LikelihoodError`] when there is no likelihood for this observation.
-    /// A sensor's own errors go into [`LikelihoodError::Sensor`].
+    /// [`LikelihoodError`] if the observation has no valid likelihood. A sensor's own errors go
+    /// into [`LikelihoodError::Sensor`].
     fn diagonal<'a>(
         &'a self,
         observation: &'a Self::Observation,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError>;
 
-    /// The diagonal with one value for each group of states, and the groups, if all states
-    /// of a group have the same likelihood; `None`, as by default, if there are no groups.
-    /// It must equal [`diagonal`](Self::diagonal), and saves writing a value for each state.
+    /// Returns a diagonal with one value per group of states, and the groups, if all states of a
+    /// group have the same likelihood; by default `None`.
+    ///
+    /// It must equal [`diagonal`](Self::diagonal), and saves writing one value per state.
     fn by_groups<'a>(
         &'a self,
         observation: &'a Self::Observation,
@@ -126,9 +127,8 @@ pub trait Likelihood {
         None
     }
 
-    /// Whether likelihoods are at hand, so that to ask for them costs nothing: the
-    /// smoother then does so a second time, in place of a product with A. False,
-    /// unless an implementation says otherwise.
+    /// True if likelihoods are stored, so that requesting them costs nothing: the smoother then
+    /// requests them a second time instead of computing a product with A. False by default.
     fn is_at_hand(&self) -> bool {
         false
     }
@@ -147,7 +147,7 @@ pub trait Likelihood {
 /// # Ok::<(), wayfix::likelihood::TableError>(())
 /// ```
 pub trait SampleObservation: Likelihood<Observation: Sized> {
-    /// Draws what is observed in `state`, which is below
-    /// [`states`](Likelihood::states); for others a table panics.
+    /// Draws an observation in `state`, which is below [`states`](Likelihood::states). A table
+    /// panics for other states.
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation;
 }

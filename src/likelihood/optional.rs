@@ -6,8 +6,8 @@ use super::owned::Owned;
 use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
-/// A sensor that may say nothing: the observation is an `Option`, and `None`
-/// is a likelihood of one for every state.
+/// A sensor whose observations may be missing: the observation is an `Option`, and `None` has
+/// likelihood 1 in every state.
 ///
 /// ```
 /// use wayfix::{Belief, DenseTransition, Hmm, OptionalLikelihood, Prior, TableLikelihood};
@@ -29,7 +29,7 @@ pub struct OptionalLikelihood<B> {
 }
 
 impl<B: Likelihood> OptionalLikelihood<B> {
-    /// The same sensor, but it may miss. Its observations are owned:
+    /// Wraps a sensor. Its observations must be owned, as those of
     /// `LikelihoodVector::log(n).owned()`.
     pub fn new(sensor: B) -> Self
     where
@@ -38,7 +38,7 @@ impl<B: Likelihood> OptionalLikelihood<B> {
         Self { ones: vec![1.0; sensor.states()], sensor }
     }
 
-    /// The sensor that may miss.
+    /// Returns the wrapped sensor.
     #[must_use]
     pub fn sensor(&self) -> &B {
         &self.sensor
@@ -91,8 +91,8 @@ impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelih
 }
 
 impl<B: SampleObservation> SampleObservation for OptionalLikelihood<B> {
-    /// Draws what the sensor would say; it never misses here, since how often
-    /// it does is no part of the model.
+    /// Draws an observation of the sensor. It is never missing, since the model does not include
+    /// the rate of missing ones.
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Option<B::Observation> {
         Some(self.sensor.sample(state, rng))
     }

@@ -1,4 +1,4 @@
-//! Places that have several images each.
+//! Places with several reference images each.
 
 use rand::Rng;
 
@@ -8,16 +8,16 @@ use crate::error::{HmmError, LikelihoodError};
 use crate::groups::Groups;
 use crate::random::index;
 
-/// A sensor of reference images as one of places: the likelihood of a place is
-/// the mean of those of its images. It is the reverse of
+/// A sensor of reference images as a sensor of places: the likelihood of a place is the mean of
+/// those of its images. The reverse of
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood).
 ///
-/// A sighting matches one image of its place, any as likely as another, so a
-/// place that has many is not favoured for it. The mean is of likelihoods: one
+/// The observation shows one of the images of its place, each with equal probability, so a place
+/// with many images is not favoured. The mean is taken over likelihoods, not logarithms: one
 /// image that matches well makes up for many that do not.
 ///
-/// O(images) a step on top of the sensor's own, with an exponential for each if
-/// it gives logarithms.
+/// Costs O(images) a step on top of the inner sensor, with one exponential per image if that
+/// returns logarithms.
 ///
 /// ```
 /// use wayfix::likelihood::PooledLikelihood;
@@ -41,11 +41,11 @@ pub struct PooledLikelihood<B> {
 }
 
 impl<B: Likelihood> PooledLikelihood<B> {
-    /// The sensor, whose states are the images, and the place of each image.
+    /// Creates a sensor from one whose states are the images, and the place of each image.
     ///
     /// # Errors
     ///
-    /// [`HmmError::StateCount`] unless the groups are of the sensor's states.
+    /// [`HmmError::StateCount`] unless the groups have one entry per state of the sensor.
     pub fn new(sensor: B, groups: Groups) -> Result<Self, HmmError> {
         let (found, expected) = (groups.as_slice().len(), sensor.states());
         if found != expected {
@@ -55,28 +55,28 @@ impl<B: Likelihood> PooledLikelihood<B> {
         Ok(Self { sensor, groups })
     }
 
-    /// The sensor of the images.
+    /// Returns the sensor of the images.
     #[must_use]
     pub fn sensor(&self) -> &B {
         &self.sensor
     }
 
-    /// The place of each image.
+    /// Returns the groups, the place of each image.
     pub fn groups(&self) -> &Groups {
         &self.groups
     }
 
-    /// Each image with its place.
+    /// Pairs each image with its place.
     fn images<T>(&self, images: impl Iterator<Item = T>) -> impl Iterator<Item = (usize, T)> {
         self.groups.as_slice().iter().copied().zip(images)
     }
 
-    /// How many images a place has.
+    /// Number of images of a place.
     fn count(&self, place: usize) -> f64 {
         self.groups.states(place).len() as f64
     }
 
-    /// The means, unless one leaves the range in which a double is exact.
+    /// Computes the means; returns false if one leaves the range of normal numbers.
     fn means(&self, images: &[f64], out: &mut [f64]) -> bool {
         out.fill(0.0);
         self.images(images.iter()).for_each(|(place, b)| out[place] += b);
@@ -88,7 +88,7 @@ impl<B: Likelihood> PooledLikelihood<B> {
         })
     }
 
-    /// The logarithms of the means, less `shift`.
+    /// Computes the logarithms of the means, less `shift`.
     fn log_means(
         &self,
         logs: impl Iterator<Item = f64> + Clone,
@@ -136,8 +136,7 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
             }
             Values::Log(_) => largest,
         };
-        // What all have in common is taken out first, so that sums keep their
-        // digits.
+        // The maximum is subtracted first, so that the sums keep their precision.
         let shift = if top.is_finite() { top } else { 0.0 };
         self.log_means(diagonal.logs(), shift, sums[0].values(places), pooled);
         let log_factor = diagonal.log_factor + shift;
@@ -146,7 +145,7 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
 }
 
 impl<B: SampleObservation> SampleObservation for PooledLikelihood<B> {
-    /// Draws an image of the place, and what is observed of it.
+    /// Draws one of the images of the place, and an observation of it.
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
         let images = self.groups.states(state).map(|image| (image, 1.0));
         let image = index(images, self.count(state), rng);

@@ -1,4 +1,4 @@
-//! Sensors from observations whose states are known with some probability.
+//! Re-estimation of the sensors of this module.
 
 use std::error::Error;
 
@@ -11,7 +11,7 @@ use crate::fixed::Fixed;
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 impl LearnLikelihood for TableLikelihood {
-    /// Expected sightings, p(y | i) at y n + i.
+    /// Expected counts of symbol y in state i, at y n + i.
     type Statistics = Vec<f64>;
 
     fn statistics(&self) -> Vec<f64> {
@@ -36,7 +36,7 @@ impl LearnLikelihood for TableLikelihood {
                 .map(|(at, p)| if *p > 0.0 { statistics[at] + pseudo_count } else { 0.0 })
                 .collect();
             let sum: f64 = weights.iter().sum();
-            // A NaN makes a row that the table does not take.
+            // A NaN is reported by the table's own check.
             if sum < f64::MIN_POSITIVE { old } else { weights.iter().map(|w| w / sum).collect() }
         };
         Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
@@ -51,7 +51,7 @@ impl LearnLikelihood for TableLikelihood {
     }
 }
 
-/// Sensors around another one, which is what they learn.
+/// Implements learning for a wrapper by learning the inner sensor.
 macro_rules! learns_the_inner {
     ($($wrapper:ident [$($bound:tt)*], $inner:tt,
         add($self:ident, $statistics:ident, $y:ident, $posterior:ident) $add:expr,
@@ -132,8 +132,8 @@ where
     }
 }
 
-/// It has nothing to learn; with [known states](SparseObservation::known) beside another
-/// sensor it makes learning semi-supervised.
+/// A no-op, since there is nothing to learn. [Known states](SparseObservation::known) beside
+/// another sensor make learning semi-supervised.
 impl LearnLikelihood for SparseLikelihood {
     type Statistics = ();
 

@@ -1,4 +1,4 @@
-//! Sensors behind a pointer or in a wrapper are sensors.
+//! Sensors behind pointers and wrappers.
 
 use std::rc::Rc;
 use std::sync::Arc;

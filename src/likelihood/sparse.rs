@@ -4,12 +4,11 @@ use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 use crate::kernels::Valid;
 
-/// The observation lists the states for which it speaks, with their likelihoods;
-/// all others have one value. For maps of millions of places, with a sensor that
-/// names candidates: the best matches of an image retrieval, the roads near a
-/// position fix.
+/// A sensor whose observation lists a few states with their likelihoods, and one value for all
+/// others. For maps of millions of places, with a sensor that names candidates: the best matches
+/// of an image retrieval, the roads near a position fix.
 ///
-/// As a [`LocalLikelihood`] a step costs O(states asked + states listed).
+/// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step.
 ///
 /// ```
 /// use wayfix::likelihood::SparseObservation;
@@ -28,19 +27,18 @@ pub struct SparseLikelihood {
     pub(crate) states: usize,
 }
 
-/// Likelihoods of some states and one for all others, the observation of
+/// Likelihoods of some states and one value for all others, the observation of
 /// [`SparseLikelihood`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseObservation {
-    /// In ascending order of the states.
+    /// Pairs (state, likelihood), in ascending order of the states.
     listed: Vec<(usize, f64)>,
     elsewhere: f64,
 }
 
 impl SparseObservation {
-    /// Pairs (state, likelihood) in any order, and the likelihood of every state
-    /// that is not among them; each finite and at least 0, of any common scale.
-    /// O(pairs log pairs).
+    /// Creates an observation from pairs (state, likelihood) in any order, and the likelihood of
+    /// every other state; each finite and at least 0, of any common scale. O(pairs log pairs).
     ///
     /// # Errors
     ///
@@ -62,16 +60,16 @@ impl SparseObservation {
         Ok(Self { listed, elsewhere })
     }
 
-    /// Hard evidence: it is this state and no other. For a fuel stop, a toll gate, a label.
+    /// Hard evidence for one state: all others have likelihood 0. For a fuel stop, a toll gate, a
+    /// label.
     ///
-    /// Beside a real sensor, and where it may be missing, it constrains filter, smoother
-    /// and decoder:
+    /// Fused with another sensor, and optional, it constrains filter, smoother and decoder:
     ///
     /// ```
     /// use wayfix::likelihood::SparseObservation;
     /// use wayfix::{Belief, FusedLikelihood, Hmm, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood};
     ///
-    /// // Around three places, staying or going one on.
+    /// // A loop of three places: stay or move on by one.
     /// let motion = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]])?;
     /// let camera = TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?;
     /// let known = OptionalLikelihood::new(SparseLikelihood::new(3));
@@ -89,13 +87,13 @@ impl SparseObservation {
         Self { listed: vec![(state, 1.0)], elsewhere: 0.0 }
     }
 
-    /// The states listed, in ascending order, with their likelihoods.
+    /// Listed states in ascending order, with their likelihoods.
     #[must_use]
     pub fn listed(&self) -> &[(usize, f64)] {
         &self.listed
     }
 
-    /// The likelihood of every other state.
+    /// Likelihood of every other state.
     #[must_use]
     pub fn elsewhere(&self) -> f64 {
         self.elsewhere
@@ -110,7 +108,7 @@ impl SparseObservation {
 }
 
 impl SparseLikelihood {
-    /// For a model of `states` states.
+    /// Creates a sensor of `states` states.
     #[must_use]
     pub fn new(states: usize) -> Self {
         Self { states }
@@ -156,7 +154,7 @@ impl LocalLikelihood for SparseLikelihood {
         let mut next = listed.iter().peekable();
         let mut others = if states.len() < self.states { *elsewhere } else { 0.0 };
         for (&state, b) in states.iter().zip(out) {
-            // What stands before it in the observation was not asked for.
+            // Listed in the observation, but not asked for.
             while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
                 others = others.max(passed);
             }

@@ -1,4 +1,4 @@
-//! Observations that are one of finitely many symbols.
+//! Observations from a finite set of symbols.
 
 use rand::Rng;
 
@@ -8,17 +8,17 @@ use crate::error::{LikelihoodError, TableError};
 use crate::kernels;
 use crate::random::index;
 
-/// A table p(symbol | state), also called emission or confusion matrix. The
-/// observation is the symbol, 0 to m − 1.
+/// A table p(symbol | state), also called emission matrix or confusion matrix. The observation is
+/// the symbol, 0 to m − 1.
 ///
-/// The diagonal of a symbol is handed out without copying or checking again.
-/// Memory: 16 n m bytes, for the values and their logarithms, and 256 m for the
-/// states that each symbol speaks for most.
+/// The diagonal of a symbol is borrowed from the table, without copying or further checks.
+/// Memory: 16 n m bytes for the values and their logarithms, and 256 m for the most probable
+/// states of each symbol.
 ///
 /// ```
 /// use wayfix::TableLikelihood;
 ///
-/// // One row per state: how often it shows each symbol.
+/// // One row per state: the probability of each symbol.
 /// let umbrella = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
 /// assert_eq!(umbrella.probability(1, 0), Some(0.2));
 /// # Ok::<(), wayfix::likelihood::TableError>(())
@@ -26,20 +26,20 @@ use crate::random::index;
 #[derive(Debug, Clone)]
 pub struct TableLikelihood {
     states: usize,
-    /// p(y | i) at y n + i, and the logarithms to base 2 likewise.
+    /// p(y | i) at y n + i; `log2` holds the logarithms to base 2 in the same order.
     pub(crate) columns: Vec<f64>,
     log2: Vec<f64>,
-    /// The largest value of each symbol's column.
+    /// Maximum of each symbol's column.
     largest: Vec<f64>,
-    /// The states with the largest values of each symbol, the largest first.
+    /// States with the largest values of each symbol, in descending order of the values.
     standing_out: Vec<Vec<(usize, f64)>>,
 }
 
-/// How many states of a symbol stand out, at most.
+/// Most states stored in `standing_out` per symbol.
 const STANDING_OUT: usize = 16;
 
 impl TableLikelihood {
-    /// From one row per state, each a distribution over the symbols. O(n m).
+    /// Creates a table from one row per state, each a distribution over the symbols. O(n m).
     ///
     /// # Errors
     ///
@@ -77,7 +77,7 @@ impl TableLikelihood {
         Ok(Self { states, columns, log2, largest, standing_out })
     }
 
-    /// From a faer view with one row per state. O(n m).
+    /// Creates a table from a faer view with one row per state. O(n m).
     ///
     /// # Errors
     ///
@@ -88,14 +88,14 @@ impl TableLikelihood {
         Self::from_rows(&(0..matrix.nrows()).map(row).collect::<Vec<_>>())
     }
 
-    /// The number of symbols, m.
+    /// Number of symbols, m.
     #[must_use]
     pub fn symbols(&self) -> usize {
         self.largest.len()
     }
 
-    /// The distribution of the symbol that is seen next, where `belief` is that
-    /// of the state: p(y) = Σ_i p(i) p(y | i). O(n m).
+    /// Distribution of the next symbol, given the belief over its state: p(y) = Σ_i p(i) p(y |
+    /// i). O(n m).
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
@@ -124,7 +124,14 @@ impl TableLikelihood {
         Ok(Belief::known(columns.map(|column| kernels::dot(column, belief.values())).collect()))
     }
 
-    /// p(symbol | state), or `None` where there is no such state or symbol.
+    /// Returns the rows, as [`from_rows`](Self::from_rows) takes them. O(n m).
+    #[must_use]
+    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+        let row = |state| self.columns[state..].iter().step_by(self.states).copied().collect();
+        (0..self.states).map(row).collect()
+    }
+
+    /// Returns p(symbol | state), or `None` if the state or symbol does not exist.
     #[must_use]
     pub fn probability(&self, state: usize, symbol: usize) -> Option<f64> {
         let column = self.columns.chunks_exact(self.states).nth(symbol)?;
@@ -159,8 +166,8 @@ impl Likelihood for TableLikelihood {
     }
 }
 
-/// O(states asked): of each symbol the 16 largest values are known, and the bound
-/// is the first of them whose state is not asked for, or the last.
+/// O(states asked): the 16 largest values of each symbol are stored, and the bound is the first
+/// of them whose state is not asked for, or the last.
 impl LocalLikelihood for TableLikelihood {
     fn local(
         &self,
@@ -180,7 +187,7 @@ impl LocalLikelihood for TableLikelihood {
         }
         let known = &self.standing_out[symbol];
         let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
-        // All that are above 0 may be known.
+        // With fewer than 16 stored, all others are 0.
         let rest = known.last().filter(|_| known.len() == STANDING_OUT);
         Ok(Unlisted::at_most(other.or(rest).map_or(0.0, |entry| entry.1)))
     }
@@ -191,7 +198,7 @@ impl LocalLikelihood for TableLikelihood {
     }
 }
 
-/// The states with the largest values above 0 of a column.
+/// States with the largest values above 0 of a column.
 fn standing_out(column: &[f64]) -> Vec<(usize, f64)> {
     let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
     for (state, &value) in column.iter().enumerate().filter(|entry| *entry.1 > 0.0) {

@@ -1,12 +1,12 @@
-//! Likelihoods that are computed elsewhere: the observation is the diagonal.
+//! Likelihoods computed elsewhere: the observation is the diagonal.
 
 use std::marker::PhantomData;
 
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::error::LikelihoodError;
 
-/// The observation is the diagonal itself: a slice of n likelihoods, or of
-/// their natural logarithms.
+/// A sensor whose observation is the diagonal itself: a slice of n likelihoods, or of their
+/// natural logarithms.
 ///
 /// ```
 /// use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
@@ -21,8 +21,7 @@ use crate::error::LikelihoodError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// `Y` is how the numbers come: as slices, or, after [`owned`](Self::owned), as
-/// vectors.
+/// `Y` is the type of the observations: slices, or vectors after [`owned`](Self::owned).
 #[derive(Debug)]
 pub struct LikelihoodVector<Y: ?Sized = [f64]> {
     pub(crate) states: usize,
@@ -31,24 +30,23 @@ pub struct LikelihoodVector<Y: ?Sized = [f64]> {
 }
 
 impl LikelihoodVector {
-    /// For slices of `states` likelihoods, each finite and at least 0, of any
+    /// Creates a sensor for slices of `states` likelihoods, each finite and at least 0, of any
     /// scale.
     #[must_use]
     pub fn linear(states: usize) -> Self {
         Self { states, log: false, observation: PhantomData }
     }
 
-    /// For slices of `states` natural log-likelihoods, each at most 1e300 in
-    /// size, or −∞, which rules a state out.
+    /// Creates a sensor for slices of `states` natural log-likelihoods, each at most 1e300 in
+    /// magnitude, or −∞, which rules a state out.
     #[must_use]
     pub fn log(states: usize) -> Self {
         Self { states, log: true, observation: PhantomData }
     }
 
-    /// The same for observations of type `Vec<f64>`, which can be put into an
-    /// `Option` or a pair, for
-    /// [`OptionalLikelihood`](crate::OptionalLikelihood) and
-    /// [`FusedLikelihood`](crate::FusedLikelihood).
+    /// Changes the type of the observations to `Vec<f64>`, which can be put into an `Option` or a
+    /// pair, as [`OptionalLikelihood`](crate::OptionalLikelihood) and
+    /// [`FusedLikelihood`](crate::FusedLikelihood) require.
     #[must_use]
     pub fn owned(self) -> LikelihoodVector<Vec<f64>> {
         LikelihoodVector { states: self.states, log: self.log, observation: PhantomData }
@@ -77,7 +75,7 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
     }
 }
 
-/// O(n), since all values are looked at.
+/// Costs O(n), since all values are checked.
 impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
     fn local(
         &self,

@@ -1,4 +1,4 @@
-//! A map in the making.
+//! Step-by-step construction of a map.
 
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
@@ -7,27 +7,27 @@ use super::road_map::Adjacency;
 use super::{CleaningReport, Coordinates, DroppedPlace, DroppedRoad};
 use super::{MapError, Place, Road, RoadMap};
 
-/// Takes places, then roads, and checks each as it comes, so that a reader of
-/// files can tell the line.
+/// Builder of a map from places, then roads. Each is checked as it is added, so that a reader of
+/// files can name the line.
 #[derive(Debug)]
 pub(super) struct Builder<P> {
     places: Vec<Place<P>>,
     indices: HashMap<u64, u32>,
-    /// With the number of each among those given.
+    /// Index of each road in the order given, with the road.
     roads: HashMap<(u32, u32), (usize, Road)>,
     report: CleaningReport,
-    /// Whether what may be dropped is dropped, and not an error.
+    /// True if repeated places, parallel roads and loops are dropped and reported, not errors.
     cleans: bool,
 }
 
 impl<P: Coordinates> Builder<P> {
-    /// Whatever is wrong is an error.
+    /// Returns a builder that drops nothing: all defects are errors.
     pub(super) fn strict() -> Self {
         let (places, report) = (Vec::new(), CleaningReport::default());
         Self { places, indices: HashMap::new(), roads: HashMap::new(), report, cleans: false }
     }
 
-    /// What is there twice or leads nowhere is dropped.
+    /// Returns a builder that drops repeated places, parallel roads and loops.
     pub(super) fn cleaning() -> Self {
         Self { cleans: true, ..Self::strict() }
     }
@@ -57,7 +57,7 @@ impl<P: Coordinates> Builder<P> {
         Ok(())
     }
 
-    /// A road as long as the straight line.
+    /// Adds a road as long as the straight line between its ends.
     #[cfg(feature = "csv")]
     pub(super) fn straight(
         &mut self,
@@ -125,8 +125,78 @@ impl<P: Coordinates> Builder<P> {
         pairs.sort_unstable();
         let incoming = Adjacency::new(places.len(), &pairs);
         let roads = sorted.into_iter().map(|road| road.1).collect();
-        // A road that was kept for a while is dropped after later ones.
+        // Parallel roads are found out of order when a later, shorter one replaces the kept road.
         report.parallel.sort_unstable_by_key(|dropped| dropped.index);
         Ok((RoadMap { places, indices, roads, outgoing, incoming }, report))
+    }
+}
+
+impl<P: Coordinates> RoadMap<P> {
+    /// Creates a map from places and the roads between them, in any order. O((places + roads)
+    /// log).
+    ///
+    /// # Errors
+    ///
+    /// [`MapError`] for no places, an id given twice, a position that is not
+    /// on Earth or in the plane, a road given twice or to itself, a road from or to a
+    /// place that does not exist, or a length that is not above 0.
+    pub fn new(
+        places: impl IntoIterator<Item = Place<P>>,
+        roads: impl IntoIterator<Item = Road>,
+    ) -> Result<Self, MapError> {
+        Self::built(Builder::strict(), places, roads).map(|built| built.0)
+    }
+
+    /// Creates a map from raw data: as [`new`](Self::new), but duplicates and loops are dropped
+    /// and reported.
+    ///
+    /// - Of parallel roads, which lead from the same place to the same other one, the shortest is
+    ///   kept; of equally short ones, the first.
+    /// - Roads from a place to itself are dropped, whatever their length.
+    /// - Places with the id and the position of an earlier one are dropped.
+    ///
+    /// ```
+    /// use wayfix::map::{Place, Position, Road, RoadClass, RoadMap};
+    ///
+    /// let place = |id, latitude| Place {
+    ///     id,
+    ///     position: Position { latitude, longitude: 149.13 },
+    ///     name: String::new(),
+    /// };
+    /// let road = |from, to, metres| Road { from, to, class: RoadClass::Street, metres };
+    /// let (map, report) = RoadMap::cleaned(
+    ///     [place(1, -35.280), place(2, -35.281)],
+    ///     [road(1, 2, 130.0), road(2, 2, 40.0), road(1, 2, 112.0), road(2, 1, 112.0)],
+    /// )?;
+    /// assert_eq!(map.roads(), [road(1, 2, 112.0), road(2, 1, 112.0)]);
+    /// assert_eq!(report.parallel_roads()[0].index, 0);
+    /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
+    /// assert_eq!(
+    ///     report.to_string(),
+    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (parallel: 1, loops: 1)"
+    /// );
+    /// # Ok::<(), wayfix::map::MapError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`MapError`] for defects that dropping cannot repair: no places, an id given to two
+    /// positions, a position that is not on Earth or in the plane, a road from or to a place that
+    /// does not exist, or a length that is not above 0.
+    pub fn cleaned(
+        places: impl IntoIterator<Item = Place<P>>,
+        roads: impl IntoIterator<Item = Road>,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        Self::built(Builder::cleaning(), places, roads)
+    }
+
+    fn built(
+        mut builder: Builder<P>,
+        places: impl IntoIterator<Item = Place<P>>,
+        roads: impl IntoIterator<Item = Road>,
+    ) -> Result<(Self, CleaningReport), MapError> {
+        places.into_iter().try_for_each(|place| builder.place(place))?;
+        roads.into_iter().try_for_each(|road| builder.road(road))?;
+        builder.build()
     }
 }

@@ -1,11 +1,11 @@
-//! What was left out of a map.
+//! Report of the places and roads dropped from a map.
 
 use std::fmt;
 
 use super::Road;
 
-/// What [`RoadMap::cleaned`](super::RoadMap::cleaned) left out, in the order in
-/// which it was given.
+/// Places and roads that [`RoadMap::cleaned`](super::RoadMap::cleaned) dropped, in the order in
+/// which they were given.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct CleaningReport {
     pub(super) places: usize,
@@ -15,51 +15,51 @@ pub struct CleaningReport {
     pub(super) loops: Vec<DroppedRoad>,
 }
 
-/// A place that was given before.
+/// A place dropped because an earlier one has the same id and position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DroppedPlace {
-    /// Its number among the places given, from 0.
+    /// Index among the places given, from 0.
     pub index: usize,
-    /// Its id.
+    /// Id of the place.
     pub id: u64,
 }
 
-/// A road that the map does not have.
+/// A road dropped as parallel to another one or as a loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DroppedRoad {
-    /// Its number among the roads given, from 0.
+    /// Index among the roads given, from 0.
     pub index: usize,
-    /// The road.
+    /// The road as given.
     pub road: Road,
 }
 
 impl CleaningReport {
-    /// The number of places given, dropped ones included.
+    /// Number of places given, including dropped ones.
     #[must_use]
     pub fn places_given(&self) -> usize {
         self.places
     }
 
-    /// The number of roads given, dropped ones included.
+    /// Number of roads given, including dropped ones.
     #[must_use]
     pub fn roads_given(&self) -> usize {
         self.roads
     }
 
-    /// Places with the id and the position of an earlier one, which the map has.
+    /// Places dropped because an earlier place has the same id and position.
     #[must_use]
     pub fn repeated_places(&self) -> &[DroppedPlace] {
         &self.repeated
     }
 
-    /// Roads beside a shorter one between the same places in the same direction,
-    /// or beside an earlier one that is as long.
+    /// Roads dropped because one between the same places in the same direction is shorter, or as
+    /// long and earlier.
     #[must_use]
     pub fn parallel_roads(&self) -> &[DroppedRoad] {
         &self.parallel
     }
 
-    /// Roads from a place to itself.
+    /// Roads dropped because they lead from a place to itself.
     #[must_use]
     pub fn loops(&self) -> &[DroppedRoad] {
         &self.loops
@@ -72,12 +72,12 @@ impl CleaningReport {
     }
 }
 
-/// The counts in one line.
+/// Prints the counts in one line.
 impl fmt::Display for CleaningReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "dropped {} of {} places (repeated) and {} of {} roads ({} parallel, {} loops)",
+            "dropped {} of {} places (repeated) and {} of {} roads (parallel: {}, loops: {})",
             self.repeated.len(),
             self.places,
             self.parallel.len() + self.loops.len(),

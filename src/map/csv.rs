@@ -10,7 +10,7 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::builder::Builder;
 use super::{CleaningReport, Coordinates, MapError, Place, PlanePosition, Road, RoadMap};
 
-/// Characters of a field in an error.
+/// Most characters of a field that an error message quotes.
 const LONGEST: usize = 60;
 
 const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];
@@ -24,9 +24,8 @@ impl RoadMap {
     ///
     /// # Errors
     ///
-    /// [`MapError::Line`] with file and line for whatever
-    /// [`RoadMap::new`] refuses, and for a missing or wrong header, a wrong
-    /// number of columns, or a value that can't be read;
+    /// [`MapError::Line`] with file and line for everything that [`RoadMap::new`] refuses, and
+    /// for a missing or wrong header, a wrong number of columns, or a value that can't be parsed;
     /// [`MapError::Read`] if a file can't be opened.
     pub fn from_csv_files(
         places: impl AsRef<Path>,
@@ -35,7 +34,8 @@ impl RoadMap {
         read_files(Builder::strict(), places.as_ref(), roads.as_ref()).map(|read| read.0)
     }
 
-    /// The same from readers; errors call them "places" and "roads".
+    /// Reads a map from two readers, as [`from_csv_files`](Self::from_csv_files); errors call
+    /// them "places" and "roads".
     ///
     /// ```
     /// use wayfix::map::RoadMap;
@@ -56,14 +56,14 @@ impl RoadMap {
         read(Builder::strict(), ("places", places), ("roads", roads)).map(|read| read.0)
     }
 
-    /// As [`from_csv_files`](Self::from_csv_files), but what
-    /// [`cleaned`](Self::cleaned) drops is no error. Places and roads are numbered in
-    /// the report from 0, headers and empty lines not counted.
+    /// Reads a map from two CSV files and drops, with a report, what [`cleaned`](Self::cleaned)
+    /// drops. The format is that of [`from_csv_files`](Self::from_csv_files).
+    ///
+    /// Indices in the report count from 0, without headers and empty lines.
     ///
     /// # Errors
     ///
-    /// As [`from_csv_files`](Self::from_csv_files), of whatever
-    /// [`cleaned`](Self::cleaned) refuses.
+    /// As [`from_csv_files`](Self::from_csv_files), except for what is dropped.
     pub fn cleaned_from_csv_files(
         places: impl AsRef<Path>,
         roads: impl AsRef<Path>,
@@ -71,7 +71,8 @@ impl RoadMap {
         read_files(Builder::cleaning(), places.as_ref(), roads.as_ref())
     }
 
-    /// The same from readers; errors call them "places" and "roads".
+    /// Reads a map from two readers, as [`cleaned_from_csv_files`](Self::cleaned_from_csv_files);
+    /// errors call them "places" and "roads".
     ///
     /// # Errors
     ///
@@ -87,9 +88,9 @@ impl RoadMap {
 impl RoadMap<PlanePosition> {
     /// Reads a map of a plane from two CSV files with headers.
     ///
-    /// As [`RoadMap::from_csv_files`], but places are `id,x,y,name`, with positions in
-    /// metres, and a road whose length is empty is as long as the straight line between
-    /// its ends.
+    /// The format is that of [`RoadMap::from_csv_files`], but the columns of places are
+    /// `id,x,y,name`, with positions in metres, and a road with an empty length is as long as the
+    /// straight line between its ends.
     ///
     /// # Errors
     ///
@@ -101,7 +102,9 @@ impl RoadMap<PlanePosition> {
         read_files(Builder::strict(), places.as_ref(), roads.as_ref()).map(|read| read.0)
     }
 
-    /// The same from readers; errors call them "places" and "roads".
+    /// Reads a map of a plane from two readers, as
+    /// [`from_plane_csv_files`](Self::from_plane_csv_files); errors call them "places" and
+    /// "roads".
     ///
     /// ```
     /// use wayfix::map::RoadMap;
@@ -121,9 +124,11 @@ impl RoadMap<PlanePosition> {
         read(Builder::strict(), ("places", places), ("roads", roads)).map(|read| read.0)
     }
 
-    /// As [`from_plane_csv_files`](Self::from_plane_csv_files), but what
-    /// [`cleaned`](Self::cleaned) drops is no error. Places and roads are numbered in
-    /// the report from 0, headers and empty lines not counted.
+    /// Reads a map of a plane from two CSV files and drops, with a report, what
+    /// [`cleaned`](Self::cleaned) drops. The format is that of
+    /// [`from_plane_csv_files`](Self::from_plane_csv_files).
+    ///
+    /// Indices in the report count from 0, without headers and empty lines.
     ///
     /// # Errors
     ///
@@ -135,7 +140,9 @@ impl RoadMap<PlanePosition> {
         read_files(Builder::cleaning(), places.as_ref(), roads.as_ref())
     }
 
-    /// The same from readers; errors call them "places" and "roads".
+    /// Reads a map of a plane from two readers, as
+    /// [`cleaned_from_plane_csv_files`](Self::cleaned_from_plane_csv_files); errors call them
+    /// "places" and "roads".
     ///
     /// # Errors
     ///
@@ -193,7 +200,7 @@ fn read<P: Coordinates>(
     builder.build()
 }
 
-/// A line of a file whose columns are known.
+/// A line of a file with known columns.
 struct Line<'a> {
     columns: [&'static str; 4],
     record: &'a StringRecord,
@@ -222,7 +229,7 @@ impl Line<'_> {
     }
 }
 
-/// A field as an error shows it, whatever its length.
+/// Returns a field, cut to the length that error messages quote.
 fn excerpt(field: &str) -> Cow<'_, str> {
     match field.char_indices().nth(LONGEST) {
         Some((end, _)) => Cow::Owned(format!("{}…", &field[..end])),
@@ -230,7 +237,7 @@ fn excerpt(field: &str) -> Cow<'_, str> {
     }
 }
 
-/// Calls `take` with each line after the header; its errors get the line.
+/// Calls `take` with each line after the header, and adds file and line to its errors.
 fn each_line(
     (file, reader): (&str, impl Read),
     columns: [&'static str; 4],
@@ -253,7 +260,7 @@ fn each_line(
         let line = record.position().map_or(line, csv::Position::line);
         if !header_seen {
             if record != columns[..] {
-                // One more than expected are enough to see what is wrong.
+                // One column more than expected shows that there are too many.
                 let first: Vec<_> = record.iter().take(columns.len() + 1).map(excerpt).collect();
                 let more = record.len().saturating_sub(first.len());
                 let more = if more > 0 { format!(" and {more} more") } else { String::new() };

@@ -1,79 +1,79 @@
-//! What can be wrong with maps and turning probabilities. Places are named by
-//! their ids, lines of files counted from 1.
+//! Errors of maps and turning probabilities. Places are named by their ids; lines of files are
+//! counted from 1.
 
 use std::error::Error;
 use std::fmt;
 
 use crate::error::TransitionError;
 
-/// Why places and roads do not make a map.
+/// Places and roads that do not form a map, or a file that cannot be read.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum MapError {
-    /// There are no places at all.
+    /// There are no places.
     Empty,
-    /// Two places share an id.
+    /// Two places have the same id.
     DuplicatePlace {
         /// The id.
         id: u64,
     },
-    /// A coordinate is not on Earth, or not in the plane.
+    /// A coordinate is outside the Earth's range, or the plane's.
     Coordinate {
-        /// The place's id.
+        /// Id of the place.
         id: u64,
         /// "latitude" or "longitude", "x" or "y".
         coordinate: &'static str,
-        /// What was found.
+        /// Value found.
         value: f64,
-        /// The largest magnitude that is valid.
+        /// Largest valid magnitude.
         limit: f64,
         /// "degrees" or "metres".
         unit: &'static str,
     },
     /// A road starts or ends at a place that does not exist.
     UnknownPlace {
-        /// Where the road starts, by id.
+        /// Id of the place where the road starts.
         from: u64,
-        /// Where it ends, by id.
+        /// Id of the place where the road ends.
         to: u64,
-        /// Which of the two is missing.
+        /// Id of the missing place.
         missing: u64,
     },
-    /// A road was given twice.
+    /// A road is given twice.
     DuplicateRoad {
-        /// Where it starts, by id.
+        /// Id of the place where the road starts.
         from: u64,
-        /// Where it ends, by id.
+        /// Id of the place where the road ends.
         to: u64,
     },
     /// A road leads from a place to itself.
     Loop {
-        /// The place's id.
+        /// Id of the place.
         id: u64,
     },
     /// A road's length is NaN, infinite, zero or negative.
     Length {
-        /// Where it starts, by id.
+        /// Id of the place where the road starts.
         from: u64,
-        /// Where it ends, by id.
+        /// Id of the place where the road ends.
         to: u64,
-        /// What was found.
+        /// Value found, in metres.
         length: f64,
     },
     /// A file could not be opened or read.
     Read {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// What the system said.
+        /// Error message of the operating system.
         reason: String,
     },
-    /// A line of a file is not as expected.
+    /// A line of a file is invalid.
     Line {
-        /// The file.
+        /// Path of the file, or "places" or "roads" for a reader.
         file: String,
         /// The line, from 1.
         line: u64,
-        /// What is wrong and what was expected.
+        /// Description of the problem, with the valid values.
         problem: String,
     },
 }
@@ -93,7 +93,10 @@ impl fmt::Display for MapError {
                 "the road from place {from} to place {to} needs place {missing}, which does not exist"
             ),
             Self::DuplicateRoad { from, to } => {
-                write!(f, "the road from place {from} to place {to} is given twice")
+                write!(
+                    f,
+                    "the road from place {from} to place {to} is given twice (`RoadMap::cleaned` keeps the shorter one)"
+                )
             }
             Self::Loop { id } => write!(
                 f,
@@ -111,36 +114,36 @@ impl fmt::Display for MapError {
 
 impl Error for MapError {}
 
-/// Why a turning rule or table gives no turning probabilities.
+/// An invalid turning rule, or invalid turning probabilities.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TurningError {
-    /// A number of the rule is out of its range.
+    /// A number of the rule is out of range.
     Rule {
-        /// Which number.
+        /// Name of the number.
         what: String,
-        /// What was found.
+        /// Value found.
         value: f64,
-        /// Its range.
+        /// Valid values, in words.
         expected: &'static str,
     },
-    /// A turn with no road for it.
+    /// A turn has a probability above 0 but there is no road.
     NoRoad {
-        /// Where the turn starts, by id.
+        /// Id of the place where the turn starts.
         from: u64,
-        /// Where it ends, by id.
+        /// Id of the place where the turn ends.
         to: u64,
-        /// Its probability.
+        /// Probability of the turn.
         value: f64,
     },
-    /// The probabilities of a place do not sum to one (paper eq. 1).
+    /// The probabilities of the turns out of a place do not sum to one (paper eq. 1).
     Sum {
-        /// The place's id.
+        /// Id of the place.
         id: u64,
-        /// What they sum to.
+        /// Sum found.
         sum: f64,
     },
-    /// The probabilities are no transition operator.
+    /// The probabilities do not form a transition operator.
     Transition(TransitionError),
 }
 

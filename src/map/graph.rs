@@ -1,19 +1,19 @@
-//! Facts of the graph: neighbours, hops, metres, connectivity.
+//! Queries of the graph: neighbours, hops, metres, connectivity.
 
 use std::collections::VecDeque;
 
 use super::{Coordinates, RoadMap};
 
 impl<P> RoadMap<P> {
-    /// The places that a road leads to from here, in ascending order; none if
-    /// there is no such place.
+    /// Places that a road from this place leads to, in ascending order; none if the place does
+    /// not exist.
     #[must_use]
     pub fn neighbors(&self, place: usize) -> impl ExactSizeIterator<Item = usize> {
         self.outgoing.of(place).iter().map(|&to| to as usize)
     }
 
-    /// The places that a road joins with this one, in either direction, in
-    /// ascending order; none if there is no such place.
+    /// Places joined to this one by a road in either direction, in ascending order; none if the
+    /// place does not exist.
     #[must_use]
     pub fn joined(&self, place: usize) -> Vec<usize> {
         let ends = self.outgoing.of(place).iter().chain(self.incoming.of(place));
@@ -23,31 +23,30 @@ impl<P> RoadMap<P> {
         ends
     }
 
-    /// The least number of roads from a place to each place, `None` where no
-    /// drive leads (everywhere, if there is no such place). O(places + roads).
+    /// Least number of roads from a place to each other place, or `None` for places that cannot
+    /// be reached (all, if the place does not exist). O(places + roads).
     #[must_use]
     pub fn hops_from(&self, place: usize) -> Vec<Option<u32>> {
         self.search(place, |i| self.outgoing.of(i).iter())
     }
 
-    /// As [`hops_from`](Self::hops_from), but roads count in both directions:
-    /// how far apart two places are, whoever may drive.
+    /// Least number of roads between a place and each other place, where roads may be taken in
+    /// both directions; otherwise as [`hops_from`](Self::hops_from).
     #[must_use]
     pub fn hops_either_way(&self, place: usize) -> Vec<Option<u32>> {
         self.search(place, |i| self.outgoing.of(i).iter().chain(self.incoming.of(i)))
     }
 
-    /// The length in metres of the shortest drive from a place to each place,
-    /// `None` where none leads (everywhere, if there is no such place).
-    /// O((places + roads) log roads), by Dijkstra (1959).
+    /// Length in metres of the shortest path from a place to each other place, or `None` for
+    /// places that cannot be reached (all, if the place does not exist). O((places + roads) log
+    /// roads), by Dijkstra (1959).
     #[must_use]
     pub fn road_metres_from(&self, place: usize) -> Vec<Option<f64>> {
         let reached = self.reach(place, None).into_iter();
         reached.map(|reached| reached.map(|reached| reached.metres)).collect()
     }
 
-    /// Whether a drive leads from every place to every other.
-    /// O(places + roads).
+    /// True if every place can be reached from every other. O(places + roads).
     #[must_use]
     pub fn is_strongly_connected(&self) -> bool {
         let forward = self.hops_from(0);
@@ -55,7 +54,7 @@ impl<P> RoadMap<P> {
         forward.iter().chain(&backward).all(Option::is_some)
     }
 
-    /// Breadth-first search.
+    /// Number of hops from a place to each other place, by breadth-first search.
     fn search<'a, I: Iterator<Item = &'a u32>>(
         &self,
         place: usize,
@@ -78,16 +77,16 @@ impl<P> RoadMap<P> {
 }
 
 impl<P: Coordinates> RoadMap<P> {
-    /// The straight distance between two places in metres, `None` if one does
-    /// not exist.
+    /// Straight-line distance between two places in metres, or `None` if one of them does not
+    /// exist.
     #[must_use]
     pub fn metres_between(&self, place: usize, other: usize) -> Option<f64> {
         let (a, b) = (self.places().get(place)?, self.places().get(other)?);
         Some(a.position.metres_to(b.position))
     }
 
-    /// The place nearest to a position; of several, the lowest. `None` if the
-    /// position is not a number. O(places).
+    /// Place nearest to a position; of equally near ones, the lowest index. `None` if the
+    /// position is NaN. O(places).
     #[must_use]
     pub fn nearest(&self, position: P) -> Option<usize> {
         let metres = self.places().iter().map(|place| place.position.metres_to(position));

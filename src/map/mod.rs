@@ -1,13 +1,11 @@
-//! Maps of places and directed roads, and the transition operators that follow
-//! from them.
+//! Maps of places and directed roads, and their transition operators.
 //!
-//! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built by code or read from two
-//! CSV files, and answers what users ask of a map: neighbours, hops, metres,
-//! the nearest place, the shortest drive. Places are on Earth (a [`Position`] in degrees)
-//! or in a plane (a [`PlanePosition`] in metres, for a warehouse). Files as they come, with
-//! roads given twice or leading nowhere, are [cleaned](RoadMap::cleaned), with a
-//! report. A [`TurningRule`] (or your own frequencies) gives
-//! [`TurningProbabilities`] Φ, and these the transition operator A = Φ'.
+//! A [`RoadMap`] holds [`Place`]s and [`Road`]s, built in code or read from two CSV files, and
+//! answers the usual queries: neighbours, hops, metres, the nearest place, the shortest path.
+//! Places are on Earth (a [`Position`] in degrees) or in a plane (a [`PlanePosition`] in metres,
+//! for a warehouse). Raw data with duplicate roads or loops can be [cleaned](RoadMap::cleaned),
+//! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
+//! Φ, and these give the transition operator A = Φ'.
 //!
 //! ```
 //! use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
@@ -26,7 +24,7 @@
 //! assert_eq!(map.hops_from(0), [Some(0), Some(1), Some(2)]);
 //!
 //! let turning = TurningProbabilities::by_rule(&map, &TurningRule::default())?;
-//! assert!((turning.get(1, 0) - 0.4).abs() < 1e-15); // two like streets, and a chance to park
+//! assert!((turning.get(1, 0) - 0.4).abs() < 1e-15); // two equal streets, and stops
 //! let a = turning.into_transition();
 //! # let _: wayfix::SparseTransition = a;
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -1,31 +1,31 @@
-//! Where a place is.
+//! Positions of places.
 
 use std::fmt::Debug;
 
-/// The mean radius of the Earth in metres (IUGG).
+/// Mean radius of the Earth in metres (IUGG).
 const EARTH_RADIUS: f64 = 6_371_008.8;
 
-/// How it is said where places are: [on Earth](Position), or
-/// [in a plane](PlanePosition). For these two types alone.
+/// Coordinates of places: [on Earth](Position), or [in a plane](PlanePosition). Sealed: only
+/// these two types implement it.
 pub trait Coordinates: Copy + PartialEq + Debug + axes::Axes {
-    /// The straight distance in metres; NaN if a coordinate is.
+    /// Straight-line distance in metres; NaN if a coordinate is NaN.
     #[must_use]
     fn metres_to(self, other: Self) -> f64;
 }
 
-/// Parts of [`Coordinates`] that are not for others.
+/// Sealed part of [`Coordinates`].
 pub(super) mod axes {
-    /// Two numbers with names, and what they may be.
+    /// Two named numbers with their valid ranges.
     pub trait Axes: Sized {
-        /// Name and largest magnitude of each.
+        /// Name and largest magnitude of each number.
         const AXES: [(&'static str, f64); 2];
-        /// The unit of both.
+        /// Unit of both numbers.
         const UNIT: &'static str;
-        /// Whether a road without a length is a straight one.
+        /// True if a road without a length in a file is as long as the straight line.
         const MAY_BE_STRAIGHT: bool;
-        /// From the numbers, in the order of the axes.
+        /// Creates a position from the numbers, in the order of the axes.
         fn from_values(values: [f64; 2]) -> Self;
-        /// The numbers, in the order of the axes.
+        /// Returns the numbers, in the order of the axes.
         fn values(self) -> [f64; 2];
     }
 }
@@ -41,15 +41,15 @@ pub(super) mod axes {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Position {
-    /// North of the equator, −90 to 90.
+    /// Degrees north of the equator, −90 to 90.
     pub latitude: f64,
-    /// East of Greenwich, −180 to 180.
+    /// Degrees east of Greenwich, −180 to 180.
     pub longitude: f64,
 }
 
 impl Position {
-    /// The great-circle distance in metres, on a sphere of the Earth's mean
-    /// radius (haversine formula): within 0.6% of the ellipsoid's.
+    /// Great-circle distance in metres, on a sphere of the Earth's mean radius (haversine
+    /// formula): within 0.6% of the ellipsoid's.
     #[must_use]
     pub fn metres_to(self, other: Self) -> f64 {
         let (a, b) = (self.latitude.to_radians(), other.latitude.to_radians());
@@ -81,8 +81,8 @@ impl axes::Axes for Position {
     }
 }
 
-/// A position in a plane, in metres from any origin: a warehouse, a yard, a
-/// projected map (UTM).
+/// A position in a plane, in metres from any origin: in a warehouse, a yard, or a projected map
+/// (UTM).
 ///
 /// ```
 /// use wayfix::map::PlanePosition;
@@ -93,14 +93,14 @@ impl axes::Axes for Position {
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanePosition {
-    /// Along the first axis, at most 1e9 in size.
+    /// Coordinate along the first axis, at most 1e9 in magnitude.
     pub x: f64,
-    /// Along the second axis, at most 1e9 in size.
+    /// Coordinate along the second axis, at most 1e9 in magnitude.
     pub y: f64,
 }
 
 impl PlanePosition {
-    /// The Euclidean distance in metres.
+    /// Euclidean distance in metres.
     #[must_use]
     pub fn metres_to(self, other: Self) -> f64 {
         (other.x - self.x).hypot(other.y - self.y)

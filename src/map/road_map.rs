@@ -4,32 +4,31 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-use super::builder::Builder;
-use super::{CleaningReport, Coordinates, MapError, Position};
+use super::{Coordinates, Position};
 
-/// A place: a state of the model that can be pointed at, on Earth or elsewhere (see
+/// A place: a state of the model that has a position, on Earth or in a plane (see
 /// [`Coordinates`]).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place<P = Position> {
-    /// What roads call it. Ids need not be consecutive; states are numbered
-    /// from 0 in the order of the places.
+    /// Identifier that roads refer to. Ids need not be consecutive; states are numbered from 0 in
+    /// the order of the places.
     pub id: u64,
-    /// Where it is.
+    /// Position of the place.
     pub position: P,
-    /// What people call it; may be empty.
+    /// Name for people; may be empty.
     pub name: String,
 }
 
-/// How much traffic a road is made for, from least to most.
+/// Class of a road by the traffic it is built for, from least to most.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RoadClass {
     /// A local street.
     Street,
-    /// It collects the traffic of streets.
+    /// A road that collects the traffic of streets.
     Collector,
-    /// It connects districts.
+    /// A road that connects districts.
     Arterial,
-    /// The main road.
+    /// A main road.
     Main,
 }
 
@@ -61,18 +60,18 @@ impl fmt::Display for RoadClass {
 /// A road from one place to another, in this direction only.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Road {
-    /// The id of the place where it starts.
+    /// Id of the place where the road starts.
     pub from: u64,
-    /// The id of the place where it ends.
+    /// Id of the place where the road ends.
     pub to: u64,
-    /// Its class.
+    /// Class of the road.
     pub class: RoadClass,
-    /// Its length in metres, above 0.
+    /// Length in metres, above 0.
     pub metres: f64,
 }
 
 impl Road {
-    /// A straight road between two places: its length is the distance between them.
+    /// Creates a road as long as the straight line between its ends.
     #[must_use]
     pub fn straight<P: Coordinates>(from: &Place<P>, to: &Place<P>, class: RoadClass) -> Self {
         let metres = from.position.metres_to(to.position);
@@ -80,23 +79,22 @@ impl Road {
     }
 }
 
-/// Places and directed roads, checked. Places are on Earth, or in a plane where they are
-/// given so: a `RoadMap<PlanePosition>`.
+/// Validated places and directed roads. Places are on Earth by default, or in a plane for a
+/// `RoadMap<PlanePosition>`.
 ///
-/// Places are named by their **index** (from 0, the state of the model) in all
-/// methods, except where the name says id. See the [module](super) for an
-/// example.
+/// Methods identify a place by its **index** (from 0, the state of the model), except where the
+/// name says id. See the [module](super) for an example.
 #[derive(Debug, Clone)]
 pub struct RoadMap<P = Position> {
     pub(super) places: Vec<Place<P>>,
     pub(super) indices: HashMap<u64, u32>,
-    /// In order of their ends, as indices.
+    /// Roads in the order of the indices of their ends.
     pub(super) roads: Vec<Road>,
     pub(super) outgoing: Adjacency,
     pub(super) incoming: Adjacency,
 }
 
-/// For each place the places at the other end of its roads.
+/// Compressed adjacency lists: for each place, the places at the other ends of its roads.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Adjacency {
     starts: Vec<usize>,
@@ -104,7 +102,7 @@ pub(super) struct Adjacency {
 }
 
 impl Adjacency {
-    /// From pairs (place, other end), sorted.
+    /// Creates lists from sorted pairs (place, other end).
     pub(super) fn new(places: usize, pairs: &[(u32, u32)]) -> Self {
         let starts = (0..=places).map(|i| pairs.partition_point(|pair| (pair.0 as usize) < i));
         Self { starts: starts.collect(), ends: pairs.iter().map(|pair| pair.1).collect() }
@@ -122,97 +120,27 @@ impl Adjacency {
     }
 }
 
-impl<P: Coordinates> RoadMap<P> {
-    /// A map of places and the roads between them, in any order.
-    /// O((places + roads) log).
-    ///
-    /// # Errors
-    ///
-    /// [`MapError`] for no places, an id given twice, a position that is not
-    /// on Earth or in the plane, a road given twice or to itself, a road from or to a
-    /// place that does not exist, or a length that is not above 0.
-    pub fn new(
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<Self, MapError> {
-        Self::built(Builder::strict(), places, roads).map(|built| built.0)
-    }
-
-    /// A map of what files have: as [`new`](Self::new), but what is there twice or leads
-    /// nowhere is dropped, and reported.
-    ///
-    /// - Of parallel roads, which lead from the same place to the same other one, the
-    ///   shortest is kept; of several, the first.
-    /// - Roads from a place to itself are dropped, whatever their length.
-    /// - Places with the id and the position of an earlier one are dropped.
-    ///
-    /// ```
-    /// use wayfix::map::{Place, Position, Road, RoadClass, RoadMap};
-    ///
-    /// let place = |id, latitude| Place {
-    ///     id,
-    ///     position: Position { latitude, longitude: 149.13 },
-    ///     name: String::new(),
-    /// };
-    /// let road = |from, to, metres| Road { from, to, class: RoadClass::Street, metres };
-    /// let (map, report) = RoadMap::cleaned(
-    ///     [place(1, -35.280), place(2, -35.281)],
-    ///     [road(1, 2, 130.0), road(2, 2, 40.0), road(1, 2, 112.0), road(2, 1, 112.0)],
-    /// )?;
-    /// assert_eq!(map.roads(), [road(1, 2, 112.0), road(2, 1, 112.0)]);
-    /// assert_eq!(report.parallel_roads()[0].index, 0);
-    /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
-    /// assert_eq!(
-    ///     report.to_string(),
-    ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (1 parallel, 1 loops)"
-    /// );
-    /// # Ok::<(), wayfix::map::MapError>(())
-    /// ```
-    ///
-    /// # Errors
-    ///
-    /// [`MapError`] for what has no remedy: no places, an id given to two positions, a
-    /// position that is not on Earth or in the plane, a road from or to a place that does
-    /// not exist, or a length that is not above 0.
-    pub fn cleaned(
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<(Self, CleaningReport), MapError> {
-        Self::built(Builder::cleaning(), places, roads)
-    }
-
-    fn built(
-        mut builder: Builder<P>,
-        places: impl IntoIterator<Item = Place<P>>,
-        roads: impl IntoIterator<Item = Road>,
-    ) -> Result<(Self, CleaningReport), MapError> {
-        places.into_iter().try_for_each(|place| builder.place(place))?;
-        roads.into_iter().try_for_each(|road| builder.road(road))?;
-        builder.build()
-    }
-}
-
 impl<P> RoadMap<P> {
-    /// All places, in the order of their indices.
+    /// Places, in the order of their indices.
     #[must_use]
     pub fn places(&self) -> &[Place<P>] {
         &self.places
     }
 
-    /// All roads, in the order of the indices of their ends.
+    /// Roads, in the order of the indices of their ends.
     #[must_use]
     pub fn roads(&self) -> &[Road] {
         &self.roads
     }
 
-    /// The index of the place with this id, or `None`.
+    /// Index of the place with this id, or `None`.
     #[must_use]
     pub fn index_of_id(&self, id: u64) -> Option<usize> {
         self.indices.get(&id).map(|&index| index as usize)
     }
 
-    /// The roads out of a place and the index of the place where each ends, in
-    /// ascending order of it; none if there is no such place.
+    /// Roads out of a place, each with the index of the place where it ends, in ascending order
+    /// of that index; none if the place does not exist.
     #[must_use]
     pub fn roads_from(&self, place: usize) -> impl ExactSizeIterator<Item = (usize, &Road)> {
         let range = self.outgoing.range(place);

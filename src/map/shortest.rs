@@ -1,11 +1,11 @@
-//! Shortest drives, by Dijkstra (1959).
+//! Shortest paths, by Dijkstra (1959).
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::RoadMap;
 
-/// A drive along roads, as [`RoadMap::shortest_path`] finds it.
+/// A path along roads, as [`RoadMap::shortest_path`] returns it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RoadPath {
     places: Vec<usize>,
@@ -13,13 +13,13 @@ pub struct RoadPath {
 }
 
 impl RoadPath {
-    /// The places in the order of the drive, both ends among them, by index.
+    /// Indices of the places in the order of the path, including both ends.
     #[must_use]
     pub fn places(&self) -> &[usize] {
         &self.places
     }
 
-    /// Its length in metres, the sum of those of its roads.
+    /// Length in metres, the sum of the lengths of the roads.
     #[must_use]
     pub fn metres(&self) -> f64 {
         self.metres
@@ -27,16 +27,15 @@ impl RoadPath {
 }
 
 impl<P> RoadMap<P> {
-    /// The shortest drive from a place to another, by the lengths of the roads;
-    /// `None` if there is none, or no such place. From a place to itself it is
-    /// that place alone.
+    /// Shortest path from one place to another, by the lengths of the roads; `None` if there is
+    /// none, or if a place does not exist. The path from a place to itself is that place alone.
     ///
-    /// Of several shortest drives, it is that whose last place but one is lowest,
-    /// then the one before, and so on, as in Viterbi.
+    /// Ties go to the path whose last place but one has the lowest index, then the place before
+    /// it, and so on, as in Viterbi.
     ///
-    /// O((places + roads) log roads), and less where the end is near: no place is
-    /// looked at that is farther away. For the lengths of the shortest drives to all places
-    /// take [`road_metres_from`](Self::road_metres_from).
+    /// O((places + roads) log roads), and less if the end is near, since no place farther away is
+    /// visited. For the lengths of the shortest paths to all places use
+    /// [`road_metres_from`](Self::road_metres_from).
     ///
     /// ```
     /// use wayfix::map::{Place, PlanePosition, Road, RoadClass, RoadMap};
@@ -66,13 +65,13 @@ impl<P> RoadMap<P> {
         Some(RoadPath { places, metres })
     }
 
-    /// The shortest drives from a place to all others; or only to those that are as near
-    /// as `end`, beside which others may be reached by drives that are not the shortest.
+    /// Shortest paths from a place to all others. With `end`, the search stops there: places
+    /// farther away are missing, or may have a path that is not the shortest.
     pub(super) fn reach(&self, from: usize, end: Option<usize>) -> Vec<Option<Reached>> {
         let mut reached: Vec<Option<Reached>> = vec![None; self.places().len()];
         let Some(start) = reached.get_mut(from) else { return reached };
         *start = Some(Reached { metres: 0.0, before: from as u32, is_settled: false });
-        // Non-negative doubles are in the order of their bits.
+        // The bits of non-negative doubles are in the order of the values.
         let mut queue = BinaryHeap::from([Reverse((0.0_f64.to_bits(), from))]);
         while let Some(Reverse((_, i))) = queue.pop() {
             let Some(here @ Reached { is_settled: false, .. }) = &mut reached[i] else { continue };
@@ -98,12 +97,12 @@ impl<P> RoadMap<P> {
     }
 }
 
-/// A place that a drive reaches.
+/// A place reached by the search, with the length of the path to it.
 #[derive(Debug, Clone)]
 pub(super) struct Reached {
     pub(super) metres: f64,
-    /// The place before it; at the start, the start.
+    /// Previous place on the path; the start for the start itself.
     before: u32,
-    /// Whether no drive is shorter.
+    /// True once the path is known to be shortest.
     is_settled: bool,
 }

@@ -4,21 +4,27 @@ use super::{RoadClass, RoadMap, TurningError};
 use crate::belief::SUM_TOLERANCE;
 use crate::transition::{SparseTransition, TiedTransition, TransitionEntries};
 
-/// A number for each [`RoadClass`].
+/// One number per [`RoadClass`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ByClass {
-    /// For [`RoadClass::Main`].
+    /// Number of [`RoadClass::Main`].
     pub main: f64,
-    /// For [`RoadClass::Arterial`].
+    /// Number of [`RoadClass::Arterial`].
     pub arterial: f64,
-    /// For [`RoadClass::Collector`].
+    /// Number of [`RoadClass::Collector`].
     pub collector: f64,
-    /// For [`RoadClass::Street`].
+    /// Number of [`RoadClass::Street`].
     pub street: f64,
 }
 
 impl ByClass {
-    /// The number of a class.
+    /// The same number for every class.
+    #[must_use]
+    pub fn all(value: f64) -> Self {
+        Self { main: value, arterial: value, collector: value, street: value }
+    }
+
+    /// Returns the number of a class.
     #[must_use]
     pub fn of(&self, class: RoadClass) -> f64 {
         match class {
@@ -30,25 +36,23 @@ impl ByClass {
     }
 }
 
-/// How a vehicle chooses among the roads out of a place.
+/// Rule by which a vehicle chooses among the roads out of a place.
 ///
-/// A place has the class of the highest road that leaves it. There the vehicle
-/// **stops** (stays for one step) with the probability that `stop` gives for
-/// this class. Else it takes a road with a probability in proportion to the
-/// road's `weight`; where it is on the main road, the weight of the main road
-/// itself is multiplied by `straight_on`. A place that no road leaves keeps
-/// the vehicle.
+/// The class of a place is the highest class of the roads that leave it. With the probability
+/// that `stop` gives for this class, the vehicle **stops** (stays for one step). Otherwise it
+/// takes a road with probability proportional to the road's `weight`; at places on the main road,
+/// the weight of the main road itself is multiplied by `straight_on`. At a place that no road
+/// leaves, the vehicle stays.
 ///
-/// The default doubles the traffic from class to class (weights 1, 2, 4, 8),
-/// doubles it again straight on, and stops with 0.05 on the main road and 0.05
-/// more for each class below.
+/// By default, the weight doubles from class to class (1, 2, 4, 8), straight on doubles it again,
+/// and the probability of stopping is 0.05 on the main road and 0.05 more for each class below.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TurningRule {
-    /// Traffic that a road of each class draws; above 0, of any scale.
+    /// Relative traffic that a road of each class attracts; above 0, of any scale.
     pub weight: ByClass,
-    /// How much more the main road draws those who are on it; above 0.
+    /// Factor of the main road's weight for vehicles already on it; above 0.
     pub straight_on: f64,
-    /// The probability of staying for a step; at least 0 and below 1.
+    /// Probability of staying for a step; at least 0 and below 1.
     pub stop: ByClass,
 }
 
@@ -95,8 +99,8 @@ pub struct TurningProbabilities {
 }
 
 impl TurningProbabilities {
-    /// From entries (from, to, probability) by index, for instance
-    /// relative frequencies. What is not given is 0. O((places + entries) log).
+    /// Creates turning probabilities from entries (from, to, probability) by index, for instance
+    /// relative frequencies. Missing entries are 0. O((places + entries) log).
     ///
     /// # Errors
     ///
@@ -112,7 +116,7 @@ impl TurningProbabilities {
         let mut sums = vec![0.0; n];
         for &(from, to, value) in &entries {
             let (Some(start), Some(end)) = (map.places().get(from), map.places().get(to)) else {
-                continue; // out of range, which the operator reports
+                continue; // out of range: an error of the operator below
             };
             let has_road = from == to || map.outgoing.of(from).binary_search(&(to as u32)).is_ok();
             if !has_road && value != 0.0 {
@@ -120,7 +124,7 @@ impl TurningProbabilities {
             }
             sums[from] += value;
         }
-        // A NaN sum means a NaN entry, which the operator reports by its place.
+        // A NaN sum means a NaN entry, which the operator below reports with its indices.
         if let Some(i) = sums.iter().position(|sum| (sum - 1.0).abs() > SUM_TOLERANCE)
             && entries.iter().all(|e| e.0 < n && e.1 < n && e.2 >= 0.0 && e.2.is_finite())
         {
@@ -130,7 +134,8 @@ impl TurningProbabilities {
         Ok(Self { transition: SparseTransition::from_triplets(n, triplets)? })
     }
 
-    /// By a rule, from the classes of the roads. O((places + roads) log).
+    /// Creates turning probabilities by a rule, from the classes of the roads. O((places + roads)
+    /// log).
     ///
     /// # Errors
     ///
@@ -158,25 +163,24 @@ impl TurningProbabilities {
         Self::new(map, entries)
     }
 
-    /// Φ\[from, to\] by index, 0 where there is no such turn.
+    /// Returns Φ\[from, to\] by index, 0 where there is no such turn.
     #[must_use]
     pub fn get(&self, from: usize, to: usize) -> f64 {
         self.transition.get(to, from)
     }
 
-    /// The turns out of a place: pairs (to, probability) above 0.
+    /// Turns out of a place, as pairs (to, probability) with probabilities above 0.
     ///
     /// # Panics
     ///
-    /// If there is no such place.
+    /// If the place does not exist.
     pub fn row(&self, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.transition.outgoing(&(), from)
     }
 
-    /// The transition operator, with parameters shared by the classes of the
-    /// roads of `map`: places with the same classes of roads out of them have
-    /// the same turning probabilities, and where these were not the same their
-    /// mean. To learn them from drives.
+    /// Returns the transition operator with parameters tied by the classes of the roads of `map`,
+    /// for learning from drives. Places with the same classes of outgoing roads share the same
+    /// turning probabilities; where these differed, their mean.
     ///
     /// ```
     /// use wayfix::canberra;
@@ -193,7 +197,7 @@ impl TurningProbabilities {
         })
     }
 
-    /// The transition operator A = Φ'.
+    /// Returns the transition operator A = Φ'.
     #[must_use]
     pub fn into_transition(self) -> SparseTransition {
         self.transition

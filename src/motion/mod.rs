@@ -1,4 +1,14 @@
 //! Motion of a vehicle: speeds along a route, odometry, places off the map.
+//!
+//! | for | take |
+//! |---|---|
+//! | places in a row (reference images), with steps of any length | [`RouteTransition`], with hidden [`Speeds`] and a [`RouteControl`] |
+//! | a road map, with the metres driven from place to place | [`DistanceTransition`], with an [`OdometryReading`] as its control; **not** for steps shorter than a road |
+//! | a vehicle that may leave the map, on any operator | [`OffMapTransition`] |
+//! | errors of odometry along a route | [`OdometryModel`] |
+//!
+//! Operators of single moves, without a vehicle in mind, are in
+//! [`transition`](crate::transition).
 
 mod distance;
 mod learn;

@@ -23,9 +23,9 @@ const LINEAR_RANGE: f64 = 600.0;
 /// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Offsets {
-    /// Those that look more like the queries than references do on average:
-    /// they lose. The cautious choice, where the queries are of a part of the
-    /// route, and references elsewhere only look unlike that part.
+    /// Only references that look more like the queries than the average one: hubs lose their
+    /// advantage. The cautious choice if the queries show a part of the route, since references
+    /// elsewhere merely look unlike that part.
     #[default]
     Hubs,
     /// All references: those that look less like the queries gain, too.

@@ -1,4 +1,4 @@
-//! The discrete part of the sensor, P_c.
+//! Confusion of places, the discrete part P_c of the sensor.
 
 use super::ObservationError;
 use crate::error::{TableError, TransitionError};
@@ -6,42 +6,41 @@ use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
 use crate::transition::{Compressed, SparseTransition};
 
-/// P_c: a place is seen as itself, or mistaken for a few others.
+/// Confusion probabilities P_c: a place is observed as itself, or mistaken for a few others.
 ///
-/// [From a map](Self::new) it is mistaken for the places that a road joins with it (in
-/// either direction), and for no other (paper section II-B). Each neighbour takes the same
-/// share q of a place's probability, so that a busy junction is harder to tell from its
-/// neighbours than a quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours.
-/// The share is chosen so that the mean of P_c(i | i) over all places is the one asked for;
-/// in the paper that is 0.7. Measured confusions are taken by
-/// [`from_entries`](Self::from_entries) and [`from_weights`](Self::from_weights).
+/// [From a map](Self::new), a place is mistaken for the places joined to it by a road (in either
+/// direction), and for no other (paper section II-B). Each neighbour takes the same share q of a
+/// place's probability, so that a busy junction is harder to tell from its neighbours than a
+/// quiet corner: P_c(i | i) = 1 − q dᵢ for a place with dᵢ neighbours. The share is chosen so
+/// that the mean of P_c(i | i) over all places is the one asked for, 0.7 in the paper. Measured
+/// confusions are given to [`from_entries`](Self::from_entries) or
+/// [`from_weights`](Self::from_weights).
 ///
-/// Only what is above 0 is stored, in 24 bytes an entry and 24 a place: 100,000 places with a
-/// few confusions each take some megabytes. A confusion is a sensor of its own, a
-/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is
-/// seen; each step costs O(n), and O(states asked + places seen as this one) in pruned
-/// routines. A sensor with [Gaussian noise](Self::with_gaussian), as a
-/// [table](Self::into_table), holds n² numbers: for up to some thousands of places. See the
-/// [module](super) for an example.
+/// Only entries above 0 are stored, in 24 bytes an entry and 24 a place: 100,000 places with a
+/// few confusions each take some megabytes. A confusion is itself a sensor, a
+/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is seen; a
+/// step costs O(n), or O(states asked + places seen as this one) in pruned algorithms. A sensor
+/// with [Gaussian noise](Self::with_gaussian), as a [table](Self::into_table), holds n² numbers:
+/// for up to some thousands of places. See the [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
-    /// P_c(j | i) at the line j and the index i.
+    /// P_c(j | i) in line j at index i.
     pub(super) by_seen: Compressed,
-    /// The same at the line i and the index j.
+    /// P_c(j | i) in line i at index j.
     pub(super) by_place: Compressed,
-    /// The largest P_c(j | i) over i, for each j.
+    /// Largest P_c(j | i) over i, for each j.
     pub(super) largest: Vec<f64>,
 }
 
 impl Confusion {
-    /// The confusion of the places of a map, with this mean probability of a
-    /// correct observation. O((places + roads) log).
+    /// Creates the confusion of the places of a map, with the given mean probability of a correct
+    /// observation. O((places + roads) log).
     ///
     /// # Errors
     ///
-    /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is
-    /// below 1 and no place has a neighbour, or if a place has so many
-    /// neighbours that nothing would be left for itself.
+    /// [`ObservationError`] if the mean is not above 0 and at most 1, if it is below 1 and no
+    /// place has a neighbour, or if a place has so many neighbours that no probability is left
+    /// for itself.
     pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
             return Err(ObservationError::Parameter {
@@ -70,13 +69,13 @@ impl Confusion {
         Self::from_entries(n, entries)
     }
 
-    /// From entries (place, seen as, probability) in any order, by index: what is not
-    /// given is 0. O(places + entries).
+    /// Creates a confusion from entries (place, seen as, probability) by index, in any order.
+    /// Missing entries are 0. O(places + entries).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
     ///
-    /// // Aisles 0 and 1 look alike; aisle 2 is never mistaken.
+    /// // Aisles 0 and 1 look alike; aisle 2 is never confused.
     /// let entries = [(0, 0, 0.8), (0, 1, 0.2), (1, 1, 0.9), (1, 0, 0.1), (2, 2, 1.0)];
     /// let confusion = Confusion::from_entries(3, entries)?;
     /// assert_eq!(confusion.probability(0, 1), Some(0.2));
@@ -98,9 +97,9 @@ impl Confusion {
         Self::of(SparseTransition::compressed(places, entries))
     }
 
-    /// From weights (place, seen as, weight) of any scale, such as the numbers of times that a
-    /// place was seen as another: weights of the same pair are added up, and
-    /// those of a place divided by their sum. O(places + weights).
+    /// Creates a confusion from weights (place, seen as, weight) of any scale, such as counts of
+    /// how often a place was seen as another. Weights of the same pair are added, and those of a
+    /// place are divided by their sum. O(places + weights).
     ///
     /// ```
     /// use wayfix::observation::Confusion;
@@ -124,8 +123,8 @@ impl Confusion {
         Self::of(SparseTransition::compressed_weights(places, weights))
     }
 
-    /// From what a matrix of p(to: seen | from: place) has for rows and columns: its columns
-    /// sum to one, as those of a transition do.
+    /// Creates a confusion from the rows and columns of a matrix of p(to: seen | from: place),
+    /// whose columns sum to one, as those of a transition matrix.
     fn of(
         lines: Result<(Compressed, Compressed), TransitionError>,
     ) -> Result<Self, ObservationError> {
@@ -135,19 +134,19 @@ impl Confusion {
         Ok(Self { by_seen, by_place, largest })
     }
 
-    /// The number of places.
+    /// Number of places.
     #[must_use]
     pub fn places(&self) -> usize {
         self.largest.len()
     }
 
-    /// How many probabilities are above 0.
+    /// Number of probabilities above 0.
     #[must_use]
     pub fn entries(&self) -> usize {
         self.by_seen.entries()
     }
 
-    /// P_c(seen | place), by index, or `None` where there is no such place.
+    /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
     /// O(log entries of the place).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
@@ -159,7 +158,7 @@ impl Confusion {
         Some(at.and_then(|at| self.by_place.line(place).nth(at)).map_or(0.0, |entry| entry.1))
     }
 
-    /// Something of each entry, place by place.
+    /// Maps each entry (place, seen as, probability), in the order of the places.
     #[cfg(feature = "serde")]
     pub(crate) fn entries_of<T>(&self, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
         let places = 0..self.places();
@@ -170,7 +169,7 @@ impl Confusion {
         entries.map(|(place, seen_as, p)| part(place, seen_as, p)).collect()
     }
 
-    /// From the parts of entries, as they are stored.
+    /// Creates a confusion from a stored list of entries, given as one slice per component.
     #[cfg(feature = "serde")]
     pub(crate) fn from_lists(
         places: usize,
@@ -188,8 +187,8 @@ impl Confusion {
             }
         }
         if place.len() < places {
-            // Before there is memory for each place, so that a wrong number of them does not
-            // take all that there is.
+            // Checked before anything is allocated per place, so that a wrong number cannot
+            // exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
             return Err(ObservationError::Parameter { what, value, expected });
@@ -199,15 +198,15 @@ impl Confusion {
         Self::from_entries(places, entries)
     }
 
-    /// P_c(j | i) over all j.
+    /// Row i of the table: P_c(j | i) over all j.
     pub(super) fn row(&self, place: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.places()];
         self.by_place.line(place).for_each(|(seen, p)| row[seen] = p);
         row
     }
 
-    /// The sensor without Gaussian noise as a table, in which each step borrows what this
-    /// confusion writes out. O(n²), in memory too.
+    /// Converts to a table without Gaussian noise, from which each step borrows its diagonal
+    /// instead of writing it. O(n²) time and memory.
     ///
     /// # Errors
     ///
@@ -218,7 +217,7 @@ impl Confusion {
     }
 }
 
-/// What is wrong with moves from places to what they are seen as, in words of sensors.
+/// Converts an error of the underlying sparse matrix to terms of places.
 fn of_pairs(error: &TransitionError) -> ObservationError {
     match *error {
         TransitionError::Empty => TableError::Empty { states: 0, symbols: 0 }.into(),
@@ -244,7 +243,7 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
             value: count as f64,
             expected: "at most 2147483647",
         },
-        // Of the errors of sparse matrices, only the number of entries is left.
+        // Only the error of too many entries is left.
         _ => ObservationError::Parameter {
             what: "the number of entries",
             value: f64::INFINITY,

@@ -9,100 +9,100 @@ use crate::error::TableError;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ObservationError {
-    /// A number is out of its range.
+    /// A number is out of range.
     Parameter {
         /// Name of the number.
         what: &'static str,
-        /// The value given.
+        /// Value given.
         value: f64,
-        /// The valid range.
+        /// Valid values, in words.
         expected: &'static str,
     },
-    /// No place has a neighbour, so that none can be confused.
+    /// No place has a neighbour, so places cannot be confused.
     NoNeighbors {
-        /// The mean probability of a correct observation asked for.
+        /// Mean probability of a correct observation asked for.
         mean: f64,
     },
     /// A place has so many neighbours that no probability is left for itself.
     TooManyNeighbors {
-        /// The place's id.
+        /// Id of the place.
         id: u64,
-        /// Its number of neighbours.
+        /// Number of its neighbours.
         neighbors: usize,
-        /// The remaining probability of a correct observation.
+        /// Remaining probability of a correct observation.
         correct: f64,
     },
-    /// A place of a confusion is beyond the last one.
+    /// A confusion names a place that does not exist.
     OutOfRange {
-        /// The place, by index.
+        /// Index of the place.
         place: usize,
-        /// The place that it is seen as.
+        /// Index of the place that it is seen as.
         seen_as: usize,
-        /// How many places there are.
+        /// Number of places.
         places: usize,
     },
-    /// An entry of a confusion was given twice.
+    /// An entry of a confusion is given twice.
     Twice {
-        /// The place, by index.
+        /// Index of the place.
         place: usize,
-        /// The place that it is seen as.
+        /// Index of the place that it is seen as.
         seen_as: usize,
     },
     /// A weight of a confusion is NaN, negative or infinite.
     Weight {
-        /// The place, by index.
+        /// Index of the place.
         place: usize,
-        /// The place that it is seen as.
+        /// Index of the place that it is seen as.
         seen_as: usize,
-        /// What was found.
+        /// Value found.
         value: f64,
     },
-    /// No weight of a place is above 0.
+    /// All weights of a place are 0.
     NoWeight {
-        /// The place, by index.
+        /// Index of the place.
         place: usize,
     },
-    /// A row has not a distance for each reference.
+    /// A row does not have one distance per reference.
     Distances {
-        /// Distances given.
+        /// Number of distances given.
         found: usize,
-        /// The number of references.
+        /// Number of references.
         expected: usize,
     },
     /// A distance is NaN or −∞.
     Distance {
-        /// The reference, from 0.
+        /// Index of the reference, from 0.
         reference: usize,
-        /// The distance given.
+        /// Distance given.
         value: f32,
     },
-    /// A query is infinitely far from all references, and there is no state off
-    /// the map.
+    /// A query is infinitely far from all references, and there is no state for being off the
+    /// map.
     NoMatch,
-    /// Rows of distances have no spread to take a scale from.
+    /// The rows of distances have no spread from which to take a scale.
     NoSpread,
     /// The label of a row is not a reference at a finite distance.
     Label {
-        /// The row, from 0.
+        /// Index of the row, from 0.
         row: usize,
-        /// The label.
+        /// Reference that the label names.
         place: usize,
-        /// The number of references.
+        /// Number of references.
         references: usize,
     },
-    /// Labels and rows differ in number.
+    /// There are not as many labels as rows.
     Labels {
-        /// Labels given.
+        /// Number of labels given.
         labels: usize,
-        /// Rows given.
+        /// Number of rows given.
         rows: usize,
     },
     /// No row is labelled.
     Unlabelled {
-        /// Rows given.
+        /// Number of rows given.
         rows: usize,
     },
-    /// No temperature is best: the likelihood rises without end.
+    /// The best temperature is unbounded: the likelihood increases without end.
     Unbounded {
         /// "hotter" or "colder".
         trend: &'static str,

@@ -20,7 +20,7 @@ pub enum Metric {
 }
 
 impl Metric {
-    /// The distances from place i to all, infinite where nothing leads.
+    /// The distances from place i to all places, infinite to unreachable ones.
     fn distances<P: Coordinates>(self, map: &RoadMap<P>, i: usize) -> Vec<f64> {
         let n = map.places().len();
         match self {
@@ -55,7 +55,7 @@ impl Confusion {
     /// # Errors
     ///
     /// [`ObservationError::Parameter`] unless `sigma` is finite and above 0, or
-    /// if the map has not the places of this confusion.
+    /// if the map has another number of places.
     pub fn with_gaussian<P: Coordinates>(
         &self,
         map: &RoadMap<P>,

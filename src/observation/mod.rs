@@ -18,12 +18,11 @@
 //! # Ok::<(), wayfix::observation::ObservationError>(())
 //! ```
 //!
-//! A confusion alone is a sensor, too, of any number of places: from a map, or from
-//! [counts](Confusion::from_weights) of what was taken for what.
+//! A confusion alone is a sensor, too, for any number of places: from a map, or from
+//! [counts](Confusion::from_weights) of places seen as others.
 //!
-//! A camera that names no place but gives a descriptor of what it sees is
-//! matched with those of the map: [`ReferenceDescriptors`] tells how unlike it
-//! is to each.
+//! A camera that gives a descriptor of its view is matched with those of the map:
+//! [`ReferenceDescriptors`] computes the distance to each.
 
 mod appearance;
 mod confusion;

@@ -1,4 +1,4 @@
-//! A confusion as a sensor of its own.
+//! Confusion as a sensor of its own.
 
 use std::error::Error;
 
@@ -13,7 +13,7 @@ use crate::likelihood::{
 use crate::random::index;
 
 impl Confusion {
-    /// The places that may be seen as this one, with their probabilities.
+    /// Places that may be seen as this one, with their probabilities.
     fn seen_as(
         &self,
         symbol: usize,
@@ -26,7 +26,7 @@ impl Confusion {
     }
 }
 
-/// The observation is the index of the place that is seen.
+/// A sensor whose observation is the index of the place that is seen.
 impl Likelihood for Confusion {
     type Observation = usize;
 
@@ -36,7 +36,7 @@ impl Likelihood for Confusion {
 
     /// # Errors
     ///
-    /// [`LikelihoodError::Symbol`] if there is no such place.
+    /// [`LikelihoodError::Symbol`] if the place does not exist.
     fn diagonal<'a>(
         &'a self,
         &seen: &'a usize,
@@ -50,11 +50,11 @@ impl Likelihood for Confusion {
     }
 }
 
-/// O(states asked + places that may be seen as this one).
+/// Costs O(states asked + places that may be seen as this one).
 impl LocalLikelihood for Confusion {
     /// # Errors
     ///
-    /// [`LikelihoodError::Symbol`] if there is no such place.
+    /// [`LikelihoodError::Symbol`] if the place does not exist.
     fn local(
         &self,
         &seen: &usize,
@@ -84,9 +84,9 @@ impl SampleObservation for Confusion {
     }
 }
 
-/// What is never confused stays so.
+/// Learns all entries above 0; entries of 0 stay 0.
 impl LearnLikelihood for Confusion {
-    /// Expected sightings, for each entry.
+    /// Expected count of each entry.
     type Statistics = Vec<f64>;
 
     fn statistics(&self) -> Vec<f64> {
@@ -114,7 +114,7 @@ impl LearnLikelihood for Confusion {
         let mut sums = vec![0.0; self.places()];
         counted.clone().for_each(|((place, ..), count)| sums[place] += count);
         let learned = counted.map(|((place, seen, p), count)| {
-            // A NaN is refused below.
+            // `from_entries` refuses a NaN.
             let sum = sums[place];
             (place, seen, if sum < f64::MIN_POSITIVE { p } else { count / sum })
         });

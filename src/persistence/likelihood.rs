@@ -11,11 +11,7 @@ use crate::observation::Spread;
 
 stored! {
     [] TableLikelihood: [], |table| {
-        rows: Vec<Vec<f64>> = {
-            let states = table.states();
-            let row = |state| table.columns[state..].iter().step_by(states).copied().collect();
-            (0..states).map(row).collect::<Vec<Vec<_>>>()
-        },
+        rows: Vec<Vec<f64>> = table.to_rows(),
     } => Self::from_rows(&rows);
 
     [Y: AsRef<[f64]> + ?Sized] LikelihoodVector<Y>: [], |vector| {

@@ -2,15 +2,15 @@
 //!
 //! With [serde](https://serde.rs) these are `Serialize` and `Deserialize`:
 //! [`Hmm`](crate::Hmm), [`Prior`], [`Belief`], [`Groups`],
-//! [`Fixed`](crate::Fixed); all transition operators but those with a
-//! function of yours ([`EvidenceTransition`](crate::transition::EvidenceTransition)); all sensors but
-//! [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), since a closure can't be stored;
-//! and the snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot),
+//! [`Fixed`](crate::Fixed); all transition operators but those with a closure
+//! ([`EvidenceTransition`](crate::transition::EvidenceTransition)), which can't be stored; all
+//! sensors but [`LogLikelihoodFn`](crate::likelihood::LogLikelihoodFn), for the same reason; the
+//! snapshots [`FilterSnapshot`](crate::inference::FilterSnapshot),
 //! [`FixedLagSnapshot`](crate::inference::FixedLagSnapshot),
 //! [`PrunedFilterSnapshot`](crate::inference::PrunedFilterSnapshot) and
-//! [`OnlineViterbiSnapshot`](crate::inference::OnlineViterbiSnapshot) (which also have a smaller form,
-//! without this feature: [`to_bytes`](crate::inference::FilterSnapshot::to_bytes)); and what a recogniser has learned,
-//! [`Fit`](crate::recognition::Fit), and where a vehicle is that it follows,
+//! [`OnlineViterbiSnapshot`](crate::inference::OnlineViterbiSnapshot), which also have a smaller
+//! form without this feature ([`to_bytes`](crate::inference::FilterSnapshot::to_bytes)); and a
+//! recogniser's [`Fit`](crate::recognition::Fit) and
 //! [`TrackSnapshot`](crate::recognition::TrackSnapshot).
 //!
 //! ```
@@ -47,9 +47,9 @@
 //!
 //! Values that are read give the same results to the bit, if the format keeps
 //! doubles. **serde_json needs its feature `float_roundtrip`** for that; without
-//! it, it may read the last bit of a number wrongly. What is computed from there on another
-//! platform may differ in a last bit where there is a logarithm or an exponential: these come
-//! from the platform's mathematical library.
+//! it, it may read the last bit of a number wrongly. Later results on another platform may differ
+//! in the last bit of a logarithm or an exponential, which come from the platform's mathematical
+//! library.
 //!
 //! # Checked
 //!
@@ -66,7 +66,7 @@
 //!
 //! | type | fields |
 //! |---|---|
-//! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, whether tails are rounded |
+//! | `Hmm` | `prior`, `transition`, `likelihood`; `rounds_tails`, true if tails are rounded |
 //! | `DenseTransition` | `states`; `columns`, column after column |
 //! | `SparseTransition` | `states`; `to`, `from` and `probability` of each entry, in any order |
 //! | `TiedTransition` | `transition`, sparse; `parameters`, the number of each entry's, column by column |
@@ -98,14 +98,13 @@
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
 //! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and its length; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, the mean gain of each reference over the last frames |
 //!
-//! These are without a version: `Belief` is a list of probabilities, `Prior`
-//! an object with one field, `before_first_transition` or
-//! `at_first_observation`, `Groups` the list of each state's group, `Fixed`
-//! what it holds, the `OdometryReading` of a road map an object with `distance`
-//! and `variance`, and a `RouteControl` one with `odometry`, null or a number of places, and
-//! `view`, null or `view` (`changed` or `unchanged`) and `weight`, and, if it is known,
-//! `before`, which is as `driven` above. The `Options` of a
-//! recogniser are an object with a field for each; they are checked when one is made.
+//! Without a version: `Belief` is a list of probabilities, `Prior` an object with one field,
+//! `before_first_transition` or `at_first_observation`, `Groups` the list of each state's group,
+//! `Fixed` its content, `OdometryReading` an object with `distance` and `variance`, and
+//! `RouteControl` one with `odometry`, null or a number of places, with `view`, null or `view`
+//! (`changed` or `unchanged`) and `weight`, and, if it is known, with `before`, as `driven` above.
+//! The `Options` of a recogniser are an object with a field for each; they are checked when a
+//! recogniser is made.
 
 mod likelihood;
 mod motion;

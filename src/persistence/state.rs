@@ -31,7 +31,7 @@ stored! {
         states: usize = state.states,
         steps: usize = state.steps,
         tolerance: Option<f64> = match state.pruning.tolerance {
-            // (Below 0 it means what NaN does, and −∞.)
+            // NaN and −∞ mean the same as any value below 0.
             tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
             tolerance => Some(-1.0).filter(|_| tolerance.is_nan()),
         },
@@ -40,13 +40,13 @@ stored! {
         active: Vec<usize> = state.belief.states,
         estimate: Vec<f64> = state.belief.estimate,
         lower: Vec<f64> = state.belief.lower,
-        excess: Vec<Option<f64>> = state.belief.excess.iter().map(finite).collect::<Vec<_>>(),
+        excess: Vec<Option<f64>> = state.belief.excess.iter().copied().map(finite).collect::<Vec<_>>(),
         others: [Option<f64>; 2] =
-            [finite(&state.belief.elsewhere), finite(&state.belief.outside)],
+            [finite(state.belief.elsewhere), finite(state.belief.outside)],
         bound: f64 = state.bound,
         log_likelihood: [f64; 2] = [state.log.sum, state.log.lost],
         log_excess: [Option<f64>; 2] =
-            [finite(&state.log_excess.sum), finite(&state.log_excess.lost)],
+            [finite(state.log_excess.sum), finite(state.log_excess.lost)],
         log_lost: bool = state.log_lost,
         share: f64 = state.share,
     } => {
@@ -73,7 +73,7 @@ stored! {
 
     [] OnlineViterbiSnapshot in inference: [], |state| {
         steps: usize = state.steps,
-        scores: Vec<Option<f64>> = state.scores.iter().map(finite).collect::<Vec<_>>(),
+        scores: Vec<Option<f64>> = state.scores.iter().copied().map(finite).collect::<Vec<_>>(),
         taken_out: [f64; 3] = {
             let TakenOut { whole, factors } = &state.taken_out;
             [*whole, factors.sum, factors.lost]
@@ -96,7 +96,7 @@ stored! {
     };
 }
 
-/// The value, or `None`, which formats without infinity have, too.
-fn finite(value: &f64) -> Option<f64> {
-    value.is_finite().then_some(*value)
+/// A finite value, or `None`, for formats without infinity.
+fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
 }

@@ -42,11 +42,11 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
     result
 }
 
-/// Lends `count` numbers to work with, for operators of your own that need memory between two
-/// passes: [`Transition::apply`](crate::Transition::apply) takes `&self`, and one model may
-/// serve many threads.
+/// Lends a scratch buffer of `count` numbers, for user-defined operators that need memory
+/// between two passes: [`Transition::apply`](crate::Transition::apply) takes `&self`, and one
+/// model may serve many threads.
 ///
-/// What the numbers are at first is left over from earlier uses. Buffers are kept for each
+/// The initial contents are unspecified. Buffers are kept for each
 /// thread: the same calls, however they nest, allocate only the first time. If `work` panics,
 /// its buffer is dropped.
 ///

@@ -1,43 +1,11 @@
 //! Checks of operators and of their parameters.
 
-use std::any::Any;
-
-use super::Transition;
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::TransitionError;
 use crate::kernels;
 
-/// Checks an operator without a control: its columns sum to one, A' 1 = 1 (but for
-/// evidence on moves), and its two products are transposes, v' (A u) = u' (A' v). An
-/// operator with a control can't be checked without one.
-pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
-    let n = transition.states();
-    if n == 0 {
-        return Err(TransitionError::Empty);
-    }
-    let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
-        return Ok(());
-    };
-    transition.check_control(control)?;
-    let (mut ones, mut product) = (vec![1.0; n], vec![0.0; n]);
-    transition.apply_transpose(control, &ones, &mut product);
-    match transition.evidence(control) {
-        None => check_columns(&product)?,
-        Some(_) if transition.needs_logs(control) => return Ok(()),
-        Some(_) => {}
-    }
-    // Two vectors without a pattern that an operator could have in common: multiples of the
-    // golden ratio and of the square root of two, modulo one.
-    let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
-    let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
-    ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());
-    transition.apply(control, &ones, &mut product);
-    let forward = kernels::dot(&product, &v);
-    transition.apply_transpose(control, &v, &mut product);
-    let backward = kernels::dot(&product, &ones);
-    let close = (forward - backward).abs() <= 1e-9 * forward.abs();
-    if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
-}
+/// 2^-100: products of larger entries with beliefs stay in the range of `f64`.
+pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
 
 /// Checks that all column sums are one.
 pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
@@ -121,17 +89,26 @@ pub(crate) fn check_slices(states: usize, x: &[f64], out: &[f64]) {
     assert_eq!(out.len(), states, "out must have one value per state");
 }
 
-/// Refuses inner operators with evidence, for operators that add moves without a likelihood of
-/// the measurements.
-pub(super) fn refuse_evidence<A: Transition>(
-    inner: &A,
-    control: &A::Control,
-    operator: &str,
-) -> Result<(), TransitionError> {
-    inner.check_control(control)?;
-    if inner.evidence(control).is_some() {
-        let text = format!("evidence on moves within a {operator}, which does not take it");
-        return Err(TransitionError::Control(text));
+/// Checks that there is at least one row, and that each has as many values as there are rows.
+pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
+    let expected = rows.len();
+    if expected == 0 {
+        return Err(TransitionError::Empty);
+    }
+    let lengths = rows.iter().map(|row| row.as_ref().len()).enumerate();
+    match lengths.into_iter().find(|(_, found)| *found != expected) {
+        Some((row, found)) => Err(TransitionError::RowLength { row, found, expected }),
+        None => Ok(()),
+    }
+}
+
+/// Checks that a slice has n × n values, with n above 0.
+pub(super) fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
+    if states == 0 {
+        return Err(TransitionError::Empty);
+    }
+    if states.checked_mul(states) != Some(found) {
+        return Err(TransitionError::WrongLength { states, found });
     }
     Ok(())
 }

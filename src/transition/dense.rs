@@ -1,46 +1,62 @@
-//! A transition operator that stores every entry.
+//! Transition operators that store every entry.
 
+use std::fmt;
 use std::sync::OnceLock;
 
-use super::sparse::LEAST_PLAIN;
-use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
+use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
-use crate::kernels::{self, Dense, DenseLogs};
+use crate::kernels::{Dense, DenseLogs};
+
+/// Most states whose entries `Debug` shows.
+const SHOWN: usize = 8;
 
 /// A dense transition matrix, stored by columns.
 ///
-/// Products cost O(n²). Memory is 8 n² bytes, with n rounded up to a multiple of
-/// eight for one of the two, and as much again after the first Viterbi. For a map,
-/// where most entries are 0, take [`SparseTransition`](crate::SparseTransition).
+/// Products cost O(n²). Memory is 8 n² bytes, with one dimension rounded up to a multiple of
+/// eight, and as much again after the first Viterbi. For a map, where most entries are 0, use
+/// [`SparseTransition`](crate::SparseTransition).
 ///
 /// ```
 /// use wayfix::{DenseTransition, Transition};
 ///
-/// // Row i is what leads to state i, column j what leads out of state j: columns sum to one.
-/// // From state 0 the vehicle goes on to state 1 with 0.3, from there back with 0.4.
+/// // Row i holds the moves to state i, column j the moves out of state j: columns sum to one.
+/// // The vehicle moves from state 0 to state 1 with 0.3, and back with 0.4.
 /// let a = DenseTransition::from_rows(&[[0.7, 0.4], [0.3, 0.6]])?;
 /// let mut out = [0.0; 2];
 /// a.apply(&(), &[1.0, 0.0], &mut out);
 /// assert_eq!(out, [0.7, 0.3]);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct DenseTransition {
-    matrix: Dense,
-    /// Whether all entries above 0 are at least 2^-100.
+    pub(super) matrix: Dense,
+    /// True if all entries above 0 are at least 2^-100.
     pub(super) plain: bool,
-    /// Made when first decoded with.
-    log2: OnceLock<DenseLogs>,
+    /// log2 of the entries, computed by the first decoding.
+    pub(super) log2: OnceLock<DenseLogs>,
+}
+
+impl fmt::Debug for DenseTransition {
+    /// The number of states, and the rows of up to eight.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let states = self.matrix.states();
+        let mut out = f.debug_struct("DenseTransition");
+        out.field("states", &states);
+        if states > SHOWN {
+            out.finish_non_exhaustive()
+        } else {
+            out.field("rows", &self.to_rows()).finish()
+        }
+    }
 }
 
 impl DenseTransition {
-    /// From the rows of A: `rows[i][j]` = A\[i, j\] = p(to i | from j), so that
-    /// **columns** sum to one. O(n²).
+    /// Creates an operator from the rows of A: `rows[i][j]` = A\[i, j\] = p(to i | from j), so
+    /// that **columns** sum to one. O(n²).
     ///
-    /// Books that write p(to j | from i) at row i and column j mean the transpose:
-    /// [`from_fn`](Self::from_fn) takes it with `|to, from| p[from][to]`.
+    /// Many textbooks put p(to j | from i) at row i and column j, which is the transpose: pass
+    /// such a matrix to [`from_fn`](Self::from_fn) as `|to, from| p[from][to]`.
     ///
     /// ```
     /// use wayfix::DenseTransition;
@@ -55,15 +71,14 @@ impl DenseTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError`] for no states, for a row that has not n values, for a
-    /// value that is NaN, negative or infinite, or for a column that does not
-    /// sum to one within 1e-9.
+    /// [`TransitionError`] for no states, for a row that does not have n values, for a value that
+    /// is NaN, negative or infinite, or for a column that does not sum to one within 1e-9.
     pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TransitionError> {
         check_rows(rows)?;
         Self::from_fn(rows.len(), |i, j| rows[i].as_ref()[j])
     }
 
-    /// As [`from_rows`](Self::from_rows), with one row after another in one slice:
+    /// Creates an operator from the rows of A, one after another in one slice:
     /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
     ///
     /// # Errors
@@ -75,7 +90,7 @@ impl DenseTransition {
         Self::from_fn(states, |i, j| matrix[i * states + j])
     }
 
-    /// From a function of (to, from). O(n²).
+    /// Creates an operator from a function of (to, from). O(n²).
     ///
     /// # Errors
     ///
@@ -105,7 +120,7 @@ impl DenseTransition {
         Ok(Self { matrix, plain, log2: OnceLock::new() })
     }
 
-    /// From a faer view of A (columns sum to one). O(n²).
+    /// Creates an operator from a faer view of A (columns sum to one). O(n²).
     ///
     /// # Errors
     ///
@@ -120,121 +135,49 @@ impl DenseTransition {
         Self::from_fn(rows, |i, j| matrix[(i, j)])
     }
 
-    /// A as a faer view, without copying.
+    /// Returns A as a faer view, without copying.
     #[cfg(feature = "faer")]
     #[must_use]
     pub fn as_faer(&self) -> faer::MatRef<'_, f64> {
-        let (n, matrix) = (self.states(), &self.matrix);
+        let (n, matrix) = (self.matrix.states(), &self.matrix);
         faer::MatRef::from_column_major_slice_with_stride(matrix.values(), n, n, matrix.stride())
     }
 
-    /// A\[to, from\], 0 where there is no such state.
+    /// Returns A\[to, from\], or 0 if a state does not exist.
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
-        let n = self.states();
+        let n = self.matrix.states();
         if to < n && from < n { self.matrix.column(from)[to] } else { 0.0 }
     }
 
-    /// Rows and columns.
+    /// Returns the rows of A, as [`from_rows`](Self::from_rows) takes them. O(n²).
+    #[must_use]
+    pub fn to_rows(&self) -> Vec<Vec<f64>> {
+        let n = self.matrix.states();
+        (0..n).map(|to| (0..n).map(|from| self.get(to, from)).collect()).collect()
+    }
+
+    /// Rows and columns of A.
     pub(super) fn lines(&self) -> (Lines<'_>, Lines<'_>) {
         let values = self.matrix.values();
         (Lines::DenseTransposed { values }, Lines::Dense { values })
     }
 
-    /// The entries above 0 of a row.
-    fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        assert!(to < self.states(), "there is no state {to}");
+    /// Entries above 0 of a row.
+    pub(super) fn row(&self, to: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        assert!(to < self.matrix.states(), "there is no state {to}");
         let row = self.matrix.values()[to..].iter().step_by(self.matrix.stride()).copied();
         row.enumerate().filter(|entry| entry.1 > 0.0)
     }
 
-    /// The entries above 0 of a column.
-    fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+    /// Entries above 0 of a column.
+    pub(super) fn column(&self, from: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
         self.matrix.column(from).iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
     }
 
-    /// A\[i, j\], column after column.
+    /// Entries A\[i, j\], column by column.
     #[cfg(feature = "serde")]
     pub(crate) fn values(&self) -> Vec<f64> {
-        (0..self.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
+        (0..self.matrix.states()).flat_map(|j| self.matrix.column(j)).copied().collect()
     }
-
-    fn check_slices(&self, x: &[f64], out: &[f64]) {
-        super::check_slices(self.states(), x, out);
-    }
-}
-
-impl Transition for DenseTransition {
-    type Control = ();
-
-    fn states(&self) -> usize {
-        self.matrix.states()
-    }
-
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.check_slices(x, out);
-        self.matrix.multiply(x, out);
-    }
-
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.check_slices(x, out);
-        self.matrix.multiply_transpose(x, out);
-    }
-
-    fn stored(&self, (): &()) -> Option<Stored<'_>> {
-        Some(Stored::dense(self))
-    }
-
-    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.row(i), x);
-        }
-    }
-
-    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.column(j), x);
-        }
-    }
-}
-
-impl TransitionEntries for DenseTransition {
-    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.row(to)
-    }
-
-    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.column(from)
-    }
-
-    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.check_slices(x, out);
-        let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
-        let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
-        log2.maximize(x, out, from);
-    }
-}
-
-/// As many values in each row as there are rows, and at least one.
-pub(super) fn check_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<(), TransitionError> {
-    let expected = rows.len();
-    if expected == 0 {
-        return Err(TransitionError::Empty);
-    }
-    let lengths = rows.iter().map(|row| row.as_ref().len()).enumerate();
-    match lengths.into_iter().find(|(_, found)| *found != expected) {
-        Some((row, found)) => Err(TransitionError::RowLength { row, found, expected }),
-        None => Ok(()),
-    }
-}
-
-/// n × n values, n above 0.
-pub(super) fn check_square(states: usize, found: usize) -> Result<(), TransitionError> {
-    if states == 0 {
-        return Err(TransitionError::Empty);
-    }
-    if states.checked_mul(states) != Some(found) {
-        return Err(TransitionError::WrongLength { states, found });
-    }
-    Ok(())
 }

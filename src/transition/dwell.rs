@@ -29,7 +29,7 @@ use crate::kernels::{self, log2};
 /// use wayfix::{Belief, Hmm, Prior};
 /// use wayfix::{SparseTransition, TableLikelihood};
 ///
-/// // Around two places; in the first for two or three steps, in the other one.
+/// // Around two places, with two or three steps in the first, and one in the other.
 /// let moves = SparseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?;
 /// let bus = DwellTransition::new(moves, &[vec![0.0, 0.5, 0.5], vec![1.0]])?;
 /// let places = bus.groups().clone();

@@ -1,7 +1,6 @@
 //! The control of operators without one.
 
-/// The type `()`, as a trait, so that the compiler can say what to call where there is a
-/// control.
+/// The type `()` as a trait, so that compiler errors name the method to call with a control.
 #[diagnostic::on_unimplemented(
     message = "this model takes a control of type `{Self}` at each step",
     label = "call the method whose name ends in `_with`, which takes the control",

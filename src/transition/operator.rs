@@ -1,4 +1,4 @@
-//! The products of a transition operator.
+//! The trait of transition operators: their two products.
 
 use super::{Stored, buffers, log};
 use crate::error::TransitionError;
@@ -6,29 +6,29 @@ use crate::error::TransitionError;
 /// A transition operator A, whose columns sum to one:
 /// A\[i, j\] = p(`X_k` = i | `X_{k-1}` = j), as in the paper's eq. 6.
 ///
-/// Two products are all that filter and smoother need, so an operator does not
-/// have to store a matrix. What also needs single entries (Viterbi,
-/// simulation) asks for [`TransitionEntries`](super::TransitionEntries).
+/// Filter and smoother need only two products, so an operator does not have to store a matrix.
+/// Algorithms that need single entries (Viterbi, simulation, learning) require
+/// [`TransitionEntries`](super::TransitionEntries).
 ///
-/// An operator may depend on a **control**: what drives the step from k − 1 to
-/// k, such as odometry, elapsed time or a gear. An operator without one has
-/// `Control = ()`, and its columns are checked when a model is built from it.
+/// An operator may depend on a **control**, the input of the step from k − 1 to k, such as
+/// odometry, elapsed time or a gear. An operator without one has `Control = ()`, and its columns
+/// are checked when a model is built from it.
 ///
-/// A control may also be **evidence on the move**: what was measured between two
-/// steps, such as odometry or a compass. It does not choose an operator; it has a
-/// likelihood p(u | `X_{k-1}`, `X_k`) that multiplies the entries of A, whose
-/// columns then do not sum to one. [`evidence`](Self::evidence) says so, and
-/// [`EvidenceTransition`](crate::transition::EvidenceTransition) puts a likelihood of moves on
+/// A control may also be **evidence on the move**, a measurement between two steps, such as
+/// odometry or a compass. It does not choose an operator; its likelihood p(u | `X_{k-1}`, `X_k`)
+/// multiplies the entries of A, whose columns then do not sum to one.
+/// [`evidence`](Self::evidence) declares it, and
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition) adds a likelihood of moves to
 /// any operator.
 ///
-/// Entries below 2.2e-308 have lost digits, and what they lead to may be lost.
+/// Entries below 2.2e-308 have lost precision, and states reached only through them may be lost.
 ///
-/// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator too, so
-/// that models can share a large one.
+/// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator, too, so that models can
+/// share a large one.
 ///
 /// # Implement it yourself
 ///
-/// A drive around a loop: one place on with probability 0.9, else stay.
+/// A drive around a loop: one place forward with probability 0.9, else stay.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -56,10 +56,10 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// Memory between two passes is lent by [`with_scratch`](crate::transition::with_scratch).
+/// [`with_scratch`](crate::transition::with_scratch) lends memory for intermediate results.
 ///
-/// With a control, the metres driven since the last sighting, on a line of
-/// places 100 m apart (n of them; what comes near the end stays there):
+/// An operator with a control: the metres driven since the last observation, on a line of n
+/// places 100 m apart, where the vehicle stops at the end:
 ///
 /// ```
 /// use wayfix::{Transition, TransitionError};
@@ -67,7 +67,7 @@ use crate::error::TransitionError;
 /// struct Line(usize);
 ///
 /// impl Line {
-///     /// The places on either side of where the vehicle comes to.
+///     /// The places on either side of the new position.
 ///     fn reached(&self, from: usize, metres: f64) -> [(usize, f64); 2] {
 ///         let at = (from as f64 + metres / 100.0).min(self.0 as f64 - 1.0);
 ///         let share = at.fract();
@@ -106,13 +106,13 @@ use crate::error::TransitionError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Transition {
-    /// What the operator of a step depends on; `()` if on nothing.
+    /// Input of a step that the operator depends on; `()` if there is none.
     type Control: 'static;
 
-    /// The number of states, n.
+    /// Number of states, n.
     fn states(&self) -> usize;
 
-    /// `out = A x`: the distribution one step later. Overwrites all of `out`.
+    /// Computes `out = A x`, the distribution one step later. Overwrites all of `out`.
     ///
     /// Must be linear in `x`, for `x` of any non-negative scale. Inference
     /// calls it with two slices of n values, after
@@ -120,66 +120,65 @@ pub trait Transition {
     /// operators of this crate panic on slices of another length.
     fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
 
-    /// `out = A' x`, the transpose (paper eq. 12). Overwrites all of `out`.
-    /// The rest is as for [`apply`](Self::apply).
+    /// Computes `out = A' x` with the transpose (paper eq. 12). Overwrites all of `out`, under
+    /// the same conditions as [`apply`](Self::apply).
     fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]);
 
-    /// The same product in logarithms: `out[i]` = ln Σ over j of A\[i, j\]
-    /// exp(`x[j]`), for `x` of any range, with −∞ for 0.
+    /// Computes `A x` in logarithms: `out[i]` = ln Σ over j of A\[i, j\] exp(`x[j]`), for `x` of
+    /// any range, with −∞ for 0.
     ///
-    /// Inference takes it where a double does not hold a belief. The default
-    /// calls [`apply`](Self::apply) once for every 600 nats of range, and
-    /// allocates; the operators of this crate sum entry by entry.
+    /// Used where a belief is out of the range of doubles. The default calls
+    /// [`apply`](Self::apply) once for every 600 nats of range, and allocates; the operators of
+    /// this crate sum entry by entry.
     fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
         log::by_bands(x, out, |x, out| self.apply(control, x, out));
     }
 
-    /// As [`apply_log`](Self::apply_log), with A'.
+    /// Computes `A' x` in logarithms, as [`apply_log`](Self::apply_log).
     fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
         log::by_bands(x, out, |x, out| self.apply_transpose(control, x, out));
     }
 
-    /// The evidence on the move in a control: `None`, as by default, if the control
-    /// only chooses the operator, whose columns are then distributions; they are
-    /// checked to be so. `Some(log_factor)` if something was measured, u: the entries
-    /// of this step then are
+    /// Declares a control to be evidence on the move.
+    ///
+    /// `None`, the default, if the control only chooses the operator; the columns are then
+    /// distributions, and are checked. `Some(log_factor)` if the control is a measurement u; the
+    /// entries of this step are then
     ///
     /// ```text
     /// A[i, j] p(u | X_{k-1} = j, X_k = i) exp(−log_factor)
     /// ```
+    /// They are finite and at least 0, and their columns may have any sum, including 0. Inference
+    /// normalises the belief, not the columns: the sum of a prediction is p(u | y_1 … y_{k-1}),
+    /// whose logarithm, plus `log_factor`, is added to the log-likelihood.
     ///
-    /// They are finite and at least 0, and their columns may have any sum, also 0.
-    /// Inference normalises the belief, not the columns: the sum of a prediction is
-    /// p(u | y_1 … y_{k-1}), and its logarithm becomes part of the log-likelihood,
-    /// with `log_factor` added.
-    ///
-    /// All methods give these entries, those of
-    /// [`TransitionEntries`](super::TransitionEntries) too. The factor should be such that the largest
-    /// entry is near 1: a step whose sum is above 2^7 or below 2^-100 is taken in
-    /// logarithms, which takes longer. Called with a control that
-    /// [`check_control`](Self::check_control) has accepted, more than once a step: it
-    /// should cost little.
+    /// All methods use these entries, including those of
+    /// [`TransitionEntries`](super::TransitionEntries). The factor should bring the largest entry
+    /// near to 1: a step whose sum is above 2^7 or below 2^-100 is taken in logarithms, which is
+    /// slower. This method is called with a control that [`check_control`](Self::check_control)
+    /// has accepted, more than once a step, and should be cheap.
     fn evidence(&self, control: &Self::Control) -> Option<f64> {
         let _ = control;
         None
     }
 
-    /// Whether entries of a step with [evidence](Self::evidence) are beyond doubles:
-    /// above 0 but below 2.2e-308, or above 1.7e308. Inference then takes the step in
-    /// logarithms, and asks for entries by
+    /// True if entries of a step with [evidence](Self::evidence) are out of the range of doubles:
+    /// above 0 but below 2.2e-308, or above 1.7e308.
+    ///
+    /// Inference then takes the step in logarithms, and reads entries only by
     /// [`incoming_log2`](super::TransitionEntries::incoming_log2) and
-    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2) alone. By default they never
-    /// are: what is below then may be lost, which is at most 1e-277 of a prediction, since
-    /// the sum of one that is taken in doubles is at least 2^-100. Called a few times a
-    /// step.
+    /// [`outgoing_log2`](super::TransitionEntries::outgoing_log2). With false, the default,
+    /// entries below this range may be lost, which is at most 1e-277 of a prediction, since the
+    /// sum of a prediction in doubles is at least 2^-100. Called a few times a step.
     fn needs_logs(&self, control: &Self::Control) -> bool {
         let _ = control;
         false
     }
 
-    /// [`apply`](Self::apply) block by block: hands over the first state of a block and its
-    /// values, while they are in the processor's first cache; each state once. By default
-    /// one block of all. A filter calls it in place of `apply` where
+    /// Computes [`apply`](Self::apply) block by block, and passes each block to `take` while it
+    /// is in the first-level cache: the first state and its values, each state once.
+    ///
+    /// By default there is one block. A filter calls it instead of `apply` where
     /// [`smallest_entry`](Self::smallest_entry) allows.
     fn apply_in_blocks(
         &self,
@@ -193,28 +192,28 @@ pub trait Transition {
         });
     }
 
-    /// A bound from below on the entries above 0 of a step, and on all factors that a product
-    /// multiplies by on its way to them; 0, as by default, if none is known. From 2^-100 on,
-    /// products with beliefs keep their digits, so that a filter need not scale them:
-    /// operators that also write [blocks](Self::apply_in_blocks) then take half the time.
-    /// Called once a step.
+    /// Lower bound on the entries above 0 of a step, and on all factors within a product that
+    /// lead to them; 0, the default, if none is known.
+    ///
+    /// From 2^-100 on, products with beliefs keep full precision, so that a filter need not scale
+    /// them: operators that also implement [`apply_in_blocks`](Self::apply_in_blocks) then take
+    /// half the time. Called once a step.
     fn smallest_entry(&self, control: &Self::Control) -> f64 {
         let _ = control;
         0.0
     }
 
-    /// The matrix of a step, if it is one that this crate stores: inference
-    /// then goes through it by itself, and does with each product at once what
-    /// else there is to do. `None`, unless an operator hands on that of another,
-    /// which it must equal. It is not looked at where there is
-    /// [evidence](Self::evidence).
+    /// Returns the matrix of a step if it is stored in a type of this crate, so that inference
+    /// can fuse the product with its other loops.
+    ///
+    /// By default `None`. A wrapper may return the matrix of its inner operator, which must be
+    /// equal to its own. Ignored for steps with [evidence](Self::evidence).
     fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
         let _ = control;
         None
     }
 
-    /// Whether there is an operator for this control; all are accepted unless
-    /// an implementation says otherwise.
+    /// Checks that the operator accepts a control; by default it accepts all.
     ///
     /// # Errors
     ///

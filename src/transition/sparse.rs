@@ -1,59 +1,61 @@
-//! A transition operator that stores only its entries above 0.
+//! Transition operators that store only the entries above 0.
 
+use std::fmt;
 use std::sync::OnceLock;
 
+use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
-use super::stored::Stored;
-use super::{Transition, TransitionEntries, check_columns_of, check_count, log};
 use crate::error::TransitionError;
 use crate::kernels::lockstep::Lines;
 use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
 
-/// 2^-100.
-pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
-
-/// A sparse transition matrix, stored by rows and by columns with 32-bit
-/// indices.
+/// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
-/// Products cost O(entries). Memory is 24 bytes an entry and 8 bytes a state for
-/// rows and columns, and from 17 to some 60 bytes an entry for the forms in which
-/// products go through them, eight lines at a time; the first Viterbi adds up to
-/// 20 bytes an entry. Entries of 0 are not stored.
-/// [With values of 32 bits](Self::with_single_values), 24 become 16, and 17 to 60 become 9
+/// Products cost O(entries). Entries of 0 are not stored. Memory is 24 bytes an entry and 8 bytes
+/// a state for rows and columns, and from 17 to some 60 bytes an entry for the sliced copies that
+/// products read, eight rows or columns at a time; the first Viterbi adds up to 20 bytes an
+/// entry. [With values of 32 bits](Self::with_single_values), 24 become 16, and 17 to 60 become 9
 /// to 40.
 ///
-/// With the feature `rayon`, from some 100,000 states on the products, and what a
-/// filter or smoother does beside them, run on all threads of the pool that they are
-/// called in (which may allocate now and then). The results are the same to the bit for
-/// any number of threads, and without the feature.
+/// With the feature `rayon`, from some 100,000 states on, products and the loops of filter and
+/// smoother run on all threads of the current pool (which may allocate now and then). The results
+/// are identical to the bit for any number of threads, and without the feature.
 ///
 /// ```
 /// use wayfix::{SparseTransition, Transition};
 ///
-/// // (to, from, probability): columns, the ways out of a state, sum to one.
+/// // (to, from, probability): each column, the moves out of a state, sums to one.
 /// let a = SparseTransition::from_triplets(2, [(0, 0, 0.7), (1, 0, 0.3), (1, 1, 1.0)])?;
 /// let mut out = [0.0; 2];
 /// a.apply(&(), &[0.5, 0.5], &mut out);
 /// assert_eq!(out, [0.35, 0.65]);
 /// # Ok::<(), wayfix::TransitionError>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct SparseTransition {
     pub(super) rows: Compressed,
     pub(super) columns: Compressed,
     pub(crate) sliced_rows: Sliced,
     pub(crate) sliced_columns: Sliced,
-    /// Whether all entries are at least 2^-100.
+    /// True if all entries are at least 2^-100.
     pub(crate) plain: bool,
-    /// log2 of the values of the rows, made when first decoded with.
+    /// log2 of the values of the rows, computed by the first decoding.
     log2: OnceLock<Values>,
-    /// What values were changed by at most, for one, to have 32 bits.
+    /// Largest relative change of a value by rounding to 32 bits; 0 with values of 64 bits.
     pub(super) rounding: f64,
 }
 
+impl fmt::Debug for SparseTransition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut out = f.debug_struct("SparseTransition");
+        out.field("states", &self.rows.lines());
+        out.field("entries", &self.rows.entries()).finish_non_exhaustive()
+    }
+}
+
 impl SparseTransition {
-    /// From entries (to, from, probability) in any order. O(n + entries), and the
-    /// entries of each eight rows and columns are sorted.
+    /// Creates an operator from entries (to, from, probability) in any order. O(n + entries),
+    /// plus the sorting of the entries within every eight rows and columns.
     ///
     /// # Errors
     ///
@@ -69,7 +71,7 @@ impl SparseTransition {
         Ok(Self::from_compressed(rows, columns, 0.0))
     }
 
-    /// Rows and columns.
+    /// Validated entries, by rows and by columns.
     pub(crate) fn compressed(
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
@@ -122,8 +124,8 @@ impl SparseTransition {
         Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
     }
 
-    /// From the rows of A, zeros and all: `rows[i][j]` = A\[i, j\] = p(to i | from j),
-    /// so that **columns** sum to one. O(n²).
+    /// Creates an operator from the rows of A, including zeros:
+    /// `rows[i][j]` = A\[i, j\] = p(to i | from j), so that **columns** sum to one. O(n²).
     ///
     /// ```
     /// use wayfix::SparseTransition;
@@ -140,18 +142,18 @@ impl SparseTransition {
     /// # Errors
     ///
     /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
-    /// [`TransitionError::RowLength`] for a row that has not n values.
+    /// [`TransitionError::RowLength`] for a row that does not have n values.
     pub fn from_rows<R: AsRef<[f64]>>(rows: &[R]) -> Result<Self, TransitionError> {
-        super::dense::check_rows(rows)?;
+        check_rows(rows)?;
         let entries = rows
             .iter()
             .enumerate()
             .flat_map(|(i, row)| row.as_ref().iter().enumerate().map(move |(j, &p)| (i, j, p)));
-        // Without zeros, so that there is no room made for them.
+        // Zeros are skipped first, so that no memory is reserved for them.
         Self::from_triplets(rows.len(), entries.filter(|entry| entry.2 != 0.0))
     }
 
-    /// As [`from_rows`](Self::from_rows), with one row after another in one slice:
+    /// Creates an operator from the rows of A, one after another in one slice:
     /// `matrix[i * n + j]` = A\[i, j\] = p(to i | from j). O(n²).
     ///
     /// # Errors
@@ -159,37 +161,13 @@ impl SparseTransition {
     /// [`TransitionError`] as [`from_triplets`](Self::from_triplets), or
     /// [`TransitionError::WrongLength`] unless there are n × n values.
     pub fn from_row_major(states: usize, matrix: &[f64]) -> Result<Self, TransitionError> {
-        super::dense::check_square(states, matrix.len())?;
-        // Without zeros, so that there is no room made for them.
+        check_square(states, matrix.len())?;
+        // Zeros are skipped first, so that no memory is reserved for them.
         let entries = matrix.iter().enumerate().filter(|entry| *entry.1 != 0.0);
         Self::from_triplets(states, entries.map(|(at, &p)| (at / states, at % states, p)))
     }
 
-    /// From any operator without a control, by a product for each state: to
-    /// decode often with one whose entries are costly.
-    /// O(n · (a product) + n log n + entries).
-    ///
-    /// # Errors
-    ///
-    /// [`TransitionError`] as [`from_triplets`](Self::from_triplets).
-    pub fn from_operator<A>(operator: &A) -> Result<Self, TransitionError>
-    where
-        A: Transition<Control = ()> + ?Sized,
-    {
-        let n = operator.states();
-        let (mut unit, mut column) = (vec![0.0; n], vec![0.0; n]);
-        let mut entries = Vec::new();
-        for from in 0..n {
-            unit[from] = 1.0;
-            operator.apply(&(), &unit, &mut column);
-            unit[from] = 0.0;
-            let reached = column.iter().enumerate().filter(|(_, value)| **value != 0.0);
-            entries.extend(reached.map(|(to, &value)| (to, from, value)));
-        }
-        Self::from_triplets(n, entries)
-    }
-
-    /// From a dense faer view of A (columns sum to one). O(n²).
+    /// Creates an operator from a dense faer view of A (columns sum to one). O(n²).
     ///
     /// # Errors
     ///
@@ -205,7 +183,7 @@ impl SparseTransition {
         Self::from_triplets(n, entries.map(|(i, j)| (i, j, matrix[(i, j)])))
     }
 
-    /// From a sparse faer view of A (columns sum to one). O(n + entries).
+    /// Creates an operator from a sparse faer view of A (columns sum to one). O(n + entries).
     ///
     /// # Errors
     ///
@@ -222,17 +200,33 @@ impl SparseTransition {
         Self::from_triplets(n, matrix.triplet_iter().map(|t| (t.row, t.col, *t.val)))
     }
 
-    /// How many entries are above 0, E.
+    /// Number of entries above 0, E.
     #[must_use]
     pub fn entries(&self) -> usize {
         self.rows.entries()
     }
 
-    /// A\[to, from\], 0 where nothing is stored or there is no such state.
+    /// Returns the entries (to, from, probability), row by row, as
+    /// [`from_triplets`](Self::from_triplets) takes them.
+    ///
+    /// ```
+    /// # use wayfix::SparseTransition;
+    /// let entries = [(0, 0, 0.7), (1, 0, 0.3), (1, 1, 1.0)];
+    /// let a = SparseTransition::from_triplets(2, entries)?;
+    /// assert!(a.triplets().eq(entries));
+    /// assert_eq!(format!("{a:?}"), "SparseTransition { states: 2, entries: 3, .. }");
+    /// # Ok::<(), wayfix::TransitionError>(())
+    /// ```
+    pub fn triplets(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        let rows = 0..self.rows.lines();
+        rows.flat_map(|to| self.rows.line(to).map(move |(from, p)| (to, from, p)))
+    }
+
+    /// Returns A\[to, from\], or 0 if the entry is not stored or a state does not exist.
     /// O(log entries of the row).
     #[must_use]
     pub fn get(&self, to: usize, from: usize) -> f64 {
-        let states = self.states();
+        let states = self.rows.lines();
         if to >= states || from >= states {
             return 0.0;
         }
@@ -242,12 +236,12 @@ impl SparseTransition {
 }
 
 impl SparseTransition {
-    /// Rows and columns, if values have 64 bits.
+    /// Rows and columns, or `None` if the values have 32 bits.
     pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }
 
-    /// A step of Viterbi; see [`Maximize`].
+    /// Computes the max-product of a Viterbi step; see [`Maximize`].
     pub(crate) fn maximize(
         &self,
         x: &[f64],
@@ -257,51 +251,5 @@ impl SparseTransition {
     ) -> f64 {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
         maximize(Maximize { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
-    }
-}
-
-impl Transition for SparseTransition {
-    type Control = ();
-
-    fn states(&self) -> usize {
-        self.rows.lines()
-    }
-
-    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.sliced_rows.multiply(x, out);
-    }
-
-    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        self.sliced_columns.multiply(x, out);
-    }
-
-    fn stored(&self, (): &()) -> Option<Stored<'_>> {
-        Some(Stored::sparse(self))
-    }
-
-    fn apply_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (i, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.rows.line(i), x);
-        }
-    }
-
-    fn apply_transpose_log(&self, (): &(), x: &[f64], out: &mut [f64]) {
-        for (j, out) in out.iter_mut().enumerate() {
-            *out = log::sum(self.columns.line(j), x);
-        }
-    }
-}
-
-impl TransitionEntries for SparseTransition {
-    fn incoming(&self, (): &(), to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.rows.line(to)
-    }
-
-    fn outgoing(&self, (): &(), from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.columns.line(from)
-    }
-
-    fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.maximize(x, None, out, from);
     }
 }

@@ -1,4 +1,4 @@
-//! Sparse operators from weights of any scale.
+//! Sparse operators from unnormalised weights.
 
 use super::SparseTransition;
 use super::check_count;
@@ -6,16 +6,17 @@ use super::compressed::Compressed;
 use crate::error::TransitionError;
 
 impl SparseTransition {
-    /// From weights (to, from, weight) in any order: those of the same move are
-    /// added up, and those out of each state are divided by their sum, so that
-    /// columns sum to one. Each column has a scale of its own, as
-    /// [`Belief::from_weights`](crate::Belief::from_weights): counts of drives,
-    /// frequencies, scores. What is not given is 0. O(n + weights).
+    /// Creates an operator from weights (to, from, weight) in any order, such as counts of
+    /// drives, frequencies or scores. O(n + weights).
+    ///
+    /// Weights of the same move are added, and the weights out of each state are divided by their
+    /// sum, so that columns sum to one. Each column has a scale of its own, as in
+    /// [`Belief::from_weights`](crate::Belief::from_weights). Missing weights are 0.
     ///
     /// ```
     /// use wayfix::SparseTransition;
     ///
-    /// // Moves seen one by one: (to, from, how often).
+    /// // Observed moves: (to, from, count).
     /// let seen = [(1, 0, 1.0), (1, 0, 1.0), (0, 0, 1.0), (1, 0, 1.0), (0, 1, 2.0)];
     /// let a = SparseTransition::from_weights(2, seen)?;
     /// assert_eq!((a.get(1, 0), a.get(0, 0)), (0.75, 0.25));
@@ -25,9 +26,9 @@ impl SparseTransition {
     ///
     /// # Errors
     ///
-    /// [`TransitionError`] for no states, an index out of range, a weight that is
-    /// NaN, negative or infinite, a state that no weight above 0 leads out of, or
-    /// more than 2^31 − 1 states or 2^32 − 1 weights.
+    /// [`TransitionError`] for no states, an index out of range, a weight that is NaN, negative
+    /// or infinite, a state with no outgoing weight above 0, or more than 2^31 − 1 states or 2^32
+    /// − 1 weights.
     pub fn from_weights(
         states: usize,
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
@@ -36,7 +37,7 @@ impl SparseTransition {
         Ok(Self::from_compressed(rows, columns, 0.0))
     }
 
-    /// Rows and columns, of weights.
+    /// Normalised entries, by rows and by columns.
     pub(crate) fn compressed_weights(
         states: usize,
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
@@ -61,11 +62,11 @@ impl SparseTransition {
             }
         }
         check_count("weights", given.len())?;
-        // Twice transposed, what leads to one state is side by side.
+        // Transposing twice sorts the entries, so that weights of the same move are adjacent.
         let columns = Compressed::new(states, given.into_iter()).transposed().transposed();
         let mut moves: Vec<(usize, usize, f64)> = Vec::with_capacity(columns.entries());
         for from in 0..states {
-            // First by the largest, so that no sum overflows.
+            // Divided by the maximum first, so that no sum overflows.
             let largest = columns.line(from).map(|weight| weight.1).fold(0.0, f64::max);
             if largest == 0.0 {
                 return Err(TransitionError::NoWeight { column: from });

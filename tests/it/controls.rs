@@ -59,7 +59,7 @@ fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
     let error = filter.step_with(&2, &NOTHING).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "step 2 has no valid control: unknown control: operator 2, expected one of 2 (0 to 1)"
+        "step 2 has no valid control: operator 2, expected one of 2 (0 to 1)"
     );
     assert!(std::error::Error::source(&error).is_none(), "it has been said");
     assert_eq!(filter.snapshot(), before);

@@ -118,10 +118,7 @@ fn moves_are_counted_under_their_controls() {
     assert_eq!(evaluate::illegal_moves_with(&gears, &[9, 1, 0, 1], &[0, 1, 1, 0]), Ok(0));
     assert_eq!(evaluate::illegal_moves_with(&gears, &[1, 0, 1, 0], &[0, 1, 1, 0]), Ok(3));
     let error = evaluate::illegal_moves_with(&gears, &[0, 9], &[0, 0]).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "control 1 is not valid: unknown control: operator 9, expected one of 2 (0 to 1)"
-    );
+    assert_eq!(error.to_string(), "control 1 is not valid: operator 9, expected one of 2 (0 to 1)");
 }
 
 /// What is drawn ahead of a filter has the forecast's frequencies. The seed is

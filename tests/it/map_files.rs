@@ -67,7 +67,7 @@ fn repeated_places_are_dropped_unless_they_moved() {
     assert!(!report.is_clean());
     assert_eq!(
         report.to_string(),
-        "dropped 1 of 3 places (repeated) and 0 of 1 roads (0 parallel, 0 loops)"
+        "dropped 1 of 3 places (repeated) and 0 of 1 roads (parallel: 0, loops: 0)"
     );
     let moved = places().into_iter().chain([shelf(2, 1.5, 0.0)]);
     says(RoadMap::cleaned(moved, []), "place 2 is given twice");

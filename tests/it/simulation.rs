@@ -91,6 +91,6 @@ fn controls_drive_the_simulation_too() {
     let error = hmm.simulate_with(&[0, 2], &mut rng).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "step 2 has no valid control: unknown control: operator 2, expected one of 2 (0 to 1)"
+        "step 2 has no valid control: operator 2, expected one of 2 (0 to 1)"
     );
 }

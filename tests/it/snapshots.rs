@@ -13,8 +13,8 @@ use wayfix::{
 
 use crate::kit::{Kind, cases, models};
 
-fn control(control: &usize, out: &mut Vec<u8>) {
-    out.extend(vec![7; *control]);
+fn control(control: usize, out: &mut Vec<u8>) {
+    out.extend(vec![7; control]);
 }
 
 fn its_control(bytes: &[u8]) -> Option<usize> {
@@ -49,10 +49,10 @@ proptest! {
             let state = FilterSnapshot::from_bytes(&bytes).unwrap();
             prop_assert_eq!(&state, &filter.snapshot());
             prop_assert_eq!(state.to_bytes(), bytes);
-            let bytes = smoother.snapshot().to_bytes_with(control);
+            let bytes = smoother.snapshot().to_bytes_with(|u, out| control(*u, out));
             let state = FixedLagSnapshot::from_bytes_with(&bytes, its_control).unwrap();
             prop_assert_eq!(&state, &smoother.snapshot());
-            prop_assert_eq!(state.to_bytes_with(control), bytes);
+            prop_assert_eq!(state.to_bytes_with(|u, out| control(*u, out)), bytes);
             if filter.step_with(&k, &model.logs[k]).is_err() {
                 break;
             }
@@ -125,7 +125,7 @@ proptest! {
         for k in 0..=model.steps() {
             for (kind, bytes) in [
                 filter.snapshot().to_bytes(),
-                smoother.snapshot().to_bytes_with(control),
+                smoother.snapshot().to_bytes_with(|u, out| control(*u, out)),
                 decoder.snapshot().to_bytes(),
                 pruned.snapshot().to_bytes(),
             ].into_iter().enumerate() {
@@ -219,9 +219,9 @@ fn states_that_are_ruled_out_take_a_bit() {
     let hmm = ring(n);
     let mut filter = hmm.filter();
     (0..3).for_each(|_| _ = filter.step(&vec![0.5; n][..]).unwrap());
-    // Three states, a bit for each, three numbers of steps and sums, two lengths, and the
+    // Three states, a bit for each, four numbers of steps and sums, two lengths, and the
     // ends.
-    let expected = 8 * (3 + n.div_ceil(64) + 3 + 2 + 2);
+    let expected = 8 * (3 + n.div_ceil(64) + 4 + 2 + 2);
     assert_eq!(filter.snapshot().to_bytes().len(), expected);
     let mut pruned = hmm.pruned_filter(Pruning::default());
     (0..3).for_each(|_| _ = pruned.step(&vec![0.5; n][..]).unwrap());
@@ -273,7 +273,7 @@ fn bytes_of_something_else_say_what_they_are() {
     refused(&sealed([within, &[0; 3]].concat()), "3 bytes after the snapshot, expected 0");
     // A length that no memory holds.
     let mut long = within.to_vec();
-    long[32..40].copy_from_slice(&(1_u64 << 60).to_le_bytes());
+    long[40..48].copy_from_slice(&(1_u64 << 60).to_le_bytes());
     assert!(matches!(FilterSnapshot::from_bytes(&sealed(long)), Err(SnapshotError::Length { .. })));
     let mut smoother = hmm.fixed_lag(2);
     (0..3).for_each(|_| _ = smoother.step(&[0.5; 20]).unwrap());

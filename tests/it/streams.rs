@@ -40,8 +40,8 @@ proptest! {
         let hmm = model.hmm(model.sparse());
         let (mut smoother, mut filter) = (hmm.fixed_lag(lag), hmm.filter());
         let mut both = Model { logs: Vec::new(), ..model.clone() };
-        for k in 1..=model.steps() {
-            let (control, y) = (k - 1, &model.logs[k - 1]);
+        for (control, (y, more)) in model.logs.iter().zip(&more[1..]).enumerate() {
+            let k = control + 1;
             let by_update = k == 1 && model.at_first && first_by_update;
             let mut results = Vec::new();
             if by_update {
@@ -51,7 +51,7 @@ proptest! {
             }
             if results[0].0.is_ok() {
                 let before = smoother.snapshot();
-                results.push((smoother.update(&more[k]), filter.update(&more[k])));
+                results.push((smoother.update(more), filter.update(more)));
                 if results[1].0.is_err() {
                     prop_assert_eq!(smoother.snapshot(), before);
                 }
@@ -60,7 +60,7 @@ proptest! {
                 prop_assert_eq!(format!("{found:?}"), format!("{expected:?}"));
             }
             prop_assert_eq!(smoother.filter().snapshot(), filter.snapshot());
-            both.logs.push(added(y.as_ref(), more[k].as_ref()));
+            both.logs.push(added(y.as_ref(), more.as_ref()));
             let answer = both.enumerate();
             if results.iter().any(|result| result.0.is_err()) {
                 prop_assert_eq!(answer.impossible_at, Some(k));

@@ -1,5 +1,5 @@
-//! Viterbi decoding along a beam, for very large maps, with a test whether the
-//! path is the best of all.
+//! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the
+//! path.
 
 mod scores;
 
@@ -16,7 +16,7 @@ use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 use scores::{Beam, ENTRY, Pointers, largest_log2};
 
-/// The best path within a beam, and what is proven of all other paths. Made by
+/// Best path within a beam, with a proven bound on all other paths. Made by
 /// [`Hmm::beam_viterbi`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct BeamPath {
@@ -26,42 +26,41 @@ pub struct BeamPath {
 }
 
 impl BeamPath {
-    /// The best of the paths that never left the beam.
+    /// Best of the paths that never left the beam.
     #[must_use]
     pub fn path(&self) -> &ViterbiPath {
         &self.path
     }
 
-    /// The path, moved out.
+    /// Returns the path by value.
     #[must_use]
     pub fn into_path(self) -> ViterbiPath {
         self.path
     }
 
-    /// No path at all has a ln p(path, y_1 … y_T) above this, but for rounding (1e-14
-    /// a factor): the larger of that of the path found and a bound on those of all
-    /// paths that left the beam.
+    /// Upper bound on ln p(path, y_1 … y_T) of all paths, up to rounding (1e-14 a factor): the
+    /// larger of that of the path found and a bound on those of all paths that left the beam.
     #[must_use]
     pub fn upper_bound(&self) -> f64 {
         self.path.log_probability.max(self.pruned)
     }
 
-    /// Whether no path that left the beam can be better than the one found, which
-    /// then has the probability of the path of [`Hmm::viterbi`]. Paths that differ
-    /// by less than rounding (1e-14 a factor) may count as either.
+    /// Returns true if no path that left the beam can be better than the one found, which then
+    /// has the probability of the path of [`Hmm::viterbi`]. Paths that differ by less than
+    /// rounding (1e-14 a factor) may be ranked either way.
     #[must_use]
     pub fn is_optimal(&self) -> bool {
         self.pruned <= self.path.log_probability
     }
 
-    /// Whether each path that left the beam is even worse than the one found,
-    /// which then is the path of [`Hmm::viterbi`], with its rule for ties.
+    /// Returns true if every path that left the beam is worse than the one found, which then is
+    /// the path of [`Hmm::viterbi`], with its rule for ties.
     #[must_use]
     pub fn is_unrivalled(&self) -> bool {
         self.pruned < self.path.log_probability
     }
 
-    /// The largest number of states that were followed at a step.
+    /// Largest number of states followed at a step.
     #[must_use]
     pub fn most_active(&self) -> usize {
         self.most_active
@@ -70,21 +69,19 @@ impl BeamPath {
 
 /// # Paths
 impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
-    /// The most probable path among those that at every step stay within `width`
-    /// nats of the best, and whether it is [proven](BeamPath::is_optimal) that no
-    /// other path is better: for models so large that
-    /// [`viterbi`](Self::viterbi) takes too long, or its 4 n T bytes are too many.
+    /// Returns the most probable path among those that at every step stay within `width` nats of
+    /// the best, and whether it is [proven](BeamPath::is_optimal) that no other path is better:
+    /// for models so large that [`viterbi`](Self::viterbi) takes too long, or its 4 n T bytes are
+    /// too many.
     ///
-    /// If it is not proven, take a wider beam; an infinite one keeps all states, a
-    /// negative or NaN one counts as 0. What can be proven at all depends on the
-    /// bound that the sensor gives for the states not asked: over steps at which
-    /// they are as likely as those of the path, nothing is gained against them,
-    /// and the width has to last.
+    /// If it is not proven, take a wider beam; an infinite one keeps all states, a negative or
+    /// NaN one counts as 0. The proof depends on the sensor's bound for the states that it is not
+    /// asked for: over steps at which they are as likely as those of the path, nothing is gained
+    /// against them, and the width has to last.
     ///
-    /// O(entries into and out of the states followed, and what the sensor takes) a
-    /// step; 8 bytes a state followed for the way back, and O(n) once. With
-    /// [evidence on moves](crate::Transition::evidence) O(E) a step, for the largest
-    /// entry.
+    /// O(entries into and out of the states followed, and the cost of the sensor) a step; 8 bytes
+    /// a state followed for the backpointers, and O(n) once. With [evidence on
+    /// moves](crate::Transition::evidence) O(E) a step, for the largest entry.
     ///
     /// ```
     /// # use wayfix::likelihood::SparseObservation;
@@ -112,10 +109,9 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step at which an observation is impossible, or
-    /// has no valid likelihood, or a control is not valid;
-    /// [`InferenceError::Pruned`] if an observation is impossible in all states of
-    /// the beam, but perhaps not in another: a wider beam may do.
+    /// [`InferenceError`] with the step at which an observation is impossible, or has no valid
+    /// likelihood, or a control is not valid; [`InferenceError::Pruned`] if an observation is
+    /// impossible in all states of the beam, but perhaps not in another: a wider beam may help.
     pub fn beam_viterbi<S>(&self, sequence: &S, width: f64) -> Result<BeamPath, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
@@ -183,7 +179,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             if nothing && others.is_possible(largest) {
                 return Err(InferenceError::ImpossibleMove { step });
             }
-            // A whole number is taken out, and then what is too far from the best.
+            // Take out a whole number, then drop states too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
                 return Err(if next.is_nowhere() {

@@ -1,5 +1,4 @@
-//! The scores within a beam, ceilings on those of all other paths, and the way
-//! back.
+//! Scores within a beam, upper bounds on those of all other paths, and backpointers.
 
 use std::f64::consts::{LN_2, LOG2_E};
 
@@ -8,30 +7,30 @@ use super::super::scores::unlifted_log2;
 use crate::kernels::{self, LIFT};
 use crate::transition::TransitionEntries;
 
-/// By how much the logarithm to base 2 of an entry may be above 0, since columns
-/// may be off one by 1e-9; without evidence on the move.
+/// Upper bound on log2 of an entry without evidence on the move: above 0, since columns may
+/// deviate from one by 1e-9.
 pub(super) const ENTRY: f64 = 1.6e-9;
 
-/// The scores of a step, logarithms to base 2 on the grid of `kernels::log2`.
+/// Scores of a step: logarithms to base 2 on the grid of `kernels::log2`.
 #[derive(Debug, Default)]
 pub(super) struct Beam {
-    /// In ascending order.
+    /// States in the beam, in ascending order.
     pub(super) states: Vec<usize>,
-    /// That of the best path to each state that never left the beam.
+    /// Score of the best path to each state that never left the beam.
     pub(super) scores: Vec<f64>,
-    /// At least that of any path to each state that did.
+    /// Upper bound on the scores of the paths to each state that left the beam.
     pub(super) ceilings: Vec<f64>,
-    /// At least that of any path to any other state.
+    /// Upper bound on the scores of the paths to any other state.
     pub(super) elsewhere: f64,
 }
 
-/// The way back.
+/// Backpointers of all steps.
 #[derive(Debug, Default)]
 pub(super) struct Pointers {
-    /// The states of all steps, and the place of the state before each among those
-    /// of its step.
+    /// States of all steps, each with the position of its predecessor among those of the step
+    /// before.
     pub(super) entries: Vec<(u32, u32)>,
-    /// Where the entries of each step begin.
+    /// Index of the first entry of each step.
     pub(super) starts: Vec<usize>,
 }
 
@@ -42,7 +41,7 @@ impl Beam {
         self.ceilings.clear();
     }
 
-    /// The scores of step 1: X_0 is summed over.
+    /// Computes the scores of step 1; X_0 is summed over.
     pub(super) fn start<A: TransitionEntries>(
         &mut self,
         prior: &[f64],
@@ -63,7 +62,7 @@ impl Beam {
                 None => prior[i] * LIFT,
             };
             self.scores.push(match moves {
-                // A product of two such numbers may be beyond a double.
+                // A product of two such numbers may leave the range of `f64`.
                 Some((transition, control)) if !(1.0..=f64::MAX).contains(&lifted) => {
                     let ways = || transition.incoming_log2(control, i);
                     log2_sum(|| ways().map(|(j, log2)| log2 + kernels::log2(prior[j])))
@@ -76,13 +75,13 @@ impl Beam {
         self.elsewhere = f64::NEG_INFINITY;
     }
 
-    /// Whether no path has a probability above 0.
+    /// Returns true if no path has a probability above 0.
     pub(super) fn is_nowhere(&self) -> bool {
         let all = self.scores.iter().chain(&self.ceilings).chain([&self.elsewhere]);
         all.copied().all(|score| score == f64::NEG_INFINITY)
     }
 
-    /// The best ways into each state.
+    /// Extends the best paths to each state.
     pub(super) fn extend<I: Iterator<Item = (usize, f64)>>(
         &mut self,
         before: &Self,
@@ -110,8 +109,8 @@ impl Beam {
         }
     }
 
-    /// Adds the logarithms of likelihoods, none of which is above `largest`, but for a
-    /// whole power of two. Returns the natural logarithm of that.
+    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole power
+    /// of two. Returns the natural logarithm of that power.
     pub(super) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
@@ -119,10 +118,10 @@ impl Beam {
         whole * LN_2
     }
 
-    /// The same for natural logarithms, less the largest, which is returned.
+    /// Adds natural logarithms of likelihoods, less the largest, which is returned.
     pub(super) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let largest = if largest.is_finite() { largest } else { 0.0 };
-        // As for the exact decoder, whose scores these must be.
+        // As in the exact decoder, whose scores these must equal.
         let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
         self.add(listed.iter().map(|log| log2(*log)));
         self.elsewhere += log2(others);
@@ -136,8 +135,8 @@ impl Beam {
         }
     }
 
-    /// Drops the states of which all paths are further than `width` below the
-    /// best, and takes the whole part of that out.
+    /// Drops the states of which all paths are further than `width` below the best, and takes out
+    /// the whole part of the best.
     pub(super) fn prune(&mut self, best: f64, width: f64, from: &mut Vec<u32>) {
         let (floor, least) = (best.floor(), best - width);
         let mut kept = 0;
@@ -161,7 +160,7 @@ impl Beam {
 }
 
 impl Pointers {
-    /// The path that ends in the state at this place of the last step.
+    /// Returns the path that ends in the state at this position of the last step.
     pub(super) fn path(&self, mut at: usize) -> Vec<usize> {
         let mut states = vec![0; self.starts.len()];
         for (state, start) in states.iter_mut().zip(&self.starts).rev() {
@@ -173,13 +172,13 @@ impl Pointers {
     }
 }
 
-/// The logarithm of the largest entry. O(E).
+/// Returns log2 of the largest entry. O(E).
 pub(super) fn largest_log2<A: TransitionEntries>(transition: &A, control: &A::Control) -> f64 {
     let entries = (0..transition.states()).flat_map(|i| transition.incoming_log2(control, i));
     entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// log2 of a sum of numbers, from their logarithms.
+/// Returns log2 of a sum of numbers, from their logarithms to base 2.
 fn log2_sum<I: Iterator<Item = f64>>(logs: impl Fn() -> I) -> f64 {
     let largest = logs().fold(f64::NEG_INFINITY, f64::max);
     if largest == f64::NEG_INFINITY {

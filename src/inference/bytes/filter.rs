@@ -1,4 +1,4 @@
-//! What a filter knows, as bytes.
+//! State of a filter, as bytes.
 
 use super::{Kind, Reader, Writer, contents};
 use crate::belief::Belief;
@@ -6,8 +6,8 @@ use crate::error::SnapshotError;
 use crate::inference::FilterSnapshot;
 
 impl FilterSnapshot {
-    /// The state as bytes: 8 for each state that is not ruled out, one bit for each, and
-    /// some 60. No feature is needed for it.
+    /// Returns the state as bytes: 8 for each possible state, one bit for each state, and about
+    /// 60 more. Needs no feature.
     ///
     /// ```
     /// # use wayfix::inference::FilterSnapshot;
@@ -29,9 +29,9 @@ impl FilterSnapshot {
     ///
     /// # The format
     ///
-    /// Bytes begin with `wayfix`, the kind of state and the version, 1, and end with a
-    /// sum, by which damage is found. They mean the same on all machines; another version
-    /// of the format is refused.
+    /// Bytes begin with `wayfix`, the kind of state and the version, 1, and end with a checksum,
+    /// which detects damage. They mean the same on all machines; another version of the format is
+    /// refused.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(Kind::Filter);
@@ -39,11 +39,11 @@ impl FilterSnapshot {
         writer.finish()
     }
 
-    /// The state that bytes are of. O(length).
+    /// Reads a state from bytes. O(length).
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or of something else.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         let mut reader = Reader::new(bytes, Kind::Filter)?;
         let state = Self::read(&mut reader)?;
@@ -56,14 +56,15 @@ impl FilterSnapshot {
         writer.integer(self.steps_in_logs);
         writer.log_sum(self.log_likelihood);
         writer.doubles(self.belief.as_slice(), 0.0);
-        // (No logarithms are as a vector of none.)
+        // Without logarithms, an empty vector.
         writer.doubles(self.logs.as_deref().unwrap_or_default(), f64::NEG_INFINITY);
     }
 
     pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
         let steps = [reader.integer()?, reader.integer()?];
         let log_likelihood = reader.log_sum()?;
-        let belief = Belief::new(reader.doubles(0.0)?).map_err(contents)?;
+        let belief =
+            Belief::new(reader.doubles(0.0)?).map_err(|error| contents(error.to_string()))?;
         let logs = Some(reader.doubles(f64::NEG_INFINITY)?).filter(|logs| !logs.is_empty());
         Self::checked(steps, belief, logs, log_likelihood).map_err(contents)
     }

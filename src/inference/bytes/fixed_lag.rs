@@ -1,11 +1,11 @@
-//! What a fixed-lag smoother knows, as bytes.
+//! State of a fixed-lag smoother, as bytes.
 
 use super::{Kind, Reader, Writer, contents};
 use crate::error::SnapshotError;
 use crate::inference::{FilterSnapshot, FixedLagSnapshot};
 
 impl FixedLagSnapshot<()> {
-    /// The state as bytes, of a model without controls: as many as those of L + 1
+    /// Returns the state as bytes, for a model without controls: as many as those of L + 1
     /// [filter states](FilterSnapshot::to_bytes).
     ///
     /// ```
@@ -24,18 +24,18 @@ impl FixedLagSnapshot<()> {
         self.to_bytes_with(|(), _| ())
     }
 
-    /// The state that bytes are of.
+    /// Reads a state from bytes.
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or of something else.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         Self::from_bytes_with(bytes, |control| control.is_empty().then_some(()))
     }
 }
 
 impl<U> FixedLagSnapshot<U> {
-    /// The state as bytes. `write` adds those of a control, as many as it likes.
+    /// Returns the state as bytes. `write` appends those of a control, of any number.
     ///
     /// ```
     /// # use wayfix::inference::FixedLagSnapshot;
@@ -69,12 +69,12 @@ impl<U> FixedLagSnapshot<U> {
         writer.finish()
     }
 
-    /// The state that bytes are of. `read` makes a control of the bytes that were written
-    /// for it, or `None` of others.
+    /// Reads a state from bytes. `read` makes a control of the bytes that were written for it, or
+    /// returns `None` for others.
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or of something else.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
     pub fn from_bytes_with(
         bytes: &[u8],
         mut read: impl FnMut(&[u8]) -> Option<U>,

@@ -1,9 +1,9 @@
-//! Snapshots as bytes: as small as their numbers allow, and restored to the bit.
+//! Snapshots as bytes: as compact as their numbers allow, and restored to the bit.
 //!
-//! They begin with `wayfix`, the kind and the version, a byte each, and end with a sum of
-//! all before. Between are numbers of eight bytes, the least byte first: integers, and
-//! doubles by their bits. A vector of doubles is its length n, n bits (in whole words) for
-//! those that are not 0 (not −∞, if it is one of logarithms), and these.
+//! The bytes begin with `wayfix`, the kind and the version, a byte each, and end with a checksum
+//! of all before. In between are little-endian numbers of eight bytes: integers, and doubles by
+//! their bits. A vector of doubles is stored as its length n, a mask of n bits (in whole words)
+//! for the values that are not 0 (not −∞, in a vector of logarithms), and these values.
 
 mod filter;
 mod fixed_lag;
@@ -15,12 +15,12 @@ use crate::error::SnapshotError;
 
 const MAGIC: &[u8] = b"wayfix";
 const VERSION: u8 = 1;
-/// Magic, kind and version.
+/// Length of magic, kind and version.
 const HEADER: usize = 8;
-/// The sum at the end.
+/// Length of the checksum at the end.
 const SUM: usize = 8;
 
-/// The types that are stored, by the byte that stands for each.
+/// Stored types, by the byte that stands for each.
 const KINDS: [(Kind, &str); 4] = [
     (Kind::Filter, "FilterSnapshot"),
     (Kind::FixedLag, "FixedLagSnapshot"),
@@ -40,7 +40,7 @@ fn name(kind: u8) -> &'static str {
     KINDS.iter().find(|entry| entry.0 as u8 == kind).map_or("unknown", |entry| entry.1)
 }
 
-/// A sum of bytes, which no change within eight of them leaves the same.
+/// Returns a checksum that any change within eight bytes alters.
 fn checksum(bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
     let mut last = [0; 8];
@@ -72,7 +72,7 @@ impl Writer {
         [sum, lost].into_iter().for_each(|value| self.double(value));
     }
 
-    /// Numbers, most of which may be the usual one.
+    /// Writes numbers, most of which may be `usual`.
     fn doubles(&mut self, values: &[f64], usual: f64) {
         let is_usual = |value: &f64| value.to_bits() == usual.to_bits();
         let others = values.iter().filter(|value| !is_usual(value));
@@ -94,7 +94,7 @@ impl Writer {
 }
 
 struct Reader<'a> {
-    /// Without the sum at the end.
+    /// All bytes before the checksum.
     bytes: &'a [u8],
     at: usize,
 }
@@ -165,8 +165,8 @@ impl<'a> Reader<'a> {
         Ok(LogSum { sum: self.double()?, lost: self.double()? })
     }
 
-    /// As written by [`Writer::doubles`]. What is allocated is at most 64 times as long as
-    /// the bytes are.
+    /// Reads numbers written by [`Writer::doubles`]. Allocates at most 64 times the length of the
+    /// bytes.
     fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
         let count = self.integer()?;
         let masks = self.words(count.div_ceil(64))?;
@@ -192,6 +192,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn contents(reason: impl ToString) -> SnapshotError {
-    SnapshotError::Contents { reason: reason.to_string() }
+fn contents(reason: String) -> SnapshotError {
+    SnapshotError::Contents { reason }
 }

@@ -1,4 +1,4 @@
-//! What an online decoder knows, as bytes.
+//! State of an online decoder, as bytes.
 
 use super::{Kind, Reader, Writer, contents};
 use crate::error::SnapshotError;
@@ -7,9 +7,9 @@ use crate::inference::online_viterbi_snapshot::Node;
 use crate::inference::scores::TakenOut;
 
 impl OnlineViterbiSnapshot {
-    /// The state as bytes, in the format of [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes):
-    /// 8 for each state that is possible, and for each state of an undecided step that a
-    /// path may lead through.
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): 8 for each possible state,
+    /// and for each state of an undecided step on a surviving path.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(Kind::OnlineViterbi);
@@ -28,11 +28,11 @@ impl OnlineViterbiSnapshot {
         writer.finish()
     }
 
-    /// The state that bytes are of. O(length).
+    /// Reads a state from bytes. O(length).
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or of something else.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         let mut reader = Reader::new(bytes, Kind::OnlineViterbi)?;
         let steps = reader.integer()?;
@@ -41,7 +41,7 @@ impl OnlineViterbiSnapshot {
         let mut levels = Vec::new();
         for _ in 0..reader.integer()? {
             let count = reader.integer()?;
-            // The state is the lower half of a word.
+            // The state is in the lower half of a word, its predecessor in the upper half.
             let node = |word: u64| Node { state: word as u32, from: (word >> 32) as u32 };
             levels.push(reader.words(count)?.map(node).collect());
         }

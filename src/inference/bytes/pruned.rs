@@ -1,12 +1,13 @@
-//! What a pruned filter knows, as bytes.
+//! State of a pruned filter, as bytes.
 
 use super::{Kind, Reader, Writer, contents};
 use crate::error::SnapshotError;
 use crate::inference::pruned::{Envelope, PrunedFilterSnapshot, Pruning};
 
 impl PrunedFilterSnapshot {
-    /// The state as bytes, in the format of [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes):
-    /// some 32 for each active state, and 180.
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 32 for each active
+    /// state, and 180.
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(Kind::Pruned);
@@ -28,16 +29,16 @@ impl PrunedFilterSnapshot {
         writer.finish()
     }
 
-    /// The state that bytes are of. O(length).
+    /// Reads a state from bytes. O(length).
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or of something else.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         let mut reader = Reader::new(bytes, Kind::Pruned)?;
         let (states, steps) = (reader.integer()?, reader.integer()?);
         let tolerance = reader.double()?;
-        // (Any number, also one of a larger machine.)
+        // May come from a machine with a larger `usize`.
         let most_active = usize::try_from(reader.word()?).unwrap_or(usize::MAX);
         let bound = reader.double()?;
         let (log, log_excess) = (reader.log_sum()?, reader.log_sum()?);

@@ -1,44 +1,33 @@
-//! A step of a pruned belief: prediction and update of all that is known of it.
+//! Prediction and update of a pruned belief, with its bounds.
 
 use super::super::frontier::Frontier;
-use super::envelope::{Envelope, LIFT, LOST};
+use super::envelope::{Envelope, LIFT, LOST, Raw};
 use super::moves::Moves;
 use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
 
-/// Below this a lifted number may have lost digits, and [`LOST`] is counted for it.
+/// Lifted number below which digits may be lost, for which [`LOST`] is counted.
 const SMALL: f64 = 1e-270;
-/// For what a bound may lose by a dozen roundings.
+/// Factor on a bound that covers a dozen roundings.
 const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
-/// The sums of a prediction.
+
+/// Sums of a prediction.
 pub(super) struct Predicted {
     /// Σ of the predicted estimates.
     pub(super) sum: f64,
-    /// The most terms of a sum.
+    /// Largest number of terms of a sum.
     terms: usize,
 }
 
-/// The sums over the ways into a state; lifted, but for the last.
+/// Sums over the entries into a state; lifted, except for `beyond`.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums {
     pub(super) estimate: f64,
     pub(super) lower: f64,
     pub(super) excess: f64,
-    /// The entries out of states that are not followed.
+    /// Sum of the entries out of inactive states.
     pub(super) beyond: f64,
-    /// How many ways there are at most.
-    pub(super) terms: usize,
-}
-
-/// The sums of a step before it is scaled.
-pub(super) struct Raw {
-    /// Σ of the estimates, lifted.
-    pub(super) estimate: f64,
-    /// Σ of the lower bounds, lifted.
-    pub(super) lower: f64,
-    /// Σ of all excess.
-    pub(super) excess: f64,
-    /// The most terms of a sum.
+    /// Upper bound on the number of entries.
     pub(super) terms: usize,
 }
 
@@ -53,7 +42,7 @@ impl Envelope {
         self.predict_by(before, moves, frontier, |i| before.sums(i, moves, frontier))
     }
 
-    /// The same by sums that are had otherwise.
+    /// Predicts all candidates, with sums that the caller computes.
     pub(super) fn predict_by<A: TransitionEntries>(
         &mut self,
         before: &Self,
@@ -63,7 +52,7 @@ impl Envelope {
     ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
-        // What comes to a state from outside only.
+        // Mass that comes from inactive states only: to each state, and to all.
         let (each, all) = match moves {
             Some(Moves { bounds, .. }) => {
                 let by_row = bounds.row * before.elsewhere;
@@ -90,7 +79,7 @@ impl Envelope {
         predicted
     }
 
-    /// The sums over the ways into a state, entry by entry.
+    /// Computes the sums over the entries into a state, entry by entry.
     #[inline]
     fn sums<A: TransitionEntries>(
         &self,
@@ -108,7 +97,7 @@ impl Envelope {
                 lower += a * (1.0 - off) * least;
                 excess += a * (1.0 + off) * (self.excess[at] * LIFT);
                 if off > 0.0 {
-                    // (What is beyond doubles is 0, but for so much.)
+                    // Entries outside the range of `f64` are 0, up to this error.
                     let tiny = 2.0 * f64::MIN_POSITIVE;
                     excess += 2.0 * off * (a * least) * ROUNDED_UP;
                     excess += tiny * (least + self.excess[at] * LIFT);
@@ -125,7 +114,7 @@ impl Envelope {
         Sums { estimate, lower, excess, beyond, terms }
     }
 
-    /// Takes the likelihoods of the candidates, and drops what they rule out.
+    /// Multiplies the candidates by their likelihoods, and drops those that are ruled out.
     pub(super) fn weigh(
         &mut self,
         Predicted { terms, .. }: Predicted,
@@ -162,14 +151,14 @@ impl Envelope {
     }
 }
 
-/// A lower bound and an excess, with what they and the estimate may have lost below the
-/// smallest double. A lower bound that may have lost digits is none.
+/// Returns a lower bound and an excess that cover the digits that they and the estimate may have
+/// lost below the smallest `f64`. A lower bound that may have lost digits becomes 0.
 #[inline]
 fn count_lost(estimate: f64, lower: f64, excess: f64) -> (f64, f64) {
     if estimate < SMALL || lower < SMALL { (0.0, excess + (lower + LOST)) } else { (lower, excess) }
 }
 
-/// The product of two numbers of which one may be infinite; 0 if one of them is.
+/// Returns the product of two numbers, one of which may be infinite; 0 if either is 0.
 #[inline]
 fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }

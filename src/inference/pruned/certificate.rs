@@ -1,6 +1,6 @@
-//! How much may be left out, and what is proven.
+//! Limits on the pruning, and the certificate of a step.
 
-/// How much a [`PrunedFilter`](crate::PrunedFilter) may leave out.
+/// Limits on the pruning of a [`PrunedFilter`](crate::PrunedFilter).
 ///
 /// ```
 /// use wayfix::inference::Pruning;
@@ -10,12 +10,11 @@
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pruning {
-    /// How far the belief may be from the exact one, in total variation; 1e-6
-    /// unless changed. At 0 (or less, or NaN) nothing is left out that a double
-    /// holds.
+    /// Tolerated distance of the belief from the exact one, in total variation; 1e-6 by default.
+    /// At 0 (or less, or NaN) nothing is dropped that an `f64` holds.
     pub tolerance: f64,
-    /// How many states may be followed at most, whatever that costs in certainty;
-    /// any number unless changed. It bounds the time of a step.
+    /// Largest number of active states, whatever that costs in certainty; unlimited by default.
+    /// It bounds the time of a step.
     pub most_active: usize,
 }
 
@@ -25,17 +24,17 @@ impl Default for Pruning {
     }
 }
 
-/// What is proven of a pruned belief: how far it is at most from the exact one,
-/// in total variation, and whether that is within the tolerance.
+/// Proven bound on the distance of a pruned belief from the exact one, in total variation, and
+/// whether it is within the tolerance.
 ///
-/// The total variation is the most by which the probability of any event can be
-/// wrong: half the sum of all differences.
+/// The total variation is the largest error in the probability of any event: half the sum of all
+/// absolute differences.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Certificate {
-    /// The bound, which is at most the tolerance.
+    /// A bound that is at most the tolerance.
     Held(f64),
-    /// The bound, which is above the tolerance. The belief is still the best
-    /// guess, and the bound may come back.
+    /// A bound that is above the tolerance. The belief is still the best estimate, and the bound
+    /// may recover.
     Exceeded(f64),
 }
 
@@ -44,14 +43,14 @@ impl Certificate {
         if bound <= pruning.tolerance { Self::Held(bound) } else { Self::Exceeded(bound) }
     }
 
-    /// The bound, from 0 to 1.
+    /// Returns the bound, from 0 to 1.
     #[must_use]
     pub fn bound(self) -> f64 {
         let (Self::Held(bound) | Self::Exceeded(bound)) = self;
         bound
     }
 
-    /// Whether the bound is at most the tolerance.
+    /// Returns true if the bound is at most the tolerance.
     #[must_use]
     pub fn holds(self) -> bool {
         matches!(self, Self::Held(_))

@@ -1,20 +1,18 @@
-//! What is proven of the exact belief: numbers that it lies between.
+//! Proven bounds on the exact belief.
 
-use super::advance::Raw;
-
-/// 2^900. Numbers times this keep their digits in products down to 1e-578, and
+/// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
 /// bounds as large as 1e37 do not overflow.
 pub(super) const LIFT: f64 = f64::from_bits((1023 + 900) << 52);
-/// More than all that a lifted sum can lose below the smallest double.
+/// Upper bound on the loss of a lifted sum below the smallest `f64`.
 pub(super) const LOST: f64 = 1e-290;
-/// What is at most this is dropped anyway.
+/// Largest value that is dropped in any case.
 pub(super) const LEAST_KEPT: f64 = 1e-290;
-/// How much more may be dropped of a ceiling than of the belief: else a state that
+/// Factor by which a dropped upper bound may exceed a dropped estimate: otherwise a state that
 /// only the sensor names would be followed, with all that it leads to.
 const IDLE: f64 = 256.0;
-/// An estimate of the belief, and what holds for the exact one α times a number
-/// s that nobody knows, the same for all states; it also holds for the estimate,
-/// times another number:
+
+/// Estimate of the belief, with bounds on the exact belief α times an unknown factor s, the same
+/// for all states; the bounds also hold for the estimate, times another factor:
 ///
 /// ```text
 /// lower(i) ≤ s α(i) ≤ lower(i) + excess(i)     for the states followed
@@ -23,19 +21,31 @@ const IDLE: f64 = 256.0;
 /// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Envelope {
-    /// In ascending order.
+    /// Active states, in ascending order.
     pub(crate) states: Vec<usize>,
-    /// Sums to one.
+    /// Estimates of the active states; they sum to one.
     pub(crate) estimate: Vec<f64>,
-    /// Sums to one, unless nothing is known.
+    /// Lower bounds of the active states; they sum to one, unless nothing is known.
     pub(crate) lower: Vec<f64>,
     pub(crate) excess: Vec<f64>,
     pub(crate) elsewhere: f64,
     pub(crate) outside: f64,
 }
 
+/// Sums of a step before they are scaled.
+pub(super) struct Raw {
+    /// Σ of the estimates, lifted.
+    pub(super) estimate: f64,
+    /// Σ of the lower bounds, lifted.
+    pub(super) lower: f64,
+    /// Σ of all excess, with that of inactive states.
+    pub(super) excess: f64,
+    /// Largest number of terms of a sum.
+    pub(super) terms: usize,
+}
+
 impl Envelope {
-    /// A copy of another one, in the memory that there is.
+    /// Copies another envelope, in the memory at hand.
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.states.clone_from(&other.states);
         self.estimate.clone_from(&other.estimate);
@@ -44,7 +54,7 @@ impl Envelope {
         (self.elsewhere, self.outside) = (other.elsewhere, other.outside);
     }
 
-    /// The belief itself, nothing pruned.
+    /// Starts from an exact belief, with nothing pruned.
     pub(super) fn start(&mut self, belief: &[f64]) {
         self.clear();
         for (state, &p) in belief.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
@@ -74,19 +84,19 @@ impl Envelope {
         self.excess.truncate(kept);
     }
 
-    /// Whether states that are not followed may have some probability.
+    /// Returns true if inactive states may have some probability.
     pub(super) fn is_open(&self) -> bool {
         self.outside > 0.0
     }
 
-    /// Whether there is a lower bound at all.
+    /// Returns true if there is a lower bound above 0.
     pub(super) fn is_known(&self) -> bool {
         self.lower.iter().any(|p| *p > 0.0)
     }
 
-    /// Scales what a step gave, counts its rounding, and drops what is small or
-    /// more than `limit`; `ranked` is memory for that. Returns by what the lower
-    /// bounds were divided, as a logarithm.
+    /// Scales the sums of a step, counts their rounding, and drops small states and those beyond
+    /// the `limit` largest; `ranked` is scratch memory. Returns the logarithm of the divisor of
+    /// the lower bounds.
     pub(super) fn settle(
         &mut self,
         raw: &Raw,
@@ -94,9 +104,9 @@ impl Envelope {
         limit: usize,
         ranked: &mut Vec<f64>,
     ) -> f64 {
-        // A sum of m products, their weight and their quotients have fewer than
-        // m + 8 roundings. For the lower bounds that is a common factor, which s
-        // takes, and an excess of twice that; for the estimate the same again.
+        // A sum of m products, their weights and their quotients have fewer than m + 8 roundings.
+        // For the lower bounds these are a common factor, which s absorbs, and an excess of twice
+        // that; for the estimate the same again.
         let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
@@ -113,7 +123,7 @@ impl Envelope {
             self.lower[at] = if normal { lower } else { 0.0 };
             self.excess[at] = (excess + rounding * lower + lost) * (1.0 + rounding);
         }
-        // Of an excess that is large itself, the small parts are no loss.
+        // Small parts of an excess that is itself large are no loss.
         let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
         if self.states.len() > limit {
@@ -135,7 +145,8 @@ impl Envelope {
         log + self.normalize()
     }
 
-    /// Keeps the states for which that is said of the estimate and the excess.
+    /// Keeps the states for which `keep` is true of estimate and excess, and counts the others as
+    /// inactive.
     fn retain(&mut self, mut keep: impl FnMut(f64, f64) -> bool) {
         let mut kept = 0;
         for at in 0..self.states.len() {
@@ -154,9 +165,9 @@ impl Envelope {
         self.truncate(kept);
     }
 
-    /// Makes the lower bounds sum to one. Returns the logarithm of their sum.
+    /// Normalizes the lower bounds. Returns the logarithm of their sum.
     fn normalize(&mut self) -> f64 {
-        // A sum of numbers that are not negative has as many roundings as these.
+        // A sum of non-negative numbers has as many roundings as terms.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         self.outside *= up;
         self.elsewhere = self.elsewhere.min(self.outside);
@@ -170,10 +181,9 @@ impl Envelope {
         sum.ln()
     }
 
-    /// Forgets what is not known of the scale: where most of the belief is one
-    /// state, s is chosen so that this state is known exactly. Returns by what the
-    /// lower bounds were divided, and the most by which s may have been divided
-    /// beyond that, as logarithms.
+    /// Removes the uncertainty of the scale: where most of the belief is in one state, s is
+    /// chosen so that this state is known exactly. Returns the logarithms of the divisor of the
+    /// lower bounds, and of an upper bound on the further divisor of s.
     pub(super) fn rebase(&mut self) -> (f64, f64) {
         let mut mode = 0;
         let mut rest = 0.0;
@@ -186,7 +196,7 @@ impl Envelope {
         let known = self.lower[mode];
         let ratio = self.excess[mode] / known;
         rest -= known;
-        // What is gained at the mode, against what the others lose.
+        // Gain at the mode, against the loss of the others.
         if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
             return (0.0, 0.0);
         }
@@ -201,13 +211,13 @@ impl Envelope {
         (self.normalize(), ratio.ln_1p())
     }
 
-    /// How much the lower bounds miss at most, in parts of their sum.
+    /// Returns an upper bound on the mass that the lower bounds miss, relative to their sum.
     pub(super) fn deficit(&self) -> f64 {
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         (self.excess.iter().sum::<f64>() + self.outside) * up
     }
 
-    /// At least the total variation between the estimate and the exact belief.
+    /// Returns an upper bound on the total variation between the estimate and the exact belief.
     pub(super) fn bound(&self) -> f64 {
         let sum: f64 = self.lower.iter().sum();
         let deficit = self.deficit();

@@ -1,5 +1,5 @@
-//! The streaming filter for very large maps: it follows the places that matter,
-//! and proves how far it is from the exact one.
+//! Streaming filter for very large maps: it follows the active states, and proves a bound on its
+//! distance from the exact filter.
 
 mod advance;
 mod certificate;
@@ -29,22 +29,22 @@ use moves::Bounds;
 use step::LARGEST_SHARE;
 use wide::Wide;
 
-/// A streaming filter for very large models, which follows only the states that
-/// matter, and proves after every step how far its belief is at most from that of
-/// the exact [`Filter`](crate::Filter), in total variation.
+/// Streaming filter for very large models, which follows only an active set of states, and proves
+/// after every step a bound on the total variation between its belief and that of the exact
+/// [`Filter`](crate::Filter).
 ///
-/// A step costs O(entries into and out of the active states, and those for which
-/// the sensor speaks), whatever n is: on a map of ten million places about as much
-/// as on one of thirty thousand. It allocates nothing, unless the active states
-/// are more than ever before. Memory: 4 n bytes and n bits to know which states
-/// are active, and some 80 bytes for each of these, as many as there ever were.
+/// A step costs O(entries into and out of the active states, and those for which the sensor
+/// speaks), whatever n is: on a map of ten million places about as much as on one of thirty
+/// thousand. It allocates nothing, unless the active set is larger than ever before. Memory: 4 n
+/// bytes and n bits to know which states are active, and some 80 bytes for each of these, as many
+/// as there ever were.
 ///
 /// ```
 /// use wayfix::inference::Pruning;
 /// use wayfix::likelihood::SparseObservation;
 /// use wayfix::{Belief, Hmm, Prior, SparseLikelihood, SparseTransition};
 ///
-/// // Around a hundred thousand places, staying or going one on.
+/// // A loop of a hundred thousand places: stay, or move on by one.
 /// let n = 100_000;
 /// let moves = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
 /// let motion = SparseTransition::from_triplets(n, moves)?;
@@ -63,52 +63,48 @@ use wide::Wide;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
-/// # What it does
+/// # Pruning and the bound
 ///
-/// What has less than a part of the tolerance after a step is dropped, and counted:
-/// for each active state, and for all others together, there is a ceiling on what
-/// was dropped there or comes from what was dropped. The bound is their sum, which
-/// also counts rounding; section 13 of the [formulas](crate::guide::formulas) proves it.
-/// As the bound nears the tolerance, less is dropped, and more states are active.
+/// States with less than a part of the tolerance after a step are dropped, and counted: upper
+/// bounds on the mass that was dropped, or comes from dropped mass, are kept for each active
+/// state, and for all others together. The bound is their sum, which also counts rounding;
+/// section 13 of the [formulas](crate::guide::formulas) proves it. As the bound nears the
+/// tolerance, less is dropped, and more states are active.
 ///
-/// The bound depends on what the sensor says of the states that it is not asked
-/// for ([`LocalLikelihood`]): where it speaks against them, it falls, and comes
-/// back after a time of doubt as soon as most of the belief is in one state.
-/// Where it cannot be held, as under [`Pruning::most_active`], or when a vehicle
-/// turns up where nothing had led, the [`Certificate`] of the step says so. That is
-/// no error: the belief is still the best guess.
+/// The bound depends on the sensor's bound for the states that it is not asked for
+/// ([`LocalLikelihood`]): where observations speak against these, it falls, and recovers after a
+/// time of doubt as soon as most of the belief is in one state. Where it cannot be held, as under
+/// [`Pruning::most_active`], or when a vehicle turns up where no path had led, the
+/// [`Certificate`] of the step says so. That is no error: the belief is still the best estimate.
 ///
-/// # From the prior
+/// # Wide priors
 ///
-/// All states that the prior allows are active at first. From a uniform one the
-/// first steps cost O(n), until the sensor has told some places from the others. While
-/// more than a fifth of all states are active, a step takes its sums from three or four
-/// products with the whole matrix, if it is one that is stored
-/// ([`Transition::stored`](crate::Transition::stored)) and the same at all steps; that is
-/// faster than lists, and proves the same but for rounding. It has 40 n bytes more of
-/// memory from then on.
+/// All states that the prior allows are active at first. From a uniform prior the first steps
+/// cost O(n), until the sensor has told some places from the others. While more than a fifth of
+/// all states are active, a step computes its sums by three or four products with the whole
+/// matrix, if it is stored ([`Transition::stored`](crate::Transition::stored)) and the same at
+/// all steps; that is faster than lists, and proves the same up to rounding. The filter has 40 n
+/// bytes more of memory from then on.
 ///
-/// Likelihoods are taken as the sensor gives them, over a factor near the largest of
-/// those to which the belief leads; of one that a double does not hold beside them,
-/// a bound is counted. What falls below 1e-290 of the whole is dropped, and counted
-/// too: a sensor that speaks against the belief by more than that leaves nothing
-/// proven, and the bound says so.
+/// Likelihoods are taken as the sensor gives them, divided by a factor near the largest of those
+/// to which the belief leads; for one outside the range of `f64` beside them, a bound is counted.
+/// Probabilities below 1e-290 of the whole are dropped, and counted too: a sensor that
+/// contradicts the belief by more than that leaves nothing proven, and the bound says so.
 #[derive(Debug, Clone)]
 pub struct PrunedFilter<M> {
     model: M,
     pruning: Pruning,
-    /// Those of an operator that is the same at all steps.
+    /// Bounds on an operator that is the same at all steps.
     bounds: Option<Bounds>,
     steps: usize,
     belief: Envelope,
     bound: f64,
-    /// ln p(y_1 … y_k) is at least `log`, and at most that and `log_excess`, but
-    /// for what the deficit is.
+    /// Lower bound on ln p(y_1 … y_k); the upper bound adds `log_excess` and the deficit.
     log: LogSum,
     log_excess: LogSum,
-    /// Whether nothing is known of the likelihood any more.
+    /// True if nothing is known of the likelihood any more.
     log_lost: bool,
-    /// The part of the tolerance that a step may drop.
+    /// Part of the tolerance that a step may drop.
     share: f64,
     next: Envelope,
     frontier: Frontier,
@@ -120,9 +116,9 @@ pub struct PrunedFilter<M> {
 
 /// # Streams
 impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
-    /// A streaming filter for very large models at the prior, which follows only
-    /// the states that matter and proves how far it is from the exact one; it
-    /// borrows the model. O(n + E), to look through the entries once.
+    /// Returns a streaming filter for very large models at the prior, which follows only an
+    /// active set of states, proves its distance from the exact filter, and borrows the model.
+    /// O(n + E), to look through the entries once.
     #[must_use]
     pub fn pruned_filter(&self, pruning: Pruning) -> PrunedFilter<&Self> {
         PrunedFilter::new(self, pruning)
@@ -135,7 +131,8 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
-    /// A filter at the prior. O(n + E), to look through the entries once.
+    /// Creates a filter at the prior, with any pointer to a model. O(n + E), to look through the
+    /// entries once.
     #[must_use]
     pub fn new(model: M, pruning: Pruning) -> Self {
         let mut filter = Self {
@@ -160,7 +157,7 @@ where
         filter
     }
 
-    /// Back to the prior, with no steps taken. O(n).
+    /// Returns to the prior, with no steps taken. O(n).
     pub fn restart(&mut self) {
         let Self { model, belief, next, frontier, .. } = self;
         next.start(model.prior().belief().as_slice());
@@ -171,9 +168,8 @@ where
         self.log_lost = false;
     }
 
-    /// Puts another belief in place of the present one, as when a vehicle is told
-    /// where it is, or lost. Steps and log-likelihood stay; the bound is that of
-    /// an exact belief again. O(n).
+    /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
+    /// Steps and log-likelihood stay; the bound is that of an exact belief again. O(n).
     ///
     /// # Errors
     ///
@@ -191,22 +187,22 @@ where
         Ok(())
     }
 
-    /// One time step: prediction under `control`, then update with `observation`. Says
-    /// what is proven of the belief.
+    /// Takes one time step: prediction under `control`, then update with `observation`. Returns
+    /// the certificate of the belief.
     ///
-    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the
-    /// first step has no transition, and its control is not looked at.
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
+    /// no transition, and its control is ignored.
     ///
-    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once
-    /// something has been dropped, for bounds on its entries; from then on it is no faster
-    /// than that of a [`Filter`](crate::Filter).
+    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
+    /// has been dropped, for bounds on its entries; from then on it is no faster than that of a
+    /// [`Filter`](crate::Filter).
     ///
     /// # Errors
     ///
-    /// [`InferenceError`] with the step; the filter then is as before.
-    /// [`Impossible`](InferenceError::Impossible) if the model rules the
-    /// observation out, [`Pruned`](InferenceError::Pruned) if it is ruled out in
-    /// all active states, but perhaps not in one that was dropped.
+    /// [`InferenceError`] with the step; the filter is then unchanged.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules the observation out,
+    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
+    /// not in one that was dropped.
     pub fn step_with(
         &mut self,
         control: &A::Control,
@@ -217,8 +213,8 @@ where
         self.advance(number, control, Some(observation))
     }
 
-    /// Prediction under `control` alone: one time step without an observation. The
-    /// log-likelihood stays, but for evidence on the move.
+    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
+    /// stays, except for evidence on the move.
     ///
     /// # Errors
     ///
@@ -230,13 +226,12 @@ where
         self.advance(number, control, None)
     }
 
-    /// Update with an observation alone: no time passes. For a further sensor at the
-    /// same step, or after [`predict_with`](Self::predict_with). Says what is proven of
-    /// the belief.
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
+    /// belief.
     ///
-    /// Before any step, it is an observation of X_0, and errors call it step 0; but
-    /// under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it makes
-    /// step 1.
+    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
     ///
     /// # Errors
     ///
@@ -247,26 +242,25 @@ where
         self.advance(number, None, Some(observation))
     }
 
-    /// What is proven of the present belief.
+    /// Certificate of the present belief.
     #[must_use]
     pub fn certificate(&self) -> Certificate {
         Certificate::of(self.bound, self.pruning)
     }
 
-    /// The states that are followed, in ascending order.
+    /// Active states, in ascending order.
     #[must_use]
     pub fn active(&self) -> &[usize] {
         &self.belief.states
     }
 
-    /// The probabilities of the states that are followed, in the same order; they
-    /// sum to one.
+    /// Probabilities of the active states, in the same order; they sum to one.
     #[must_use]
     pub fn probabilities(&self) -> &[f64] {
         &self.belief.estimate
     }
 
-    /// The most probable state; of several, the lowest. O(active states).
+    /// Most probable state; ties go to the lowest. O(active states).
     #[must_use]
     pub fn mode(&self) -> usize {
         let mut best = (0, f64::NEG_INFINITY);
@@ -278,16 +272,14 @@ where
         best.0
     }
 
-    /// The probability of one state, 0 if it is not followed, or `None` if there
-    /// is no such state.
+    /// Probability of one state, 0 if it is not active, or `None` if there is no such state.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
         let followed = || self.frontier.place(state).map_or(0.0, |at| self.belief.estimate[at]);
         (state < self.model.states()).then(followed)
     }
 
-    /// Between which values ln p(y_1 … y_k) lies, but for rounding, over the
-    /// observations made.
+    /// Interval that contains ln p(y_1 … y_k), up to rounding, over the observations so far.
     #[must_use]
     pub fn log_likelihood(&self) -> RangeInclusive<f64> {
         if self.log_lost {
@@ -297,7 +289,7 @@ where
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
 
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
@@ -316,8 +308,8 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
-    /// One time step: prediction, then update with `observation`. Says what is
-    /// proven of the belief.
+    /// Takes one time step: prediction, then update with `observation`. Returns the certificate
+    /// of the belief.
     ///
     /// # Errors
     ///
@@ -329,8 +321,7 @@ where
         self.step_with(&A::Control::NONE, observation)
     }
 
-    /// Prediction alone: one time step without an observation. The log-likelihood
-    /// stays.
+    /// Predicts alone: one time step without an observation. The log-likelihood stays.
     ///
     /// # Errors
     ///

@@ -1,48 +1,45 @@
-//! The moves of a step, and bounds on their entries.
+//! Transition operator of a step, and bounds on its entries.
 
 use std::any::Any;
 use std::f64::consts::LN_2;
 
 use crate::transition::{Transition, TransitionEntries};
 
-/// How far columns may be off one.
+/// Upper bound on the sum of a column.
 const COLUMN: f64 = 1.0 + 1.1e-9;
-/// By how much an entry may be off its logarithm, relative, for being on a grid.
+/// Relative error of an entry whose logarithm is on a grid.
 const GRID: f64 = 4e-14;
-/// The same for each unit of the logarithm, and four more.
+/// Relative rounding error for each unit of the logarithm, and for four more.
 const ROUNDING: f64 = f64::EPSILON;
-/// By how much, as a power of two, entries out of the states followed may be below the
-/// largest.
+/// Largest exponent of two by which entries out of active states may be below the largest entry.
 const SPREAD: f64 = 500.0;
-/// Where entries are above this, their powers of two are taken out.
+/// Largest entry in linear form; above it, powers of two are taken out.
 const LARGEST: f64 = 1e30;
 
-/// Bounds on the entries of A: the largest, the largest sum of a row, and that of a
-/// column.
+/// Bounds on the entries of A: the largest entry, the largest sum of a row, and that of a column.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds {
     pub(super) entry: f64,
     pub(super) row: f64,
     pub(super) column: f64,
-    /// The most entries of a row, and the smallest entry, where these have been counted.
+    /// Largest number of entries of a row, and smallest entry, where these have been counted.
     pub(super) terms: usize,
     pub(super) smallest: f64,
 }
 
-/// Whether entries are taken as numbers, or as powers of two, of which a whole one is
-/// taken out.
+/// Form of the entries: numbers, or powers of two, of which a whole one is taken out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Form {
     Linear,
     Log2 { taken_out: f64 },
 }
 
-/// The operator of a step.
+/// Transition operator of a step.
 pub(super) struct Moves<'a, A: Transition> {
     pub(super) transition: &'a A,
     pub(super) control: &'a A::Control,
     pub(super) bounds: Bounds,
-    /// The log factor of the evidence, if there is some.
+    /// Log factor of the evidence, if any.
     pub(super) evidence: Option<f64>,
     form: Form,
 }
@@ -50,8 +47,8 @@ pub(super) struct Moves<'a, A: Transition> {
 impl Bounds {
     const NONE: Self = Self { entry: 0.0, row: 0.0, column: 0.0, terms: 0, smallest: 0.0 };
 
-    /// Those of an operator without a control and without evidence, the same for all
-    /// steps. O(E).
+    /// Computes the bounds on an operator without a control and without evidence, the same for
+    /// all steps. O(E).
     pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
         let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
         transition.check_control(control).ok()?;
@@ -77,8 +74,8 @@ impl Bounds {
 }
 
 impl<'a, A: TransitionEntries> Moves<'a, A> {
-    /// The operator of a step; of one whose belief is open the bounds are wanted, which
-    /// for evidence take O(E).
+    /// Creates the operator of a step. For an open belief it needs the bounds, which for evidence
+    /// take O(E).
     pub(super) fn new(
         transition: &'a A,
         control: &'a A::Control,
@@ -103,8 +100,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         moves
     }
 
-    /// The same with entries as powers of two. The largest is near one; or that out of a
-    /// state that is followed near 2^-500, if it is far below.
+    /// Switches to entries as powers of two. The largest is near one; if it is far above the
+    /// largest entry out of an active state, that one is near 2^-500.
     pub(super) fn in_powers_of_two(mut self, followed: &[usize], is_open: bool) -> Self {
         let largest = |states: &mut dyn Iterator<Item = usize>| {
             let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
@@ -121,12 +118,12 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         self
     }
 
-    /// Whether entries are powers of two already.
+    /// Returns true if entries are powers of two already.
     pub(super) fn is_in_powers_of_two(&self) -> bool {
         self.form != Form::Linear
     }
 
-    /// The logarithm of what is taken out of the entries.
+    /// Returns the logarithm of the factor taken out of the entries, with that of the evidence.
     pub(super) fn log_factor(&self) -> f64 {
         let taken_out = match self.form {
             Form::Linear => 0.0,
@@ -135,8 +132,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         taken_out + self.evidence.unwrap_or(0.0)
     }
 
-    /// Hands over the entries into a state, each with the part of itself by which it may
-    /// be off. Those below 2.2e-308 are 0, and may be up to twice that.
+    /// Passes on the entries into a state, each with a bound on its relative error. Those below
+    /// 2.2e-308 are 0, and may be up to twice that.
     #[inline]
     pub(super) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
         match self.form {
@@ -164,7 +161,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         }
     }
 
-    /// The bounds, by all entries. O(E).
+    /// Computes the bounds from all entries. O(E).
     fn largest(&self) -> Bounds {
         let mut bounds = Bounds::NONE;
         for state in 0..self.transition.states() {
@@ -186,7 +183,7 @@ fn add_power(log2: f64, mut add: impl FnMut(f64, f64)) {
     add(a, GRID + (log2.abs() + 4.0) * ROUNDING);
 }
 
-/// At least the largest entry of a row or column, and its sum.
+/// Upper bounds on the largest entry of a row or column, and on its sum.
 #[derive(Default)]
 struct Line {
     largest: f64,

@@ -1,4 +1,4 @@
-//! What a pruned filter knows, as plain data.
+//! State of a pruned filter, as plain data.
 
 use std::mem;
 use std::ops::Deref;
@@ -13,9 +13,8 @@ use crate::inference::{LogSum, MOST_STEPS};
 use crate::likelihood::LocalLikelihood;
 use crate::transition::TransitionEntries;
 
-/// All that a pruned filter knows after k steps, with what is proven of it and how much
-/// may be left out: plain data, to be kept, compared, sent elsewhere, and restored.
-/// Memory: 32 bytes for each active state.
+/// State of a pruned filter after k steps, with its certificate and its limits: plain data, to be
+/// kept, compared, sent elsewhere and restored. Memory: 32 bytes for each active state.
 ///
 /// ```
 /// # use wayfix::inference::Pruning;
@@ -36,7 +35,7 @@ use crate::transition::TransitionEntries;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrunedFilterSnapshot {
-    /// Of the model, n.
+    /// Number of states of the model, n.
     pub(crate) states: usize,
     pub(crate) steps: usize,
     pub(crate) pruning: Pruning,
@@ -49,38 +48,37 @@ pub struct PrunedFilterSnapshot {
 }
 
 impl PrunedFilterSnapshot {
-    /// How many steps have been taken, k.
+    /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// How much may be left out.
+    /// Limits on the pruning.
     #[must_use]
     pub fn pruning(&self) -> Pruning {
         self.pruning
     }
 
-    /// What is proven of the belief after these steps.
+    /// Certificate of the belief after these steps.
     #[must_use]
     pub fn certificate(&self) -> Certificate {
         Certificate::of(self.bound, self.pruning)
     }
 
-    /// The states that are followed, in ascending order.
+    /// Active states, in ascending order.
     #[must_use]
     pub fn active(&self) -> &[usize] {
         &self.belief.states
     }
 
-    /// The probabilities of the states that are followed, in the same order; they sum
-    /// to one.
+    /// Probabilities of the active states, in the same order; they sum to one.
     #[must_use]
     pub fn probabilities(&self) -> &[f64] {
         &self.belief.estimate
     }
 
-    /// The same if all its numbers can be those of a filter; they may be damaged.
+    /// Checks that all numbers can be those of a filter; they may be damaged.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { states, steps, belief, bound, share, .. } = &self;
         if *steps > MOST_STEPS {
@@ -145,8 +143,8 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
-    /// A copy of all that the filter knows. One that is [restored](Self::restore) from
-    /// it goes on with identical bits. O(active states).
+    /// Returns a copy of the filter's state. A filter that is [restored](Self::restore) from it
+    /// continues with identical bits. O(active states).
     #[must_use]
     pub fn snapshot(&self) -> PrunedFilterSnapshot {
         PrunedFilterSnapshot {
@@ -162,9 +160,8 @@ where
         }
     }
 
-    /// Goes back (or over) to a snapshot, and takes over how much may be left out.
-    /// Allocates nothing, unless the active states are more than ever before. O(active
-    /// states).
+    /// Restores a snapshot, of this filter or another, and takes over its limits on the pruning.
+    /// Allocates nothing, unless the active states are more than ever before. O(active states).
     ///
     /// # Errors
     ///

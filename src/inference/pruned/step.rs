@@ -1,4 +1,4 @@
-//! A step of the pruned filter, and how much it drops.
+//! Step of the pruned filter, and the share of the tolerance that it may drop.
 
 use std::mem;
 use std::ops::Deref;
@@ -14,17 +14,17 @@ use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Unlisted};
 use crate::transition::TransitionEntries;
 
-/// The part of the tolerance that a step may drop, at most and at first. It is so
-/// small because an observation that contradicts the belief multiplies what was
-/// dropped, and because ten times as small a part takes hardly more states.
+/// Largest part of the tolerance that a step may drop, and the first one. It is so small because
+/// an observation that contradicts the belief multiplies the dropped mass, and because ten times
+/// as small a part takes hardly more states.
 pub(super) const LARGEST_SHARE: f64 = 1e-8;
-/// Sums of predictions with evidence that doubles hold, lifted and weighed.
+/// Range of the sums of predictions with evidence that `f64` holds, lifted and weighed.
 const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
-/// The least part.
+/// Smallest part of the tolerance that a step may drop.
 pub(super) const LEAST_SHARE: f64 = 1e-30;
-/// Where the bound is above this part of the tolerance, less is dropped…
+/// Part of the tolerance from which on the bound makes steps drop less.
 const NEAR: f64 = 1e-3;
-/// …by this factor from one step to the next, else a little more.
+/// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
 const LESS: f64 = 0.1;
 const MORE: f64 = 1.01;
 
@@ -34,8 +34,7 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
-    /// Only its last part changes the filter, so that it is as before after an
-    /// error.
+    /// Takes a step. Only its last part changes the filter, so that an error leaves it unchanged.
     pub(super) fn advance(
         &mut self,
         number: usize,
@@ -128,8 +127,7 @@ where
         Ok(self.certificate())
     }
 
-    /// Drops less where the bound nears the tolerance, and slowly more where it is
-    /// far from it.
+    /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
         let factor = if used > NEAR { LESS } else { MORE };

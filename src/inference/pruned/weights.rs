@@ -1,16 +1,14 @@
-//! Likelihoods of single states, with bounds on those that a double does not hold.
+//! Likelihoods of single states, with bounds on those outside the range of `f64`.
 
 use crate::likelihood::Unlisted;
 
-/// By how much, as a power of two, the likelihood of a state to which the belief
-/// leads may be below the largest of all: what is left of a double's range then
-/// holds both.
+/// Largest exponent of two by which the likelihood of a state to which the belief leads may be
+/// below the largest of all: the remaining range of `f64` then holds both.
 const SPREAD: f64 = 500.0;
-/// Likelihoods of this size are taken as they are.
+/// Range of factors for which likelihoods are not scaled.
 const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
 
-/// A likelihood over a factor that is the same for all states, and what it lies
-/// between.
+/// Likelihood divided by a factor that is the same for all states, with lower and upper bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Weight {
     pub(super) value: f64,
@@ -18,21 +16,21 @@ pub(super) struct Weight {
     pub(super) most: f64,
 }
 
-/// The likelihoods of a step, over a factor near the largest of them, or of those
-/// of states to which the belief leads, if these are far below it.
+/// Likelihoods of a step, divided by a factor near the largest of them, or of those of states to
+/// which the belief leads, if these are far below it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weights {
     is_log: bool,
-    /// The factor, or its logarithm.
+    /// Common factor, or its logarithm.
     factor: f64,
-    /// At least as large as that of any state that is not listed.
+    /// Upper bound on the weight of any state that is not listed.
     pub(super) others: f64,
     pub(super) log_factor: f64,
 }
 
 impl Weights {
-    /// From the bound, the largest of all likelihoods, and the largest of those of
-    /// states to which the belief leads, all in the form of the bound.
+    /// Creates the weights from the bound, the largest of all likelihoods, and the largest of
+    /// those of states to which the belief leads, all in the form of the bound.
     pub(super) fn new(unlisted: &Unlisted, largest: f64, likely: f64) -> Self {
         let is_log = unlisted.is_log();
         let (factor, log) = if is_log {
@@ -53,12 +51,12 @@ impl Weights {
         Self { others, ..weights }
     }
 
-    /// The weight of a state of which the sensor says `b`.
+    /// Returns the weight of a state whose likelihood, or its logarithm, is `b`.
     #[inline]
     pub(super) fn of(&self, b: f64) -> Weight {
         let (value, off) = if self.is_log {
             let log = b - self.factor;
-            // The difference has a rounding, and the exponential another.
+            // The difference and the exponential each have a rounding.
             (log.exp(), (log.abs() + 4.0) * f64::EPSILON)
         } else {
             (if self.factor == 1.0 { b } else { b / self.factor }, 0.0)
@@ -90,7 +88,7 @@ mod tests {
         assert!(one.value == 1.0 && one.least < 1.0 && one.most > 1.0 && one.most < 1.0 + 1e-15);
         let linear = Weights::new(&Unlisted::at_most(1e-300), 1e300, 1e300);
         assert_eq!((linear.of(1e-300), linear.of(0.0)), (tiny, nothing));
-        // The belief leads only to what is far below the largest.
+        // The belief leads only to likelihoods far below the largest.
         let far = Weights::new(&Unlisted::log_at_most(-3.0), 0.0, -1000.0);
         assert!(far.of(-1000.0).value > 1e-151 && far.others > 1e280);
         assert_eq!(Weights::new(&Unlisted::log_at_most(0.0), 0.0, -1e5).others, f64::INFINITY);

@@ -1,4 +1,4 @@
-//! A prediction from many states at once, by products with the whole matrix.
+//! Prediction from many states at once, by products with the whole matrix.
 
 use super::advance::Sums;
 use super::envelope::{Envelope, LIFT};
@@ -7,16 +7,16 @@ use crate::inference::frontier::Frontier;
 use crate::kernels::Aligned;
 use crate::transition::Transition;
 
-/// The part of all states from which on products go through the whole matrix: it takes
-/// about as long then as to list the states and to look up each entry, on 27,143 places
-/// with five entries each; from all of these, half as long.
+/// Share of all states above which products go through the whole matrix: at this share they take
+/// about as long as listing the states and looking up each entry, on 27,143 places with five
+/// entries each; with all states active, half as long.
 const WIDE: f64 = 0.2;
-/// Entries of at least this, times whatever is kept of a belief, are numbers above 0.
+/// Smallest entry whose products with the kept parts of a belief are above 0.
 const LEAST_ENTRY: f64 = 1e-200;
-/// Excess of less than this does not overflow in sums over all states.
+/// Limit on the excess for sums over all states not to overflow.
 const LARGEST_EXCESS: f64 = 1e20;
 
-/// Memory for such predictions, and the results of the last one.
+/// Memory for wide predictions, and the results of the last one.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Wide {
     memory: Option<Box<Memory>>,
@@ -28,14 +28,14 @@ struct Memory {
     estimate: Aligned,
     lower: Aligned,
     excess: Aligned,
-    /// The entries out of states that are not followed.
+    /// Sums of the entries out of inactive states.
     beyond: Aligned,
 }
 
 impl Wide {
-    /// Whether a step is taken so: from many states, by a stored matrix that is the same
-    /// at all steps and without evidence, whose products are then the sums over its
-    /// entries, of any order.
+    /// Returns true if a step uses products: from many states, by a stored matrix that is the
+    /// same at all steps and without evidence, whose products are then the sums over its entries,
+    /// of any order.
     pub(super) fn is_for<A: Transition>(
         before: &Envelope,
         transition: &A,
@@ -49,7 +49,7 @@ impl Wide {
             && transition.stored(control).is_some()
     }
 
-    /// Makes the products, and lists the states to which the step leads.
+    /// Computes the products, and lists the states to which the step leads.
     pub(super) fn predict<A: Transition>(
         &mut self,
         before: &Envelope,
@@ -85,14 +85,14 @@ impl Wide {
         } else {
             beyond.fill(0.0);
         }
-        // (What is followed has an estimate or an excess above 1e-290, or is of the prior:
-        // no product with an entry has become 0.)
+        // An active state has an estimate or an excess above 1e-290, or is of the prior: no
+        // product with an entry has become 0.
         let leads = memory.estimate.iter().zip(&*memory.excess);
         let leads = leads.map(|(estimate, excess)| *estimate > 0.0 || *excess > 0.0);
         frontier.list_reached(leads, wanted);
     }
 
-    /// The sums over the ways into a state, of the last prediction.
+    /// Returns the sums over the entries into a state, of the last prediction.
     pub(super) fn sums<A: Transition>(
         &self,
         moves: Option<&Moves<'_, A>>,

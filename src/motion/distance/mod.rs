@@ -14,6 +14,15 @@ use weights::{Way, Weights, nearest};
 /// A sparse operator whose moves have lengths, with the distance driven as evidence: at a
 /// junction, a vehicle that has driven 200 m took the road of that length.
 ///
+/// **Not for steps that are short against the roads.** A step starts and ends at places. If a
+/// vehicle is sampled several times between two places, as by a GPS tick each second on roads
+/// of 200 m, a state cannot remember the metres since the last place: each tick is taken for a
+/// stay, or for a whole road, without an error, and the belief becomes sure of wrong places (in
+/// 6,000 such ticks, above 0.9 in 5,841 and right in 2,645). A log-likelihood far below 0 at
+/// each step is the sign. Add up readings and their variances until a place is reached or seen,
+/// and step then; or cut roads into pieces about as long as a tick, with a place each; for
+/// places in a row take a [`RouteTransition`](super::RouteTransition).
+///
 /// The control of a step is an `Option<OdometryReading>`: a distance d with its
 /// variance s², in the unit of the lengths (metres, on a map), which is
 /// [evidence on the move](Transition::evidence). With B for the
@@ -103,7 +112,7 @@ impl DistanceTransition {
     ///
     /// [`TransitionError::PartStates`] if the map has another number of places,
     /// or [`TransitionError::Parameter`] for a move without a road.
-    pub fn on_map(map: &RoadMap, base: SparseTransition) -> Result<Self, TransitionError> {
+    pub fn on_map<P>(map: &RoadMap<P>, base: SparseTransition) -> Result<Self, TransitionError> {
         let (found, expected) = (map.places().len(), base.states());
         if found != expected {
             return Err(TransitionError::PartStates { part: "map", found, expected });

@@ -233,7 +233,7 @@ fn evidence_that_is_no_likelihood_is_an_error_with_its_step_and_states() {
     let before = filter.snapshot();
     for (u, name) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
         let expected = format!(
-            "step 2 has no valid control: unknown control: a log-likelihood of {name} for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity"
+            "step 2 has no valid control: a log-likelihood of {name} for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity"
         );
         says(filter.step_with(&u, &[1.0, 1.0]), &expected);
         says(filter.predict_with(&u), &expected);
@@ -245,7 +245,7 @@ fn evidence_that_is_no_likelihood_is_an_error_with_its_step_and_states() {
     filter.step_with(&NEVER, &[1.0, 1.0]).unwrap();
     says(
         hmm.filter().forecast_with(&[f64::NAN]),
-        "step 1 has no valid control: unknown control: a log-likelihood of NaN for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity",
+        "step 1 has no valid control: a log-likelihood of NaN for the move from state 0 to state 1, expected a value up to 1e300 or negative infinity",
     );
 }
 

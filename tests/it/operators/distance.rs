@@ -293,14 +293,12 @@ fn bad_lengths_and_odometry_are_named() {
     let a = fork(&[100.0]);
     let control =
         |distance, variance| text(a.check_control(&Some(OdometryReading { distance, variance })));
-    let distance = |value: &str| {
-        format!("unknown control: an odometry distance of {value}, expected a finite value")
-    };
+    let distance =
+        |value: &str| format!("an odometry distance of {value}, expected a finite value");
     assert_eq!(control(f64::NAN, 1.0), distance("NaN"));
     assert_eq!(control(f64::NEG_INFINITY, 1.0), distance("-inf"));
-    let variance = |value: &str| {
-        format!("unknown control: an odometry variance of {value}, expected a finite value above 0")
-    };
+    let variance =
+        |value: &str| format!("an odometry variance of {value}, expected a finite value above 0");
     assert_eq!(control(1.0, f64::NAN), variance("NaN"));
     assert_eq!(control(1.0, -0.5), variance("-0.5"));
     assert_eq!(control(1.0, 0.0), variance("0"));

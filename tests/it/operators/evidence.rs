@@ -168,8 +168,7 @@ fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(1)).unwrap();
     let error = hmm.filter().step_with(&1.0, &[1.0]).unwrap_err();
     let InferenceError::Control { step: 1, source } = error else { panic!("{error}") };
-    let expected =
-        format!("unknown control: evidence on moves within a {name}, which does not take it");
+    let expected = format!("evidence on moves within a {name}, which does not take it");
     assert_eq!(source.to_string(), expected);
 }
 

@@ -50,7 +50,7 @@ proptest! {
         ).unwrap();
         prop_assert_eq!(
             text(all.check_control(&2)),
-            "unknown control: operator 2, expected one of 2 (0 to 1)"
+            "operator 2, expected one of 2 (0 to 1)"
         );
         let whole = |weights: &Vec<f64>| {
             let m = window(n, 0, weights, false);

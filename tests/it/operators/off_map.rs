@@ -43,7 +43,7 @@ proptest! {
             OffMapTransition::new(switched(&matrices), leave, return_rate, belief()).unwrap();
         prop_assert_eq!(
             text(geared.check_control(&3)),
-            "unknown control: operator 3, expected one of 3 (0 to 2)"
+            "operator 3, expected one of 3 (0 to 2)"
         );
         let expected = Expected::each(&[0, 1, 2], &expected).with_exact_ties(exact);
         assert_operator(geared, expected)?;

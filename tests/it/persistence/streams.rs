@@ -27,8 +27,8 @@ proptest! {
         }
         let n = model.states;
         let sensor = TableLikelihood::from_rows(&vec![[0.5, 0.25, 0.25]; n]).unwrap();
-        let stay = (0..n).flat_map(|j| [(j, j, 0.5), ((j + 1) % n, j, 0.5)]);
-        let motion = SparseTransition::from_triplets(n, stay).unwrap();
+        let moves = (0..n).map(|j| ((j + 1) % n, j, 1.0));
+        let motion = SparseTransition::from_triplets(n, moves).unwrap();
         let hmm = wayfix::Hmm::new(model.prior(), motion, sensor).unwrap();
         let mut filter = hmm.pruned_filter(Pruning { tolerance, most_active });
         for y in [0, 1, 2, 1] {

@@ -91,7 +91,7 @@ fn labels_that_do_not_fit_are_errors() {
     assert_eq!(
         fit(&good, &bad),
         "labelled part 0 is not valid: a step cannot be taken: step 1 has no valid control: \
-         unknown control: an odometry of NaN places, expected a value from -1e6 to 1e6"
+         an odometry of NaN places, expected a value from -1e6 to 1e6"
     );
 }
 

@@ -1,0 +1,54 @@
+//! Checks of operators.
+
+use std::any::Any;
+
+use super::{Transition, check_columns};
+use crate::error::TransitionError;
+use crate::kernels;
+
+/// Checks an operator without a control: its columns sum to one, A' 1 = 1 (but for
+/// evidence on moves), and its two products are transposes, v' (A u) = u' (A' v). An
+/// operator with a control can't be checked without one.
+pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
+    let n = transition.states();
+    if n == 0 {
+        return Err(TransitionError::Empty);
+    }
+    let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
+        return Ok(());
+    };
+    transition.check_control(control)?;
+    let (mut ones, mut product) = (vec![1.0; n], vec![0.0; n]);
+    transition.apply_transpose(control, &ones, &mut product);
+    match transition.evidence(control) {
+        None => check_columns(&product)?,
+        Some(_) if transition.needs_logs(control) => return Ok(()),
+        Some(_) => {}
+    }
+    // Two vectors without a pattern that an operator could have in common: multiples of the
+    // golden ratio and of the square root of two, modulo one.
+    let (golden, root) = (0.618_033_988_749_894_9, std::f64::consts::SQRT_2);
+    let v: Vec<f64> = (1..=n).map(|i| 0.5 + (i as f64 * golden).fract()).collect();
+    ones.iter_mut().zip(1..).for_each(|(u, i)| *u = 0.5 + (f64::from(i) * root).fract());
+    transition.apply(control, &ones, &mut product);
+    let forward = kernels::dot(&product, &v);
+    transition.apply_transpose(control, &v, &mut product);
+    let backward = kernels::dot(&product, &ones);
+    let close = (forward - backward).abs() <= 1e-9 * forward.abs();
+    if close { Ok(()) } else { Err(TransitionError::Transpose { forward, backward }) }
+}
+
+/// Refuses inner operators with evidence, for operators that add moves without a likelihood of
+/// the measurements.
+pub(super) fn refuse_evidence<A: Transition>(
+    inner: &A,
+    control: &A::Control,
+    operator: &str,
+) -> Result<(), TransitionError> {
+    inner.check_control(control)?;
+    if inner.evidence(control).is_some() {
+        let text = format!("evidence on moves within a {operator}, which does not take it");
+        return Err(TransitionError::Control(text));
+    }
+    Ok(())
+}
