@@ -66,7 +66,7 @@ impl FilterSnapshot {
             }
         }
         let LogSum { sum, lost } = log_likelihood;
-        if !(sum.is_finite() && lost.is_finite()) {
+        if !log_likelihood.is_finite() {
             return Err(format!(
                 "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
             ));

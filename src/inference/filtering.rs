@@ -49,7 +49,8 @@ impl FilteredSequence {
     }
 
     /// Number of steps taken in logarithms, as counted by
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs).
+    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs). With up to eight states it may be
+    /// lower than that of a filter: the faster algorithms for them need logarithms less often.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs

@@ -142,10 +142,10 @@ where
 
     /// Smoothed distribution p(X_j | y_1 … y_k) of a step j of the window, from k − L (or the
     /// last relocation) to k; `None` outside. After the last observation these are the rest of
-    /// the smoothed drive.
+    /// the smoothed sequence.
     ///
     /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) X_0 is
-    /// the same state as X_1.
+    /// the same state as X_1, and `get(0)` equals `get(1)`, also after a relocation at step 1.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
         let steps = self.filter.steps();

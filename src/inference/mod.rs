@@ -120,6 +120,11 @@ impl LogSum {
         if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
     }
 
+    /// True if sum and compensation together are finite; both may be damaged.
+    fn is_finite(self) -> bool {
+        self.sum.is_finite() && (self.sum + self.lost).is_finite()
+    }
+
     fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }

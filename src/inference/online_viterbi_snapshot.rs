@@ -68,15 +68,18 @@ impl OnlineViterbiSnapshot {
             return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
         }
         let TakenOut { whole, factors } = &taken_out;
-        if ![*whole, factors.sum, factors.lost].iter().all(|value| value.is_finite()) {
-            return Err(format!(
-                "{whole}, {} and {} were taken out of the scores, expected finite values",
-                factors.sum, factors.lost
-            ));
-        }
         let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if scores.iter().any(|score| score.is_nan()) || !(0.0..=1.0).contains(&largest) {
             return Err(format!("the best score is {largest}, expected one from 0 to 1"));
+        }
+        let whole_number = whole.is_finite() && whole.fract() == 0.0;
+        if !(whole_number && factors.is_finite() && taken_out.log_probability(largest).is_finite())
+        {
+            return Err(format!(
+                "{whole}, {} and {} were taken out of the scores, expected a whole number and \
+                 finite values",
+                factors.sum, factors.lost
+            ));
         }
         if levels.len() > steps {
             return Err(format!("{} undecided steps of {steps}", levels.len()));

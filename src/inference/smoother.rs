@@ -40,8 +40,9 @@ impl SmoothedSequence {
     }
 
     /// Number of steps taken in logarithms, forward or backward, which is several times slower.
-    /// If there are many, and the tails of the model are not credible anyway, [rounded
-    /// tails](Hmm::with_rounded_tails) are faster.
+    /// With up to eight states it may be lower than that of a filter. If there are many, and the
+    /// tails of the model are not credible anyway, [rounded tails](Hmm::with_rounded_tails) are
+    /// faster.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs

@@ -122,14 +122,16 @@ impl PrunedFilterSnapshot {
             ));
         }
         let LogSum { sum, lost } = self.log;
-        if !(sum.is_finite() && lost.is_finite()) {
+        if !self.log.is_finite() {
             return Err(format!(
                 "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
             ));
         }
         let LogSum { sum, lost } = self.log_excess;
-        if !(sum >= 0.0 && lost.is_finite()) {
-            return Err(format!("the log-likelihood may be {sum} more, expected at least 0"));
+        if !(lost.is_finite() && self.log_excess.value() >= 0.0) {
+            return Err(format!(
+                "the log-likelihood may be {sum} and {lost} more, expected at least 0"
+            ));
         }
         Ok(self)
     }

@@ -2,7 +2,9 @@
 
 use serde::de::value::{Error as ValueError, SeqDeserializer};
 use serde::{Deserialize, de::DeserializeOwned};
-use wayfix::inference::{FilterSnapshot, FixedLagSnapshot};
+use wayfix::inference::{
+    FilterSnapshot, FixedLagSnapshot, OnlineViterbiSnapshot, PrunedFilterSnapshot,
+};
 use wayfix::likelihood::{GroupedLikelihood, Groups, SparseObservation};
 use wayfix::transition::{
     DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
@@ -354,6 +356,52 @@ fn what_no_filter_knows_is_refused() {
         &state(1, "[1]", "null", "[null,0]"),
         "invalid type: null, expected f64",
     );
+    refuses::<FilterSnapshot>(
+        &state(1, "[1]", "null", "[1e308,1e308]"),
+        &format!("the log-likelihood is the sum of {0} and {0}, expected finite values", 1e308),
+    );
+}
+
+#[test]
+fn what_no_pruned_filter_knows_is_refused() {
+    let state = |log_likelihood: &str, log_excess: &str| {
+        format!(
+            r#"{{"version":1,"states":2,"steps":1,"tolerance":1e-6,"most_active":null,"active":[0],"estimate":[1.0],"lower":[1.0],"excess":[0.0],"others":[0.0,0.0],"bound":0.0,"log_likelihood":{log_likelihood},"log_excess":{log_excess},"log_lost":false,"share":1e-8}}"#
+        )
+    };
+    serde_json::from_str::<PrunedFilterSnapshot>(&state("[-3.0,0.0]", "[1e-15,0.0]")).unwrap();
+    // Else the upper end of the log-likelihood would be below the lower one.
+    refuses::<PrunedFilterSnapshot>(
+        &state("[-3.0,0.0]", "[1e-15,-1000.0]"),
+        "the log-likelihood may be 0.000000000000001 and -1000 more, expected at least 0",
+    );
+    refuses::<PrunedFilterSnapshot>(
+        &state("[-1e308,-1e308]", "[0.0,0.0]"),
+        &format!("the log-likelihood is the sum of {0} and {0}, expected finite values", -1e308),
+    );
+}
+
+#[test]
+fn what_no_decoder_knows_is_refused() {
+    let state = |taken_out: &str| {
+        format!(
+            r#"{{"version":1,"steps":1,"scores":[0.0,null],"taken_out":{taken_out},"undecided":[]}}"#
+        )
+    };
+    serde_json::from_str::<OnlineViterbiSnapshot>(&state("[-4,-0.5,1e-17]")).unwrap();
+    for (taken_out, whole, sum, lost) in [
+        ("[0,1e308,1e308]", 0.0, 1e308, 1e308),
+        ("[1.7e308,1e308,0]", 1.7e308, 1e308, 0.0),
+        ("[0.5,0,0]", 0.5, 0.0, 0.0),
+    ] {
+        refuses::<OnlineViterbiSnapshot>(
+            &state(taken_out),
+            &format!(
+                "{whole}, {sum} and {lost} were taken out of the scores, expected a whole number \
+                 and finite values"
+            ),
+        );
+    }
 }
 
 /// Else a filter would store what cannot be read.
