@@ -95,7 +95,7 @@ impl Setting {
         let smoothing = hmm.smooth(seen)?;
         // Step 0, the known start, has no observation.
         Ok([filtering.posteriors(), smoothing.posteriors()].map(|posteriors| {
-            posteriors.iter().skip(1).map(|belief| belief.as_slice().to_vec()).collect()
+            posteriors.iter().map(|belief| belief.as_slice().to_vec()).collect()
         }))
     }
 
