@@ -93,10 +93,8 @@ impl Setting {
         let seen = &drive.estimates[Estimator::Raw as usize];
         let filtering = hmm.forward(seen)?;
         let smoothing = hmm.smooth(seen)?;
-        // Step 0, the known start, has no observation.
-        Ok([filtering.posteriors(), smoothing.posteriors()].map(|posteriors| {
-            posteriors.iter().map(|belief| belief.as_slice().to_vec()).collect()
-        }))
+        Ok([filtering.posteriors(), smoothing.posteriors()]
+            .map(|posteriors| posteriors.iter().map(|belief| belief.as_slice().to_vec()).collect()))
     }
 
     /// Simulates and scores many drives, with one row per estimator.
