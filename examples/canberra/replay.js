@@ -171,7 +171,7 @@ function nextCorrection() {
   if (all.length > 0) goTo(all.find((k) => k > step()) ?? all[0]);
 }
 
-/// What the address names: #setting=1&drive=3&step=7, each counted from 1.
+/// Setting, drive and step named by the address: #setting=1&drive=3&step=7, each counted from 1.
 function follow(address) {
   const wanted = new URLSearchParams(new URL(address).hash.slice(1));
   const choose = (id, count) => {

@@ -1,0 +1,106 @@
+//! Errors of likelihood operators.
+
+use std::error::Error;
+use std::fmt;
+use std::sync::Arc;
+
+/// A likelihood that could not be computed or is invalid.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub enum LikelihoodError {
+    /// A likelihood (or log-likelihood) is out of range.
+    Value {
+        /// The state, from 0.
+        state: usize,
+        /// "likelihood" or "log-likelihood".
+        kind: &'static str,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+    /// The common log factor is NaN, or above 1e300 in magnitude.
+    LogFactor {
+        /// Value found.
+        value: f64,
+    },
+    /// The diagonal, or a vector given as an observation, does not have one value per state.
+    WrongLength {
+        /// Number of values found.
+        found: usize,
+        /// Number of states.
+        expected: usize,
+    },
+    /// The table does not have the symbol.
+    Symbol {
+        /// The symbol, from 0.
+        symbol: usize,
+        /// Number of symbols.
+        symbols: usize,
+    },
+    /// The bound on the likelihoods of unlisted states is out of range.
+    Bound {
+        /// "likelihood" or "log-likelihood".
+        kind: &'static str,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+    /// A state is listed twice in an observation.
+    Twice {
+        /// The state, from 0.
+        state: usize,
+    },
+    /// An observation lists a state that does not exist.
+    Listed {
+        /// The state, from 0.
+        state: usize,
+        /// Number of states.
+        states: usize,
+    },
+    /// A sensor defined outside this crate failed.
+    Sensor(Arc<dyn Error + Send + Sync>),
+}
+
+impl fmt::Display for LikelihoodError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value { state, kind, value, expected } => {
+                write!(f, "state {state} has {kind} {value}, expected {expected}")
+            }
+            Self::LogFactor { value } => {
+                write!(f, "the log factor is {value}, expected a value from -1e300 to 1e300")
+            }
+            Self::WrongLength { found, expected } => write!(
+                f,
+                "the likelihood has {found} values, expected one for each of {expected} states"
+            ),
+            Self::Symbol { symbol, symbols } => write!(
+                f,
+                "symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})",
+                symbols.saturating_sub(1)
+            ),
+            Self::Bound { kind, value, expected } => write!(
+                f,
+                "the {kind} of states not listed is bounded by {value}, expected {expected}"
+            ),
+            Self::Twice { state } => write!(f, "state {state} is listed twice"),
+            Self::Listed { state, states } => write!(
+                f,
+                "the observation lists state {state}, but there are {states} states (0 to {})",
+                states.saturating_sub(1)
+            ),
+            Self::Sensor(source) => write!(f, "the sensor failed: {source}"),
+        }
+    }
+}
+
+impl Error for LikelihoodError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Sensor(source) => source.source(),
+            _ => None,
+        }
+    }
+}

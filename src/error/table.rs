@@ -1,0 +1,66 @@
+//! Errors of likelihood tables.
+
+use std::error::Error;
+use std::fmt;
+
+/// An invalid table of observation probabilities.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum TableError {
+    /// There are no states or no symbols.
+    Empty {
+        /// Number of states.
+        states: usize,
+        /// Number of symbols.
+        symbols: usize,
+    },
+    /// The rows differ in length.
+    RowLength {
+        /// The state, from 0.
+        state: usize,
+        /// Number of values in its row.
+        found: usize,
+        /// Number of values in the row of state 0.
+        expected: usize,
+    },
+    /// A probability is NaN, negative or infinite.
+    Entry {
+        /// The state, from 0.
+        state: usize,
+        /// The symbol, from 0.
+        symbol: usize,
+        /// Value found.
+        value: f64,
+    },
+    /// The probabilities of a state's symbols do not sum to one.
+    RowSum {
+        /// The state, from 0.
+        state: usize,
+        /// Sum found.
+        sum: f64,
+    },
+}
+
+impl fmt::Display for TableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty { states, symbols } => write!(
+                f,
+                "a table needs at least one state and one symbol, found {states} states and {symbols} symbols"
+            ),
+            Self::RowLength { state, found, expected } => write!(
+                f,
+                "the row of state {state} has {found} values, expected {expected} as state 0"
+            ),
+            Self::Entry { state, symbol, value } => write!(
+                f,
+                "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
+            ),
+            Self::RowSum { state, sum } => {
+                write!(f, "the probabilities of what state {state} shows sum to {sum}, expected 1")
+            }
+        }
+    }
+}
+
+impl Error for TableError {}
