@@ -1,7 +1,10 @@
 //! Random operators with the matrices that they must equal.
 
-use wayfix::motion::{OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence};
 use wayfix::motion::{DistanceTransition, OdometryReading};
+use wayfix::motion::{
+    OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates,
+    ViewEvidence,
+};
 use wayfix::transition::{RestartTransition, SwitchedTransition, WindowTransition};
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
@@ -110,7 +113,8 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             let control = |draw: &mut Draw<'_>| {
                 let odometry = draw.pick(&[None, Some(0.0), Some(1.0), Some(1.7), Some(-2.0)]);
                 let odometry = if draw.one_in(8) { Some(1e6) } else { odometry };
-                let view = draw.pick(&[None, Some(ViewChange::Changed), Some(ViewChange::Unchanged)]);
+                let view =
+                    draw.pick(&[None, Some(ViewChange::Changed), Some(ViewChange::Unchanged)]);
                 let weight = draw.pick(&[1.0, 0.5, 0.0, 0.1]);
                 let view = view.map(|view| ViewEvidence { view, weight });
                 RouteControl { odometry, view, before: None }

@@ -1,9 +1,11 @@
 //! Operators of several kinds as one type, so that inference is compiled once; each
 //! call goes to the operator itself.
 
-use wayfix::motion::{RouteControl, RouteTransition};
 use wayfix::motion::{DistanceTransition, OdometryReading};
-use wayfix::transition::{LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition};
+use wayfix::motion::{RouteControl, RouteTransition};
+use wayfix::transition::{
+    LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition,
+};
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
 
 /// Operators without a control.

@@ -8,7 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1};
 use serde_json::json;
 use wayfix::inference::Posteriors;
-use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, TransitionEntries};
+use wayfix::{
+    Belief, DenseTransition, Hmm, LikelihoodVector, Prior, SparseTransition, TransitionEntries,
+};
 
 use crate::{Failure, npy};
 

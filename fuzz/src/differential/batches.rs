@@ -1,7 +1,7 @@
 //! Many sequences at once.
 
-use wayfix::inference::SequenceError;
 use wayfix::Hmm;
+use wayfix::inference::SequenceError;
 
 use super::{close, expect, paths, whole};
 use crate::counts::Counts;

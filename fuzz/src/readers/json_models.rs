@@ -4,8 +4,15 @@ use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::observation::{AppearanceLikelihood, Spread};
-use wayfix::transition::{DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition, TiedTransition};
-use wayfix::{Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition, TransitionEntries};
+use wayfix::transition::{
+    DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
+    TiedTransition,
+};
+use wayfix::{
+    Belief, DenseTransition, FusedLikelihood, Hmm, Likelihood, LikelihoodVector,
+    OptionalLikelihood, Prior, SparseLikelihood, SparseTransition, TableLikelihood, Transition,
+    TransitionEntries,
+};
 
 use super::json_recognition::recognition;
 use super::read;
