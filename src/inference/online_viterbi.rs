@@ -37,6 +37,7 @@ use crate::transition::{NoControl, TransitionEntries};
 ///     path.extend_from_slice(decoder.step(&sighting)?);
 /// }
 /// assert!(!path.is_empty()); // known before the end
+/// assert_eq!(path.len() + decoder.undecided_len(), 5);
 /// path.extend(decoder.undecided());
 /// assert_eq!(path, hmm.viterbi(&[0, 0, 1, 0, 0])?.states());
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -18,7 +18,13 @@ pub struct ByClass {
 }
 
 impl ByClass {
-    /// The same number for every class.
+    /// Creates the same number for every class.
+    ///
+    /// ```
+    /// use wayfix::map::{ByClass, RoadClass};
+    ///
+    /// assert_eq!(ByClass::all(0.5).of(RoadClass::Collector), 0.5);
+    /// ```
     #[must_use]
     pub fn all(value: f64) -> Self {
         Self { main: value, arterial: value, collector: value, street: value }

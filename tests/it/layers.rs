@@ -31,8 +31,7 @@ fn imports(code: &str) -> Vec<String> {
         text.trim().split(|c: char| !c.is_alphanumeric() && c != '_').next().map(String::from)
     };
     let mut found = Vec::new();
-    for (_, path) in code.match_indices("crate::").map(|(at, text)| (at, &code[at + text.len()..]))
-    {
+    for path in code.split("crate::").skip(1) {
         match path.strip_prefix('{') {
             Some(group) => {
                 let group = &group[..group.find("};").unwrap_or(group.len())];

@@ -15,8 +15,8 @@ pub(super) fn check(
     chains: &[Chain],
     counts: &mut Counts,
 ) {
-    each("score_all", hmm.log_likelihood_all(drives), chains, counts, |score, chain| {
-        close::log("score_all", score, chain.log_likelihood(), chain.size());
+    each("log_likelihood_all", hmm.log_likelihood_all(drives), chains, counts, |score, chain| {
+        close::log("log_likelihood_all", score, chain.log_likelihood(), chain.size());
     });
     each("forward_all", hmm.forward_all(drives), chains, counts, |filtering, chain| {
         let (size, found) = (chain.size(), filtering.log_likelihood());
