@@ -21,8 +21,9 @@
 use super::held::Held;
 use super::step::{Step, is_one, normalize_logs};
 use crate::error::InferenceError;
-use crate::kernels::{self, Aligned, BACK_LIFT, LIFT, Made, Retreat, Sparse};
+use crate::kernels::{self, Aligned, BackwardStep, Product};
 use crate::likelihood::{Likelihood, Scratch};
+use crate::range::{BACK_LIFT, LIFT};
 use crate::transition::Transition;
 
 /// Largest ratio γ / p, 2^64, taken in linear space if the lifted p is below 2^40; a larger one
@@ -106,12 +107,12 @@ impl Backward {
         let Self { ratio, carried: Carried { q, .. }, gamma: result, values, .. } = self;
         let transition = step.hmm.transition();
         let sum = if let Some(matrix) = step.stored(control) {
-            let back = Sparse { matrix: &matrix.sliced_columns, x: ratio };
-            kernels::retreat(Retreat { back, alpha: alpha.linear, gamma: result, q })
+            let product = Product::sparse(&matrix.sliced_columns, ratio);
+            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
         } else {
             transition.apply_transpose(control, ratio, values);
-            let back = Made(values);
-            kernels::retreat(Retreat { back, alpha: alpha.linear, gamma: result, q })
+            let product = Product::Computed(values);
+            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
         };
         if !is_one(sum) {
             return self.retreat(step, alpha, gamma);
@@ -135,7 +136,7 @@ impl Backward {
             return false;
         }
         let factor = 1.0 / (seen.normalizer * carried.sum);
-        kernels::weigh(&carried.q, likelihoods, factor, ratio);
+        kernels::divide_by_prediction(&carried.q, likelihoods, factor, ratio);
         true
     }
 

@@ -1,9 +1,9 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
 //! section III-C).
 
+use super::batch::{self, BatchModel, Group, Memory};
 use super::checkpoints::Order;
-use super::lockstep::{self, Group, Memory, Plan};
-use super::{LogSum, in_parallel};
+use super::{LogSum, in_parallel, plan};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
@@ -251,17 +251,17 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let (mut sum, mut failed) = (self.nothing_expected(), Vec::new());
         let mut order = sequences.to_vec();
         let together =
-            sequences.len() >= lockstep::FEWEST_TO_LEARN && self.transition().families() <= 1;
-        let plan = if together { Plan::new(self) } else { None };
-        if plan.is_some() {
+            sequences.len() >= plan::FEWEST_TO_LEARN && self.transition().families() <= 1;
+        let batch = if together { BatchModel::new(self) } else { None };
+        if batch.is_some() {
             order.sort_by_key(|(_, sequence)| sequence.steps());
         }
         for some in order.chunks(64) {
-            let results = match &plan {
-                Some(plan) => {
+            let results = match &batch {
+                Some(batch) => {
                     let groups = some.chunks(LANES).collect();
-                    lockstep::in_parallel(groups, |group, memory| {
-                        self.expect_together(plan, group, memory)
+                    in_parallel::map(groups, |group, memory: &mut Memory| {
+                        self.expect_together(batch, group, memory)
                     })
                 }
                 None => in_parallel::each(some, |(_, sequence)| self.expect_one(*sequence))
@@ -293,7 +293,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// processed by itself.
     fn expect_together<S>(
         &self,
-        plan: &Plan<'_, A, B>,
+        model: &BatchModel<'_, A, B>,
         sequences: &[(usize, &S)],
         memory: &mut Memory,
     ) -> Vec<Result<Expected<B>, SequenceError>>
@@ -303,9 +303,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let group = Group::new(sequences);
         let mut results = Vec::new();
         let mut held = [false; LANES];
-        if group.pays(self.states(), lockstep::FEWEST_TO_LEARN) {
+        if group.suits(self.states(), plan::FEWEST_TO_LEARN) {
             let expected;
-            (expected, held) = lockstep::expect(plan, &group, memory);
+            (expected, held) = batch::expect(model, &group, memory);
             results.push(Ok(expected));
         }
         let alone = sequences.iter().zip(held).filter(|(_, held)| !held);

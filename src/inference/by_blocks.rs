@@ -5,7 +5,7 @@ use super::evidence::SUMS;
 use super::held::{Form, Held, Lifted, Results};
 use super::step::{Step, UNSCALED, holds, is_one};
 use crate::groups::Groups;
-use crate::kernels::{self, Made, Update, Updated, Watch};
+use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood};
 use crate::transition::Transition;
 
@@ -39,7 +39,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         let watch = if self.hmm.rounds_tails() { Watch::Nothing } else { Watch::Products };
         let after = &mut *results.lifted;
-        let (mut updated, mut states) = (Updated::NONE, 0);
+        let (mut updated, mut states) = (ForwardSums::NONE, 0);
         transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
             states += predicted.len();
             let after = &mut after[first..first + predicted.len()];
@@ -47,9 +47,9 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 let run = run.start - first..run.end - first;
                 let (predicted, after) = (&predicted[run.clone()], &mut after[run]);
                 let mut update = |predicted, likelihoods, out| {
-                    let prediction = Made(predicted);
-                    let part = Update { prediction, lift: 1.0, likelihoods, watch, out };
-                    updated = updated.and(kernels::update(part));
+                    let prediction = Product::Computed(predicted);
+                    let part = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out };
+                    updated = updated.and(kernels::forward_step(part));
                 };
                 if same {
                     let repeated = [likelihoods[group]; REPEATED];
@@ -72,7 +72,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if !valid || !holds(&updated, predicted) {
             return None;
         }
-        let tiny = kernels::settle(results.lifted, updated.products);
+        let tiny = kernels::normalize_in_place(results.lifted, updated.products);
         Some((updated.products, Form::Plain { tiny }))
     }
 }

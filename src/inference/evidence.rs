@@ -6,8 +6,9 @@ use std::ops::RangeInclusive;
 use super::held::{Advanced, Form, Held, Lifted, Results};
 use super::step::{Likelihoods, Step, UNSCALED, holds};
 use crate::error::InferenceError;
-use crate::kernels::{self, LARGEST_LOG, LIFT, Made, Valid};
+use crate::kernels::{self, Product, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
+use crate::range::{LARGEST_LOG, LIFT};
 use crate::transition::{SparseTransition, Stored, Transition};
 
 /// Sums of predictions for steps in linear space, 2^-100 to 2^7: lifted, and with likelihoods
@@ -90,8 +91,8 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     ) -> Result<Option<(f64, Form)>, InferenceError> {
         let lifted = lifted.values(before.linear);
         self.predict(lifted, results.predicted);
-        let prediction = Made(results.predicted);
-        let updated = kernels::update(likelihoods.update(prediction, LIFT, results.lifted));
+        let prediction = Product::Computed(results.predicted);
+        let updated = kernels::forward_step(likelihoods.update(prediction, LIFT, results.lifted));
         // A NaN or infinite value makes the sum NaN or infinite.
         if updated.negative_predicted || !SUMS.contains(&(updated.predicted / LIFT)) {
             self.evidence_sum(results.predicted)?;
@@ -100,7 +101,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         if !holds(&updated, updated.predicted) {
             return Ok(None);
         }
-        let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
+        let tiny = kernels::normalize_and_lift(results.lifted, results.after, updated.products);
         if updated.small && self.loses_states(likelihoods, lifted, results) {
             return Ok(None);
         }

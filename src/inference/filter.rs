@@ -10,8 +10,9 @@ use super::step::{Step, Workspace, loses, normalize_logs};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, Aligned, LIFT};
+use crate::kernels::{self, Aligned};
 use crate::likelihood::Likelihood;
+use crate::range::LIFT;
 use crate::transition::{NoControl, Transition};
 
 /// Streaming filter: the distribution of the present state given all observations so far,

@@ -1,8 +1,8 @@
 //! Forward pass over a whole sequence.
 
 use super::block::Block;
+use super::few;
 use super::posteriors::Posteriors;
-use super::small;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
@@ -84,7 +84,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if let Some(filtering) = small::filter(self, sequence) {
+        if let Some(filtering) = few::filter(self, sequence) {
             return Ok(filtering);
         }
         let steps = sequence.steps();
@@ -127,7 +127,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if let Some(log_likelihood) = small::score(self, sequence) {
+        if let Some(log_likelihood) = few::log_likelihood(self, sequence) {
             return Ok(log_likelihood);
         }
         let mut filter = self.filter();

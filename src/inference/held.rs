@@ -2,7 +2,8 @@
 
 use std::f64::consts::LN_2;
 
-use crate::kernels::{self, Aligned, LIFT};
+use crate::kernels::{self, Aligned};
+use crate::range::LIFT;
 use crate::transition::TransitionEntries;
 
 /// Number of steps with a lift after a result that was too small without one.

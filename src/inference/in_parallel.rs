@@ -22,3 +22,20 @@ pub(super) fn each<S: Sync, R: Send>(
     #[cfg(not(feature = "rayon"))]
     sequences.iter().enumerate().map(one).collect()
 }
+
+/// Maps items, each by one thread with memory of its own, in parallel with the feature `rayon`.
+pub(super) fn map<T: Send, M: Default, R: Send>(
+    items: Vec<T>,
+    work: impl Fn(T, &mut M) -> R + Sync,
+) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        items.into_par_iter().map_init(M::default, |memory, item| work(item, memory)).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        let mut memory = M::default();
+        items.into_iter().map(|item| work(item, &mut memory)).collect()
+    }
+}

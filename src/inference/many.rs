@@ -1,7 +1,7 @@
 //! Routines for many sequences, in parallel with the feature `rayon`.
 
+use super::batch::{self, Room};
 use super::filtering::FilteredSequence;
-use super::lockstep::{self, Room};
 use super::posteriors::Posteriors;
 use super::smoother::SmoothedSequence;
 use super::viterbi::ViterbiPath;
@@ -48,7 +48,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
             FilteredSequence::new(Posteriors::from_part(self.states(), rows), logs, log)
         };
         let single = |sequence: &S| self.forward(sequence);
-        lockstep::each(self, sequences, Room::Rows, lockstep::filter, finish, single)
+        batch::each(self, sequences, Room::Rows, batch::filter, finish, single)
     }
 
     /// Runs [`smooth`](Self::smooth) on each sequence.
@@ -59,7 +59,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         let finish =
             |log: f64, rows| SmoothedSequence::new(Posteriors::from_part(self.states(), rows), log);
         let single = |sequence: &S| self.smooth(sequence);
-        lockstep::each(self, sequences, Room::Rows, lockstep::smooth, finish, single)
+        batch::each(self, sequences, Room::Rows, batch::smooth, finish, single)
     }
 
     /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence.
@@ -68,7 +68,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let single = |sequence: &S| self.log_likelihood(sequence);
-        lockstep::each(self, sequences, Room::Nothing, lockstep::score, |log, _| log, single)
+        batch::each(self, sequences, Room::Nothing, batch::log_likelihood, |log, _| log, single)
     }
 
     /// Runs [`viterbi`](Self::viterbi) on each sequence.
@@ -78,6 +78,6 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let single = |sequence: &S| self.viterbi(sequence);
-        lockstep::each(self, sequences, Room::Nothing, lockstep::viterbi, |path, _| path, single)
+        batch::each(self, sequences, Room::Nothing, batch::viterbi, |path, _| path, single)
     }
 }

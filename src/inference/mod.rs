@@ -50,11 +50,13 @@ mod sampler;
 
 mod simulate;
 
+mod batch;
 mod baum_welch;
+mod few;
 mod in_parallel;
 mod labelled;
-mod lockstep;
 mod many;
+mod plan;
 
 mod backward;
 mod block;
@@ -66,7 +68,6 @@ mod held;
 mod pairs;
 mod posteriors;
 mod scores;
-mod small;
 mod step;
 
 pub use crate::error::{LearnError, SequenceError, SnapshotError};

@@ -7,8 +7,9 @@ use std::f64::consts::{LN_2, LOG2_E};
 use super::LogSum;
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
-use crate::kernels::{self, LIFT, Shifted};
+use crate::kernels::{self, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
+use crate::range::LIFT;
 use crate::transition::TransitionEntries;
 
 /// Least prior taken in linear space, 2^-900. Lifted, it is above 2^99, so that its product with
@@ -132,11 +133,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         work: &mut Workspace,
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
-        let Workspace { scratch, values } = work;
+        let scratch = &mut work.scratch;
         let likelihoods = match observation {
             Some(observation) => {
                 let (diagonal, largest) = self.diagonal(observation, scratch)?;
-                Some(self.likelihood_scores(&diagonal, largest, values, taken_out)?)
+                let scores = likelihood_scores(&diagonal, largest, taken_out);
+                Some(scores.ok_or(InferenceError::Impossible { step: self.number })?)
             }
             None => None,
         };
@@ -164,32 +166,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         scores: &mut [f64],
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
-        let Workspace { scratch, values } = work;
+        let scratch = &mut work.scratch;
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
-        let likelihoods = self.likelihood_scores(&diagonal, largest, values, taken_out)?;
+        let likelihoods = likelihood_scores(&diagonal, largest, taken_out)
+            .ok_or(InferenceError::Impossible { step: self.number })?;
         kernels::add_scores(scores, Some(likelihoods));
         Ok(())
-    }
-
-    /// Returns the scores of likelihoods; their common factor goes to `taken_out`.
-    fn likelihood_scores<'a>(
-        &self,
-        diagonal: &Diagonal<'a>,
-        largest: f64,
-        values: &'a mut [f64],
-        taken_out: &mut TakenOut,
-    ) -> Result<Shifted<'a>, InferenceError> {
-        let scores = match diagonal.values {
-            // Converted to scores as they are added.
-            Values::Log(scores) if largest > f64::NEG_INFINITY => {
-                let shifted = Shifted { scores, shift: 0.0, natural: Some(largest) };
-                Some((shifted, largest + diagonal.log_factor))
-            }
-            _ => likelihood_scores(diagonal, largest, values),
-        };
-        let (shifted, left_out) = scores.ok_or(InferenceError::Impossible { step: self.number })?;
-        taken_out.factors.add(left_out);
-        Ok(shifted)
     }
 
     /// Takes a whole number out of scores, and returns it; an error if all are
@@ -236,34 +218,31 @@ pub(super) fn best(scores: &[f64]) -> usize {
     state
 }
 
-/// Returns log2 b less a common part, which keeps the values small, and that part as a natural
-/// logarithm; `None` if all are 0.
+/// Returns the scores of likelihoods, less a common part that keeps them small; `None` if all
+/// are 0.
 pub(super) fn likelihood_scores<'a>(
     diagonal: &Diagonal<'a>,
     largest: f64,
-    values: &'a mut [f64],
-) -> Option<(Shifted<'a>, f64)> {
-    let impossible = match diagonal.values {
-        Values::Log(_) => largest == f64::NEG_INFINITY,
-        _ => largest == 0.0,
+    taken_out: &mut TakenOut,
+) -> Option<Scores<'a>> {
+    let (values, form) = match diagonal.values {
+        Values::Log(logs) => {
+            if largest == f64::NEG_INFINITY {
+                return None;
+            }
+            taken_out.factors.add(largest + diagonal.log_factor);
+            return Some(Scores { values: logs, form: ScoresIn::Ln(largest), shift: 0.0 });
+        }
+        Values::Checked { log2: Some(scores), .. } => (scores, ScoresIn::Log2),
+        Values::Linear(linear) | Values::Checked { linear, .. } => (linear, ScoresIn::Linear),
     };
-    if impossible {
+    if largest == 0.0 {
         return None;
     }
+    if diagonal.log_factor != 0.0 {
+        taken_out.factors.add(diagonal.log_factor);
+    }
     // Whole powers of two can be taken out without rounding.
-    let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
-    let (shifted, left_out) = match diagonal.values {
-        Values::Log(logs) => {
-            kernels::log2_of_logs(logs, largest, values);
-            (Shifted { scores: values, shift: 0.0, natural: None }, largest)
-        }
-        Values::Checked { log2: Some(scores), .. } => {
-            (Shifted { scores, shift: whole, natural: None }, whole * LN_2)
-        }
-        Values::Linear(linear) | Values::Checked { linear, .. } => {
-            values.iter_mut().zip(linear).for_each(|(out, b)| *out = kernels::log2(*b));
-            (Shifted { scores: values, shift: whole, natural: None }, whole * LN_2)
-        }
-    };
-    Some((shifted, left_out + diagonal.log_factor))
+    let shift = taken_out.whole_of(kernels::log2(largest));
+    Some(Scores { values, form, shift })
 }

@@ -2,8 +2,8 @@
 
 use super::backward::Backward;
 use super::block::Block;
+use super::few;
 use super::posteriors::Posteriors;
-use super::small;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -82,7 +82,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
-        if let Some((posteriors, log_likelihood)) = small::smooth(self, sequence) {
+        if let Some((posteriors, log_likelihood)) = few::smooth(self, sequence) {
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
         let mut filter = self.filter();

@@ -3,8 +3,9 @@
 use super::held::{Advanced, Form, Held, Lifted, Results};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, LIFT, Made, Sparse, Update, Updated, Valid, Watch};
+use crate::kernels::{self, ForwardStep, ForwardSums, Product, Valid, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::range::LIFT;
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
 
@@ -181,13 +182,13 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             && let Some(matrix) = matrix
             && matrix.plain
         {
-            let product = Sparse { matrix: &matrix.sliced_rows, x: belief };
-            let updated = kernels::update(likelihoods.update(product, 1.0, results.lifted));
+            let product = Product::sparse(&matrix.sliced_rows, belief);
+            let updated = kernels::forward_step(likelihoods.update(product, 1.0, results.lifted));
             if !holds(&updated, 1.0) {
                 return Ok(None);
             }
             if !updated.small {
-                let tiny = kernels::settle(results.lifted, updated.products);
+                let tiny = kernels::normalize_in_place(results.lifted, updated.products);
                 return Ok(Some((updated.products, Form::Plain { tiny })));
             }
             lifted.lift_for_some_steps();
@@ -197,7 +198,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         if !holds(&updated, LIFT) {
             return Ok(None);
         }
-        let tiny = kernels::settle_and_lift(results.lifted, results.after, updated.products);
+        let tiny = kernels::normalize_and_lift(results.lifted, results.after, updated.products);
         if updated.small && self.loses_states(likelihoods, lifted, results) {
             return Ok(None);
         }
@@ -217,17 +218,21 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         likelihoods: Likelihoods<'_>,
         lifted: &[f64],
         results: &mut Results<'_>,
-    ) -> Result<Updated, InferenceError> {
+    ) -> Result<ForwardSums, InferenceError> {
         if let Some(matrix) = matrix {
-            let product = Sparse { matrix: &matrix.sliced_rows, x: lifted };
-            return Ok(kernels::update(likelihoods.update(product, LIFT, results.lifted)));
+            let product = Product::sparse(&matrix.sliced_rows, lifted);
+            return Ok(kernels::forward_step(likelihoods.update(product, LIFT, results.lifted)));
         }
         let Some(control) = self.control else {
-            return Ok(kernels::update(likelihoods.update(Made(lifted), LIFT, results.lifted)));
+            return Ok(kernels::forward_step(likelihoods.update(
+                Product::Computed(lifted),
+                LIFT,
+                results.lifted,
+            )));
         };
         self.hmm.transition().apply(control, lifted, results.predicted);
-        let product = Made(results.predicted);
-        let updated = kernels::update(likelihoods.update(product, LIFT, results.lifted));
+        let product = Product::Computed(results.predicted);
+        let updated = kernels::forward_step(likelihoods.update(product, LIFT, results.lifted));
         if updated.negative_predicted || !is_one(updated.predicted / LIFT) {
             self.check_prediction(results.predicted)?;
         }
@@ -326,7 +331,12 @@ pub(super) struct Likelihoods<'a> {
 }
 
 impl<'a> Likelihoods<'a> {
-    pub(super) fn update<P>(self, prediction: P, lift: f64, out: &'a mut [f64]) -> Update<'a, P> {
+    pub(super) fn update(
+        self,
+        prediction: Product<'a>,
+        lift: f64,
+        out: &'a mut [f64],
+    ) -> ForwardStep<'a> {
         // Without a lift, small results lose digits, so that they are watched with rounded tails
         // too.
         let watch = match self {
@@ -334,14 +344,14 @@ impl<'a> Likelihoods<'a> {
             Self { scaled: true, .. } => Watch::Predictions,
             Self { scaled: false, .. } => Watch::Products,
         };
-        Update { prediction, lift, likelihoods: self.values, watch, out }
+        ForwardStep { prediction, lift, likelihoods: self.values, watch, out }
     }
 }
 
 /// Returns true if the results of an update are within the range of `f64`, and the likelihoods
 /// are valid and near enough to one.
 #[inline]
-pub(super) fn holds(updated: &Updated, lift: f64) -> bool {
+pub(super) fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let normalizer = updated.products / lift;
     !updated.negative_likelihood
         && UNSCALED.contains(&updated.largest_likelihood)

@@ -1,7 +1,7 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 
+use super::few;
 use super::scores::{TakenOut, best};
-use super::small;
 use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -67,7 +67,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
-        if let Some((states, log_probability)) = small::viterbi(self, sequence) {
+        if let Some((states, log_probability)) = few::viterbi(self, sequence) {
             return Ok(ViterbiPath { states, log_probability });
         }
         let mut work = Workspace::new(n);

@@ -1,7 +1,8 @@
 //! Diagonals: the likelihoods of one observation.
 
 use crate::error::LikelihoodError;
-use crate::kernels::{self, LARGEST_LOG, Valid};
+use crate::kernels::{self, Valid};
+use crate::range::LARGEST_LOG;
 
 /// Diagonal of B(y): one likelihood per state, as numbers or as logarithms, with an optional
 /// common log factor.

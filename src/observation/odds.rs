@@ -3,7 +3,7 @@
 use std::f32::consts::{LN_2, LOG2_E};
 
 use super::ObservationError;
-use crate::kernels::{Kernel, Lanes, run};
+use crate::kernels::{Simd, WithSimd, run};
 
 /// The odds that a reference with a given [score](super::Standardizer) is the right one,
 /// against a wrong one:
@@ -169,11 +169,11 @@ struct Habituate<'a> {
     scores: &'a mut [f64],
 }
 
-impl Kernel for Habituate<'_> {
+impl WithSimd for Habituate<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<S: Simd>(self, _: S) {
         let Self { log2_odds, spent, gained, scores } = self;
         let (scores, scores_rest) = scores.as_chunks_mut::<WIDTH>();
         let (gained, gained_rest) = gained.as_chunks_mut::<WIDTH>();

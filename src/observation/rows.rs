@@ -1,6 +1,6 @@
 //! Loops along a row of distances, with the widest instructions of the machine.
 
-use crate::kernels::{Kernel, Lanes, run};
+use crate::kernels::{Simd, WithSimd, run};
 
 /// Number of distances handled side by side, and of partial sums.
 const WIDTH: usize = 16;
@@ -40,12 +40,12 @@ struct Sums {
 
 struct SumUp<'a>(&'a [f32]);
 
-impl Kernel for SumUp<'_> {
+impl WithSimd for SumUp<'_> {
     type Output = Sums;
 
     #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) -> Sums {
+    fn run<S: Simd>(self, _: S) -> Sums {
         let (mut counts, mut sums, mut invalid) = ([0_u32; WIDTH], [0.0; WIDTH], [0_u32; WIDTH]);
         let (chunks, rest) = self.0.as_chunks::<WIDTH>();
         let mut take = |l: usize, d: f32| {
@@ -71,11 +71,11 @@ struct Squares<'a> {
     mean: f64,
 }
 
-impl Kernel for Squares<'_> {
+impl WithSimd for Squares<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) -> f64 {
+    fn run<S: Simd>(self, _: S) -> f64 {
         let Self { distances, mean } = self;
         let mut sums = [0.0; WIDTH];
         let (chunks, rest) = distances.as_chunks::<WIDTH>();
@@ -127,11 +127,11 @@ struct Compare<'a> {
     mean: f64,
 }
 
-impl Kernel for Compare<'_> {
+impl WithSimd for Compare<'_> {
     type Output = Changes;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) -> Changes {
+    fn run<S: Simd>(self, _: S) -> Changes {
         let Self { before, now, mean } = self;
         let mut counts = [0_u32; WIDTH];
         let (mut moved, mut squares) = ([0.0; WIDTH], [0.0; WIDTH]);

@@ -1,7 +1,7 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
 use super::spread::scaled;
-use crate::kernels::{Kernel, LANES, Lanes};
+use crate::kernels::{LANES, Simd, WithSimd};
 
 /// Prior count, in queries, of a reference's prior moments: a mean of 0, and the deviation pooled
 /// over all references.
@@ -17,11 +17,11 @@ pub(super) struct CountIn<'a> {
     pub(super) out: &'a mut [f64],
 }
 
-impl Kernel for CountIn<'_> {
+impl WithSimd for CountIn<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<S: Simd>(self, _: S) {
         let Self { distances, mean, unit, sums, squares, out } = self;
         let sums = sums.iter_mut().zip(squares);
         for (((sum, square), out), &d) in sums.zip(out).zip(distances) {
@@ -43,11 +43,11 @@ pub(super) struct Standardize<'a> {
     pub(super) scores: &'a mut [f64],
 }
 
-impl Kernel for Standardize<'_> {
+impl WithSimd for Standardize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self, _: L) {
+    fn run<S: Simd>(self, _: S) {
         let Self { count: n, sums, squares, scores } = self;
         let known = n + PRIOR_COUNT;
         let part = 1.0 / known;

@@ -5,8 +5,7 @@ use std::sync::OnceLock;
 
 use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
-use crate::kernels::lockstep::Lines;
-use crate::kernels::{Dense, DenseLogs};
+use crate::kernels::{Dense, Lines};
 
 /// Most states whose entries `Debug` shows.
 const SHOWN: usize = 8;
@@ -34,7 +33,7 @@ pub struct DenseTransition {
     /// True if all entries above 0 are at least 2^-100.
     pub(super) plain: bool,
     /// log2 of the entries, computed by the first decoding.
-    pub(super) log2: OnceLock<DenseLogs>,
+    pub(super) log2: OnceLock<Dense>,
 }
 
 impl fmt::Debug for DenseTransition {
@@ -103,7 +102,7 @@ impl DenseTransition {
             return Err(TransitionError::Empty);
         }
         check_count("states", states)?;
-        let mut matrix = Dense::new(states);
+        let mut matrix = Dense::filled(states, 0.0);
         let mut sums = vec![0.0; states];
         for (from, sum) in sums.iter_mut().enumerate() {
             for (to, stored) in matrix.column_mut(from).iter_mut().enumerate() {

@@ -6,8 +6,7 @@ use std::sync::OnceLock;
 use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
-use crate::kernels::lockstep::Lines;
-use crate::kernels::{Maximize, Shifted, Sliced, Values, maximize};
+use crate::kernels::{EntryValues, Lines, MaxStep, Scores, Sliced, max_step};
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
@@ -40,7 +39,7 @@ pub struct SparseTransition {
     /// True if all entries are at least 2^-100.
     pub(crate) plain: bool,
     /// log2 of the values of the rows, computed by the first decoding.
-    log2: OnceLock<Values>,
+    log2: OnceLock<EntryValues>,
     /// Largest relative change of a value by rounding to 32 bits; 0 with values of 64 bits.
     pub(super) rounding: f64,
 }
@@ -241,15 +240,15 @@ impl SparseTransition {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }
 
-    /// Computes the max-product of a Viterbi step; see [`Maximize`].
+    /// Computes the max-product of a Viterbi step; see [`MaxStep`].
     pub(crate) fn maximize(
         &self,
         x: &[f64],
-        likelihoods: Option<Shifted<'_>>,
+        likelihoods: Option<Scores<'_>>,
         next: &mut [f64],
         from: &mut [u32],
     ) -> f64 {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
-        maximize(Maximize { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
+        max_step(MaxStep { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
     }
 }

@@ -1,7 +1,7 @@
 //! Stored matrices, for which inference has loops of its own.
 
 use super::{DenseTransition, SparseTransition};
-use crate::kernels::lockstep::Lines;
+use crate::kernels::Lines;
 
 /// A stored matrix, for which this crate has loops of its own.
 ///

@@ -4,7 +4,6 @@ use super::{
     DenseTransition, SparseTransition, Stored, Transition, TransitionEntries, check_slices, log,
 };
 use crate::error::TransitionError;
-use crate::kernels::{self, DenseLogs};
 
 impl SparseTransition {
     /// Creates an operator from any other one without a control, with one product per state.
@@ -123,8 +122,6 @@ impl TransitionEntries for DenseTransition {
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
-        let entry = |i, j| kernels::log2(self.matrix.column(j)[i]);
-        let log2 = self.log2.get_or_init(|| DenseLogs::new(self.states(), entry));
-        log2.maximize(x, out, from);
+        self.log2.get_or_init(|| self.matrix.log2()).maximize(x, out, from);
     }
 }

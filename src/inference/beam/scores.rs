@@ -4,7 +4,8 @@ use std::f64::consts::{LN_2, LOG2_E};
 
 use super::super::frontier::Frontier;
 use super::super::scores::unlifted_log2;
-use crate::kernels::{self, LIFT};
+use crate::kernels;
+use crate::range::LIFT;
 use crate::transition::TransitionEntries;
 
 /// Upper bound on log2 of an entry without evidence on the move: above 0, since columns may

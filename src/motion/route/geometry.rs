@@ -4,6 +4,7 @@ use std::iter::Chain;
 use std::ops::Range;
 
 use super::RouteTransition;
+use super::combine::{add_combined, combine};
 use crate::kernels;
 use crate::transition::buffers;
 
@@ -130,15 +131,12 @@ impl Line {
             let (mut done, mut size) = (0, 1);
             while done < width {
                 if width & size != 0 {
-                    kernels::add_combined(out, &[(1.0, &sums[done..done + n])]);
+                    add_combined(out, &[(1.0, &sums[done..done + n])]);
                     done += size;
                 }
                 if done < width {
                     let count = sums.len() - size;
-                    kernels::combine(
-                        &mut next[..count],
-                        &[(1.0, &sums[..count]), (1.0, &sums[size..])],
-                    );
+                    combine(&mut next[..count], &[(1.0, &sums[..count]), (1.0, &sums[size..])]);
                     next[count..].fill(0.0);
                     std::mem::swap(&mut sums, &mut next);
                     size *= 2;

@@ -1,6 +1,7 @@
 //! A vehicle at hidden speeds along a route, with measurements as evidence on moves.
 
 mod best;
+mod combine;
 mod driven;
 mod entries;
 mod geometry;

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
+use super::combine::{add_combined, combine};
 use super::stencil::Stencil;
 use super::step::Step;
-use crate::kernels;
 use crate::transition::buffers;
 
 /// Number of shifted vectors added in one pass.
@@ -47,9 +47,9 @@ impl Step<'_> {
             for (first, weight, class) in taps {
                 if count == TERMS {
                     if some {
-                        kernels::add_combined(out, &terms);
+                        add_combined(out, &terms);
                     } else {
-                        kernels::combine(out, &terms);
+                        combine(out, &terms);
                     }
                     (count, some) = (0, true);
                 }
@@ -58,7 +58,7 @@ impl Step<'_> {
                 count += 1;
             }
             let terms = &terms[..count];
-            if some { kernels::add_combined(out, terms) } else { kernels::combine(out, terms) }
+            if some { add_combined(out, terms) } else { combine(out, terms) }
         }
     }
 

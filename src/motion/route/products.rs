@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::super::OdometryModel;
+use super::combine::{add_combined, combine};
 use super::moves::{Stretch, TERMS};
 use super::step::{Off, Step};
 use super::views::{Factors, ViewEvidence};
@@ -67,7 +68,7 @@ impl Step<'_> {
             terms[count] = (share, &x[g * n..][places.clone()]);
             count += 1;
         });
-        kernels::combine(out, &terms[..count]);
+        combine(out, &terms[..count]);
     }
 
     /// Computes the product with x, and hands over each block: its first state, and its values.
@@ -100,7 +101,7 @@ impl Step<'_> {
                     }
                     if let Some(off) = &self.off {
                         let (left, all) = (&left[places.clone()], &all[places]);
-                        kernels::combine(out, &[(off.stay, left), (off.enter, all)]);
+                        combine(out, &[(off.stay, left), (off.enter, all)]);
                         take(k * n + start, out);
                     }
                 }
@@ -140,20 +141,20 @@ impl Step<'_> {
             for (new, x) in on.chunks_exact(n).enumerate() {
                 self.pull(new, x, pulled);
                 let anywhere = self.changes(new, |g, share| {
-                    kernels::add_combined(&mut out[g * n..][..n], &[(share, pulled)]);
+                    add_combined(&mut out[g * n..][..n], &[(share, pulled)]);
                 });
-                kernels::add_combined(all, &[(anywhere, pulled)]);
+                add_combined(all, &[(anywhere, pulled)]);
             }
             for out in out[..k * n].chunks_exact_mut(n) {
                 match &self.off {
-                    Some(off) => kernels::add_combined(out, &[(1.0, all), (off.enter, left)]),
-                    None => kernels::add_combined(out, &[(1.0, all)]),
+                    Some(off) => add_combined(out, &[(1.0, all), (off.enter, left)]),
+                    None => add_combined(out, &[(1.0, all)]),
                 }
             }
             if let Some(off) = &self.off {
                 add_layers(on, n, |g| self.route.speeds.shares()[g], all);
                 let out = &mut out[k * n..];
-                kernels::combine(out, &[(off.stay, left)]);
+                combine(out, &[(off.stay, left)]);
                 self.leave_back(off, all, out);
             }
         });
@@ -170,7 +171,7 @@ fn add_layers(x: &[f64], n: usize, factor: impl Fn(usize) -> f64, out: &mut [f64
             count += 1;
         }
         let terms = &terms[..count];
-        if number == 0 { kernels::combine(out, terms) } else { kernels::add_combined(out, terms) }
+        if number == 0 { combine(out, terms) } else { add_combined(out, terms) }
     }
 }
 

@@ -1,0 +1,130 @@
+//! Whole sequences under models of up to eight states without a control, many steps in a call of
+//! a kernel: eight segments of the sequence, one in each lane, or one state in each lane.
+//!
+//! All sums are of products of numbers far from the ends of the range of doubles, or exactly 0.
+//! Where that can't be kept, or a sensor, an operator or an observation gives reason for an error,
+//! a routine returns `None`, and the caller starts over step by step: steps know about logarithms
+//! and errors.
+
+mod filter;
+mod likelihoods;
+mod segments;
+mod smooth;
+mod viterbi;
+
+pub(super) use filter::{filter, log_likelihood};
+pub(super) use smooth::smooth;
+pub(super) use viterbi::viterbi;
+
+use super::LogSum;
+use super::plan::{self, Temp};
+use crate::hmm::Hmm;
+use crate::kernels::{ChainState, Few, LANES, Packed};
+use crate::likelihood::Likelihood;
+use crate::range::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, power};
+use crate::transition::Transition;
+use likelihoods::Rows;
+
+/// A model in arrays; states beyond the last are never possible.
+struct FewModel {
+    states: usize,
+    columns: [Packed; LANES],
+    rows: [Packed; LANES],
+    prior: ChainState,
+    /// True if there is a transition before the first observation.
+    moves: bool,
+}
+
+impl FewModel {
+    /// Reads the matrix of an operator by a product for each state. `None` if an entry is too
+    /// small, or the columns do not sum to one.
+    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, control: &A::Control) -> Option<Self> {
+        let states = hmm.states();
+        let mut columns = [Packed::default(); LANES];
+        let mut rows = columns;
+        let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
+        for from in 0..states {
+            // Lifted, so that an entry that is a product of small ones is not lost.
+            unit[from] = LIFT;
+            hmm.transition().apply(control, &unit, &mut column);
+            unit[from] = 0.0;
+            column.iter_mut().for_each(|entry| *entry /= LIFT);
+            let valid = |&entry: &f64| entry == 0.0 || entry >= LEAST_FACTOR;
+            if !(column.iter().all(valid) && range::is_one(column.iter().sum())) {
+                return None;
+            }
+            for (to, &entry) in column.iter().enumerate() {
+                (columns[from][to], rows[to][from]) = (entry, entry);
+            }
+        }
+        let mut prior = ChainState::new(0.0);
+        prior.values[..states].copy_from_slice(hmm.prior().belief().as_slice());
+        rescale(&mut prior)?;
+        Some(Self { states, columns, rows, prior, moves: hmm.prior().moves_at(1) })
+    }
+
+    /// The first N states, for segments.
+    fn few<const N: usize>(&self) -> Few<N> {
+        let first =
+            |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
+        let columns: [[f64; N]; N] = first(&self.columns);
+        let entries = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);
+        Few { columns, rows: first(&self.rows), least: range::CALM / entries.fold(1.0, f64::min) }
+    }
+
+    /// Updates the prior by the first observation, if nothing moves before it: then that step is
+    /// done. Returns the number of steps done.
+    fn start(&self, source: &mut dyn Rows, x: &mut ChainState, logs: &mut LogSum) -> Option<usize> {
+        *x = self.prior;
+        if self.moves {
+            return Some(0);
+        }
+        let (mut b, mut log) = ([0.0; LANES], [0.0]);
+        source.likelihoods(1..2, true, &mut b[..self.states], &mut log)?;
+        x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
+        rescale(x)?;
+        logs.add(log[0]);
+        Some(1)
+    }
+}
+
+/// Brings the scale of a vector back to the middle range. `None` if its values are too far apart,
+/// or nothing is left.
+fn rescale(x: &mut ChainState) -> Option<()> {
+    let sum: f64 = x.values.iter().sum();
+    if !(SCALES[0]..=SCALES[1]).contains(&sum) {
+        if !sum.is_normal() {
+            return None;
+        }
+        let by = exponent(sum);
+        x.values.iter_mut().for_each(|x| *x *= power(-by));
+        x.exponent += by;
+    }
+    x.values.iter().all(|x| *x == 0.0 || *x >= LEAST_IN_CHAIN).then_some(())
+}
+
+/// Returns ln Σ x, with the scales that were taken out of likelihoods.
+fn log_of(x: &ChainState, logs: &LogSum) -> f64 {
+    let mut sum = *logs;
+    sum.add(x.values.iter().sum::<f64>().ln());
+    sum.add(x.exponent as f64 * std::f64::consts::LN_2);
+    sum.value()
+}
+
+/// Adds logarithms, most of which are 0.
+fn add_logs(sum: &mut LogSum, logs: &[f64]) {
+    logs.iter().filter(|log| **log != 0.0).for_each(|log| sum.add(*log));
+}
+
+/// Returns the control of the operator if the model and so many steps are for this engine.
+fn control_of<A: Transition, B: Likelihood>(
+    hmm: &Hmm<A, B>,
+    steps: usize,
+) -> Option<&'static A::Control> {
+    if !plan::suits_few(hmm.states(), steps) {
+        return None;
+    }
+    let control = hmm.transition().no_control()?;
+    hmm.transition().check_control(control).ok()?;
+    hmm.transition().evidence(control).is_none().then_some(control)
+}

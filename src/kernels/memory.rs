@@ -1,0 +1,106 @@
+//! Memory of vectors: aligned to cache lines, and in large pages where it is large.
+#![allow(unsafe_code, reason = "a system call with the address of a vector")]
+
+use std::ops::{Deref, DerefMut};
+
+/// Sizes of a cache line, a page and a large page, as a rule, in bytes.
+pub(super) const LINE: usize = 64;
+const PAGE: usize = 4096;
+const LARGE_PAGE: usize = 2 << 20;
+/// Smallest size of a large vector; others are left alone.
+pub(super) const LARGE: usize = 2 * LARGE_PAGE;
+/// Vectors of this size begin on a page: a load waits for an earlier store if their addresses
+/// differ by pages alone, as those of neighbouring places in two vectors otherwise might.
+const SEVERAL_PAGES: usize = 16 * PAGE;
+
+/// Doubles from the beginning of a cache line on: loads of eight that straddle two lines take
+/// twice as long. Many begin on a page, very many on a large page, with room to the end of the
+/// last one, so that none has to come in small pages.
+pub(crate) struct Aligned {
+    /// Up to the end of the vector.
+    values: Vec<f64>,
+    start: usize,
+}
+
+impl Aligned {
+    /// Creates `len` values.
+    pub(crate) fn new(len: usize, value: f64) -> Self {
+        let (unit, room) = match len * size_of::<f64>() {
+            LARGE.. => (LARGE_PAGE, 2),
+            SEVERAL_PAGES.. => (PAGE, 1),
+            _ => (LINE, 1),
+        };
+        let spare = room * unit / size_of::<f64>() - 1;
+        let mut values = in_large_pages(vec![value; len + spare]);
+        // Only speed depends on it.
+        let start = values.as_ptr().align_offset(unit).min(spare);
+        values.truncate(start + len);
+        Self { values, start }
+    }
+}
+
+impl Deref for Aligned {
+    type Target = [f64];
+
+    #[inline(always)]
+    fn deref(&self) -> &[f64] {
+        &self.values[self.start..]
+    }
+}
+
+impl DerefMut for Aligned {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.values[self.start..]
+    }
+}
+
+impl Clone for Aligned {
+    fn clone(&self) -> Self {
+        let mut copy = Self::new(self.len(), 0.0);
+        copy.copy_from_slice(self);
+        copy
+    }
+}
+
+impl std::fmt::Debug for Aligned {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self[..].fmt(f)
+    }
+}
+
+/// Returns the same vector; if it is large, its memory comes in large pages from now on, where the
+/// system has them.
+///
+/// A system provides memory at the first write, as a rule 4 KB at a time, each of which costs as
+/// much as 2,000 additions. Linux can provide 2 MB at a time, on most machines only on request.
+pub(crate) fn in_large_pages<T>(vec: Vec<T>) -> Vec<T> {
+    let bytes = vec.capacity() * size_of::<T>();
+    if bytes >= LARGE {
+        request(vec.as_ptr().addr(), bytes);
+    }
+    vec
+}
+
+#[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
+fn request(start: usize, bytes: usize) {
+    use std::ffi::{c_int, c_void};
+
+    unsafe extern "C" {
+        /// madvise(2), of the C library that the standard library links.
+        fn madvise(start: *mut c_void, bytes: usize, advice: c_int) -> c_int;
+    }
+    /// `MADV_HUGEPAGE`, on these architectures.
+    const HUGE_PAGE: c_int = 14;
+    // On machines with larger pages the call may fail.
+    let first = start & !(PAGE - 1);
+    let end = (start + bytes) & !(PAGE - 1);
+    // SAFETY: this advice changes how memory is provided, not what is in it, whosever it is; the
+    // system checks the addresses. A failure (older systems have no such pages) does not matter.
+    unsafe {
+        madvise(std::ptr::without_provenance_mut(first), end - first, HUGE_PAGE);
+    }
+}
+
+#[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
+fn request(_start: usize, _bytes: usize) {}

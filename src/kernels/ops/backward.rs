@@ -1,0 +1,129 @@
+//! A backward step of the smoother.
+
+use super::product::Product;
+use super::semiring::Sink;
+use crate::kernels::parallel::{Splits, run_in_parts};
+use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
+use crate::range::BACK_LIFT;
+
+/// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
+pub(in crate::kernels) struct Ratio<'a> {
+    pub(in crate::kernels) q: &'a [f64],
+    pub(in crate::kernels) likelihoods: &'a [f64],
+    pub(in crate::kernels) factor: f64,
+    pub(in crate::kernels) ratio: &'a mut [f64],
+}
+
+impl WithSimd for Ratio<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { q, likelihoods, factor, ratio } = self;
+        let n = q.len();
+        let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
+        let mut ratio = ratio[..n].as_chunks_mut::<LANES>();
+        let (factor, zero) = (s.splat(factor), s.splat(0.0));
+        let least = s.splat(f64::MIN_POSITIVE * BACK_LIFT);
+        for block in 0..n.div_ceil(LANES) {
+            let v = s.mul(row_block(s, q, block), s.mul(row_block(s, b, block), factor));
+            store(s, &mut ratio, block, s.select(s.lt(v, least), zero, v));
+        }
+    }
+}
+
+impl Splits for Ratio<'_> {
+    fn lines(&self) -> usize {
+        self.q.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (q, b) = (self.q.split_at(at), self.likelihoods.split_at(at));
+        let ratio = self.ratio.split_at_mut(at);
+        let factor = self.factor;
+        let part = |q, likelihoods, ratio| Self { q, likelihoods, factor, ratio };
+        (part(q.0, b.0, ratio.0), part(q.1, b.1, ratio.1))
+    }
+
+    fn join((): (), (): ()) {}
+}
+
+/// Computes γ / p, lifted, from the lifted q = γ / α: `ratio = q ∘ b` times a factor.
+pub(crate) fn divide_by_prediction(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
+    run_in_parts(Ratio { q, likelihoods, factor, ratio });
+}
+
+/// The second half of a step: `gamma = α ∘ q`, where q is the lifted product of A' with γ / p,
+/// and is kept. Returns Σ γᵢ.
+pub(crate) struct BackwardStep<'a> {
+    pub(crate) product: Product<'a>,
+    pub(crate) alpha: &'a [f64],
+    pub(crate) gamma: &'a mut [f64],
+    pub(crate) q: &'a mut [f64],
+}
+
+/// Takes the step, on several threads if there are many states.
+pub(crate) fn backward_step(step: BackwardStep<'_>) -> f64 {
+    run_in_parts(step)
+}
+
+impl WithSimd for BackwardStep<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> f64 {
+        let Self { product, alpha, gamma, q } = self;
+        let n = product.rows();
+        let mut sink = BackwardSink::<S> {
+            alpha: alpha[..n].as_chunks(),
+            gamma: gamma[..n].as_chunks_mut(),
+            q: q[..n].as_chunks_mut(),
+            sum: s.splat(0.0),
+        };
+        product.pass_to(s, &mut sink);
+        total(s.to_array(sink.sum))
+    }
+}
+
+impl Splits for BackwardStep<'_> {
+    fn lines(&self) -> usize {
+        self.product.rows()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (product, alpha) = (self.product.split(at), self.alpha.split_at(at));
+        let (gamma, q) = (self.gamma.split_at_mut(at), self.q.split_at_mut(at));
+        let part = |product, alpha, gamma, q| Self { product, alpha, gamma, q };
+        (part(product.0, alpha.0, gamma.0, q.0), part(product.1, alpha.1, gamma.1, q.1))
+    }
+
+    fn join(a: f64, b: f64) -> f64 {
+        a + b
+    }
+}
+
+struct BackwardSink<'a, S: Simd> {
+    alpha: Blocks<'a>,
+    gamma: BlocksMut<'a>,
+    q: BlocksMut<'a>,
+    sum: S::V,
+}
+
+impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
+    #[inline(always)]
+    fn take(&mut self, s: S, block: usize, q: S::V) {
+        let gamma = smoothed(s, row_block(s, self.alpha, block), q);
+        store(s, &mut self.gamma, block, gamma);
+        store(s, &mut self.q, block, q);
+        self.sum = s.add(self.sum, gamma);
+    }
+}
+
+/// γ = α ∘ q, unlifted; 0 before it is too small, since numbers below the smallest normal double
+/// take a hundred times as long.
+#[inline(always)]
+pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
+    let v = s.mul(q, alpha);
+    let least = s.splat(f64::MIN_POSITIVE * BACK_LIFT);
+    s.mul(s.select(s.lt(v, least), s.splat(0.0), v), s.splat(1.0 / BACK_LIFT))
+}

@@ -1,0 +1,217 @@
+//! One sequence under a model of up to eight states, one state in each lane: many steps in a call,
+//! with the vector in a register.
+
+use crate::kernels::layout::Packed;
+use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, total};
+use crate::range::{LEAST_IN_CHAIN, SCALES, exponent, power};
+
+/// Lines of a matrix, or of its logarithms, padded with what is never possible.
+pub(crate) type PaddedLines = [Packed; LANES];
+
+/// A vector of a recursion, times 2^exponent.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ChainState {
+    pub(crate) values: Eight,
+    pub(crate) exponent: i64,
+}
+
+impl ChainState {
+    pub(crate) fn new(value: f64) -> Self {
+        Self { values: [value; LANES], exponent: 0 }
+    }
+
+    /// Brings the scale back if `sum`, that of the values, is out of range.
+    #[inline(always)]
+    fn rescale<S: Simd>(&mut self, s: S, x: S::V, sum: f64) -> S::V {
+        if (SCALES[0]..=SCALES[1]).contains(&sum) || !sum.is_normal() {
+            return x;
+        }
+        let by = exponent(sum);
+        self.exponent += by;
+        s.mul(x, s.splat(power(-by)))
+    }
+}
+
+/// The product of a matrix with a vector whose values have been stored.
+#[inline(always)]
+fn product<S: Simd>(s: S, columns: &PaddedLines, x: &Eight) -> S::V {
+    let term = |j: usize| s.mul(s.load(&columns[j]), s.splat(x[j]));
+    // In pairs: a shorter way than one after another.
+    let low = s.add(s.add(term(0), term(1)), s.add(term(2), term(3)));
+    let high = s.add(s.add(term(4), term(5)), s.add(term(6), term(7)));
+    s.add(low, high)
+}
+
+/// True if a value is above 0 and below 2^-300.
+#[inline(always)]
+fn is_lost<S: Simd>(s: S, x: S::V) -> bool {
+    s.any(s.and(s.lt(x, s.splat(LEAST_IN_CHAIN)), s.lt(s.splat(0.0), x)))
+}
+
+/// Forward through some steps: beliefs in rows of as many values as there are states, and
+/// p(y_k | y_1 … y_{k-1}) up to scales of the likelihoods.
+pub(in crate::kernels) struct ChainForward<'a> {
+    /// Columns of the matrix.
+    pub(in crate::kernels) columns: &'a PaddedLines,
+    pub(in crate::kernels) state: &'a mut ChainState,
+    /// Number of states, of likelihoods a step, and of values in each row.
+    pub(in crate::kernels) states: usize,
+    pub(in crate::kernels) likelihoods: &'a [f64],
+    pub(in crate::kernels) rows: &'a mut [f64],
+    pub(in crate::kernels) normalizers: &'a mut [f64],
+}
+
+impl WithSimd for ChainForward<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let Self { columns, state, states, likelihoods, rows, normalizers } = self;
+        let mut stored = state.values;
+        let mut sum = total(stored);
+        let mut rows = rows.chunks_exact_mut(states);
+        let mut normalizers = normalizers.iter_mut();
+        for b in likelihoods.chunks_exact(states) {
+            let mut x = s.mul(product(s, columns, &stored), s.load_partial(b));
+            stored = s.to_array(x);
+            let before = std::mem::replace(&mut sum, total(stored));
+            if let (Some(row), Some(normalizer)) = (rows.next(), normalizers.next()) {
+                *normalizer = sum / before;
+                s.store_partial(s.mul(x, s.splat(1.0 / sum)), row);
+            }
+            let exponent = state.exponent;
+            x = state.rescale(s, x, sum);
+            if state.exponent != exponent {
+                stored = s.to_array(x);
+                sum = total(stored);
+            }
+            if is_lost(s, x) || sum.is_nan() || sum <= 0.0 {
+                return false;
+            }
+        }
+        state.values = stored;
+        true
+    }
+}
+
+/// Takes x forward through some steps, and writes beliefs and normalisers, or neither. Returns
+/// false if the range is too wide, or nothing is possible.
+pub(crate) fn chain_forward(
+    columns: &PaddedLines,
+    state: &mut ChainState,
+    states: usize,
+    likelihoods: &[f64],
+    rows: &mut [f64],
+    normalizers: &mut [f64],
+) -> bool {
+    run(ChainForward { columns, state, states, likelihoods, rows, normalizers })
+}
+
+/// Backward through some steps, from r after the last: beliefs in rows become posteriors.
+pub(in crate::kernels) struct ChainBackward<'a> {
+    /// Rows of the matrix.
+    pub(in crate::kernels) lines: &'a PaddedLines,
+    pub(in crate::kernels) state: &'a mut ChainState,
+    pub(in crate::kernels) states: usize,
+    pub(in crate::kernels) likelihoods: &'a [f64],
+    pub(in crate::kernels) rows: &'a mut [f64],
+}
+
+impl WithSimd for ChainBackward<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let Self { lines, state, states, likelihoods, rows } = self;
+        let mut r = s.load(&state.values);
+        let steps = likelihoods.chunks_exact(states).zip(rows.chunks_exact_mut(states));
+        for (b, row) in steps.rev() {
+            let posterior = s.mul(s.load_partial(row), r);
+            let sum = total(s.to_array(posterior));
+            s.store_partial(s.mul(posterior, s.splat(1.0 / sum)), row);
+            let observed = s.to_array(s.mul(r, s.load_partial(b)));
+            r = product(s, lines, &observed);
+            r = state.rescale(s, r, total(observed));
+            if is_lost(s, r) || sum.is_nan() || sum <= 0.0 {
+                return false;
+            }
+        }
+        state.values = s.to_array(r);
+        true
+    }
+}
+
+/// Takes r backward through some steps, and makes beliefs posteriors. Returns false if the range
+/// is too wide.
+pub(crate) fn chain_backward(
+    lines: &PaddedLines,
+    state: &mut ChainState,
+    states: usize,
+    likelihoods: &[f64],
+    rows: &mut [f64],
+) -> bool {
+    run(ChainBackward { lines, state, states, likelihoods, rows })
+}
+
+/// Backpointers of a step: bit i of each byte is a bit of the best predecessor of state i.
+pub(crate) type ChainPointers = [u8; 3];
+
+/// Scores through some steps, with backpointers.
+pub(in crate::kernels) struct ChainDecode<'a> {
+    /// Logarithms of the columns.
+    pub(in crate::kernels) columns: &'a PaddedLines,
+    /// Scores, and whole numbers that were taken out.
+    pub(in crate::kernels) state: &'a mut ChainState,
+    pub(in crate::kernels) states: usize,
+    pub(in crate::kernels) likelihoods: &'a [f64],
+    pub(in crate::kernels) from: &'a mut [ChainPointers],
+}
+
+impl WithSimd for ChainDecode<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let Self { columns, state, states, likelihoods, from } = self;
+        let mut scores = s.load(&state.values);
+        for (b, from) in likelihoods.chunks_exact(states).zip(from) {
+            let x = s.to_array(scores);
+            let mut best = s.add(s.load(&columns[0]), s.splat(x[0]));
+            let mut bits = [0_u8; 3];
+            for j in 1..states.min(LANES) {
+                let score = s.add(s.load(&columns[j]), s.splat(x[j]));
+                // The lowest of several that attain the maximum stays.
+                let better = s.bits(s.lt(best, score));
+                best = s.max(score, best);
+                for (bit, bits) in bits.iter_mut().enumerate() {
+                    let set = if j >> bit & 1 == 1 { better } else { 0 };
+                    *bits = *bits & !better | set;
+                }
+            }
+            *from = bits;
+            scores = s.add(best, s.load_partial(b));
+            // As the general routine does at every step, so that scores are the same to the bit
+            // beyond the range of exact sums, too.
+            let largest = s.to_array(scores).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            if largest == f64::NEG_INFINITY {
+                return false;
+            }
+            let whole = largest.floor();
+            scores = s.sub(scores, s.splat(whole));
+            state.exponent += whole as i64;
+        }
+        state.values = s.to_array(scores);
+        true
+    }
+}
+
+/// Takes scores through some steps. Returns false if nothing is possible.
+pub(crate) fn chain_decode(
+    columns: &PaddedLines,
+    state: &mut ChainState,
+    states: usize,
+    likelihoods: &[f64],
+    from: &mut [ChainPointers],
+) -> bool {
+    run(ChainDecode { columns, state, states, likelihoods, from })
+}

@@ -1,0 +1,251 @@
+//! Second half of a step of filter and smoother: the product of prediction and likelihoods, and
+//! its normalisation.
+
+use super::product::Product;
+use super::semiring::Sink;
+use crate::kernels::parallel::{Splits, run_in_parts};
+use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
+use crate::range::{LIFT, TINY};
+
+/// `out = p ∘ b` for a prediction p that sums to `lift`.
+pub(crate) struct ForwardStep<'a> {
+    pub(crate) prediction: Product<'a>,
+    pub(crate) lift: f64,
+    pub(crate) likelihoods: &'a [f64],
+    pub(crate) watch: Watch,
+    pub(crate) out: &'a mut [f64],
+}
+
+/// Small results that a [`ForwardStep`] reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Watch {
+    Nothing,
+    /// Results of which neither factor is 0.
+    Products,
+    /// Results of which the prediction is not 0: likelihoods have been scaled, so that one of 0
+    /// may have been positive.
+    Predictions,
+}
+
+/// Sums and checks of a [`ForwardStep`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ForwardSums {
+    /// Σ pᵢ bᵢ. NaN or infinite if a likelihood is.
+    pub(crate) products: f64,
+    /// Σ pᵢ.
+    pub(crate) predicted: f64,
+    pub(crate) negative_predicted: bool,
+    pub(crate) negative_likelihood: bool,
+    pub(crate) largest_likelihood: f64,
+    /// True if a result that is [watched](Watch) is below 2^-1000 of the lift.
+    pub(crate) small: bool,
+}
+
+impl ForwardSums {
+    /// Sums over no states.
+    pub(crate) const NONE: Self = Self {
+        products: 0.0,
+        predicted: 0.0,
+        negative_predicted: false,
+        negative_likelihood: false,
+        largest_likelihood: 0.0,
+        small: false,
+    };
+
+    /// Sums over the states of both.
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            products: self.products + other.products,
+            predicted: self.predicted + other.predicted,
+            negative_predicted: self.negative_predicted | other.negative_predicted,
+            negative_likelihood: self.negative_likelihood | other.negative_likelihood,
+            largest_likelihood: self.largest_likelihood.max(other.largest_likelihood),
+            small: self.small | other.small,
+        }
+    }
+}
+
+/// Takes the step, on several threads if there are many states.
+pub(crate) fn forward_step(step: ForwardStep<'_>) -> ForwardSums {
+    let (lift, sparse) = (step.lift, matches!(step.prediction, Product::Sparse { .. }));
+    let sums = run_in_parts(step);
+    if sparse { ForwardSums { predicted: lift, ..sums } } else { sums }
+}
+
+impl WithSimd for ForwardStep<'_> {
+    type Output = ForwardSums;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> ForwardSums {
+        let Self { prediction, lift, likelihoods, watch, out } = self;
+        let n = prediction.rows();
+        let zero = s.splat(0.0);
+        let (likelihoods, out) = (likelihoods[..n].as_chunks(), out[..n].as_chunks_mut());
+        let least = s.splat(if watch == Watch::Nothing { 0.0 } else { lift / LIFT });
+        let possible = s.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 });
+        let negative = s.lt(zero, zero);
+        let sums = Accumulators {
+            products: zero,
+            predicted: zero,
+            negative_predicted: negative,
+            negative_likelihood: negative,
+            largest_likelihood: zero,
+            small: false,
+        };
+        match prediction {
+            Product::Sparse { .. } => {
+                let mut sink = ForwardSink::<S, true> { likelihoods, out, least, possible, sums };
+                prediction.pass_to(s, &mut sink);
+                sink.sums.finish(s)
+            }
+            Product::Computed(_) => {
+                let mut sink = ForwardSink::<S, false> { likelihoods, out, least, possible, sums };
+                prediction.pass_to(s, &mut sink);
+                sink.sums.finish(s)
+            }
+        }
+    }
+}
+
+/// Lane-wise [`ForwardSums`].
+struct Accumulators<S: Simd> {
+    products: S::V,
+    predicted: S::V,
+    negative_predicted: S::M,
+    negative_likelihood: S::M,
+    largest_likelihood: S::V,
+    small: bool,
+}
+
+impl<S: Simd> Accumulators<S> {
+    #[inline(always)]
+    fn finish(self, s: S) -> ForwardSums {
+        let largest = s.to_array(self.largest_likelihood);
+        ForwardSums {
+            products: total(s.to_array(self.products)),
+            predicted: total(s.to_array(self.predicted)),
+            negative_predicted: s.any(self.negative_predicted),
+            negative_likelihood: s.any(self.negative_likelihood),
+            largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
+            small: self.small,
+        }
+    }
+}
+
+/// `KNOWN` predictions need no sum and no check.
+struct ForwardSink<'a, S: Simd, const KNOWN: bool> {
+    likelihoods: Blocks<'a>,
+    out: BlocksMut<'a>,
+    least: S::V,
+    possible: S::V,
+    sums: Accumulators<S>,
+}
+
+impl<S: Simd, const KNOWN: bool> Sink<S, S::V> for ForwardSink<'_, S, KNOWN> {
+    #[inline(always)]
+    fn take(&mut self, s: S, block: usize, p: S::V) {
+        let b = row_block(s, self.likelihoods, block);
+        let after = s.mul(p, b);
+        store(s, &mut self.out, block, after);
+        let (sums, zero) = (&mut self.sums, s.splat(0.0));
+        sums.products = s.add(sums.products, after);
+        if !KNOWN {
+            sums.predicted = s.add(sums.predicted, p);
+            sums.negative_predicted = s.or(sums.negative_predicted, s.lt(p, zero));
+        }
+        sums.negative_likelihood = s.or(sums.negative_likelihood, s.lt(b, zero));
+        sums.largest_likelihood = s.max(b, sums.largest_likelihood);
+        let below = s.lt(after, self.least);
+        if s.any(below) {
+            let possible = s.lt(zero, s.min(p, s.max(b, self.possible)));
+            sums.small |= s.any(s.and(below, possible));
+        }
+    }
+}
+
+impl Splits for ForwardStep<'_> {
+    fn lines(&self) -> usize {
+        self.prediction.rows()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let Self { prediction, lift, likelihoods, watch, out } = self;
+        let (p, b, out) = (prediction.split(at), likelihoods.split_at(at), out.split_at_mut(at));
+        let part =
+            |prediction, likelihoods, out| Self { prediction, lift, likelihoods, watch, out };
+        (part(p.0, b.0, out.0), part(p.1, b.1, out.1))
+    }
+
+    fn join(a: ForwardSums, b: ForwardSums) -> ForwardSums {
+        a.and(b)
+    }
+}
+
+/// Divides x by its sum, or, with `out`, writes the distribution there, with 0 for what would be
+/// below the smallest normal double, and lifts x. Returns true if a value is above 0 and below
+/// 2^-900.
+pub(in crate::kernels) struct Normalize<'a, const LIFTED: bool> {
+    pub(in crate::kernels) x: &'a mut [f64],
+    pub(in crate::kernels) out: &'a mut [f64],
+    pub(in crate::kernels) sum: f64,
+}
+
+impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> bool {
+        let Self { x, out, sum } = self;
+        let (factor, lift) = (s.splat(1.0 / sum), s.splat(LIFT));
+        let (least, zero) = (s.splat(f64::MIN_POSITIVE * sum), s.splat(0.0));
+        let mut tiny = s.lt(zero, zero);
+        let blocks = x.len().div_ceil(LANES);
+        let (mut x, mut out) = (x.as_chunks_mut(), out.as_chunks_mut());
+        for block in 0..blocks {
+            let mut v = row_block(s, (x.0, x.1), block);
+            if LIFTED {
+                v = s.mul(s.select(s.lt(v, least), zero, v), factor);
+                store(s, &mut out, block, v);
+                store(s, &mut x, block, s.mul(v, lift));
+            } else {
+                v = s.mul(v, factor);
+                store(s, &mut x, block, v);
+            }
+            tiny = s.or(tiny, is_tiny(s, v));
+        }
+        s.any(tiny)
+    }
+}
+
+/// Lanes above 0 and below 2^-900.
+#[inline(always)]
+pub(super) fn is_tiny<S: Simd>(s: S, v: S::V) -> S::M {
+    s.and(s.lt(v, s.splat(TINY)), s.lt(s.splat(0.0), v))
+}
+
+impl<const LIFTED: bool> Splits for Normalize<'_, LIFTED> {
+    fn lines(&self) -> usize {
+        self.x.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let (x, out) = (self.x.split_at_mut(at), self.out.split_at_mut(at.min(self.out.len())));
+        (Self { x: x.0, out: out.0, ..self }, Self { x: x.1, out: out.1, ..self })
+    }
+
+    fn join(a: bool, b: bool) -> bool {
+        a | b
+    }
+}
+
+/// Makes what sums to `sum` a distribution, in place. Returns true if a value is above 0 and
+/// below 2^-900.
+pub(crate) fn normalize_in_place(x: &mut [f64], sum: f64) -> bool {
+    run_in_parts(Normalize::<false> { x, out: &mut [], sum })
+}
+
+/// Makes what sums to `sum` a distribution in `out`, and the lifted distribution in place.
+pub(crate) fn normalize_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
+    let out = &mut out[..x.len()];
+    run_in_parts(Normalize::<true> { x, out, sum })
+}

@@ -1,0 +1,91 @@
+//! Largest value of a sensor, with a check of all of them.
+
+use crate::kernels::simd::{LANES, Simd, WithSimd, run};
+use crate::range::LARGEST_LOG;
+
+/// Condition that values have to meet.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Valid {
+    /// Finite, and at least 0.
+    Likelihoods,
+    /// At most 1e300 in size, or −∞.
+    Logs,
+}
+
+impl Valid {
+    pub(crate) fn is(self, x: f64) -> bool {
+        match self {
+            Self::Likelihoods => (0.0..=f64::MAX).contains(&x),
+            Self::Logs => x.abs() <= LARGEST_LOG || x == f64::NEG_INFINITY,
+        }
+    }
+
+    /// Word for a value, in errors.
+    pub(crate) fn kind(self) -> &'static str {
+        match self {
+            Self::Likelihoods => "likelihood",
+            Self::Logs => "log-likelihood",
+        }
+    }
+
+    /// Condition, in errors.
+    pub(crate) fn expected(self) -> &'static str {
+        match self {
+            Self::Likelihoods => "a finite value of at least 0",
+            Self::Logs => "a value from -1e300 to 1e300, or negative infinity",
+        }
+    }
+
+    /// Least and largest valid value, and one beside these.
+    fn range(self) -> [f64; 3] {
+        match self {
+            Self::Likelihoods => [0.0, f64::MAX, 0.0],
+            Self::Logs => [-LARGEST_LOG, LARGEST_LOG, f64::NEG_INFINITY],
+        }
+    }
+}
+
+/// Largest value, and true if all are valid.
+pub(in crate::kernels) struct Largest<'a> {
+    pub(in crate::kernels) x: &'a [f64],
+    pub(in crate::kernels) valid: Valid,
+}
+
+impl WithSimd for Largest<'_> {
+    type Output = (f64, bool);
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> (f64, bool) {
+        let [least, most, other] = self.valid.range();
+        let bounds = [least.next_down(), most.next_up(), other].map(|x| s.splat(x));
+        let (blocks, rest) = self.x.as_chunks::<LANES>();
+        let mut last = [other; LANES];
+        last[..rest.len()].copy_from_slice(rest);
+        let mut largest = bounds[2];
+        let mut valid = s.eq(largest, largest);
+        for block in blocks.iter().chain([&last]) {
+            let x = s.load(block);
+            largest = s.max(x, largest);
+            valid = s.and(valid, within(s, x, bounds));
+        }
+        let largest = s.to_array(largest);
+        (largest.into_iter().fold(other, |a, b| if b > a { b } else { a }), s.all(valid))
+    }
+}
+
+/// Between the first two bounds, exclusive, or equal to the third; never NaN.
+#[inline(always)]
+fn within<S: Simd>(s: S, x: S::V, [below, above, other]: [S::V; 3]) -> S::M {
+    s.or(s.and(s.lt(below, x), s.lt(x, above)), s.eq(x, other))
+}
+
+/// Returns the largest of valid values (0 or −∞ if there are none), or the index of the first that
+/// is not valid.
+pub(crate) fn largest(x: &[f64], valid: Valid) -> Result<f64, usize> {
+    let (largest, all) = run(Largest { x, valid });
+    if all {
+        return Ok(largest);
+    }
+    // Searched only now: it is rare.
+    Err(x.iter().position(|&x| !valid.is(x)).unwrap_or(0))
+}

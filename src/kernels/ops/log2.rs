@@ -1,0 +1,111 @@
+//! Logarithms to base 2, on a grid of 2^-45: sums of them up to 256 are exact, so that their order
+//! does not matter, and paths with the same factors tie to the bit.
+
+use std::f64::consts::LOG2_E;
+
+use crate::kernels::simd::{LANES, Portable, Simd, WithSimd, row_block, run, store};
+
+/// Number of steps of the grid to 1.
+const GRID_STEPS: f64 = (1_u64 << 45) as f64;
+/// From here on, doubles are on the grid.
+const GRID_RANGE: f64 = 128.0;
+/// 2^52: from here on, doubles are whole numbers.
+const INTEGERS: f64 = (1_u64 << 52) as f64;
+/// Lift of numbers below the smallest normal double, and its logarithm.
+const SUBNORMAL_LIFT: (f64, f64) = ((1_u64 << 54) as f64, 54.0);
+
+/// Coefficients of ln((1 + t) / (1 − t)) = 2 (t + t³/3 + t⁵/5 + …), in log2, from the last: for
+/// |t| ≤ 0.172 what is left out is below 1e-17.
+const SERIES: [f64; 10] = {
+    let mut series = [0.0; 10];
+    let mut term = 0;
+    while term < 10 {
+        series[9 - term] = 2.0 * LOG2_E / (2 * term + 1) as f64;
+        term += 1;
+    }
+    series
+};
+
+/// Rounds to a multiple of 2^-45, which doubles of 128 and more are anyway. The error, 1e-14, is
+/// that of a double of this size.
+#[inline]
+pub(crate) fn on_grid(x: f64) -> f64 {
+    if x.abs() < GRID_RANGE {
+        // Adding and subtracting 2^52 leaves no room for a fraction.
+        let shift = INTEGERS.copysign(x);
+        (x * GRID_STEPS + shift - shift) / GRID_STEPS
+    } else {
+        x
+    }
+}
+
+/// log2 on the grid of [`on_grid`], within 1.5e-14; doubling adds exactly 1. NaN for what is no
+/// probability.
+pub(crate) fn log2(x: f64) -> f64 {
+    if !(0.0..=f64::MAX).contains(&x) {
+        return f64::NAN;
+    }
+    log2_lanes(Portable, [x; LANES])[0]
+}
+
+/// Replaces finite values of at least 0 by their [`log2`].
+pub(crate) fn log2_in_place(x: &mut [f64]) {
+    run(Log2(x));
+}
+
+pub(in crate::kernels) struct Log2<'a>(pub(in crate::kernels) &'a mut [f64]);
+
+impl WithSimd for Log2<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let blocks = self.0.len().div_ceil(LANES);
+        let mut x = self.0.as_chunks_mut::<LANES>();
+        for block in 0..blocks {
+            let log = log2_lanes(s, row_block(s, (x.0, x.1), block));
+            store(s, &mut x, block, log);
+        }
+    }
+}
+
+/// [`log2`] of finite values of at least 0.
+#[inline(always)]
+pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
+    let (zero, one) = (s.splat(0.0), s.splat(1.0));
+    let mut lifted = (x, zero);
+    let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
+    let any_subnormal = s.any(subnormal);
+    if any_subnormal {
+        lifted.0 = s.select(subnormal, s.mul(x, s.splat(SUBNORMAL_LIFT.0)), x);
+        lifted.1 = s.select(subnormal, s.splat(SUBNORMAL_LIFT.1), zero);
+    }
+    let (exponent, mantissa) = s.split_exponent(lifted.0);
+    // From 0.707 to 1.414, where the series is short.
+    let high = s.lt(s.splat(std::f64::consts::SQRT_2), mantissa);
+    let mantissa = s.select(high, s.mul(mantissa, s.splat(0.5)), mantissa);
+    let exponent = s.sub(s.add(exponent, s.select(high, one, zero)), lifted.1);
+    let t = s.div(s.sub(mantissa, one), s.add(mantissa, one));
+    let square = s.mul(t, t);
+    let mut series = s.splat(SERIES[0]);
+    for coefficient in &SERIES[1..] {
+        series = s.add(s.mul(series, square), s.splat(*coefficient));
+    }
+    // Adding 1.5 · 2^52 leaves no room for a fraction, whatever the sign.
+    let whole = s.splat(1.5 * INTEGERS);
+    let steps = s.mul(s.mul(series, t), s.splat(GRID_STEPS));
+    let fraction = s.mul(s.sub(s.add(steps, whole), whole), s.splat(1.0 / GRID_STEPS));
+    let log = s.add(fraction, exponent);
+    if any_subnormal { s.select(s.eq(x, zero), s.splat(f64::NEG_INFINITY), log) } else { log }
+}
+
+/// Logarithms to base 2, on the grid, of likelihoods over the largest, from natural logarithms of
+/// which none is above `largest`.
+#[inline(always)]
+pub(super) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
+    let x = s.mul(s.sub(logs, s.splat(largest)), s.splat(LOG2_E));
+    // As `on_grid`, for what is not positive.
+    let (whole, steps) = (s.splat(INTEGERS), s.mul(x, s.splat(GRID_STEPS)));
+    let rounded = s.mul(s.add(s.sub(steps, whole), whole), s.splat(1.0 / GRID_STEPS));
+    s.select(s.lt(s.splat(-GRID_RANGE), x), rounded, x)
+}

@@ -1,0 +1,144 @@
+//! A step of Viterbi on scores, logarithms to base 2, and their likelihoods.
+
+use super::log2::{log2_lanes, log2_over};
+use super::semiring::{MaxPlus, Maxima, Sink};
+use crate::kernels::layout::{EntryValues, Sliced, store_indices};
+use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, run, store};
+
+/// Scores of an observation, each to be lowered by `shift`.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Scores<'a> {
+    pub(crate) values: &'a [f64],
+    pub(crate) form: ScoresIn,
+    pub(crate) shift: f64,
+}
+
+/// Form in which scores are given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum ScoresIn {
+    Log2,
+    /// Natural logarithms, with the largest of them, which becomes 0.
+    Ln(f64),
+    /// Likelihoods.
+    Linear,
+}
+
+impl Scores<'_> {
+    /// Scores of a block.
+    #[inline(always)]
+    fn block<S: Simd>(self, s: S, values: Blocks<'_>, number: usize) -> S::V {
+        let b = row_block(s, values, number);
+        let b = match self.form {
+            ScoresIn::Log2 => b,
+            ScoresIn::Ln(largest) => log2_over(s, b, largest),
+            ScoresIn::Linear => log2_lanes(s, b),
+        };
+        s.sub(b, s.splat(self.shift))
+    }
+
+    /// Writes all of them.
+    pub(crate) fn write(self, out: &mut [f64]) {
+        out.fill(0.0);
+        add_scores(out, Some(self));
+    }
+}
+
+/// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there are some;
+/// `from[i]` the lowest j that attains it.
+pub(crate) struct MaxStep<'a> {
+    pub(crate) matrix: &'a Sliced,
+    /// Logarithms of its values.
+    pub(crate) log2: &'a EntryValues,
+    pub(crate) x: &'a [f64],
+    pub(crate) likelihoods: Option<Scores<'a>>,
+    pub(crate) next: &'a mut [f64],
+    pub(crate) from: &'a mut [u32],
+}
+
+/// Takes the step, and returns the largest of `next`.
+pub(crate) fn max_step(step: MaxStep<'_>) -> f64 {
+    run(step)
+}
+
+impl WithSimd for MaxStep<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> f64 {
+        let Self { matrix, log2, x, likelihoods, next, from } = self;
+        let n = matrix.lines();
+        assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
+        assert!(likelihoods.is_none_or(|b| b.values.len() == n), "one likelihood per state");
+        let mut sink = MaxSink::<S> {
+            likelihoods: likelihoods.map(|b| (b, b.values.as_chunks())),
+            next: next.as_chunks_mut(),
+            from: from.as_chunks_mut(),
+            largest: s.splat(f64::NEG_INFINITY),
+        };
+        matrix.product_with(s, MaxPlus, 0..n.div_ceil(LANES), log2, x, &mut sink);
+        largest_of(s, sink.largest, sink.next.1)
+    }
+}
+
+struct MaxSink<'a, S: Simd> {
+    likelihoods: Option<(Scores<'a>, Blocks<'a>)>,
+    next: BlocksMut<'a>,
+    from: (&'a mut [[u32; LANES]], &'a mut [u32]),
+    /// Of whole blocks.
+    largest: S::V,
+}
+
+impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
+    #[inline(always)]
+    fn take(&mut self, s: S, block: usize, Maxima { mut value, index }: Maxima<S>) {
+        if let Some((likelihoods, values)) = self.likelihoods {
+            value = s.add(value, likelihoods.block(s, values, block));
+        }
+        store(s, &mut self.next, block, value);
+        store_indices(s, &mut self.from, block, index);
+        if block < self.next.0.len() {
+            self.largest = s.max(value, self.largest);
+        }
+    }
+}
+
+/// Largest value of the lanes and of the rest.
+#[inline(always)]
+fn largest_of<S: Simd>(s: S, largest: S::V, rest: &[f64]) -> f64 {
+    let largest = s.to_array(largest).into_iter().chain(rest.iter().copied());
+    largest.fold(f64::NEG_INFINITY, f64::max)
+}
+
+pub(in crate::kernels) struct AddScores<'a> {
+    pub(in crate::kernels) scores: &'a mut [f64],
+    pub(in crate::kernels) added: Option<Scores<'a>>,
+}
+
+impl WithSimd for AddScores<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) -> f64 {
+        let Self { scores, added } = self;
+        let blocks = scores.len().div_ceil(LANES);
+        let mut sums = scores.as_chunks_mut::<LANES>();
+        let values = added.map_or((&[][..], &[][..]), |added| added.values.as_chunks());
+        let mut largest = s.splat(f64::NEG_INFINITY);
+        for block in 0..blocks {
+            let mut sum = row_block(s, (sums.0, sums.1), block);
+            if let Some(added) = added {
+                sum = s.add(sum, added.block(s, values, block));
+            }
+            store(s, &mut sums, block, sum);
+            if block < sums.0.len() {
+                largest = s.max(sum, largest);
+            }
+        }
+        largest_of(s, largest, sums.1)
+    }
+}
+
+/// Adds the scores of an observation to scores, and returns the largest.
+pub(crate) fn add_scores(scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
+    run(AddScores { scores, added })
+}

@@ -1,0 +1,108 @@
+//! Arrays of eight, which the compiler vectorises as far as the target has vectors (SSE2, NEON,
+//! WebAssembly's).
+
+use super::{Eight, LANES, Simd};
+
+/// Arrays.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Portable;
+
+/// One value for each lane. `std::array::from_fn` takes many times as long to compile.
+#[inline(always)]
+fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
+    [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
+}
+
+/// Methods that treat each lane alike.
+macro_rules! lanewise {
+    ($($name:ident: $in:ty => $out:ty, |$a:ident, $b:ident| $lane:expr;)*) => {$(
+        #[inline(always)]
+        fn $name(self, a: [$in; LANES], b: [$in; LANES]) -> [$out; LANES] {
+            lanes(|l| {
+                let ($a, $b) = (a[l], b[l]);
+                $lane
+            })
+        }
+    )*};
+}
+
+impl Simd for Portable {
+    type V = Eight;
+    type M = [bool; LANES];
+    type I = [u32; LANES];
+
+    lanewise! {
+        add: f64 => f64, |a, b| a + b;
+        sub: f64 => f64, |a, b| a - b;
+        mul: f64 => f64, |a, b| a * b;
+        div: f64 => f64, |a, b| a / b;
+        min: f64 => f64, |a, b| if a < b { a } else { b };
+        max: f64 => f64, |a, b| if a > b { a } else { b };
+        lt: f64 => bool, |a, b| a < b;
+        eq: f64 => bool, |a, b| a == b;
+        and: bool => bool, |a, b| a & b;
+        or: bool => bool, |a, b| a | b;
+        lt_index: u32 => bool, |a, b| a < b;
+    }
+
+    #[inline(always)]
+    fn splat(self, x: f64) -> Eight {
+        [x; LANES]
+    }
+    #[inline(always)]
+    fn load(self, x: &Eight) -> Eight {
+        *x
+    }
+    #[inline(always)]
+    fn load_f32(self, x: &[f32; LANES]) -> Eight {
+        lanes(|l| f64::from(x[l]))
+    }
+    #[inline(always)]
+    fn store(self, v: Eight, out: &mut Eight) {
+        *out = v;
+    }
+    #[inline(always)]
+    fn bits(self, m: [bool; LANES]) -> u8 {
+        (0..LANES).fold(0, |bits, l| bits | u8::from(m[l]) << l)
+    }
+    #[inline(always)]
+    fn any(self, m: [bool; LANES]) -> bool {
+        m.iter().fold(false, |any, m| any | m)
+    }
+    #[inline(always)]
+    fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
+        lanes(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn split_exponent(self, v: Eight) -> (Eight, Eight) {
+        // 2^52 + e as a double has e in its last bits.
+        const WHOLE: f64 = (1_u64 << 52) as f64;
+        let exponent = |x: f64| f64::from_bits(x.to_bits() >> 52 | WHOLE.to_bits());
+        let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
+        (lanes(|l| exponent(v[l]) - (WHOLE + 1023.0)), lanes(|l| mantissa(v[l])))
+    }
+    #[inline(always)]
+    fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
+        lanes(|r| lanes(|l| rows[l][r]))
+    }
+    #[inline(always)]
+    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
+        lanes(|l| x[indices[l] as usize])
+    }
+    #[inline(always)]
+    fn load_indices(self, indices: &[u32; LANES]) -> [u32; LANES] {
+        *indices
+    }
+    #[inline(always)]
+    fn iota(self, base: u32) -> [u32; LANES] {
+        lanes(|l| base + l as u32)
+    }
+    #[inline(always)]
+    fn select_index(self, m: [bool; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
+        lanes(|l| if m[l] { a[l] } else { b[l] })
+    }
+    #[inline(always)]
+    fn store_indices(self, i: [u32; LANES], out: &mut [u32; LANES]) {
+        *out = i;
+    }
+}

@@ -1,0 +1,45 @@
+//! Sums and scales of vectors.
+
+use super::simd::{LANES, total};
+use crate::range::{LIFT, TINY};
+
+/// Σ xᵢ.
+pub(crate) fn sum(x: &[f64]) -> f64 {
+    let (blocks, rest) = x.as_chunks::<LANES>();
+    let mut lanes = [0.0; LANES];
+    for block in blocks {
+        for l in 0..LANES {
+            lanes[l] += block[l];
+        }
+    }
+    total(lanes) + rest.iter().sum::<f64>()
+}
+
+/// Σ xᵢ yᵢ.
+pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let ((xs, x_rest), (ys, y_rest)) = (x.as_chunks::<LANES>(), y.as_chunks::<LANES>());
+    let mut lanes = [0.0; LANES];
+    for (x, y) in xs.iter().zip(ys) {
+        for l in 0..LANES {
+            lanes[l] += x[l] * y[l];
+        }
+    }
+    total(lanes) + x_rest.iter().zip(y_rest).map(|(x, y)| x * y).sum::<f64>()
+}
+
+/// Writes x, lifted.
+pub(crate) fn lift(x: &[f64], out: &mut [f64]) {
+    out.iter_mut().zip(x).for_each(|(out, x)| *out = x * LIFT);
+}
+
+/// True if a probability is above 0 and below 2^-900.
+pub(crate) fn any_tiny(x: &[f64]) -> bool {
+    x.iter().any(|&x| 0.0 < x && x < TINY)
+}
+
+/// Makes what sums to `sum` a distribution. What would be below the smallest normal double becomes
+/// 0: the far tails of a Gaussian sensor alone would double the time of a step.
+pub(crate) fn normalize(x: &mut [f64], sum: f64) {
+    let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
+    x.iter_mut().for_each(|x| *x = if *x >= least { *x } else { 0.0 } * factor);
+}
