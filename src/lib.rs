@@ -149,6 +149,7 @@ mod groups;
 mod hmm;
 mod kernels;
 mod random;
+mod range;
 mod sequence;
 
 pub mod canberra;

@@ -1,10 +1,7 @@
 //! The largest of a sensor's values, which are checked on the way.
 
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
-
-/// Sums and differences of logarithms up to this stay finite over more steps than
-/// anyone takes.
-pub(crate) const LARGEST_LOG: f64 = 1e300;
+pub(crate) use crate::range::LARGEST_LOG;
 
 /// Which values are valid.
 #[derive(Debug, Clone, Copy)]

@@ -46,10 +46,7 @@ pub(crate) use sliced::{Sliced, Values};
 pub(crate) use update::{TINY, Update, Updated, Watch, any_tiny, settle, settle_and_lift, update};
 pub(crate) use value::Width;
 
-/// 2^1000: lifts probabilities to the top of a double's range, so that their
-/// products down to 1e-600 are normal doubles. Below the smallest normal one a
-/// double loses digits, and each operation takes a hundred times as long.
-pub(crate) const LIFT: f64 = f64::from_bits((1023 + 1000) << 52);
+pub(crate) use crate::range::LIFT;
 
 /// Adds up the lanes.
 #[inline]

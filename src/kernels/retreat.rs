@@ -4,9 +4,7 @@ use super::blocks::{Blocks, run_in_blocks};
 use super::lanes::{Eight, Kernel, LANES, Lanes};
 use super::product::{Each, Part, Product, eight, put};
 use super::total;
-
-/// 2^700: lifts γ / p and γ / α, on the way back.
-pub(crate) const BACK_LIFT: f64 = f64::from_bits((1023 + 700) << 52);
+pub(crate) use crate::range::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal
 /// double becomes 0.

@@ -5,6 +5,7 @@
 
 use super::abreast::Abreast;
 use super::lanes::{Eight, Kernel, LANES, Lanes, run};
+use crate::range::power;
 
 /// The largest value of a vector is kept above the first and below the second.
 const SCALES: [f64; 2] = [power(-40), power(40)];
@@ -12,11 +13,6 @@ const SCALES: [f64; 2] = [power(-40), power(40)];
 const LEAST: f64 = power(-300);
 /// What is taken out of a scale at a time.
 const SHIFT: i32 = 64;
-
-/// 2^exponent, for exponents from -1022 to 1023.
-const fn power(exponent: i64) -> f64 {
-    f64::from_bits((1023 + exponent).cast_unsigned() << 52)
-}
 
 /// A model of N states, and how often its scale is looked at: between two looks
 /// no value may fall below 2^-500, nor grow beyond 2^500.

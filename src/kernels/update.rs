@@ -206,9 +206,7 @@ impl Blocks for Settle<'_> {
     }
 }
 
-/// 2^-900: from here on the products of a probability with an entry of at least
-/// 2^-100 have all their digits without a lift.
-pub(crate) const TINY: f64 = f64::from_bits((1023 - 900) << 52);
+pub(crate) use crate::range::TINY;
 
 #[inline(always)]
 pub(super) fn is_tiny<L: Lanes>(lanes: L, v: L::V) -> L::M {

@@ -7,7 +7,8 @@ use std::marker::PhantomData;
 use super::{LearnTransition, MoveCounts};
 use super::{Transition, TransitionEntries, check_slices, log, validate};
 use crate::error::TransitionError;
-use crate::kernels::{self, LARGEST_LOG, log2};
+use crate::kernels::{self, log2};
+use crate::range::LARGEST_LOG;
 
 /// Largest entry taken in linear space.
 const LARGEST: f64 = 1e300;

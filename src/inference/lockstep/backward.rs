@@ -1,10 +1,10 @@
 //! The way back in lock-step: see [`backward`](crate::inference::backward).
 
 use super::{Group, Memory, Plan};
-use crate::inference::step::is_one;
 use crate::kernels::lockstep::{self, Abreast, Retreat};
 use crate::kernels::{BACK_LIFT, Eight, LANES};
 use crate::likelihood::Likelihood;
+use crate::range::is_one;
 use crate::transition::Transition;
 
 /// What a step back leaves to the next.

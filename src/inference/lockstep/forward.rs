@@ -5,12 +5,9 @@ use crate::inference::LogSum;
 use crate::kernels::lockstep::{self, Abreast, Update};
 use crate::kernels::{LANES, LIFT};
 use crate::likelihood::Likelihood;
+use crate::range::LEAST_NORMALIZER as LEAST_NORMALISER;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
-
-/// As for a single step: the normaliser is at least this part of the largest
-/// likelihood.
-const LEAST_NORMALISER: f64 = f64::from_bits((1023 - 32) << 52);
 
 /// What the filter says of each lane.
 pub(super) struct Forward {

@@ -1,10 +1,10 @@
 //! The likelihoods of a step of eight sequences, side by side.
 
 use super::{Group, Lane, Plan};
-use crate::inference::step::UNSCALED;
 use crate::kernels::lockstep::{self, Abreast};
 use crate::kernels::{Eight, LANES, TINY};
 use crate::likelihood::{Likelihood, Values};
+use crate::range::UNSCALED;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 

@@ -1,8 +1,8 @@
 //! The matrix of any operator.
 
 use super::LEAST_FACTOR;
-use crate::inference::step::is_one;
 use crate::kernels::LIFT;
+use crate::range::is_one;
 use crate::transition::Transition;
 
 /// A, column after column, by a product for each state. `None` if an entry is

@@ -29,6 +29,7 @@ pub(super) use viterbi::viterbi;
 
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
+use crate::range::power;
 use crate::transition::Transition;
 
 /// Models of more states gain nothing.
@@ -37,12 +38,6 @@ const MOST_STATES: usize = 8;
 const FEWEST_STEPS: usize = 8;
 /// Entries and likelihoods below this are left to the general routines.
 const LEAST_FACTOR: f64 = power(-200);
-
-/// 2^exponent, for exponents from -1022 to 1023.
-#[inline(always)]
-const fn power(exponent: i64) -> f64 {
-    f64::from_bits((1023 + exponent).cast_unsigned() << 52)
-}
 
 /// The exponent of the power of two below a normal number.
 #[inline(always)]
