@@ -1,5 +1,5 @@
 //! Forms in which a step takes a belief and leaves one: plain, lifted, or in logarithms. The limits
-//! of each form, and why they are enough, are in [`range`](crate::range).
+//! of each form, and why they are enough, are in [`range`].
 
 use std::f64::consts::LN_2;
 
