@@ -18,18 +18,13 @@
 //! at hand without cost; elsewhere, and where q leaves the range of `f64`, predictions are
 //! recomputed.
 
-use super::held::Held;
-use super::step::{Step, is_one, normalize_logs};
+use super::form::{Held, normalize_logs};
+use super::step::Step;
 use crate::error::InferenceError;
 use crate::kernels::{self, Aligned, BackwardStep, Product};
 use crate::likelihood::{Likelihood, Scratch};
-use crate::range::{BACK_LIFT, LIFT};
+use crate::range::{self, BACK_LIFT, LIFT};
 use crate::transition::Transition;
-
-/// Largest ratio γ / p, 2^64, taken in linear space if the lifted p is below 2^40; a larger one
-/// might overflow.
-const LARGEST_RATIO: f64 = f64::from_bits((1023 + 64) << 52);
-const LEAST_PREDICTED: f64 = f64::from_bits((1023 + 40) << 52);
 
 /// Memory for backward steps, and the result of the last one.
 #[derive(Debug, Clone)]
@@ -114,7 +109,7 @@ impl Backward {
             let product = Product::Computed(values);
             kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
         };
-        if !is_one(sum) {
+        if !range::is_one(sum) {
             return self.retreat(step, alpha, gamma);
         }
         (self.carried.sum, self.in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
@@ -182,7 +177,7 @@ impl Backward {
         // not one.)
         let carried = &mut self.carried;
         carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
-        (carried.sum, carried.held) = (sum / LIFT, is_one(sum / LIFT));
+        (carried.sum, carried.held) = (sum / LIFT, range::is_one(sum / LIFT));
         carried.held
     }
 
@@ -231,8 +226,7 @@ fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
     let mut held = true;
     for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {
         *ratio = if g > 0.0 { g * LIFT / p } else { 0.0 };
-        // Only evidence makes a prediction too large.
-        held &= p <= f64::MAX && (p >= LEAST_PREDICTED || *ratio <= LARGEST_RATIO);
+        held &= range::is_trusted(*ratio, p);
     }
     held
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::backward::Seen;
 use super::filter::Filter;
-use super::held::Held;
+use super::form::Held;
 use super::posteriors::Rows;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -19,7 +19,7 @@ pub(super) struct Block {
     /// Logarithms of the rows with values outside the range of `f64`.
     pub(super) logs: HashMap<usize, Vec<f64>>,
     /// Normaliser of the step to each row, as
-    /// [`Advanced`](super::held::Advanced) has it.
+    /// [`Advanced`](super::form::Advanced) has it.
     normalizers: Vec<f64>,
     /// Rows to which a step was taken in logarithms, ascending.
     by_logs: Vec<usize>,

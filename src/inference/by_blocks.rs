@@ -1,17 +1,14 @@
 //! A step of the filter in linear space, block by block: each block of the prediction is
 //! multiplied by its likelihoods while it is in the first cache.
 
-use super::evidence::SUMS;
-use super::held::{Form, Held, Lifted, Results};
-use super::step::{Step, UNSCALED, holds, is_one};
+use super::form::{Form, Held, Lifted, Results};
+use super::step::{Step, holds};
 use crate::groups::Groups;
 use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
 use crate::likelihood::{Diagonal, Likelihood};
+use crate::range;
 use crate::transition::Transition;
 
-/// Smallest entry, 2^-100, whose products with probabilities that are not [tiny](kernels::TINY)
-/// are normal `f64`s.
-const LEAST_ENTRY: f64 = f64::from_bits((1023 - 100) << 52);
 /// Number of likelihoods of one group that are multiplied at a time.
 const REPEATED: usize = 512;
 
@@ -30,14 +27,15 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         let (transition, control) = (self.hmm.transition(), self.control?);
         let likelihoods = diagonal.linear_values()?;
         let largest = diagonal.check(groups.count()).ok()?;
-        let fits = UNSCALED.contains(&largest) && groups.as_slice().len() == before.linear.len();
+        let fits = range::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
         if !fits || before.logs.is_some() || lifted.is_needed() {
             return None;
         }
-        if transition.smallest_entry(control) < LEAST_ENTRY {
+        if !range::is_plain(transition.smallest_entry(control)) {
             return None;
         }
-        let watch = if self.hmm.rounds_tails() { Watch::Nothing } else { Watch::Products };
+        // With rounded tails, too: there is no lift here.
+        let watch = Watch::Products;
         let after = &mut *results.lifted;
         let (mut updated, mut states) = (ForwardSums::NONE, 0);
         transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
@@ -68,8 +66,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
             return None;
         }
         let predicted = updated.predicted;
-        let valid = if has_evidence { SUMS.contains(&predicted) } else { is_one(predicted) };
-        if !valid || !holds(&updated, predicted) {
+        let is_valid = if has_evidence { range::is_evidence_sum } else { range::is_one };
+        if !is_valid(predicted) || !holds(&updated, predicted) {
             return None;
         }
         let tiny = kernels::normalize_in_place(results.lifted, updated.products);

@@ -1,7 +1,7 @@
 //! Entropy of the whole path given the observations (Hernando, Crespi and Cybenko 2005).
 
 use super::filter::Filter;
-use super::held::Held;
+use super::form::Held;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;

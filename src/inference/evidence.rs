@@ -1,21 +1,13 @@
 //! A step of the filter with evidence on the move: measurements between two steps multiply the
 //! entries of A, so that the sum of the prediction is their probability.
 
-use std::ops::RangeInclusive;
-
-use super::held::{Advanced, Form, Held, Lifted, Results};
-use super::step::{Likelihoods, Step, UNSCALED, holds};
+use super::form::{Advanced, Form, Held, Lifted, Results};
+use super::step::{Likelihoods, Step, holds};
 use crate::error::InferenceError;
 use crate::kernels::{self, Product, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
-use crate::range::{LARGEST_LOG, LIFT};
+use crate::range::{self, LIFT};
 use crate::transition::{SparseTransition, Stored, Transition};
-
-/// Sums of predictions for steps in linear space, 2^-100 to 2^7: lifted, and with likelihoods
-/// from 2^-300 to 2^16, they and their parts down to the smallest normal `f64` are within its
-/// range; entries that an operator has lost below that are no more than 2^-922 of the sum.
-pub(super) const SUMS: RangeInclusive<f64> =
-    f64::from_bits((1023 - 100) << 52)..=f64::from_bits((1023 + 7) << 52);
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Checks the control, and returns the log factor of the evidence on the move to this step,
@@ -25,7 +17,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let Some(control) = self.control else { return Ok(None) };
         self.check_control(control)?;
         match self.hmm.transition().evidence(control) {
-            Some(value) if value.abs() <= LARGEST_LOG => Ok(Some(value)),
+            Some(value) if range::is_log(value) => Ok(Some(value)),
             Some(value) => Err(InferenceError::EvidenceFactor { step: self.number, value }),
             None => Ok(None),
         }
@@ -57,7 +49,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         let tails_rounded = self.hmm.rounds_tails();
         let (likelihoods, log_scale) = match diagonal.linear_values() {
-            Some(linear) if UNSCALED.contains(&largest) => {
+            Some(linear) if range::is_unscaled(largest) => {
                 (Likelihoods { diagonal, values: linear, scaled: false, tails_rounded }, 0.0)
             }
             _ => {
@@ -94,7 +86,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         let prediction = Product::Computed(results.predicted);
         let updated = kernels::forward_step(likelihoods.update(prediction, LIFT, results.lifted));
         // A NaN or infinite value makes the sum NaN or infinite.
-        if updated.negative_predicted || !SUMS.contains(&(updated.predicted / LIFT)) {
+        if updated.negative_predicted || !range::is_evidence_sum(updated.predicted / LIFT) {
             self.evidence_sum(results.predicted)?;
             return Ok(None);
         }
@@ -119,7 +111,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             return Err(InferenceError::Predicted { step: self.number, state, value });
         }
         let sum = kernels::sum(predicted);
-        Ok(SUMS.contains(&(sum / LIFT)).then_some(sum))
+        Ok(range::is_evidence_sum(sum / LIFT).then_some(sum))
     }
 
     /// Checks that the logarithms of a prediction with evidence are numbers or −∞, and not all

@@ -5,14 +5,14 @@ use std::ops::Deref;
 
 use super::LogSum;
 use super::filter_snapshot::{FilterSnapshot, next_step};
-use super::held::{Advanced, Form, Held, Lifted, Results};
-use super::step::{Step, Workspace, loses, normalize_logs};
+use super::form::{Advanced, Form, Held, Lifted, Results, loses, normalize_logs};
+use super::step::{Step, Workspace};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, Aligned};
 use crate::likelihood::Likelihood;
-use crate::range::LIFT;
+use crate::range::{self, LIFT};
 use crate::transition::{NoControl, Transition};
 
 /// Streaming filter: the distribution of the present state given all observations so far,
@@ -455,8 +455,7 @@ where
 /// Normalizes a prediction, which sums to one up to rounding, so that rounding does not
 /// accumulate. Returns true if a value rounds to 0.
 fn normalize(predicted: &mut [f64], sum: f64) -> bool {
-    let least = f64::MIN_POSITIVE * sum;
-    let loses = predicted.iter().any(|p| *p > 0.0 && *p < least);
+    let loses = predicted.iter().any(|p| range::rounds_to_zero(*p, sum));
     kernels::normalize(predicted, sum);
     loses
 }

@@ -1,7 +1,7 @@
 //! State of a filter, as plain data.
 
 use super::LogSum;
-use super::held::Held;
+use super::form::Held;
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::InferenceError;
 

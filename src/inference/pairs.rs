@@ -3,9 +3,9 @@
 use std::f64::consts::LN_2;
 use std::fmt;
 
-use super::held::Held;
-use super::step::is_one;
+use super::form::Held;
 use crate::error::InferenceError;
+use crate::range;
 use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
 
 /// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
@@ -61,6 +61,6 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         step: usize,
     ) -> Result<(), InferenceError> {
         let sum = counts.add(self.moves());
-        if is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+        if range::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
     }
 }

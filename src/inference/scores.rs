@@ -9,12 +9,8 @@ use super::step::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::kernels::{self, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
-use crate::range::LIFT;
+use crate::range::{self, LIFT};
 use crate::transition::TransitionEntries;
-
-/// Least prior taken in linear space, 2^-900. Lifted, it is above 2^99, so that its product with
-/// the least entry, 2^-1074, is an `f64` with all its digits.
-const LEAST_PRIOR: f64 = f64::from_bits((1023 - 900) << 52);
 
 /// Amounts taken out of the scores.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -66,7 +62,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             Some(_) => {}
             None => _ = self.check_prediction(scores)?,
         }
-        let tiny = |p: &f64| *p > 0.0 && *p < LEAST_PRIOR;
+        let tiny = |p: &f64| range::is_tiny(*p);
         if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
             // Products of two such numbers may underflow. Where they do not, scores stay as they
             // are, for the sake of ties.

@@ -1,22 +1,13 @@
 //! One step of the filter: prediction, update, normaliser (paper eq. 8).
 
-use super::held::{Advanced, Form, Held, Lifted, Results};
+use super::form::{Advanced, Form, Held, Lifted, Results, loses, normalize_logs};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::kernels::{self, ForwardStep, ForwardSums, Product, Valid, Watch};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::range::LIFT;
+use crate::range::{self, LIFT};
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
-
-/// Smallest ratio of the normaliser to the largest likelihood for a step in linear space. A
-/// likelihood that has lost digits by scaling then gives a result below 2^-990, which is checked
-/// again.
-const LEAST_NORMALIZER: f64 = f64::from_bits((1023 - 32) << 52);
-/// Range of largest likelihoods that need no scaling, 2^-300 to 2^16: their products with lifted
-/// predictions, and the sum of these, are within the range of `f64`.
-pub(super) const UNSCALED: std::ops::RangeInclusive<f64> =
-    f64::from_bits((1023 - 300) << 52)..=f64::from_bits((1023 + 16) << 52);
 
 /// Scratch memory for steps, allocated once.
 #[derive(Debug, Clone)]
@@ -233,7 +224,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         self.hmm.transition().apply(control, lifted, results.predicted);
         let product = Product::Computed(results.predicted);
         let updated = kernels::forward_step(likelihoods.update(product, LIFT, results.lifted));
-        if updated.negative_predicted || !is_one(updated.predicted / LIFT) {
+        if updated.negative_predicted || !range::is_one(updated.predicted / LIFT) {
             self.check_prediction(results.predicted)?;
         }
         Ok(updated)
@@ -249,9 +240,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         results: &mut Results<'_>,
     ) -> bool {
         self.predict(lifted, results.predicted);
-        let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| {
-            p > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
-        };
+        let lost = |((&p, &after), &scaled): ((&f64, &f64), &f64)| range::is_lost(p, after, scaled);
         let states = results.predicted.iter().zip(&*results.after).zip(likelihoods.values);
         match likelihoods.diagonal.values {
             Values::Linear(b) | Values::Checked { linear: b, .. } => {
@@ -315,7 +304,11 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         }
         let lifted = kernels::sum(predicted);
         let sum = lifted / LIFT;
-        if is_one(sum) { Ok(lifted) } else { Err(InferenceError::PredictedSum { step, sum }) }
+        if range::is_one(sum) {
+            Ok(lifted)
+        } else {
+            Err(InferenceError::PredictedSum { step, sum })
+        }
     }
 }
 
@@ -352,36 +345,6 @@ impl<'a> Likelihoods<'a> {
 /// are valid and near enough to one.
 #[inline]
 pub(super) fn holds(updated: &ForwardSums, lift: f64) -> bool {
-    let normalizer = updated.products / lift;
-    !updated.negative_likelihood
-        && UNSCALED.contains(&updated.largest_likelihood)
-        && is_one(updated.predicted / lift)
-        // False for a NaN, too.
-        && normalizer >= LEAST_NORMALIZER * updated.largest_likelihood
-        && normalizer.is_finite()
-}
-
-/// Returns true for a sum of one, up to rounding and the deviation allowed in columns.
-pub(super) fn is_one(sum: f64) -> bool {
-    (sum - 1.0).abs() <= 1e-6
-}
-
-/// Returns true if a probability above 0 rounds to 0 in linear space.
-pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
-    logs.iter().zip(linear).any(|(log, p)| *p == 0.0 && *log > f64::NEG_INFINITY)
-}
-
-/// Normalizes logarithms, and writes the distribution itself to `linear`. Returns the logarithm
-/// of their sum, or `None` if the sum is 0.
-pub(super) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
-    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if !largest.is_finite() {
-        return None;
-    }
-    linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
-    let sum = kernels::sum(linear);
-    kernels::normalize(linear, sum);
-    let normalizer = largest + sum.ln();
-    logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
-    Some(normalizer)
+    let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
+    !updated.negative_likelihood && range::holds(products, predicted, largest_likelihood, lift)
 }

@@ -2,7 +2,7 @@
 
 use crate::error::LikelihoodError;
 use crate::kernels::{self, Valid};
-use crate::range::LARGEST_LOG;
+use crate::range;
 
 /// Diagonal of B(y): one likelihood per state, as numbers or as logarithms, with an optional
 /// common log factor.
@@ -114,8 +114,7 @@ impl<'a> Diagonal<'a> {
 
 /// Checks a log factor, the sum of which must stay finite over all steps.
 pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
-    let valid = value.abs() <= LARGEST_LOG;
-    if valid { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
+    if range::is_log(value) { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
 }
 
 /// Reusable memory for the values of a diagonal, kept from step to step.

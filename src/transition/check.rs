@@ -4,9 +4,6 @@ use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::TransitionError;
 use crate::kernels;
 
-/// 2^-100: products of larger entries with beliefs stay in the range of `f64`.
-pub(super) const LEAST_PLAIN: f64 = f64::from_bits((1023 - 100) << 52);
-
 /// Checks that all column sums are one.
 pub(super) fn check_columns(sums: &[f64]) -> Result<(), TransitionError> {
     let one = 1.0 - SUM_TOLERANCE..=1.0 + SUM_TOLERANCE;

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::sync::OnceLock;
 
-use super::check::{LEAST_PLAIN, check_columns_of, check_count, check_rows, check_square};
+use super::check::{check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::{Dense, Lines};
+use crate::range;
 
 /// Most states whose entries `Debug` shows.
 const SHOWN: usize = 8;
@@ -115,7 +116,7 @@ impl DenseTransition {
             }
         }
         check_columns_of(&sums, |to| (0..states).map(|from| matrix.column(from)[to]).sum())?;
-        let plain = !matrix.values().iter().any(|&p| 0.0 < p && p < LEAST_PLAIN);
+        let plain = matrix.values().iter().all(|&p| p == 0.0 || range::is_plain(p));
         Ok(Self { matrix, plain, log2: OnceLock::new() })
     }
 

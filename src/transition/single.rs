@@ -24,11 +24,12 @@
 use super::SparseTransition;
 use super::compressed::Compressed;
 use crate::error::TransitionError;
+use crate::range::power;
 
 /// 2^-60, the least value. Shares of the remainder are then far above the smallest 32-bit number:
 /// they fall below their values only if the remainder is a few steps, by less than half each
 /// time, and at most three times before 2^-60.
-const LEAST: f64 = f64::from_bits((1023 - 60) << 52);
+const LEAST: f64 = power(-60);
 
 /// Values of 32 bits.
 impl SparseTransition {

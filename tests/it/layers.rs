@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// From the lowest up; modules of one layer don't know each other.
 const LAYERS: [&[&str]; 13] = [
-    &["error", "random"],
+    &["error", "random", "range"],
     &["kernels", "sequence", "fixed"],
     &["belief"],
     &["groups"],

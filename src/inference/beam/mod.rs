@@ -1,5 +1,6 @@
 //! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the
-//! path.
+//! path. Scores are logarithms throughout, so that the policy of [`range`](crate::range) does not
+//! apply.
 
 mod scores;
 

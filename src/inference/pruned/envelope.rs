@@ -1,8 +1,10 @@
 //! Proven bounds on the exact belief.
 
+use crate::range::power;
+
 /// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
 /// bounds as large as 1e37 do not overflow.
-pub(super) const LIFT: f64 = f64::from_bits((1023 + 900) << 52);
+pub(super) const LIFT: f64 = power(900);
 /// Upper bound on the loss of a lifted sum below the smallest `f64`.
 pub(super) const LOST: f64 = 1e-290;
 /// Largest value that is dropped in any case.

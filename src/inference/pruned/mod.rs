@@ -1,5 +1,13 @@
 //! Streaming filter for very large maps: it follows the active states, and proves a bound on its
 //! distance from the exact filter.
+//!
+//! The numbers have a scheme of their own, beside the policy of [`range`](crate::range). An estimate
+//! with bounds has one form: it is always lifted, by 2^900 instead of 2^1000, since upper bounds
+//! may be far above one. A loss is not noticed and taken again in logarithms, but counted:
+//! each number that may have lost digits, or has become 0, adds more than that to its bound.
+//! So no state needs a logarithm, and a belief that nothing is known of shows in its bound. Entries
+//! beyond doubles, which need logarithms in the policy, are taken as powers of two with
+//! a common one taken out.
 
 mod advance;
 mod certificate;

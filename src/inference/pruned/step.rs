@@ -3,7 +3,7 @@
 use std::mem;
 use std::ops::Deref;
 
-use super::super::step::{Step, is_one};
+use super::super::step::Step;
 use super::envelope::LEAST_KEPT;
 use super::moves::Moves;
 use super::weights::Weights;
@@ -12,6 +12,7 @@ use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LocalLikelihood, Unlisted};
+use crate::range;
 use crate::transition::TransitionEntries;
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because
@@ -84,7 +85,7 @@ where
             next.predict(belief, moves.as_ref(), frontier)
         };
         if evidence.is_none() {
-            if !is_one(predicted.sum) {
+            if !range::is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
         } else if !SUMS.contains(&predicted.sum)

@@ -1,13 +1,11 @@
-//! Forms in which a step takes a belief and leaves one.
+//! Forms in which a step takes a belief and leaves one: plain, lifted, or in logarithms. The limits
+//! of each form, and why they are enough, are in [`range`].
 
 use std::f64::consts::LN_2;
 
 use crate::kernels::{self, Aligned};
-use crate::range::LIFT;
+use crate::range::{self, LIFT, LIFTED_STEPS};
 use crate::transition::TransitionEntries;
-
-/// Number of steps with a lift after a result that was too small without one.
-const LIFT_FOR: u32 = 64;
 
 /// A distribution, also as logarithms if it has positive values outside the range of `f64`.
 #[derive(Debug, Clone, Copy)]
@@ -39,7 +37,7 @@ impl Held<'_> {
             let total: f64 = ways.iter().map(|way| way.1).sum();
             // An empty list may come from entries too small to be listed in linear form.
             let nothing = || !ways.is_empty() && ways.iter().all(|way| self.linear[way.0] == 0.0);
-            if (1.0 / LIFT..=f64::MAX).contains(&total) || nothing() {
+            if range::can_draw(total) || nothing() {
                 return;
             }
         }
@@ -67,7 +65,7 @@ pub(super) struct Lifted {
     values: Aligned,
     /// True if `values` belong to the present belief.
     valid: bool,
-    /// True if the belief has a value above 0 and below 2^-900.
+    /// True if the belief has a [tiny](range::is_tiny) value.
     tiny: bool,
     /// Number of further steps to lift in any case, after small results.
     more: u32,
@@ -93,7 +91,7 @@ impl Lifted {
 
     /// Lifts the next steps, after a result that was too small.
     pub(super) fn lift_for_some_steps(&mut self) {
-        self.more = LIFT_FOR;
+        self.more = LIFTED_STEPS;
     }
 
     /// Returns the lifted belief.
@@ -155,4 +153,24 @@ pub(super) struct Advanced {
     pub(super) in_logs: bool,
     /// Form and place of the belief.
     pub(super) form: Form,
+}
+
+/// Returns true if a probability above 0 rounds to 0 in linear space.
+pub(super) fn loses(logs: &[f64], linear: &[f64]) -> bool {
+    logs.iter().zip(linear).any(|(log, p)| range::needs_log(*p, *log))
+}
+
+/// Normalizes logarithms, and writes the distribution itself to `linear`. Returns the logarithm
+/// of their sum, or `None` if the sum is 0.
+pub(super) fn normalize_logs(logs: &mut [f64], linear: &mut [f64]) -> Option<f64> {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return None;
+    }
+    linear.iter_mut().zip(&*logs).for_each(|(out, log)| *out = (log - largest).exp());
+    let sum = kernels::sum(linear);
+    kernels::normalize(linear, sum);
+    let normalizer = largest + sum.ln();
+    logs.iter_mut().for_each(|log| *log = (*log - largest) - sum.ln());
+    Some(normalizer)
 }
