@@ -8,6 +8,9 @@
 //! WAYFIX_GRAPH=path/to/folder cargo bench --bench routines -- metro
 //! ```
 //!
+//! `benches/compare OLD [NEW]` holds two commits, or a commit and the working tree, against
+//! each other.
+//!
 //! A name is `model/routine/single` or `model/routine/batch`; criterion takes any
 //! part of it, as a regular expression, and only what it lets through is made. Times are
 //! for all steps of a measurement; elements a second are steps a second.
