@@ -4,7 +4,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::layout::{Dense, DenseMaximize, DenseMultiply, DenseTranspose, Packed, Sliced};
+use super::layout::{Dense, DenseMax, DenseMultiply, DenseTranspose, Packed, Panels, Sliced};
 use super::memory::{Aligned, LARGE, LINE, in_large_pages};
 use super::ops::testing::*;
 use super::ops::*;
@@ -320,7 +320,7 @@ proptest! {
         for j in 0..n {
             (0..n).for_each(|i| matrix.column_mut(j)[i] = entry(i, j));
         }
-        let logs = matrix.log2();
+        let logs = Panels::log2(n, entry);
         let scores: Vec<f64> = x.iter().map(|x| log2(*x)).collect();
         let found = everywhere(|isa| {
             let (mut out, mut back, mut best) = (vec![0.0; n], vec![0.0; n], vec![ZERO_SCORE; n]);
@@ -328,7 +328,7 @@ proptest! {
             run_on(isa, DenseMultiply { matrix, x: &x, out: &mut out });
             run_on(isa, DenseTranspose { matrix, x: &x, out: &mut back });
             let (out_mut, from_mut) = (&mut best, &mut from);
-            run_on(isa, DenseMaximize { matrix: &logs, x: &scores, out: out_mut, from: from_mut });
+            run_on(isa, DenseMax { matrix: &logs, x: &scores, out: out_mut, from: from_mut });
             (out, back, best, from)
         });
         for i in 0..n {

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
-use crate::kernels::{Dense, Lines};
+use crate::kernels::{Dense, Lines, Panels};
 use crate::range;
 
 /// Most states whose entries `Debug` shows.
@@ -34,7 +34,7 @@ pub struct DenseTransition {
     /// True if all entries above 0 are at least 2^-100.
     pub(super) plain: bool,
     /// log2 of the entries, computed by the first decoding.
-    pub(super) log2: OnceLock<Dense>,
+    pub(super) log2: OnceLock<Panels>,
 }
 
 impl fmt::Debug for DenseTransition {

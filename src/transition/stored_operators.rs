@@ -4,6 +4,7 @@ use super::{
     DenseTransition, SparseTransition, Stored, Transition, TransitionEntries, check_slices, log,
 };
 use crate::error::TransitionError;
+use crate::kernels::Panels;
 
 impl SparseTransition {
     /// Creates an operator from any other one without a control, with one product per state.
@@ -122,6 +123,7 @@ impl TransitionEntries for DenseTransition {
 
     fn max_product(&self, (): &(), x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
-        self.log2.get_or_init(|| self.matrix.log2()).maximize(x, out, from);
+        let entry = |i, j| self.matrix.column(j)[i];
+        self.log2.get_or_init(|| Panels::log2(self.states(), entry)).maximize(x, out, from);
     }
 }

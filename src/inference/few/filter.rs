@@ -100,8 +100,6 @@ impl FewModel {
             let mut scales = [0.0; GATHERED];
             let (likelihoods, scales) =
                 (&mut likelihoods[..n * steps.len()], &mut scales[..steps.len()]);
-            source.likelihoods(steps.start + 1..steps.end + 1, true, likelihoods, scales)?;
-            add_logs(logs, scales);
             let (rows, normalizers): Out<'_> = match &mut out {
                 Some((rows, logs)) => {
                     let rows = &mut rows[n * (steps.start + 1)..n * (steps.end + 1)];
@@ -109,7 +107,16 @@ impl FewModel {
                 }
                 None => (&mut [], &mut []),
             };
-            chain_forward(&self.columns, x, n, likelihoods, rows, normalizers).then_some(())?;
+            let before = *x;
+            let mut attempt = |scaled: bool| {
+                *x = before;
+                let numbers = steps.start + 1..steps.end + 1;
+                source.likelihoods(numbers, scaled, likelihoods, scales)?;
+                chain_forward(&self.columns, x, n, likelihoods, rows, normalizers).then_some(())
+            };
+            // Scales take time, and are seldom needed.
+            attempt(false).or_else(|| attempt(true))?;
+            add_logs(logs, scales);
             normalizers.iter_mut().zip(scales).for_each(|(log, scale)| *log = log.ln() + *scale);
         }
         Some(())
@@ -132,7 +139,6 @@ impl FewModel {
             let steps = left.start..left.start + LANES * length;
             left.start = steps.end;
             gathered.resize(N * steps.len(), 0.0);
-            scales.clear();
             scales.resize(steps.len(), 0.0);
             let numbers = steps.start + 1..steps.end + 1;
             source.likelihoods(numbers, false, &mut gathered, &mut scales)?;

@@ -14,8 +14,8 @@ use crate::transition::Transition;
 /// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
 /// crate.
 pub(super) trait Rows {
-    /// Copies the likelihoods of some steps, and adds to `logs`, of as many steps, the logarithms
-    /// of what was taken out. `None` if some are not valid or have too wide a range.
+    /// Copies the likelihoods of some steps, and writes to `logs` the logarithms of what was taken
+    /// out of each. `None` if some are not valid or have too wide a range.
     ///
     /// With `scaled`, the largest of each step is brought near one; otherwise, steps whose
     /// likelihoods are not in logarithms are left as they are, none above 2^16.
@@ -64,6 +64,7 @@ where
     ) -> Option<()> {
         let states = self.hmm.states();
         let (mut most, mut checked) = (0.0_f64, true);
+        logs.fill(0.0);
         for ((step, row), log) in steps.zip(out.chunks_exact_mut(states)).zip(logs) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;

@@ -71,7 +71,6 @@ impl FewModel {
             // Likelihoods wait for the backward pass where results will be.
             let place = &mut rows[n * steps.start..n * steps.end];
             let scales = &mut scales[..steps.len()];
-            scales.fill(0.0);
             source.likelihoods(steps.clone(), false, place, scales)?;
             add_logs(&mut logs, scales);
             pack_segments(place, &mut packed);
@@ -81,13 +80,18 @@ impl FewModel {
         }
         let mut likelihoods = vec![0.0; n * left.len()];
         let scales = &mut scales[..left.len()];
-        scales.fill(0.0);
-        source.likelihoods(left.clone(), true, &mut likelihoods, scales)?;
-        add_logs(&mut logs, scales);
         let chained = &mut rows[n * left.start..n * left.end];
         let mut normalizers = vec![0.0; left.len()];
-        chain_forward(&self.columns, &mut x, n, &likelihoods, chained, &mut normalizers)
-            .then_some(())?;
+        let start = x;
+        let mut attempt = |scaled: bool| {
+            x = start;
+            source.likelihoods(left.clone(), scaled, &mut likelihoods, scales)?;
+            chain_forward(&self.columns, &mut x, n, &likelihoods, chained, &mut normalizers)
+                .then_some(())
+        };
+        // Scales take time, and are seldom needed.
+        attempt(false).or_else(|| attempt(true))?;
+        add_logs(&mut logs, scales);
         let log_likelihood = log_of(&x, &logs);
 
         let mut r = ChainState::new(1.0);

@@ -1,12 +1,17 @@
-//! Layouts of matrices: sparse lines in slices of eight or one by one, and dense columns.
+//! Layouts of matrices: sparse lines in slices of eight or one by one, and dense columns or panels.
 
 mod dense;
 mod entries;
+mod panels;
 mod sliced;
 mod values;
 
-pub(crate) use dense::{Dense, store_indices};
-#[cfg(test)]
-pub(in crate::kernels) use dense::{DenseMaximize, DenseMultiply, DenseTranspose};
+pub(crate) use dense::Dense;
+pub(crate) use panels::{Panels, store_indices};
 pub(crate) use sliced::{EntryValues, Sliced};
 pub(crate) use values::{Packed, Width};
+#[cfg(test)]
+pub(in crate::kernels) use {
+    dense::{DenseMultiply, DenseTranspose},
+    panels::DenseMax,
+};

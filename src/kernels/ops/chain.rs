@@ -3,7 +3,7 @@
 
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, total};
-use crate::range::{LEAST_IN_CHAIN, SCALES, exponent, power};
+use crate::range::{LEAST_FACTOR, LEAST_IN_CHAIN, SCALES, exponent, power};
 
 /// Lines of a matrix, or of its logarithms, padded with what is never possible.
 pub(crate) type PaddedLines = [Packed; LANES];
@@ -42,10 +42,11 @@ fn product<S: Simd>(s: S, columns: &PaddedLines, x: &Eight) -> S::V {
     s.add(low, high)
 }
 
-/// True if a value is above 0 and below 2^-300.
+/// True if a likelihood or a value of the result is above 0 and too small.
 #[inline(always)]
-fn is_lost<S: Simd>(s: S, x: S::V) -> bool {
-    s.any(s.and(s.lt(x, s.splat(LEAST_IN_CHAIN)), s.lt(s.splat(0.0), x)))
+fn is_lost<S: Simd>(s: S, b: S::V, x: S::V) -> bool {
+    let between = |x, least| s.and(s.lt(x, s.splat(least)), s.lt(s.splat(0.0), x));
+    s.any(s.or(between(b, LEAST_FACTOR), between(x, LEAST_IN_CHAIN)))
 }
 
 /// Forward through some steps: beliefs in rows of as many values as there are states, and
@@ -72,7 +73,8 @@ impl WithSimd for ChainForward<'_> {
         let mut rows = rows.chunks_exact_mut(states);
         let mut normalizers = normalizers.iter_mut();
         for b in likelihoods.chunks_exact(states) {
-            let mut x = s.mul(product(s, columns, &stored), s.load_partial(b));
+            let b = s.load_partial(b);
+            let mut x = s.mul(product(s, columns, &stored), b);
             stored = s.to_array(x);
             let before = std::mem::replace(&mut sum, total(stored));
             if let (Some(row), Some(normalizer)) = (rows.next(), normalizers.next()) {
@@ -85,7 +87,7 @@ impl WithSimd for ChainForward<'_> {
                 stored = s.to_array(x);
                 sum = total(stored);
             }
-            if is_lost(s, x) || sum.is_nan() || sum <= 0.0 {
+            if is_lost(s, b, x) || sum.is_nan() || sum <= 0.0 {
                 return false;
             }
         }
@@ -129,10 +131,11 @@ impl WithSimd for ChainBackward<'_> {
             let posterior = s.mul(s.load_partial(row), r);
             let sum = total(s.to_array(posterior));
             s.store_partial(s.mul(posterior, s.splat(1.0 / sum)), row);
-            let observed = s.to_array(s.mul(r, s.load_partial(b)));
+            let b = s.load_partial(b);
+            let observed = s.to_array(s.mul(r, b));
             r = product(s, lines, &observed);
             r = state.rescale(s, r, total(observed));
-            if is_lost(s, r) || sum.is_nan() || sum <= 0.0 {
+            if is_lost(s, b, r) || sum.is_nan() || sum <= 0.0 {
                 return false;
             }
         }

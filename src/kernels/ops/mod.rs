@@ -26,7 +26,7 @@ pub(crate) use product::Product;
 pub(crate) use segments::{
     Backpointers, Few, Scaled, decode_segments, filter_segments, multiply_segments, smooth_segments,
 };
-pub(crate) use semiring::{MaxPlus, Maxima, Semiring, Sink, SumProduct};
+pub(crate) use semiring::{MaxPlus, Semiring, Sink, SumProduct};
 
 /// Kernels as tests run them, on each instruction set.
 #[cfg(test)]

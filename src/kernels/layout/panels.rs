@@ -1,0 +1,105 @@
+//! Max-products with a dense matrix of logarithms, eight rows at a time.
+
+use crate::kernels::memory::Aligned;
+use crate::kernels::ops::{MaxPlus, Semiring, log2_in_place};
+use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, store};
+
+/// Logarithms of a dense matrix, in panels of eight rows, each of them by columns.
+#[derive(Debug, Clone)]
+pub(crate) struct Panels {
+    states: usize,
+    /// Panel g begins at 8 g n; −∞ beyond the last row.
+    values: Aligned,
+}
+
+impl Panels {
+    /// Takes the logarithms, to base 2 as decoders add them, of entries at (to, from).
+    pub(crate) fn log2(states: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
+        let mut values = Aligned::new(states.next_multiple_of(LANES) * states, 0.0);
+        for j in 0..states {
+            for i in 0..states {
+                values[(i / LANES * states + j) * LANES + i % LANES] = entry(i, j);
+            }
+        }
+        log2_in_place(&mut values);
+        Self { states, values }
+    }
+
+    /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j that attains it.
+    pub(crate) fn maximize(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+        run(DenseMax { matrix: self, x, out, from });
+    }
+}
+
+pub(in crate::kernels) struct DenseMax<'a> {
+    pub(in crate::kernels) matrix: &'a Panels,
+    pub(in crate::kernels) x: &'a [f64],
+    pub(in crate::kernels) out: &'a mut [f64],
+    pub(in crate::kernels) from: &'a mut [u32],
+}
+
+impl WithSimd for DenseMax<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { matrix: Panels { states, values }, x, out, from } = self;
+        let n = *states;
+        assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
+        let mut rows = Rows { panels: values.as_chunks().0, x, out, from, first: 0 };
+        rows.maximize::<S, 4>(s);
+        rows.maximize::<S, 2>(s);
+        rows.maximize::<S, 1>(s);
+    }
+}
+
+/// Rows that are left, from the panel with the number `first` on.
+struct Rows<'a> {
+    panels: &'a [Eight],
+    x: &'a [f64],
+    out: &'a mut [f64],
+    from: &'a mut [u32],
+    first: usize,
+}
+
+impl Rows<'_> {
+    /// Takes P panels side by side, as long as there are so many: one would wait for each maximum.
+    #[inline(always)]
+    fn maximize<S: Simd, const P: usize>(&mut self, s: S) {
+        let n = self.x.len();
+        while (self.first + P) * n <= self.panels.len() {
+            let panels: [&[Eight]; P] =
+                std::array::from_fn(|p| &self.panels[(self.first + p) * n..][..n]);
+            let mut sums = [MaxPlus.zero(s); P];
+            for (j, &x) in self.x.iter().enumerate() {
+                let (x, index) = (s.splat(x), s.load_indices(&[j as u32; LANES]));
+                for p in 0..P {
+                    MaxPlus.add(s, &mut sums[p], s.load(&panels[p][j]), x, index);
+                }
+            }
+            let (mut out, mut from) = (self.out.as_chunks_mut(), self.from.as_chunks_mut());
+            for (p, sum) in sums.into_iter().enumerate() {
+                store(s, &mut out, self.first + p, sum.value);
+                store_indices(s, &mut from, self.first + p, sum.index);
+            }
+            self.first += P;
+        }
+    }
+}
+
+/// Stores indices to a block, or to the rest.
+#[inline(always)]
+pub(crate) fn store_indices<S: Simd>(
+    s: S,
+    (blocks, rest): &mut (&mut [[u32; LANES]], &mut [u32]),
+    block: usize,
+    indices: S::I,
+) {
+    if let Some(block) = blocks.get_mut(block) {
+        s.store_indices(indices, block);
+    } else {
+        let mut last = [0; LANES];
+        s.store_indices(indices, &mut last);
+        rest.copy_from_slice(&last[..rest.len()]);
+    }
+}
