@@ -59,6 +59,7 @@ macro_rules! driven {
 
 impl Transition for Plain {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         plain!(self, a, _u => a.states())

@@ -223,6 +223,7 @@ fn times(probability: f64, x: f64) -> f64 {
 
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
+    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.back.len() + 1

@@ -59,6 +59,7 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
 ///
 /// impl<A: Transition<Control = ()>, B: Transition<Control = ()>> Transition for Then<A, B> {
 ///     type Control = ();
+///     const NO_CONTROL: Option<&'static ()> = Some(&());
 ///     fn states(&self) -> usize {
 ///         self.0.states()
 ///     }

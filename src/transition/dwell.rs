@@ -236,6 +236,7 @@ impl<A: Transition> DwellTransition<A> {
 
 impl<A: Transition> Transition for DwellTransition<A> {
     type Control = A::Control;
+    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.leave.len()

@@ -11,8 +11,8 @@ use crate::error::TransitionError;
 /// [`TransitionEntries`](super::TransitionEntries).
 ///
 /// An operator may depend on a **control**, the input of the step from k − 1 to k, such as
-/// odometry, elapsed time or a gear. An operator without one has `Control = ()`, and its columns
-/// are checked when a model is built from it.
+/// odometry, elapsed time or a gear. An operator without one has `Control = ()` and declares it by
+/// [`NO_CONTROL`](Self::NO_CONTROL); its columns are checked when a model is built from it.
 ///
 /// A control may also be **evidence on the move**, a measurement between two steps, such as
 /// odometry or a compass. It does not choose an operator; its likelihood p(u | `X_{k-1}`, `X_k`)
@@ -28,7 +28,8 @@ use crate::error::TransitionError;
 ///
 /// # Implement it yourself
 ///
-/// A drive around a loop: one place forward with probability 0.9, else stay.
+/// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at all
+/// steps, which `NO_CONTROL` declares, so that the model checks it once, and inference is faster.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -37,6 +38,7 @@ use crate::error::TransitionError;
 ///
 /// impl Transition for Around {
 ///     type Control = ();
+///     const NO_CONTROL: Option<&'static ()> = Some(&());
 ///     fn states(&self) -> usize {
 ///         self.0
 ///     }
@@ -108,6 +110,20 @@ use crate::error::TransitionError;
 pub trait Transition {
     /// Input of a step that the operator depends on; `()` if there is none.
     type Control: 'static;
+
+    /// Only control of an operator without one, `Some(&())`; `None`, the default, if steps depend
+    /// on their control.
+    ///
+    /// Declares the operator to be the same at all steps, so that inference may take this control
+    /// for each of them. Columns and transpose are then checked when a model is built, models of
+    /// few states and many sequences at once go through faster routines, and a
+    /// [`PrunedFilter`](crate::PrunedFilter) bounds the entries once, not at each step. An
+    /// operator with `Control = ()` that does not declare it gives the same results up to
+    /// rounding, but more slowly and with a looser [`Certificate`](crate::inference::Certificate);
+    /// if its columns do not sum to one, the first step whose prediction does not is an error.
+    ///
+    /// Wrappers forward that of their inner operator, `A::NO_CONTROL`.
+    const NO_CONTROL: Option<&'static Self::Control> = None;
 
     /// Number of states, n.
     fn states(&self) -> usize;

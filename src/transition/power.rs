@@ -84,6 +84,7 @@ impl<A: Transition> PowerTransition<A> {
 
 impl<A: Transition> Transition for PowerTransition<A> {
     type Control = A::Control;
+    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.inner.states()

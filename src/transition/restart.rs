@@ -87,6 +87,7 @@ impl<A: Transition> RestartTransition<A> {
 
 impl<A: Transition> Transition for RestartTransition<A> {
     type Control = A::Control;
+    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.restart.len()

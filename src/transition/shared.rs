@@ -14,6 +14,8 @@ macro_rules! as_target {
             $target: Transition,
         {
             type Control = <$target as Transition>::Control;
+            const NO_CONTROL: Option<&'static Self::Control> =
+                <$target as Transition>::NO_CONTROL;
 
             fn states(&self) -> usize {
                 (**self).states()

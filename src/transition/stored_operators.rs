@@ -34,6 +34,7 @@ impl SparseTransition {
 
 impl Transition for SparseTransition {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.rows.lines()
@@ -80,6 +81,7 @@ impl TransitionEntries for SparseTransition {
 
 impl Transition for DenseTransition {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.matrix.states()

@@ -181,6 +181,7 @@ fn add_two(out: &mut [f64], x: &[f64], first: &Entry, second: &Entry) {
 
 impl Transition for WindowTransition {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.states

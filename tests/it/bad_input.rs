@@ -134,6 +134,7 @@ struct Leaky;
 
 impl Transition for Leaky {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         2
     }
@@ -150,6 +151,7 @@ struct Twisted;
 
 impl Transition for Twisted {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         2
     }

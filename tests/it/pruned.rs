@@ -379,6 +379,7 @@ struct Listed(Vec<Vec<(usize, f64)>>);
 
 impl wayfix::Transition for Listed {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.len()
     }

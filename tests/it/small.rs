@@ -369,6 +369,7 @@ struct Counting<A>(A, Cell<usize>);
 
 impl<A: Transition<Control = ()>> Transition for Counting<A> {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.states()
     }

@@ -16,7 +16,6 @@ mod sense;
 mod smooth;
 mod viterbi;
 
-use std::any::Any;
 use std::sync::OnceLock;
 
 use crate::hmm::Hmm;
@@ -77,7 +76,7 @@ impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
 
 /// The control of an operator without one.
 fn no_control<A: Transition>() -> Option<&'static A::Control> {
-    (&() as &'static dyn Any).downcast_ref()
+    A::NO_CONTROL
 }
 
 /// Up to eight sequences.

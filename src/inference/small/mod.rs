@@ -20,8 +20,6 @@ mod smooth;
 mod smooth_in_segments;
 mod viterbi;
 
-use std::any::Any;
-
 pub(super) use filter::filter;
 pub(super) use score::score;
 pub(super) use smooth::smooth;
@@ -103,7 +101,7 @@ fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Op
     if hmm.states() > MOST_STATES || steps < FEWEST_STEPS {
         return None;
     }
-    let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
+    let control = A::NO_CONTROL?;
     hmm.transition().check_control(control).ok()?;
     hmm.transition().evidence(control).is_none().then_some(control)
 }

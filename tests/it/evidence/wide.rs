@@ -39,6 +39,7 @@ struct Large(f64);
 
 impl Transition for Large {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         2

@@ -10,6 +10,7 @@ pub(crate) struct Own(pub(crate) Matrix);
 
 impl Transition for Own {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.len()
     }
@@ -43,6 +44,7 @@ pub(crate) struct OwnMeasured {
 
 impl Transition for OwnMeasured {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.entries.states()
     }

@@ -16,6 +16,7 @@ struct Step(RouteTransition, RouteControl);
 
 impl Transition for Step {
     type Control = ();
+    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.0.states()
