@@ -59,10 +59,13 @@ macro_rules! driven {
 
 impl Transition for Plain {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         plain!(self, a, _u => a.states())
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

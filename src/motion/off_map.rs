@@ -223,10 +223,13 @@ fn times(probability: f64, x: f64) -> f64 {
 
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
-    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.back.len() + 1
+    }
+
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.inner.no_control()
     }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {

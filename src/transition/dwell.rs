@@ -236,10 +236,13 @@ impl<A: Transition> DwellTransition<A> {
 
 impl<A: Transition> Transition for DwellTransition<A> {
     type Control = A::Control;
-    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.leave.len()
+    }
+
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.moves.no_control()
     }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {

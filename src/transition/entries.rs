@@ -19,8 +19,8 @@ use crate::kernels::log2;
 /// # struct Around(usize);
 /// # impl Transition for Around {
 /// #     type Control = ();
-/// #     const NO_CONTROL: Option<&'static ()> = Some(&());
 /// #     fn states(&self) -> usize { self.0 }
+/// #     fn no_control(&self) -> Option<&'static ()> { Some(&()) }
 /// #     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// #     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// # }

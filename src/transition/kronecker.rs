@@ -129,13 +129,13 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
     for KroneckerTransition<A1, A2>
 {
     type Control = A1::Control;
-    const NO_CONTROL: Option<&'static A1::Control> = match A2::NO_CONTROL {
-        Some(_) => A1::NO_CONTROL,
-        None => None,
-    };
 
     fn states(&self) -> usize {
         self.first.states() * self.second.states()
+    }
+
+    fn no_control(&self) -> Option<&'static A1::Control> {
+        self.first.no_control().and(self.second.no_control())
     }
 
     fn apply(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {

@@ -12,7 +12,7 @@ use crate::error::TransitionError;
 ///
 /// An operator may depend on a **control**, the input of the step from k − 1 to k, such as
 /// odometry, elapsed time or a gear. An operator without one has `Control = ()` and declares it by
-/// [`NO_CONTROL`](Self::NO_CONTROL); its columns are checked when a model is built from it.
+/// [`no_control`](Self::no_control); its columns are checked when a model is built from it.
 ///
 /// A control may also be **evidence on the move**, a measurement between two steps, such as
 /// odometry or a compass. It does not choose an operator; its likelihood p(u | `X_{k-1}`, `X_k`)
@@ -24,12 +24,13 @@ use crate::error::TransitionError;
 /// Entries below 2.2e-308 have lost precision, and states reached only through them may be lost.
 ///
 /// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator, too, so that models can
-/// share a large one.
+/// share a large one. So is a trait object such as `Box<dyn Transition<Control = ()>>`, for
+/// operators that are chosen at run time.
 ///
 /// # Implement it yourself
 ///
 /// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at all
-/// steps, which `NO_CONTROL` declares, so that the model checks it once, and inference is faster.
+/// steps, which `no_control` declares, so that the model checks it once, and inference is faster.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -38,9 +39,11 @@ use crate::error::TransitionError;
 ///
 /// impl Transition for Around {
 ///     type Control = ();
-///     const NO_CONTROL: Option<&'static ()> = Some(&());
 ///     fn states(&self) -> usize {
 ///         self.0
+///     }
+///     fn no_control(&self) -> Option<&'static ()> {
+///         Some(&())
 ///     }
 ///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
 ///         (0..self.0).for_each(|i| out[i] = 0.1 * x[i] + 0.9 * x[(i + self.0 - 1) % self.0]);
@@ -111,8 +114,11 @@ pub trait Transition {
     /// Input of a step that the operator depends on; `()` if there is none.
     type Control: 'static;
 
-    /// Only control of an operator without one, `Some(&())`; `None`, the default, if steps depend
-    /// on their control.
+    /// Number of states, n.
+    fn states(&self) -> usize;
+
+    /// Returns the only control of an operator without one, `Some(&())`; `None`, the default, if
+    /// steps depend on their control.
     ///
     /// Declares the operator to be the same at all steps, so that inference may take this control
     /// for each of them. Columns and transpose are then checked when a model is built, models of
@@ -122,11 +128,10 @@ pub trait Transition {
     /// rounding, but more slowly and with a looser [`Certificate`](crate::inference::Certificate);
     /// if its columns do not sum to one, the first step whose prediction does not is an error.
     ///
-    /// Wrappers forward that of their inner operator, `A::NO_CONTROL`.
-    const NO_CONTROL: Option<&'static Self::Control> = None;
-
-    /// Number of states, n.
-    fn states(&self) -> usize;
+    /// Wrappers return that of their inner operator. The answer must always be the same.
+    fn no_control(&self) -> Option<&'static Self::Control> {
+        None
+    }
 
     /// Computes `out = A x`, the distribution one step later. Overwrites all of `out`.
     ///

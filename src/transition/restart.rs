@@ -87,10 +87,13 @@ impl<A: Transition> RestartTransition<A> {
 
 impl<A: Transition> Transition for RestartTransition<A> {
     type Control = A::Control;
-    const NO_CONTROL: Option<&'static A::Control> = A::NO_CONTROL;
 
     fn states(&self) -> usize {
         self.restart.len()
+    }
+
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.inner.no_control()
     }
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {

@@ -14,11 +14,13 @@ macro_rules! as_target {
             $target: Transition,
         {
             type Control = <$target as Transition>::Control;
-            const NO_CONTROL: Option<&'static Self::Control> =
-                <$target as Transition>::NO_CONTROL;
 
             fn states(&self) -> usize {
                 (**self).states()
+            }
+
+            fn no_control(&self) -> Option<&'static Self::Control> {
+                (**self).no_control()
             }
 
             fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {

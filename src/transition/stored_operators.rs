@@ -34,10 +34,13 @@ impl SparseTransition {
 
 impl Transition for SparseTransition {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.rows.lines()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
@@ -81,10 +84,13 @@ impl TransitionEntries for SparseTransition {
 
 impl Transition for DenseTransition {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.matrix.states()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -7,7 +7,7 @@ use crate::kernels;
 /// Checks an operator that declares to have no control, as [`validate_with`]. An operator with a
 /// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
-    match A::NO_CONTROL {
+    match transition.no_control() {
         Some(control) => validate_with(transition, control),
         None if transition.states() == 0 => Err(TransitionError::Empty),
         None => Ok(()),

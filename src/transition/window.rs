@@ -181,10 +181,13 @@ fn add_two(out: &mut [f64], x: &[f64], first: &Entry, second: &Entry) {
 
 impl Transition for WindowTransition {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.states
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -134,9 +134,11 @@ struct Leaky;
 
 impl Transition for Leaky {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         2
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         out.copy_from_slice(&[x[0], 0.9 * x[1]]);
@@ -151,9 +153,11 @@ struct Twisted;
 
 impl Transition for Twisted {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         2
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         out.copy_from_slice(&[0.5 * x[0] + 0.25 * x[1], 0.5 * x[0] + 0.75 * x[1]]);

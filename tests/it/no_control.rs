@@ -7,14 +7,14 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::Pruning;
-use wayfix::motion::{DistanceTransition, OffMapTransition, RouteTransition};
+use wayfix::motion::{DistanceTransition, OffMapTransition, RouteTransition, Speeds};
 use wayfix::transition::{
     DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
     Stored, SwitchedTransition, TiedTransition, WindowTransition,
 };
 use wayfix::{
-    Belief, DenseTransition, Fixed, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition,
-    TableLikelihood, Transition, TransitionEntries, TransitionError,
+    Belief, Fixed, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, TableLikelihood,
+    Transition, TransitionEntries, TransitionError,
 };
 
 use crate::kit::{
@@ -57,48 +57,77 @@ impl<A: TransitionEntries<Control = ()>> TransitionEntries for Undeclared<A> {
     }
 }
 
-fn declares<A: Transition>() -> bool {
-    A::NO_CONTROL.is_some()
+fn declares<A: Transition>(operator: A) -> bool {
+    operator.no_control().is_some()
+}
+
+#[test]
+fn operators_declare_to_have_no_control_or_not() {
+    let a = still();
+    assert!(declares(still()));
+    assert!(declares(dense(&vec![vec![1.0]])));
+    assert!(declares(WindowTransition::new(1, 0, &[1.0], true).unwrap()));
+    assert!(declares(TiedTransition::new(still(), |_, _| 0)));
+
+    assert!(!declares(gears()));
+    let speeds = Speeds::new(&[0.0]).unwrap();
+    assert!(!declares(RouteTransition::new(1, true, speeds).unwrap()));
+    assert!(!declares(DistanceTransition::new(still(), |_, _| 1.0).unwrap()));
+    assert!(!declares(EvidenceTransition::new(&a, |_: &f64, _, _| -1.0).unwrap()));
+    assert!(!declares(EvidenceTransition::new(&a, |(): &(), _, _| -1.0).unwrap()));
 }
 
 #[test]
 fn wrappers_declare_what_their_operator_does() {
-    type Sparse = SparseTransition;
-    type Gears = SwitchedTransition<Sparse>;
-    type Measured = EvidenceTransition<Sparse, f64, fn(&f64, usize, usize) -> f64>;
-    type Forgotten = Undeclared<Sparse>;
+    fn check<A: Transition + Clone>(a: &A, expected: bool) {
+        assert_eq!(declares(a), expected);
+        let certain = || Belief::certain(1, 0).unwrap();
+        let a = || a.clone();
+        assert_eq!(declares(a()), expected);
+        assert_eq!(declares(Box::new(a())), expected);
+        assert_eq!(declares(Rc::new(a())), expected);
+        assert_eq!(declares(Arc::new(a())), expected);
+        assert_eq!(declares(Fixed(a())), expected);
+        assert_eq!(declares(RestartTransition::new(a(), 0.5, certain()).unwrap()), expected);
+        assert_eq!(declares(PowerTransition::new(a(), 2)), expected);
+        assert_eq!(declares(DwellTransition::new(a(), &[[1.0]]).unwrap()), expected);
+        assert_eq!(declares(OffMapTransition::new(a(), 0.5, 0.5, certain()).unwrap()), expected);
+        assert_eq!(declares(KroneckerTransition::new(a(), a()).unwrap()), expected);
+    }
 
-    assert!(declares::<Sparse>());
-    assert!(declares::<DenseTransition>());
-    assert!(declares::<WindowTransition>());
-    assert!(declares::<TiedTransition>());
-    assert!(declares::<&Sparse>());
-    assert!(declares::<Box<Sparse>>());
-    assert!(declares::<Rc<Sparse>>());
-    assert!(declares::<Arc<Sparse>>());
-    assert!(declares::<Fixed<Sparse>>());
-    assert!(declares::<RestartTransition<Sparse>>());
-    assert!(declares::<PowerTransition<Sparse>>());
-    assert!(declares::<KroneckerTransition<Sparse, DenseTransition>>());
-    assert!(declares::<DwellTransition<Sparse>>());
-    assert!(declares::<OffMapTransition<Sparse>>());
-    assert!(declares::<Box<RestartTransition<Arc<Sparse>>>>());
+    check(&still(), true);
+    check(&Box::new(PowerTransition::new(Arc::new(still()), 2)), true);
+    check(&gears(), false);
+    check(&Undeclared(still()), false);
+    // One of two.
+    assert!(!declares(KroneckerTransition::new(still(), Undeclared(still())).unwrap()));
+    assert!(!declares(KroneckerTransition::new(Undeclared(still()), still()).unwrap()));
+}
 
-    assert!(!declares::<Gears>());
-    assert!(!declares::<RouteTransition>());
-    assert!(!declares::<DistanceTransition>());
-    assert!(!declares::<Measured>());
-    assert!(!declares::<&Gears>());
-    assert!(!declares::<RestartTransition<Gears>>());
-    assert!(!declares::<PowerTransition<Gears>>());
-    assert!(!declares::<KroneckerTransition<Gears, Gears>>());
-    assert!(!declares::<DwellTransition<Gears>>());
-    assert!(!declares::<OffMapTransition<Gears>>());
+/// One state.
+fn still() -> SparseTransition {
+    SparseTransition::from_triplets(1, [(0, 0, 1.0)]).unwrap()
+}
 
-    assert!(!declares::<Arc<Forgotten>>());
-    assert!(!declares::<Fixed<Forgotten>>());
-    assert!(!declares::<KroneckerTransition<Sparse, Forgotten>>());
-    assert!(!declares::<KroneckerTransition<Forgotten, Sparse>>());
+fn gears() -> SwitchedTransition<SparseTransition> {
+    SwitchedTransition::new(vec![still(), still()]).unwrap()
+}
+
+/// Operators of several types that are chosen at run time.
+type Chosen = Box<dyn Transition<Control = ()> + Send + Sync>;
+
+#[test]
+fn a_trait_object_declares_what_its_operator_does() {
+    let chosen: [(Chosen, bool); 4] = [
+        (Box::new(still()), true),
+        (Box::new(PowerTransition::new(dense(&vec![vec![1.0]]), 2)), true),
+        (Box::new(Undeclared(still())), false),
+        (Box::new(PowerTransition::new(Undeclared(still()), 2)), false),
+    ];
+    for (operator, expected) in chosen {
+        assert_eq!(declares(&*operator), expected);
+        assert_eq!(declares(operator), expected);
+    }
 }
 
 /// A model with symbols, and some sequences of these.
@@ -177,6 +206,32 @@ impl Case {
         )
     }
 
+    /// A trait object of an operator does the same as the operator, to the bit.
+    fn check_trait_object<A>(&self, operator: A) -> TestCaseResult
+    where
+        A: Transition<Control = ()> + Clone + Send + Sync + 'static,
+    {
+        let chosen: Chosen = Box::new(operator.clone());
+        let (hmm, other) = (self.hmm(operator), self.hmm(chosen));
+        for ys in &self.sequences {
+            let (mut filter, mut filter_of_other) = (hmm.filter(), other.filter());
+            for y in ys {
+                let [log, of_other] = [filter.step(y), filter_of_other.step(y)]
+                    .map(|log| log.map(f64::to_bits).map_err(|error| error.to_string()));
+                prop_assert_eq!(log, of_other);
+                let belief = filter.belief();
+                prop_assert_eq!(bits(belief.as_slice()), bits(filter_of_other.belief().as_slice()));
+            }
+            let [found, of_other] = [hmm.smooth(ys), other.smooth(ys)].map(|smoothed| {
+                smoothed
+                    .map(|s| (bits(s.posteriors().as_slice()), s.log_likelihood().to_bits()))
+                    .map_err(|error| error.to_string())
+            });
+            prop_assert_eq!(found, of_other);
+        }
+        Ok(())
+    }
+
     /// Streams, step by step: the filter to the bit, a pruned one within what it proves.
     fn check_streams<A>(&self, operator: A, pruning: Pruning) -> TestCaseResult
     where
@@ -238,6 +293,14 @@ proptest! {
     }
 
     #[test]
+    fn trait_objects_do_what_their_operators_do(case in instances()) {
+        case.check_trait_object(sparse(&case.matrix))?;
+        case.check_trait_object(dense(&case.matrix))?;
+        case.check_trait_object(Own(case.matrix.clone()))?;
+        case.check_trait_object(Undeclared(Own(case.matrix.clone())))?;
+    }
+
+    #[test]
     fn streams_are_the_same_without_the_declaration(
         case in instances(),
         tolerance in prop_oneof![Just(0.0), Just(1e-9), Just(1e-3)],
@@ -263,6 +326,7 @@ fn a_bad_operator_is_refused_by_the_model_if_it_is_declared() {
     let sensor = || LikelihoodVector::linear(2);
     says(Hmm::new(anywhere(), Box::new(leaky()), sensor()), refused);
     says(Hmm::new(anywhere(), &leaky(), sensor()), refused);
+    says(Hmm::new(anywhere(), Box::new(leaky()) as Chosen, sensor()), refused);
     says(Hmm::new(anywhere(), PowerTransition::new(leaky(), 1), sensor()), refused);
 }
 

@@ -379,9 +379,11 @@ struct Listed(Vec<Vec<(usize, f64)>>);
 
 impl wayfix::Transition for Listed {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.len()
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         for (out, row) in out.iter_mut().zip(&self.0) {

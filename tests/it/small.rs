@@ -369,9 +369,11 @@ struct Counting<A>(A, Cell<usize>);
 
 impl<A: Transition<Control = ()>> Transition for Counting<A> {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.states()
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        self.0.no_control()
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.1.set(self.1.get() + 1);

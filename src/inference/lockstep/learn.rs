@@ -1,7 +1,7 @@
 //! What learning expects of the hidden states, in lock-step.
 
 use super::backward::Carried;
-use super::{Group, Memory, Plan, no_control};
+use super::{Group, Memory, Plan};
 use crate::inference::baum_welch::Expected;
 use crate::kernels::lockstep::{self, Abreast, Lines};
 use crate::kernels::{BACK_LIFT, LANES};
@@ -25,8 +25,9 @@ where
     let forward = plan.forward(group, memory, true, |_, _| ());
     let (mut held, mut carried) = (forward.held, Carried::new(memory));
     let transition = plan.hmm.transition();
-    let counted =
-        no_control::<A>().is_some_and(|control| transition.family(control) < transition.families());
+    let counted = transition
+        .no_control()
+        .is_some_and(|control| transition.family(control) < transition.families());
     let mut counts =
         if counted { vec![Abreast::default(); plan.columns.values().len()] } else { Vec::new() };
     for step in (1..=group.longest).rev() {

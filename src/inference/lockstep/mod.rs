@@ -58,7 +58,7 @@ pub(super) struct Plan<'m, A, B> {
 impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
     /// `None` if the model does not allow for it.
     pub(super) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
-        let control = no_control::<A>()?;
+        let control = hmm.transition().no_control()?;
         hmm.transition().check_control(control).ok()?;
         if hmm.transition().evidence(control).is_some() {
             return None;
@@ -72,11 +72,6 @@ impl<'m, A: Transition, B: Likelihood> Plan<'m, A, B> {
         let (ones, zeros) = (vec![1.0; prior.len()], vec![0.0; prior.len()]);
         Some(Self { hmm, rows, columns, ones, zeros, log2: OnceLock::new() })
     }
-}
-
-/// The control of an operator without one.
-fn no_control<A: Transition>() -> Option<&'static A::Control> {
-    A::NO_CONTROL
 }
 
 /// Up to eight sequences.

@@ -1,7 +1,7 @@
 //! Viterbi in lock-step. Sums of scores are exact, so that paths and their
 //! probabilities are those of the general routine to the bit.
 
-use super::{Group, Lane, Memory, Outcome, Plan, Rows, no_control};
+use super::{Group, Lane, Memory, Outcome, Plan, Rows};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
@@ -27,7 +27,8 @@ where
     let mut paths = [const { None }; LANES];
     let n = plan.ones.len();
     let mut first = vec![0.0; n];
-    let control = if plan.hmm.prior().moves_at(1) { no_control::<A>() } else { None };
+    let control =
+        if plan.hmm.prior().moves_at(1) { plan.hmm.transition().no_control() } else { None };
     if (Step { hmm: plan.hmm, number: 1, control })
         .first_scores(&mut first, &mut TakenOut::default())
         .is_err()

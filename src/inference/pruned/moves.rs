@@ -49,7 +49,7 @@ impl Bounds {
     /// Computes the bounds on an operator without a control and without evidence, the same for
     /// all steps. O(E).
     pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
-        let control = A::NO_CONTROL?;
+        let control = transition.no_control()?;
         transition.check_control(control).ok()?;
         if transition.evidence(control).is_some() {
             return None;

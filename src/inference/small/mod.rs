@@ -101,7 +101,7 @@ fn control_of<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Op
     if hmm.states() > MOST_STATES || steps < FEWEST_STEPS {
         return None;
     }
-    let control = A::NO_CONTROL?;
+    let control = hmm.transition().no_control()?;
     hmm.transition().check_control(control).ok()?;
     hmm.transition().evidence(control).is_none().then_some(control)
 }

@@ -39,10 +39,13 @@ struct Large(f64);
 
 impl Transition for Large {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         2
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

@@ -10,9 +10,11 @@ pub(crate) struct Own(pub(crate) Matrix);
 
 impl Transition for Own {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.0.len()
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         for (out, row) in out.iter_mut().zip(&self.0) {
@@ -44,9 +46,11 @@ pub(crate) struct OwnMeasured {
 
 impl Transition for OwnMeasured {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
     fn states(&self) -> usize {
         self.entries.states()
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.entries.apply(&(), x, out);

@@ -16,10 +16,13 @@ struct Step(RouteTransition, RouteControl);
 
 impl Transition for Step {
     type Control = ();
-    const NO_CONTROL: Option<&'static ()> = Some(&());
 
     fn states(&self) -> usize {
         self.0.states()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

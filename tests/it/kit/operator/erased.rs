@@ -104,9 +104,11 @@ macro_rules! delegate {
     ($type:ident, $control:ty, $only:expr, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
         impl Transition for $type<'_> {
             type Control = $control;
-            const NO_CONTROL: Option<&'static $control> = $only;
             fn states(&$self) -> usize {
                 $operator.states()
+            }
+            fn no_control(&$self) -> Option<&'static $control> {
+                $only
             }
             fn check_control(&$self, $u: &$control) -> Result<(), TransitionError> {
                 $operator.check_control($step)
