@@ -79,9 +79,9 @@ pub struct Hmm<A, B> {
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Creates a model from three parts with the same number of states. O(n + E).
     ///
-    /// For a transition operator without a control, this checks the sums of the columns, and that
-    /// the two products are those of one matrix and its transpose. An operator with a control is
-    /// checked at each step.
+    /// For a transition operator that declares to have [no control](Transition::no_control), this
+    /// checks the sums of the columns, and that the two products are those of one matrix and its
+    /// transpose. Any other is checked at each step, by the sum of its prediction.
     ///
     /// # Errors
     ///

@@ -64,6 +64,10 @@ impl Transition for Plain {
         plain!(self, a, _u => a.states())
     }
 
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         plain!(self, a, u => a.apply(u, x, out));
     }

@@ -67,10 +67,3 @@ pub(super) fn suits_group(sequences: usize, fewest: usize, states: usize, steps:
     let kept = states.saturating_mul(2).saturating_mul(steps).saturating_mul(bytes);
     sequences >= fewest && kept <= MOST_KEPT
 }
-
-pub(super) trait Temp: crate::transition::Transition {
-    fn no_control(&self) -> Option<&'static Self::Control> {
-        (&() as &'static dyn std::any::Any).downcast_ref()
-    }
-}
-impl<T: crate::transition::Transition> Temp for T {}

@@ -228,6 +228,10 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         self.back.len() + 1
     }
 
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.inner.no_control()
+    }
+
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();

@@ -62,6 +62,9 @@ pub(crate) fn with<T: Pooled, R>(count: usize, work: impl FnOnce(&mut [T]) -> R)
 ///     fn states(&self) -> usize {
 ///         self.0.states()
 ///     }
+///     fn no_control(&self) -> Option<&'static ()> {
+///         self.0.no_control().and(self.1.no_control())
+///     }
 ///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
 ///         with_scratch(x.len(), |moved| {
 ///             self.0.apply(&(), x, moved);

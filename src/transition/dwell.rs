@@ -241,6 +241,10 @@ impl<A: Transition> Transition for DwellTransition<A> {
         self.leave.len()
     }
 
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.moves.no_control()
+    }
+
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         let leaving = |range: Range<usize>| kernels::dot(&self.leave[range.clone()], &x[range]);
         let moves = |x: &[f64], out: &mut [f64]| self.moves.apply(control, x, out);

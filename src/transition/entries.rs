@@ -20,6 +20,7 @@ use crate::kernels::log2;
 /// # impl Transition for Around {
 /// #     type Control = ();
 /// #     fn states(&self) -> usize { self.0 }
+/// #     fn no_control(&self) -> Option<&'static ()> { Some(&()) }
 /// #     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// #     fn apply_transpose(&self, _: &(), x: &[f64], out: &mut [f64]) {}
 /// # }

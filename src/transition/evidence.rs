@@ -5,7 +5,7 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use super::{LearnTransition, MoveCounts};
-use super::{Transition, TransitionEntries, check_slices, log, validate};
+use super::{Transition, TransitionEntries, check_slices, log, validate_with};
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
 use crate::range::LARGEST_LOG;
@@ -70,7 +70,7 @@ where
     /// As [`Hmm::new`](crate::Hmm::new) for an operator that is not stochastic, or
     /// [`TransitionError::Control`] for one that has evidence already.
     pub fn new(base: A, log_likelihood: F) -> Result<Self, TransitionError> {
-        validate(&base)?;
+        validate_with(&base, &())?;
         super::refuse_evidence(&base, &(), "EvidenceTransition")?;
         Ok(Self { base, log_likelihood, log_factor: |_| 0.0, control: PhantomData })
     }

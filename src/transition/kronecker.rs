@@ -134,6 +134,10 @@ impl<A1: Transition, A2: Transition<Control = A1::Control>> Transition
         self.first.states() * self.second.states()
     }
 
+    fn no_control(&self) -> Option<&'static A1::Control> {
+        self.first.no_control().and(self.second.no_control())
+    }
+
     fn apply(&self, control: &A1::Control, x: &[f64], out: &mut [f64]) {
         let second = |x: &[f64], out: &mut [f64]| self.second.apply(control, x, out);
         self.product(x, out, second, |x, out| self.first.apply(control, x, out));

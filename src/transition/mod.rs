@@ -71,6 +71,6 @@ pub use sparse::SparseTransition;
 pub use stored::Stored;
 pub use switched::SwitchedTransition;
 pub use tied::TiedTransition;
-use validate::refuse_evidence;
 pub(crate) use validate::validate;
+use validate::{refuse_evidence, validate_with};
 pub use window::WindowTransition;

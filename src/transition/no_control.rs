@@ -1,6 +1,9 @@
-//! The control of operators without one.
+//! Bound of the methods that take no control.
 
 /// The type `()` as a trait, so that compiler errors name the method to call with a control.
+///
+/// It is about types alone. The operator itself declares to be the same at all steps, by
+/// [`Transition::no_control`](super::Transition::no_control).
 #[diagnostic::on_unimplemented(
     message = "this model takes a control of type `{Self}` at each step",
     label = "call the method whose name ends in `_with`, which takes the control",

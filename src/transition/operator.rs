@@ -11,8 +11,8 @@ use crate::error::TransitionError;
 /// [`TransitionEntries`](super::TransitionEntries).
 ///
 /// An operator may depend on a **control**, the input of the step from k − 1 to k, such as
-/// odometry, elapsed time or a gear. An operator without one has `Control = ()`, and its columns
-/// are checked when a model is built from it.
+/// odometry, elapsed time or a gear. An operator without one has `Control = ()` and declares it by
+/// [`no_control`](Self::no_control); its columns are checked when a model is built from it.
 ///
 /// A control may also be **evidence on the move**, a measurement between two steps, such as
 /// odometry or a compass. It does not choose an operator; its likelihood p(u | `X_{k-1}`, `X_k`)
@@ -24,11 +24,13 @@ use crate::error::TransitionError;
 /// Entries below 2.2e-308 have lost precision, and states reached only through them may be lost.
 ///
 /// An operator behind a reference, `Box`, `Rc` or `Arc` is an operator, too, so that models can
-/// share a large one.
+/// share a large one. So is a trait object such as `Box<dyn Transition<Control = ()>>`, for
+/// operators that are chosen at run time.
 ///
 /// # Implement it yourself
 ///
-/// A drive around a loop: one place forward with probability 0.9, else stay.
+/// A drive around a loop: one place forward with probability 0.9, else stay. It is the same at all
+/// steps, which `no_control` declares, so that the model checks it once, and inference is faster.
 ///
 /// ```
 /// use wayfix::{Belief, Hmm, LikelihoodVector, Prior, Transition};
@@ -39,6 +41,9 @@ use crate::error::TransitionError;
 ///     type Control = ();
 ///     fn states(&self) -> usize {
 ///         self.0
+///     }
+///     fn no_control(&self) -> Option<&'static ()> {
+///         Some(&())
 ///     }
 ///     fn apply(&self, _: &(), x: &[f64], out: &mut [f64]) {
 ///         (0..self.0).for_each(|i| out[i] = 0.1 * x[i] + 0.9 * x[(i + self.0 - 1) % self.0]);
@@ -111,6 +116,22 @@ pub trait Transition {
 
     /// Number of states, n.
     fn states(&self) -> usize;
+
+    /// Returns the only control of an operator without one, `Some(&())`; `None`, the default, if
+    /// steps depend on their control.
+    ///
+    /// Declares the operator to be the same at all steps, so that inference may take this control
+    /// for each of them. Columns and transpose are then checked when a model is built, models of
+    /// few states and many sequences at once go through faster routines, and a
+    /// [`PrunedFilter`](crate::PrunedFilter) bounds the entries once, not at each step. An
+    /// operator with `Control = ()` that does not declare it gives the same results up to
+    /// rounding, but more slowly and with a looser [`Certificate`](crate::inference::Certificate);
+    /// if its columns do not sum to one, the first step whose prediction does not is an error.
+    ///
+    /// Wrappers return that of their inner operator. The answer must always be the same.
+    fn no_control(&self) -> Option<&'static Self::Control> {
+        None
+    }
 
     /// Computes `out = A x`, the distribution one step later. Overwrites all of `out`.
     ///

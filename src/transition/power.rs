@@ -89,6 +89,10 @@ impl<A: Transition> Transition for PowerTransition<A> {
         self.inner.states()
     }
 
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.inner.no_control()
+    }
+
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.repeat(x, out, |x, out| self.inner.apply(control, x, out));
     }

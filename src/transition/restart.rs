@@ -92,6 +92,10 @@ impl<A: Transition> Transition for RestartTransition<A> {
         self.restart.len()
     }
 
+    fn no_control(&self) -> Option<&'static A::Control> {
+        self.inner.no_control()
+    }
+
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.inner.apply(control, x, out);
         let total = kernels::sum(x);

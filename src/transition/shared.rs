@@ -19,6 +19,10 @@ macro_rules! as_target {
                 (**self).states()
             }
 
+            fn no_control(&self) -> Option<&'static Self::Control> {
+                (**self).no_control()
+            }
+
             fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
                 (**self).apply(control, x, out);
             }

@@ -39,6 +39,10 @@ impl Transition for SparseTransition {
         self.rows.lines()
     }
 
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         self.sliced_rows.multiply(x, out);
     }
@@ -83,6 +87,10 @@ impl Transition for DenseTransition {
 
     fn states(&self) -> usize {
         self.matrix.states()
+    }
+
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
     }
 
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {

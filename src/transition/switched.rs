@@ -43,7 +43,7 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
             if found != expected {
                 return Err(TransitionError::StateCount { operator, found, expected });
             }
-            super::validate(a)?;
+            super::validate_with(a, &())?;
         }
         Ok(Self { operators })
     }

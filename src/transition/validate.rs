@@ -1,22 +1,29 @@
 //! Checks of operators.
 
-use std::any::Any;
-
 use super::{Transition, check_columns};
 use crate::error::TransitionError;
 use crate::kernels;
 
-/// Checks an operator without a control: its columns sum to one, A' 1 = 1 (but for
-/// evidence on moves), and its two products are transposes, v' (A u) = u' (A' v). An
-/// operator with a control can't be checked without one.
+/// Checks an operator that declares to have no control, as [`validate_with`]. An operator with a
+/// control can't be checked without one, except for its number of states.
 pub(crate) fn validate<A: Transition>(transition: &A) -> Result<(), TransitionError> {
+    match transition.no_control() {
+        Some(control) => validate_with(transition, control),
+        None if transition.states() == 0 => Err(TransitionError::Empty),
+        None => Ok(()),
+    }
+}
+
+/// Checks the operator of a control: its columns sum to one, A' 1 = 1 (but for evidence on
+/// moves), and its two products are transposes, v' (A u) = u' (A' v).
+pub(super) fn validate_with<A: Transition>(
+    transition: &A,
+    control: &A::Control,
+) -> Result<(), TransitionError> {
     let n = transition.states();
     if n == 0 {
         return Err(TransitionError::Empty);
     }
-    let Some(control) = (&() as &dyn Any).downcast_ref::<A::Control>() else {
-        return Ok(());
-    };
     transition.check_control(control)?;
     let (mut ones, mut product) = (vec![1.0; n], vec![0.0; n]);
     transition.apply_transpose(control, &ones, &mut product);

@@ -186,6 +186,10 @@ impl Transition for WindowTransition {
         self.states
     }
 
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+
     fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
         check_slices(self.states, x, out);
         out.fill(0.0);

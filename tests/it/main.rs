@@ -27,6 +27,7 @@ mod many;
 mod map;
 mod map_files;
 mod motion;
+mod no_control;
 mod operators;
 #[cfg(feature = "serde")]
 mod persistence;

@@ -2,7 +2,6 @@
 
 use super::{BatchModel, Group, Memory};
 use crate::inference::baum_welch::Expected;
-use crate::inference::plan::Temp;
 use crate::kernels::{self, LANES, Lines, Packed};
 use crate::likelihood::LearnLikelihood;
 use crate::range::BACK_LIFT;

@@ -14,7 +14,7 @@ mod viterbi;
 
 use std::sync::OnceLock;
 
-use super::plan::{self, Temp};
+use super::plan;
 use crate::hmm::Hmm;
 use crate::kernels::{LANES, Lines, Packed};
 use crate::likelihood::{Likelihood, Scratch};

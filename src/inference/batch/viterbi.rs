@@ -3,7 +3,6 @@
 
 use super::{BatchModel, Group, Lane, Memory, Outcome, Rows};
 use crate::inference::ViterbiPath;
-use crate::inference::plan::Temp;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
 use crate::kernels::{self, BatchMax, LANES, Packed, ScoresIn};

@@ -17,7 +17,7 @@ pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;
 
 use super::LogSum;
-use super::plan::{self, Temp};
+use super::plan;
 use crate::hmm::Hmm;
 use crate::kernels::{ChainState, Few, LANES, Packed};
 use crate::likelihood::Likelihood;

@@ -1,6 +1,5 @@
 //! Transition operator of a step, and bounds on its entries.
 
-use std::any::Any;
 use std::f64::consts::LN_2;
 
 use crate::transition::{Transition, TransitionEntries};
@@ -50,7 +49,7 @@ impl Bounds {
     /// Computes the bounds on an operator without a control and without evidence, the same for
     /// all steps. O(E).
     pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
-        let control = (&() as &dyn Any).downcast_ref::<A::Control>()?;
+        let control = transition.no_control()?;
         transition.check_control(control).ok()?;
         if transition.evidence(control).is_some() {
             return None;

@@ -101,11 +101,14 @@ pub(super) struct EachStep<'a>(pub(super) &'a dyn Steps);
 
 /// Both traits, by those of the operator within.
 macro_rules! delegate {
-    ($type:ident, $control:ty, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
+    ($type:ident, $control:ty, $only:expr, |$self:ident, $u:ident| $operator:expr, $step:expr) => {
         impl Transition for $type<'_> {
             type Control = $control;
             fn states(&$self) -> usize {
                 $operator.states()
+            }
+            fn no_control(&$self) -> Option<&'static $control> {
+                $only
             }
             fn check_control(&$self, $u: &$control) -> Result<(), TransitionError> {
                 $operator.check_control($step)
@@ -160,5 +163,5 @@ macro_rules! delegate {
     };
 }
 
-delegate!(AtStep, (), |self, _u| self.operator, self.step);
-delegate!(EachStep, usize, |self, u| self.0, *u);
+delegate!(AtStep, (), Some(&()), |self, _u| self.operator, self.step);
+delegate!(EachStep, usize, None, |self, u| self.0, *u);
