@@ -102,7 +102,7 @@ impl Backward {
         let Self { ratio, carried: Carried { q, .. }, gamma: result, values, .. } = self;
         let transition = step.hmm.transition();
         let sum = if let Some(matrix) = step.stored(control) {
-            let product = Product::sparse(&matrix.sliced_columns, ratio);
+            let product = Product::Sparse { matrix: &matrix.sliced_columns, x: ratio };
             kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
         } else {
             transition.apply_transpose(control, ratio, values);

@@ -46,8 +46,13 @@ pub(super) fn suits_few(states: usize, steps: usize) -> bool {
 
 /// Returns true if so many states and steps are for segments.
 pub(super) fn suits_segments(states: usize, steps: usize) -> bool {
-    let lanes = crate::kernels::LANES;
-    (2..=MOST_STATES_IN_SEGMENTS).contains(&states) && steps > lanes * SHORTEST_SEGMENT
+    (2..=MOST_STATES_IN_SEGMENTS).contains(&states) && is_long(steps)
+}
+
+/// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence
+/// are those of a stream to the bit.
+pub(super) fn is_long(steps: usize) -> bool {
+    steps > crate::kernels::LANES * SHORTEST_SEGMENT
 }
 
 /// Returns the length of each of the next eight segments, if enough steps are left.

@@ -173,7 +173,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             && let Some(matrix) = matrix
             && matrix.plain
         {
-            let product = Product::sparse(&matrix.sliced_rows, belief);
+            let product = Product::Sparse { matrix: &matrix.sliced_rows, x: belief };
             let updated = kernels::forward_step(likelihoods.update(product, 1.0, results.lifted));
             if !holds(&updated, 1.0) {
                 return Ok(None);
@@ -211,7 +211,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         results: &mut Results<'_>,
     ) -> Result<ForwardSums, InferenceError> {
         if let Some(matrix) = matrix {
-            let product = Product::sparse(&matrix.sliced_rows, lifted);
+            let product = Product::Sparse { matrix: &matrix.sliced_rows, x: lifted };
             return Ok(kernels::forward_step(likelihoods.update(product, LIFT, results.lifted)));
         }
         let Some(control) = self.control else {

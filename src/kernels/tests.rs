@@ -92,6 +92,20 @@ fn scores() -> impl Strategy<Value = Vec<f64>> {
     vec(prop_oneof![1 => Just(f64::NEG_INFINITY), 3 => (-4..4).prop_map(f64::from)], 71)
 }
 
+/// A step of the filter: results and sums.
+fn forward(
+    isa: Isa,
+    prediction: impl ProductRows,
+    lift: f64,
+    likelihoods: &[f64],
+    watch: Watch,
+) -> (Vec<f64>, ForwardSums) {
+    let mut out = vec![f64::NAN; likelihoods.len()];
+    let step = ForwardRows { prediction, lift, likelihoods, watch, out: &mut out };
+    let sums = run_on(isa, step);
+    (out, sums)
+}
+
 /// Number of cases in `WAYFIX_CASES`, or 256.
 fn cases() -> ProptestConfig {
     let cases = std::env::var("WAYFIX_CASES").ok().and_then(|text| text.parse().ok());
@@ -114,22 +128,16 @@ proptest! {
         let p = product(&rows, &x);
         let found = in_layouts(&matrix, |isa, matrix| {
             let mut out = vec![f64::NAN; n];
-            let product = Product::sparse(matrix, &x);
+            let product = SparseRows::all(matrix, &x);
             run_on(isa, StoreProduct { product, out: &mut out });
             out
         });
         close(&found, &p)?;
 
         let expected: Vec<f64> = p.iter().zip(&b).map(|(p, b)| p * b).collect();
-        let step = |isa, prediction: Product<'_>| {
-            let mut out = vec![f64::NAN; n];
-            let sums = run_on(
-                isa,
-                ForwardStep { prediction, lift, likelihoods: &b, watch, out: &mut out },
-            );
-            (out, sums)
-        };
-        let (out, sums) = in_layouts(&matrix, |isa, m| step(isa, Product::sparse(m, &x)));
+        let (out, sums) = in_layouts(&matrix, |isa, matrix| {
+            forward(isa, SparseRows::all(matrix, &x), lift, &b, watch)
+        });
         if tiny == 1.0 || lifted {
             close(&out, &expected)?;
             sum_is(sums.products, &expected)?;
@@ -141,7 +149,7 @@ proptest! {
         prop_assert_eq!(sums.largest_likelihood, b.iter().copied().fold(0.0, f64::max));
         prop_assert!(!sums.negative_likelihood);
         // A computed prediction is summed and checked.
-        let (seen, computed) = everywhere(|isa| step(isa, Product::Computed(&found)));
+        let (seen, computed) = everywhere(|isa| forward(isa, &found[..], lift, &b, watch));
         sum_is(computed.predicted, &found)?;
         prop_assert_eq!(computed.products, sums.products);
         prop_assert_eq!(seen, out);
@@ -156,10 +164,7 @@ proptest! {
         other[at.index(good.len())] = bad;
         let (p, likelihoods) = if which { (&other, &good) } else { (&good, &other) };
         let seen = everywhere(|isa| {
-            let mut out = vec![0.0; good.len()];
-            let (prediction, watch) = (Product::Computed(p), Watch::Products);
-            let step = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out: &mut out };
-            let sums = run_on(isa, step);
+            let (_, sums) = forward(isa, &p[..], 1.0, likelihoods, Watch::Products);
             (sums.products.is_finite(), sums.negative_predicted, sums.negative_likelihood)
         });
         prop_assert_eq!(seen, (bad == -1.0, bad == -1.0 && which, bad == -1.0 && !which));
@@ -214,8 +219,8 @@ proptest! {
         close(&ratio, &expected)?;
         let (gamma, back, sum) = in_layouts(&matrix, |isa, matrix| {
             let (mut gamma, mut q) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-            let product = Product::sparse(matrix, &ratio);
-            let step = BackwardStep { product, alpha: &alpha, gamma: &mut gamma, q: &mut q };
+            let product = SparseRows::all(matrix, &ratio);
+            let step = BackwardRows { product, alpha: &alpha, gamma: &mut gamma, q: &mut q };
             let sum = run_on(isa, step);
             (gamma, q, sum)
         });
@@ -241,7 +246,7 @@ proptest! {
         let double = sliced(&rows.iter().map(rounded).collect());
         let results = |matrix: &[Sliced; 2]| in_layouts(matrix, |isa, matrix| {
             let (mut product, mut next, mut from) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
-            run_on(isa, StoreProduct { product: Product::sparse(matrix, &x), out: &mut product });
+            run_on(isa, StoreProduct { product: SparseRows::all(matrix, &x), out: &mut product });
             let (log2, likelihoods) = (&matrix.log2(), None);
             let (next_mut, from) = (&mut next, &mut from);
             run_on(isa, MaxStep { matrix, log2, x: &x, likelihoods, next: next_mut, from });
@@ -626,18 +631,19 @@ fn parts_give_the_result_of_all_lines_at_once() {
     };
     let lines: Vec<(Vec<u32>, Vec<f64>)> = (0..N).map(line).collect();
     let matrix = Sliced::new(N, |i| (&lines[i].0[..], &lines[i].1[..]));
-    let step = |in_parts: fn(ForwardStep<'_>) -> ForwardSums| {
-        let (mut out, prediction) = (vec![f64::NAN; N], Product::sparse(&matrix, &x));
-        let (likelihoods, watch) = (&b[..], Watch::Products);
-        let sums =
-            in_parts(ForwardStep { prediction, lift: LIFT, likelihoods, watch, out: &mut out });
-        (out, sums)
+    let mut outs = [vec![f64::NAN; N], vec![f64::NAN; N], vec![f64::NAN; N]];
+    let [parts, whole, turn] = outs.each_mut();
+    let step = |out| {
+        let (prediction, likelihoods) = (SparseRows::all(&matrix, &x), &b[..]);
+        ForwardRows { prediction, lift: LIFT, likelihoods, watch: Watch::Products, out }
     };
-    let (parts, whole) = (step(|step| run_in_parts(step)), step(|step| super::run(step)));
+    let sums = [run_in_parts(step(parts)), super::run(step(whole)), in_turn(step(turn))];
+    let [parts, whole, turn] = outs;
+    let (parts, whole) = ((parts, sums[0]), (whole, sums[1]));
+    assert_eq!((&turn, sums[2]), (&parts.0, sums[0])); // threads do not change a bit
     assert_eq!(parts.0, whole.0);
     assert!((parts.1.products - whole.1.products).abs() <= 1e-12 * whole.1.products);
     assert_eq!(ForwardSums { products: parts.1.products, ..whole.1 }, parts.1);
-    assert_eq!(step(|step| in_turn(step)), parts); // threads do not change a bit
     for (i, (indices, values)) in lines.iter().enumerate().step_by(7) {
         let sum: f64 = indices.iter().zip(values).map(|(&j, a)| a * x[j as usize]).sum();
         assert!((sum * b[i] - parts.0[i]).abs() <= 1e-13 * sum);

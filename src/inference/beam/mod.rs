@@ -174,7 +174,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             let taken_out = if others.is_log() {
                 next.weigh_with_logs(&values, others.largest(), largest)
             } else {
-                next.weigh(&values, others.largest(), largest)
+                whole += next.weigh(&values, others.largest(), largest);
+                0.0
             };
             factors.add(taken_out + others.log_factor() + evidence.unwrap_or(0.0));
             if nothing && others.is_possible(largest) {

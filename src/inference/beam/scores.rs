@@ -1,6 +1,6 @@
 //! Scores within a beam, upper bounds on those of all other paths, and backpointers.
 
-use std::f64::consts::{LN_2, LOG2_E};
+use std::f64::consts::LOG2_E;
 
 use super::super::frontier::Frontier;
 use super::super::scores::unlifted_log2;
@@ -110,13 +110,13 @@ impl Beam {
         }
     }
 
-    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole power
-    /// of two. Returns the natural logarithm of that power.
+    /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number,
+    /// which is returned.
     pub(super) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
         self.elsewhere += kernels::log2(others) - whole;
-        whole * LN_2
+        whole
     }
 
     /// Adds natural logarithms of likelihoods, less the largest, which is returned.

@@ -2,7 +2,7 @@
 
 use super::likelihoods::{Rows, Sensed};
 use super::segments::{Segments, pack_segments, unpack_segments};
-use super::{FewModel, add_logs, control_of, log_of};
+use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::filtering::FilteredSequence;
@@ -24,7 +24,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     let (states, steps) = (hmm.states(), sequence.steps());
-    if !plan::suits_segments(states.min(2), steps) {
+    if !plan::is_long(steps) {
         return None; // the beliefs of a stream, to the bit
     }
     let control = control_of(hmm, steps)?;
@@ -62,11 +62,11 @@ impl FewModel {
             let (mut x, mut logs) = (self.prior, LogSum::default());
             let mut out = out.as_mut().map(|out| (&mut *out.0, &mut *out.1));
             let mut done = self.start(source, &mut x, &mut logs)?;
-            if let (Some((rows, logs)), 1) = (&mut out, done) {
+            if let (Some((rows, log_likelihoods)), 1) = (&mut out, done) {
                 let sum: f64 = x.values.iter().sum();
                 let row = rows[self.states..].iter_mut().zip(x.values);
                 row.take(self.states).for_each(|(row, x)| *row = x / sum);
-                logs[0] = log_of(&x, &LogSum::default());
+                log_likelihoods[0] = log_of(&x, &logs);
             }
             if segments {
                 let out = out.as_mut().map(|out| (&mut *out.0, &mut *out.1));
@@ -111,12 +111,15 @@ impl FewModel {
             let mut attempt = |scaled: bool| {
                 *x = before;
                 let numbers = steps.start + 1..steps.end + 1;
-                source.likelihoods(numbers, scaled, likelihoods, scales)?;
-                chain_forward(&self.columns, x, n, likelihoods, rows, normalizers).then_some(())
+                let any = source.likelihoods(numbers, scaled, likelihoods, scales)?;
+                chain_forward(&self.columns, x, n, likelihoods, rows, normalizers).then_some(any)
             };
             // Scales take time, and are seldom needed.
-            attempt(false).or_else(|| attempt(true))?;
-            add_logs(logs, scales);
+            if attempt(false).or_else(|| attempt(true))? {
+                scales.iter().for_each(|log| logs.add(*log));
+            } else {
+                scales.fill(0.0);
+            }
             normalizers.iter_mut().zip(scales).for_each(|(log, scale)| *log = log.ln() + *scale);
         }
         Some(())
@@ -141,8 +144,11 @@ impl FewModel {
             gathered.resize(N * steps.len(), 0.0);
             scales.resize(steps.len(), 0.0);
             let numbers = steps.start + 1..steps.end + 1;
-            source.likelihoods(numbers, false, &mut gathered, &mut scales)?;
-            add_logs(logs, &scales);
+            if source.likelihoods(numbers, false, &mut gathered, &mut scales)? {
+                scales.iter().for_each(|log| logs.add(*log));
+            } else {
+                scales.fill(0.0);
+            }
             pack_segments(&gathered, &mut packed);
             let starts = Segments::<N>::new(&few, &packed)?.forward(x)?;
             let Some((rows, logs)) = &mut out else { continue };

@@ -80,7 +80,7 @@ impl FewModel {
             return Some(0);
         }
         let (mut b, mut log) = ([0.0; LANES], [0.0]);
-        source.likelihoods(1..2, true, &mut b[..self.states], &mut log)?;
+        _ = source.likelihoods(1..2, true, &mut b[..self.states], &mut log)?;
         x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
         rescale(x)?;
         logs.add(log[0]);
@@ -109,11 +109,6 @@ fn log_of(x: &ChainState, logs: &LogSum) -> f64 {
     sum.add(x.values.iter().sum::<f64>().ln());
     sum.add(x.exponent as f64 * std::f64::consts::LN_2);
     sum.value()
-}
-
-/// Adds logarithms, most of which are 0.
-fn add_logs(sum: &mut LogSum, logs: &[f64]) {
-    logs.iter().filter(|log| **log != 0.0).for_each(|log| sum.add(*log));
 }
 
 /// Returns the control of the operator if the model and so many steps are for this engine.

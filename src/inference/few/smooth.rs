@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::likelihoods::{Rows, Sensed};
 use super::segments::{Segments, pack_segments, unpack_segments};
-use super::{FewModel, add_logs, control_of, log_of};
+use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::plan;
@@ -71,8 +71,9 @@ impl FewModel {
             // Likelihoods wait for the backward pass where results will be.
             let place = &mut rows[n * steps.start..n * steps.end];
             let scales = &mut scales[..steps.len()];
-            source.likelihoods(steps.clone(), false, place, scales)?;
-            add_logs(&mut logs, scales);
+            if source.likelihoods(steps.clone(), false, place, scales)? {
+                scales.iter().for_each(|log| logs.add(*log));
+            }
             pack_segments(place, &mut packed);
             let segments = Segments::new(&few, &packed)?;
             let starts = segments.forward(&mut x)?;
@@ -85,13 +86,14 @@ impl FewModel {
         let start = x;
         let mut attempt = |scaled: bool| {
             x = start;
-            source.likelihoods(left.clone(), scaled, &mut likelihoods, scales)?;
+            let any = source.likelihoods(left.clone(), scaled, &mut likelihoods, scales)?;
             chain_forward(&self.columns, &mut x, n, &likelihoods, chained, &mut normalizers)
-                .then_some(())
+                .then_some(any)
         };
         // Scales take time, and are seldom needed.
-        attempt(false).or_else(|| attempt(true))?;
-        add_logs(&mut logs, scales);
+        if attempt(false).or_else(|| attempt(true))? {
+            scales.iter().for_each(|log| logs.add(*log));
+        }
         let log_likelihood = log_of(&x, &logs);
 
         let mut r = ChainState::new(1.0);

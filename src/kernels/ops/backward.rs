@@ -1,6 +1,6 @@
 //! A backward step of the smoother.
 
-use super::product::Product;
+use super::product::{Product, ProductRows, SparseRows};
 use super::semiring::Sink;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
@@ -64,10 +64,24 @@ pub(crate) struct BackwardStep<'a> {
 
 /// Takes the step, on several threads if there are many states.
 pub(crate) fn backward_step(step: BackwardStep<'_>) -> f64 {
-    run_in_parts(step)
+    let BackwardStep { product, alpha, gamma, q } = step;
+    match product {
+        Product::Sparse { matrix, x } => {
+            run_in_parts(BackwardRows { product: SparseRows::all(matrix, x), alpha, gamma, q })
+        }
+        Product::Computed(product) => run_in_parts(BackwardRows { product, alpha, gamma, q }),
+    }
 }
 
-impl WithSimd for BackwardStep<'_> {
+/// A [`BackwardStep`] with one type of product.
+pub(in crate::kernels) struct BackwardRows<'a, P> {
+    pub(in crate::kernels) product: P,
+    pub(in crate::kernels) alpha: &'a [f64],
+    pub(in crate::kernels) gamma: &'a mut [f64],
+    pub(in crate::kernels) q: &'a mut [f64],
+}
+
+impl<P: ProductRows> WithSimd for BackwardRows<'_, P> {
     type Output = f64;
 
     #[inline(always)]
@@ -85,7 +99,7 @@ impl WithSimd for BackwardStep<'_> {
     }
 }
 
-impl Splits for BackwardStep<'_> {
+impl<P: ProductRows> Splits for BackwardRows<'_, P> {
     fn lines(&self) -> usize {
         self.product.rows()
     }

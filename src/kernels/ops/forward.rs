@@ -1,7 +1,9 @@
 //! Second half of a step of filter and smoother: the product of prediction and likelihoods, and
 //! its normalisation.
 
-use super::product::Product;
+use std::marker::PhantomData;
+
+use super::product::{Product, ProductRows, SparseRows};
 use super::semiring::Sink;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
@@ -67,12 +69,29 @@ impl ForwardSums {
 
 /// Takes the step, on several threads if there are many states.
 pub(crate) fn forward_step(step: ForwardStep<'_>) -> ForwardSums {
-    let (lift, sparse) = (step.lift, matches!(step.prediction, Product::Sparse { .. }));
-    let sums = run_in_parts(step);
-    if sparse { ForwardSums { predicted: lift, ..sums } } else { sums }
+    let ForwardStep { prediction, lift, likelihoods, watch, out } = step;
+    match prediction {
+        Product::Sparse { matrix, x } => {
+            let prediction = SparseRows::all(matrix, x);
+            let sums = run_in_parts(ForwardRows { prediction, lift, likelihoods, watch, out });
+            ForwardSums { predicted: lift, ..sums }
+        }
+        Product::Computed(prediction) => {
+            run_in_parts(ForwardRows { prediction, lift, likelihoods, watch, out })
+        }
+    }
 }
 
-impl WithSimd for ForwardStep<'_> {
+/// A [`ForwardStep`] with one type of product.
+pub(in crate::kernels) struct ForwardRows<'a, P> {
+    pub(in crate::kernels) prediction: P,
+    pub(in crate::kernels) lift: f64,
+    pub(in crate::kernels) likelihoods: &'a [f64],
+    pub(in crate::kernels) watch: Watch,
+    pub(in crate::kernels) out: &'a mut [f64],
+}
+
+impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
     type Output = ForwardSums;
 
     #[inline(always)]
@@ -80,90 +99,70 @@ impl WithSimd for ForwardStep<'_> {
         let Self { prediction, lift, likelihoods, watch, out } = self;
         let n = prediction.rows();
         let zero = s.splat(0.0);
-        let (likelihoods, out) = (likelihoods[..n].as_chunks(), out[..n].as_chunks_mut());
-        let least = s.splat(if watch == Watch::Nothing { 0.0 } else { lift / LIFT });
-        let possible = s.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 });
         let negative = s.lt(zero, zero);
-        let sums = Accumulators {
+        let mut sink = ForwardSink::<S, P> {
+            likelihoods: likelihoods[..n].as_chunks(),
+            out: out[..n].as_chunks_mut(),
+            least: s.splat(if watch == Watch::Nothing { 0.0 } else { lift / LIFT }),
+            possible: s.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
             negative_predicted: negative,
             negative_likelihood: negative,
             largest_likelihood: zero,
             small: false,
+            prediction: PhantomData,
         };
-        match prediction {
-            Product::Sparse { .. } => {
-                let mut sink = ForwardSink::<S, true> { likelihoods, out, least, possible, sums };
-                prediction.pass_to(s, &mut sink);
-                sink.sums.finish(s)
-            }
-            Product::Computed(_) => {
-                let mut sink = ForwardSink::<S, false> { likelihoods, out, least, possible, sums };
-                prediction.pass_to(s, &mut sink);
-                sink.sums.finish(s)
-            }
+        prediction.pass_to(s, &mut sink);
+        let largest = s.to_array(sink.largest_likelihood);
+        ForwardSums {
+            products: total(s.to_array(sink.products)),
+            predicted: if P::KNOWN { lift } else { total(s.to_array(sink.predicted)) },
+            negative_predicted: s.any(sink.negative_predicted),
+            negative_likelihood: s.any(sink.negative_likelihood),
+            largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
+            small: sink.small,
         }
     }
 }
 
-/// Lane-wise [`ForwardSums`].
-struct Accumulators<S: Simd> {
+struct ForwardSink<'a, S: Simd, P> {
+    likelihoods: Blocks<'a>,
+    out: BlocksMut<'a>,
+    least: S::V,
+    possible: S::V,
     products: S::V,
     predicted: S::V,
     negative_predicted: S::M,
     negative_likelihood: S::M,
     largest_likelihood: S::V,
     small: bool,
+    prediction: PhantomData<P>,
 }
 
-impl<S: Simd> Accumulators<S> {
-    #[inline(always)]
-    fn finish(self, s: S) -> ForwardSums {
-        let largest = s.to_array(self.largest_likelihood);
-        ForwardSums {
-            products: total(s.to_array(self.products)),
-            predicted: total(s.to_array(self.predicted)),
-            negative_predicted: s.any(self.negative_predicted),
-            negative_likelihood: s.any(self.negative_likelihood),
-            largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
-            small: self.small,
-        }
-    }
-}
-
-/// `KNOWN` predictions need no sum and no check.
-struct ForwardSink<'a, S: Simd, const KNOWN: bool> {
-    likelihoods: Blocks<'a>,
-    out: BlocksMut<'a>,
-    least: S::V,
-    possible: S::V,
-    sums: Accumulators<S>,
-}
-
-impl<S: Simd, const KNOWN: bool> Sink<S, S::V> for ForwardSink<'_, S, KNOWN> {
+impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, p: S::V) {
         let b = row_block(s, self.likelihoods, block);
         let after = s.mul(p, b);
         store(s, &mut self.out, block, after);
-        let (sums, zero) = (&mut self.sums, s.splat(0.0));
-        sums.products = s.add(sums.products, after);
-        if !KNOWN {
-            sums.predicted = s.add(sums.predicted, p);
-            sums.negative_predicted = s.or(sums.negative_predicted, s.lt(p, zero));
+        self.products = s.add(self.products, after);
+        let zero = s.splat(0.0);
+        if !P::KNOWN {
+            self.predicted = s.add(self.predicted, p);
+            self.negative_predicted = s.or(self.negative_predicted, s.lt(p, zero));
         }
-        sums.negative_likelihood = s.or(sums.negative_likelihood, s.lt(b, zero));
-        sums.largest_likelihood = s.max(b, sums.largest_likelihood);
+        self.negative_likelihood = s.or(self.negative_likelihood, s.lt(b, zero));
+        self.largest_likelihood = s.max(b, self.largest_likelihood);
         let below = s.lt(after, self.least);
         if s.any(below) {
             let possible = s.lt(zero, s.min(p, s.max(b, self.possible)));
-            sums.small |= s.any(s.and(below, possible));
+            self.small |= s.any(s.and(below, possible));
         }
     }
 }
 
-impl Splits for ForwardStep<'_> {
+impl<P: ProductRows> Splits for ForwardRows<'_, P> {
     fn lines(&self) -> usize {
         self.prediction.rows()
     }

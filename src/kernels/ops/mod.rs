@@ -31,14 +31,14 @@ pub(crate) use semiring::{MaxPlus, Semiring, Sink, SumProduct};
 /// Kernels as tests run them, on each instruction set.
 #[cfg(test)]
 pub(in crate::kernels) mod testing {
-    pub(in crate::kernels) use super::backward::Ratio;
+    pub(in crate::kernels) use super::backward::{BackwardRows, Ratio};
     pub(in crate::kernels) use super::chain::{ChainBackward, ChainDecode, ChainForward};
-    pub(in crate::kernels) use super::forward::Normalize;
+    pub(in crate::kernels) use super::forward::{ForwardRows, Normalize};
     pub(in crate::kernels) use super::largest::Largest;
     pub(in crate::kernels) use super::log2::Log2;
     pub(in crate::kernels) use super::max_product::AddScores;
     pub(in crate::kernels) use super::packing::{Pack, Unpack, UnpackRows};
-    pub(in crate::kernels) use super::product::StoreProduct;
+    pub(in crate::kernels) use super::product::{ProductRows, SparseRows, StoreProduct};
     pub(in crate::kernels) use super::segments::{
         DecodeSegments, FilterSegments, MultiplySegments, SmoothSegments,
     };

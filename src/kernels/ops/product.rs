@@ -1,65 +1,90 @@
 //! Products with a vector, passed on eight rows at a time.
 
-use std::ops::Range;
-
 use super::semiring::Sink;
 use crate::kernels::layout::Sliced;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{LANES, Simd, WithSimd};
 
-/// Product with a vector, or some of its rows.
-#[derive(Debug, Clone)]
+/// Product with a vector, for a step of the filter or the smoother.
+#[derive(Debug, Clone, Copy)]
 pub(crate) enum Product<'a> {
     /// With a stochastic matrix that is stored, and a distribution.
-    Sparse { matrix: &'a Sliced, x: &'a [f64], rows: Range<usize> },
+    Sparse { matrix: &'a Sliced, x: &'a [f64] },
     /// Computed elsewhere, and not known to be that of a distribution.
     Computed(&'a [f64]),
 }
 
-impl<'a> Product<'a> {
-    pub(crate) fn sparse(matrix: &'a Sliced, x: &'a [f64]) -> Self {
-        Self::Sparse { matrix, x, rows: 0..matrix.lines() }
-    }
+/// Rows of a product that kernels go through. (A kernel has one type of product, not the choice:
+/// less to copy for a step of few states.)
+pub(in crate::kernels) trait ProductRows: Copy + Send {
+    /// True if the product is known to be that of a distribution.
+    const KNOWN: bool;
 
-    #[inline(always)]
-    pub(super) fn rows(&self) -> usize {
-        match self {
-            Self::Sparse { rows, .. } => rows.len(),
-            Self::Computed(product) => product.len(),
-        }
-    }
+    fn rows(self) -> usize;
 
     /// Splits at a multiple of eight.
-    pub(super) fn split(self, at: usize) -> (Self, Self) {
-        match self {
-            Self::Sparse { matrix, x, rows } => {
-                let middle = rows.start + at;
-                let part = |rows| Self::Sparse { matrix, x, rows };
-                (part(rows.start..middle), part(middle..rows.end))
-            }
-            Self::Computed(product) => {
-                let (first, second) = product.split_at(at);
-                (Self::Computed(first), Self::Computed(second))
-            }
-        }
-    }
+    fn split(self, at: usize) -> (Self, Self);
 
     /// Passes each block to a sink, numbered from the first of these rows.
+    fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>);
+}
+
+/// Product of some rows of a sparse matrix with x.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::kernels) struct SparseRows<'a> {
+    matrix: &'a Sliced,
+    x: &'a [f64],
+    /// The first row, a multiple of eight, and the end.
+    first: usize,
+    end: usize,
+}
+
+impl<'a> SparseRows<'a> {
     #[inline(always)]
-    pub(super) fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
-        match self {
-            Self::Sparse { matrix, x, rows } => {
-                matrix.product(s, rows.start / LANES..rows.end.div_ceil(LANES), x, sink);
-            }
-            Self::Computed(product) => {
-                let (blocks, rest) = product.as_chunks::<LANES>();
-                for (number, block) in blocks.iter().enumerate() {
-                    sink.take(s, number, s.load(block));
-                }
-                if !rest.is_empty() {
-                    sink.take(s, blocks.len(), s.load_partial(rest));
-                }
-            }
+    pub(in crate::kernels) fn all(matrix: &'a Sliced, x: &'a [f64]) -> Self {
+        Self { matrix, x, first: 0, end: matrix.lines() }
+    }
+}
+
+impl ProductRows for SparseRows<'_> {
+    const KNOWN: bool = true;
+
+    #[inline(always)]
+    fn rows(self) -> usize {
+        self.end - self.first
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        let middle = self.first + at;
+        (Self { end: middle, ..self }, Self { first: middle, ..self })
+    }
+
+    #[inline(always)]
+    fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
+        self.matrix.product(s, self.first / LANES..self.end.div_ceil(LANES), self.x, sink);
+    }
+}
+
+impl ProductRows for &[f64] {
+    const KNOWN: bool = false;
+
+    #[inline(always)]
+    fn rows(self) -> usize {
+        self.len()
+    }
+
+    fn split(self, at: usize) -> (Self, Self) {
+        self.split_at(at)
+    }
+
+    #[inline(always)]
+    fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
+        let (blocks, rest) = self.as_chunks::<LANES>();
+        for (number, block) in blocks.iter().enumerate() {
+            sink.take(s, number, s.load(block));
+        }
+        if !rest.is_empty() {
+            sink.take(s, blocks.len(), s.load_partial(rest));
         }
     }
 }
@@ -68,28 +93,26 @@ impl Sliced {
     /// Computes the product with x.
     pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
         assert_eq!(out.len(), self.lines(), "out must have one value per state");
-        run_in_parts(StoreProduct { product: Product::sparse(self, x), out });
+        run_in_parts(StoreProduct { product: SparseRows::all(self, x), out });
     }
 }
 
 /// `out` = a product.
-pub(in crate::kernels) struct StoreProduct<'a> {
-    pub(in crate::kernels) product: Product<'a>,
+pub(in crate::kernels) struct StoreProduct<'a, P> {
+    pub(in crate::kernels) product: P,
     pub(in crate::kernels) out: &'a mut [f64],
 }
 
-impl WithSimd for StoreProduct<'_> {
+impl<P: ProductRows> WithSimd for StoreProduct<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
-        let Product::Sparse { matrix, x, rows } = self.product else { return };
-        let blocks = rows.start / LANES..rows.end.div_ceil(LANES);
-        matrix.product(s, blocks, x, &mut self.out.as_chunks_mut());
+        self.product.pass_to(s, &mut self.out.as_chunks_mut());
     }
 }
 
-impl Splits for StoreProduct<'_> {
+impl<P: ProductRows> Splits for StoreProduct<'_, P> {
     fn lines(&self) -> usize {
         self.out.len()
     }
