@@ -89,7 +89,7 @@ where
                     logs.fill(0.0);
                     any_log = true;
                 }
-                *logs.get_mut(number)? = scale(&diagonal, row)?;
+                *logs.get_mut(number)? = scale(diagonal, row)?;
             } else if N > 0 {
                 *row.first_chunk_mut::<N>()? = *<&[f64; N]>::try_from(linear).ok()?;
             } else {
@@ -120,6 +120,7 @@ where
             2 => self.copy_likelihoods::<2>(steps, scaled, out, logs),
             3 => self.copy_likelihoods::<3>(steps, scaled, out, logs),
             4 => self.copy_likelihoods::<4>(steps, scaled, out, logs),
+            8 => self.copy_likelihoods::<8>(steps, scaled, out, logs),
             _ => self.copy_likelihoods::<0>(steps, scaled, out, logs),
         }
     }
@@ -148,7 +149,7 @@ where
                     ScoresIn::Linear
                 }
                 _ => {
-                    write_scores(&diagonal, row, taken_out)?;
+                    write_scores(diagonal, row, taken_out)?;
                     ScoresIn::Log2
                 }
             };
@@ -186,17 +187,17 @@ fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
 
 /// Scores of any diagonal.
 #[inline(never)]
-fn write_scores(diagonal: &Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOut) -> Option<()> {
+fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOut) -> Option<()> {
     let largest = diagonal.check(out.len()).ok()?;
-    let scores: Scores<'_> = likelihood_scores(diagonal, largest, taken_out)?;
+    let scores: Scores<'_> = likelihood_scores(&diagonal, largest, taken_out)?;
     scores.write(out);
     Some(())
 }
 
 /// Likelihoods of any diagonal, with the largest near one. Returns the logarithm of what was taken
-/// out.
+/// out. (By value: for a reference, each diagonal would be written to memory.)
 #[inline(never)]
-fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
+fn scale(diagonal: Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
     let largest = diagonal.check(out.len()).ok()?;
     if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
         return None;

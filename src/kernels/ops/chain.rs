@@ -20,22 +20,26 @@ impl ChainState {
         Self { values: [value; LANES], exponent: 0 }
     }
 
-    /// Brings the scale back if `sum`, that of the values, is out of range.
+    /// Brings x back to the middle range if its largest value is beyond.
     #[inline(always)]
-    fn rescale<S: Simd>(&mut self, s: S, x: S::V, sum: f64) -> S::V {
-        if (SCALES[0]..=SCALES[1]).contains(&sum) || !sum.is_normal() {
-            return x;
+    fn rescale<S: Simd>(&mut self, s: S, x: &mut S::V) {
+        let [low, high] = SCALES.map(|scale| s.splat(scale));
+        if !s.any(s.lt(low, *x)) || s.any(s.lt(high, *x)) {
+            let sum = total(s.to_array(*x));
+            if sum.is_normal() {
+                let by = exponent(sum);
+                self.exponent += by;
+                *x = s.mul(*x, s.splat(power(-by)));
+            }
         }
-        let by = exponent(sum);
-        self.exponent += by;
-        s.mul(x, s.splat(power(-by)))
     }
 }
 
-/// The product of a matrix with a vector whose values have been stored.
+/// The product of a matrix with x.
 #[inline(always)]
-fn product<S: Simd>(s: S, columns: &PaddedLines, x: &Eight) -> S::V {
-    let term = |j: usize| s.mul(s.load(&columns[j]), s.splat(x[j]));
+fn product<S: Simd>(s: S, columns: &PaddedLines, x: S::V) -> S::V {
+    let x = s.broadcast_lanes(x);
+    let term = |j: usize| s.mul(s.load(&columns[j]), x[j]);
     // In pairs: a shorter way than one after another.
     let low = s.add(s.add(term(0), term(1)), s.add(term(2), term(3)));
     let high = s.add(s.add(term(4), term(5)), s.add(term(6), term(7)));
@@ -68,31 +72,29 @@ impl WithSimd for ChainForward<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         let Self { columns, state, states, likelihoods, rows, normalizers } = self;
-        let mut stored = state.values;
-        let mut sum = total(stored);
-        let mut rows = rows.chunks_exact_mut(states);
-        let mut normalizers = normalizers.iter_mut();
+        let mut x = s.load(&state.values);
+        let mut rows = rows.chunks_exact_mut(states).zip(normalizers);
+        let mut sum = total(state.values);
         for b in likelihoods.chunks_exact(states) {
             let b = s.load_partial(b);
-            let mut x = s.mul(product(s, columns, &stored), b);
-            stored = s.to_array(x);
-            let before = std::mem::replace(&mut sum, total(stored));
-            if let (Some(row), Some(normalizer)) = (rows.next(), normalizers.next()) {
-                *normalizer = sum / before;
-                s.store_partial(s.mul(x, s.splat(1.0 / sum)), row);
+            x = s.mul(product(s, columns, x), b);
+            if let Some((row, normalizer)) = rows.next() {
+                let after = total(s.to_array(x));
+                *normalizer = after / sum;
+                s.store_partial(s.mul(x, s.splat(1.0 / after)), row);
+                let exponent = state.exponent;
+                state.rescale(s, &mut x);
+                sum = if state.exponent == exponent { after } else { total(s.to_array(x)) };
+            } else {
+                state.rescale(s, &mut x);
             }
-            let exponent = state.exponent;
-            x = state.rescale(s, x, sum);
-            if state.exponent != exponent {
-                stored = s.to_array(x);
-                sum = total(stored);
-            }
-            if is_lost(s, b, x) || sum.is_nan() || sum <= 0.0 {
+            if is_lost(s, b, x) {
                 return false;
             }
         }
-        state.values = stored;
-        true
+        state.values = s.to_array(x);
+        let sum = total(state.values);
+        sum > 0.0 && sum.is_finite()
     }
 }
 
@@ -132,9 +134,8 @@ impl WithSimd for ChainBackward<'_> {
             let sum = total(s.to_array(posterior));
             s.store_partial(s.mul(posterior, s.splat(1.0 / sum)), row);
             let b = s.load_partial(b);
-            let observed = s.to_array(s.mul(r, b));
-            r = product(s, lines, &observed);
-            r = state.rescale(s, r, total(observed));
+            r = product(s, lines, s.mul(r, b));
+            state.rescale(s, &mut r);
             if is_lost(s, b, r) || sum.is_nan() || sum <= 0.0 {
                 return false;
             }
@@ -178,11 +179,11 @@ impl WithSimd for ChainDecode<'_> {
         let Self { columns, state, states, likelihoods, from } = self;
         let mut scores = s.load(&state.values);
         for (b, from) in likelihoods.chunks_exact(states).zip(from) {
-            let x = s.to_array(scores);
-            let mut best = s.add(s.load(&columns[0]), s.splat(x[0]));
+            let x = s.broadcast_lanes(scores);
+            let mut best = s.add(s.load(&columns[0]), x[0]);
             let mut bits = [0_u8; 3];
             for j in 1..states.min(LANES) {
-                let score = s.add(s.load(&columns[j]), s.splat(x[j]));
+                let score = s.add(s.load(&columns[j]), x[j]);
                 // The lowest of several that attain the maximum stays.
                 let better = s.bits(s.lt(best, score));
                 best = s.max(score, best);

@@ -201,6 +201,9 @@ pub(crate) trait Simd: Copy {
     fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
     fn store_indices(self, i: Self::I, out: &mut [u32; LANES]);
 
+    /// Splats each lane.
+    fn broadcast_lanes(self, v: Self::V) -> [Self::V; LANES];
+
     /// Transposes: lane l of result r is lane r of row l.
     fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
 

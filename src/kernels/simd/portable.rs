@@ -82,6 +82,10 @@ impl Simd for Portable {
         (lanes(|l| exponent(v[l]) - (WHOLE + 1023.0)), lanes(|l| mantissa(v[l])))
     }
     #[inline(always)]
+    fn broadcast_lanes(self, v: Eight) -> [Eight; LANES] {
+        lanes(|l| [v[l]; LANES])
+    }
+    #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
         lanes(|r| lanes(|l| rows[l][r]))
     }

@@ -160,6 +160,14 @@ impl Simd for Avx2 {
         unsafe { (_mm256_blendv_pd(b.0, a.0, m.0), _mm256_blendv_pd(b.1, a.1, m.1)) }
     }
     #[inline(always)]
+    fn broadcast_lanes(self, v: Pair) -> [Pair; LANES] {
+        unsafe {
+            let [a, b, c, d] = splat_four(v.0);
+            let [e, f, g, h] = splat_four(v.1);
+            [(a, a), (b, b), (c, c), (d, d), (e, e), (f, f), (g, g), (h, h)]
+        }
+    }
+    #[inline(always)]
     fn transpose(self, rows: [Pair; LANES]) -> [Pair; LANES] {
         let [a, b, c, d, e, f, g, h] = rows;
         unsafe {
@@ -307,6 +315,11 @@ impl Simd for Avx512 {
         unsafe { _mm512_mask_blend_pd(m, b, a) }
     }
     #[inline(always)]
+    fn broadcast_lanes(self, v: __m512d) -> [__m512d; LANES] {
+        let lane = |l: i64| unsafe { _mm512_permutexvar_pd(_mm512_set1_epi64(l), v) };
+        [lane(0), lane(1), lane(2), lane(3), lane(4), lane(5), lane(6), lane(7)]
+    }
+    #[inline(always)]
     fn transpose(self, rows: [__m512d; LANES]) -> [__m512d; LANES] {
         let [a, b, c, d, e, f, g, h] = rows;
         unsafe {
@@ -375,6 +388,18 @@ impl Simd for Avx512 {
         // SAFETY: lanes beyond the slice are not written.
         unsafe { _mm512_mask_storeu_pd(out.as_mut_ptr(), mask, v) }
     }
+}
+
+/// Splats each of four lanes.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn splat_four(v: __m256d) -> [__m256d; 4] {
+    [
+        _mm256_permute4x64_pd::<0x00>(v),
+        _mm256_permute4x64_pd::<0x55>(v),
+        _mm256_permute4x64_pd::<0xaa>(v),
+        _mm256_permute4x64_pd::<0xff>(v),
+    ]
 }
 
 /// Exponents and mantissas of four numbers.
