@@ -4,8 +4,8 @@
 
 use std::ops::Range;
 
-use super::sliced::{EntryValues, Slice, Sliced};
-use super::values::{Value, Width};
+use super::sliced::{Slice, Sliced};
+use super::values::{EntryValues, Value, Width};
 use crate::kernels::ops::{Semiring, Sink, SumProduct};
 use crate::kernels::simd::{Eight, Simd};
 

@@ -8,8 +8,8 @@ mod values;
 
 pub(crate) use dense::Dense;
 pub(crate) use panels::{Panels, store_indices};
-pub(crate) use sliced::{EntryValues, Sliced};
-pub(crate) use values::{Packed, Width};
+pub(crate) use sliced::Sliced;
+pub(crate) use values::{EntryValues, Packed, Width};
 #[cfg(test)]
 pub(in crate::kernels) use {
     dense::{DenseMultiply, DenseTranspose},

@@ -11,8 +11,7 @@
 //! Without vectors of eight, all entries are stored as overflow, in the order in which slots would
 //! add them: results are the same to the bit.
 
-use super::values::{HalfLine, Packed, Value, Width};
-use crate::kernels::log2;
+use super::values::{EntryValues, HalfLine, Value, Width};
 use crate::kernels::simd::{Isa, LANES};
 
 /// Relative costs of a shifted and of a gathered slot.
@@ -33,14 +32,6 @@ pub(crate) struct Sliced {
     pub(super) overflow: Vec<Overflow>,
     pub(super) overflow_indices: Vec<u32>,
     pub(super) values: Width<EntryValues<f64>, EntryValues<f32>>,
-}
-
-/// Values of a matrix of this structure.
-#[derive(Debug, Clone)]
-pub(crate) struct EntryValues<V: Value = f64> {
-    pub(super) shifted: Vec<V::Slot>,
-    pub(super) gathered: Vec<V::Slot>,
-    pub(super) overflow: Vec<V>,
 }
 
 /// Ends of the slots and overflow lines of a slice.
@@ -226,20 +217,5 @@ impl Sliced {
     /// Number of lines.
     pub(crate) fn lines(&self) -> usize {
         self.lines
-    }
-}
-
-impl<V: Value> EntryValues<V> {
-    fn new() -> Self {
-        Self { shifted: Vec::new(), gathered: Vec::new(), overflow: Vec::new() }
-    }
-
-    fn log2(&self) -> EntryValues {
-        let eight = |slot: &V::Slot| Packed(slot.map(|p| log2(p.into())));
-        EntryValues {
-            shifted: self.shifted.iter().map(eight).collect(),
-            gathered: self.gathered.iter().map(eight).collect(),
-            overflow: self.overflow.iter().map(|&p| log2(p.into())).collect(),
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use super::sliced::EntryValues;
+use crate::kernels::ops::log2;
 use crate::kernels::simd::{Eight, LANES, Simd};
 
 /// Eight doubles on a cache line, so that no load of them touches two.
@@ -88,4 +88,28 @@ impl Value for f32 {
 pub(crate) enum Width<D, S> {
     Double(D),
     Single(S),
+}
+
+/// Values of a matrix of this structure.
+#[derive(Debug, Clone)]
+pub(crate) struct EntryValues<V: Value = f64> {
+    pub(super) shifted: Vec<V::Slot>,
+    pub(super) gathered: Vec<V::Slot>,
+    pub(super) overflow: Vec<V>,
+}
+
+impl<V: Value> EntryValues<V> {
+    pub(super) fn new() -> Self {
+        Self { shifted: Vec::new(), gathered: Vec::new(), overflow: Vec::new() }
+    }
+
+    /// Logarithms of all values; −∞ where there is no entry.
+    pub(super) fn log2(&self) -> EntryValues {
+        let eight = |slot: &V::Slot| Packed(slot.map(|p| log2(p.into())));
+        EntryValues {
+            shifted: self.shifted.iter().map(eight).collect(),
+            gathered: self.gathered.iter().map(eight).collect(),
+            overflow: self.overflow.iter().map(|&p| log2(p.into())).collect(),
+        }
+    }
 }
