@@ -20,8 +20,8 @@ pub(super) trait Rows {
     /// Copies the likelihoods of some steps. Returns true if something was taken out of them, and
     /// then writes its logarithms to `logs`; `None` if some are not valid or have too wide a range.
     ///
-    /// With `scaled`, the largest of each step is brought near one; otherwise, steps whose
-    /// likelihoods are not in logarithms are left as they are, none above 2^16.
+    /// The largest of each step is brought near one, unless all can be taken as they are, none
+    /// above 2^16, and that is not ruled out by `scaled`.
     fn likelihoods(
         &mut self,
         steps: Range<usize>,
@@ -58,21 +58,18 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    /// [`Rows::likelihoods`] of N states, or of any number for N = 0: a copy of a length that is
-    /// not known is a call.
+    /// Copies likelihoods of N states, or of any number for N = 0, as they are: a copy of a length
+    /// that is not known is a call. `None` if one is in logarithms, has a factor, or is above 2^16.
     #[inline(always)]
-    fn copy_likelihoods<const N: usize>(
-        &mut self,
-        steps: Range<usize>,
-        scaled: bool,
-        out: &mut [f64],
-        logs: &mut [f64],
-    ) -> Option<bool> {
+    fn copy<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
         let states = if N > 0 { N } else { self.hmm.states() };
-        let (mut most, mut checked, mut any_log) = (0.0_f64, true, false);
-        for ((number, step), row) in steps.enumerate().zip(out.chunks_exact_mut(states)) {
+        let (mut most, mut checked) = (0.0_f64, true);
+        for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            if diagonal.log_factor != 0.0 {
+                return None;
+            }
             let linear = match diagonal.values {
                 Values::Checked { linear, largest, .. } => {
                     most = if largest > most { largest } else { most };
@@ -82,15 +79,9 @@ where
                     checked = false;
                     linear
                 }
-                Values::Log(_) => &[],
+                Values::Log(_) => return None,
             };
-            if scaled || linear.is_empty() || diagonal.log_factor != 0.0 {
-                if !any_log {
-                    logs.fill(0.0);
-                    any_log = true;
-                }
-                *logs.get_mut(number)? = scale(diagonal, row)?;
-            } else if N > 0 {
+            if N > 0 {
                 *row.first_chunk_mut::<N>()? = *<&[f64; N]>::try_from(linear).ok()?;
             } else {
                 (linear.len() == states).then(|| row.copy_from_slice(linear))?;
@@ -99,7 +90,7 @@ where
         if !checked {
             most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
         }
-        (scaled || most <= *UNSCALED.end()).then_some(any_log)
+        (most <= *UNSCALED.end()).then_some(())
     }
 }
 
@@ -116,13 +107,24 @@ where
         out: &mut [f64],
         logs: &mut [f64],
     ) -> Option<bool> {
-        match self.hmm.states() {
-            2 => self.copy_likelihoods::<2>(steps, scaled, out, logs),
-            3 => self.copy_likelihoods::<3>(steps, scaled, out, logs),
-            4 => self.copy_likelihoods::<4>(steps, scaled, out, logs),
-            8 => self.copy_likelihoods::<8>(steps, scaled, out, logs),
-            _ => self.copy_likelihoods::<0>(steps, scaled, out, logs),
+        let plain = match self.hmm.states() {
+            _ if scaled => None,
+            2 => self.copy::<2>(steps.clone(), out),
+            3 => self.copy::<3>(steps.clone(), out),
+            4 => self.copy::<4>(steps.clone(), out),
+            8 => self.copy::<8>(steps.clone(), out),
+            _ => self.copy::<0>(steps.clone(), out),
+        };
+        if plain.is_some() {
+            return Some(false);
         }
+        let rows = out.chunks_exact_mut(self.hmm.states());
+        for ((step, row), log) in steps.zip(rows).zip(logs) {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            *log = scale(&diagonal, row)?;
+        }
+        Some(true)
     }
 
     fn scores(
@@ -195,9 +197,9 @@ fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOu
 }
 
 /// Likelihoods of any diagonal, with the largest near one. Returns the logarithm of what was taken
-/// out. (By value: for a reference, each diagonal would be written to memory.)
+/// out.
 #[inline(never)]
-fn scale(diagonal: Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
+fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
     let largest = diagonal.check(out.len()).ok()?;
     if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
         return None;

@@ -67,6 +67,11 @@ impl<S: Simd, const N: usize> Running<S, N> {
     }
 
     #[inline(always)]
+    fn is_near(&self, s: S) -> bool {
+        SumProduct.is_near(s, self.x.into_iter())
+    }
+
+    #[inline(always)]
     fn rescale(&mut self, s: S, ring: impl Semiring<S>) -> bool {
         ring.rescale(s, &mut self.x, &mut self.exponents)
     }
@@ -111,8 +116,7 @@ macro_rules! multiply_segments {
                 debug_assert!(N.is_multiple_of(C), "columns are taken C at a time");
                 let Self { ring, model, likelihoods } = *self;
                 let zero = <$ring as Semiring<S>>::ZERO;
-                let (zeros, infinity) = (s.splat(zero), s.splat(f64::INFINITY));
-                let mut least = infinity;
+                let mut least = s.splat(f64::INFINITY);
                 let mut out = [Scaled { values: [[0.0; LANES]; N], exponents: [0.0; LANES] }; N];
                 for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
                     let mut running = [Running::new(s, &[[zero; LANES]; N]); C];
@@ -121,18 +125,17 @@ macro_rules! multiply_segments {
                     }
                     for steps in likelihoods.chunks(UNLOOKED) {
                         for b in steps {
-                            for b in b {
-                                let b = s.load(b);
-                                least = s.min(s.select(s.eq(b, zeros), infinity, b), least);
-                            }
+                            b.iter().for_each(|b| least = s.min(s.load(b), least));
                             for running in &mut running {
                                 running.multiply(s, ring, &model.columns);
                                 running.observe(s, ring, b);
                             }
                         }
-                        for running in &mut running {
-                            if !running.rescale(s, ring) {
-                                return None;
+                        if !ring.is_near(s, running.iter().flat_map(|running| running.x)) {
+                            for running in &mut running {
+                                if !running.rescale(s, ring) {
+                                    return None;
+                                }
                             }
                         }
                     }
@@ -143,7 +146,14 @@ macro_rules! multiply_segments {
                         s.store(running.exponents, &mut out.exponents);
                     }
                 }
-                (!s.any(s.lt(least, s.splat(model.least)))).then_some(out)
+                if s.any(s.lt(least, s.splat(model.least))) {
+                    // Zeros are below, too: rarely there is more to find.
+                    let above = likelihoods.as_flattened().iter().flat_map(|b| b.0);
+                    if above.into_iter().any(|b| b > zero && b < model.least) {
+                        return None;
+                    }
+                }
+                Some(out)
             }
         }
     )*};
@@ -192,11 +202,10 @@ impl<const N: usize> WithSimd for FilterSegments<'_, N> {
                 factor = s.div(one, sum);
                 running.store(s, factor, out);
             }
-            let before = s.to_array(running.exponents);
-            if !running.rescale(s, SumProduct) {
-                return false;
-            }
-            if s.to_array(running.exponents) != before {
+            if !running.is_near(s) {
+                if !running.rescale(s, SumProduct) {
+                    return false;
+                }
                 factor = s.div(one, running.sum(s));
             }
         }
@@ -238,7 +247,7 @@ impl<const N: usize> WithSimd for SmoothSegments<'_, N> {
                 forward.observe(s, SumProduct, b);
                 forward.store(s, one, out);
             }
-            if !forward.rescale(s, SumProduct) {
+            if !forward.is_near(s) && !forward.rescale(s, SumProduct) {
                 return false;
             }
         }
@@ -251,7 +260,7 @@ impl<const N: usize> WithSimd for SmoothSegments<'_, N> {
                 backward.observe(s, SumProduct, b);
                 backward.multiply(s, SumProduct, &model.rows);
             }
-            if !backward.rescale(s, SumProduct) {
+            if !backward.is_near(s) && !backward.rescale(s, SumProduct) {
                 return false;
             }
         }

@@ -31,6 +31,9 @@ pub(crate) trait Semiring<S: Simd>: Copy {
     fn times(self, s: S, a: S::V, b: S::V) -> S::V;
     fn plus(self, s: S, a: S::V, b: S::V) -> S::V;
 
+    /// Returns true if all values of vectors are in the middle range, as most often.
+    fn is_near(self, s: S, x: impl Iterator<Item = S::V>) -> bool;
+
     /// Brings vectors back to a middle range, and adds what is taken out to their exponents.
     /// Returns false if values of a vector are too far apart.
     fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool;
@@ -74,19 +77,23 @@ impl<S: Simd> Semiring<S> for SumProduct {
         s.add(a, b)
     }
 
+    #[inline(always)]
+    fn is_near(self, s: S, x: impl Iterator<Item = S::V>) -> bool {
+        let (mut least, mut largest) = (s.splat(1.0), s.splat(1.0));
+        for x in x {
+            (least, largest) = (s.min(x, least), s.max(x, largest));
+        }
+        let [low, high] = SCALES.map(|scale| s.splat(scale));
+        !s.any(s.or(s.lt(least, low), s.lt(high, largest)))
+    }
+
     /// By powers of two, which is exact.
     #[inline(always)]
     fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
-        let (mut least, mut largest) = (x[0], x[0]);
-        for &x in &x[1..] {
-            (least, largest) = (s.min(x, least), s.max(x, largest));
-        }
+        let mut largest = x[0];
+        x[1..].iter().for_each(|x| largest = s.max(*x, largest));
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
         let [low, high] = SCALES.map(|scale| s.splat(scale));
-        // Most often all values are in the middle range.
-        if !s.any(s.or(s.lt(least, low), s.lt(high, largest))) {
-            return true;
-        }
         loop {
             let up = s.and(s.lt(largest, low), s.lt(zero, largest));
             let down = s.lt(high, largest);
@@ -178,6 +185,11 @@ impl<S: Simd> Semiring<S> for MaxPlus {
     #[inline(always)]
     fn plus(self, s: S, a: S::V, b: S::V) -> S::V {
         s.max(a, b)
+    }
+
+    #[inline(always)]
+    fn is_near(self, _: S, _: impl Iterator<Item = S::V>) -> bool {
+        false // scores fall at every step
     }
 
     /// By whole numbers, which is exact.
