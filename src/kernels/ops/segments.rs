@@ -68,7 +68,11 @@ impl<S: Simd, const N: usize> Running<S, N> {
 
     #[inline(always)]
     fn is_near(&self, s: S) -> bool {
-        SumProduct.is_near(s, self.x.into_iter())
+        let (mut least, mut largest) = (self.x[0], self.x[0]);
+        for i in 1..N {
+            (least, largest) = (s.min(self.x[i], least), s.max(self.x[i], largest));
+        }
+        SumProduct.is_near(s, least, largest)
     }
 
     #[inline(always)]
@@ -131,7 +135,14 @@ macro_rules! multiply_segments {
                                 running.observe(s, ring, b);
                             }
                         }
-                        if !ring.is_near(s, running.iter().flat_map(|running| running.x)) {
+                        let (mut lowest, mut highest) = (running[0].x[0], running[0].x[0]);
+                        for running in &running {
+                            for i in 0..N {
+                                lowest = s.min(running.x[i], lowest);
+                                highest = s.max(running.x[i], highest);
+                            }
+                        }
+                        if !ring.is_near(s, lowest, highest) {
                             for running in &mut running {
                                 if !running.rescale(s, ring) {
                                     return None;

@@ -31,8 +31,8 @@ pub(crate) trait Semiring<S: Simd>: Copy {
     fn times(self, s: S, a: S::V, b: S::V) -> S::V;
     fn plus(self, s: S, a: S::V, b: S::V) -> S::V;
 
-    /// Returns true if all values of vectors are in the middle range, as most often.
-    fn is_near(self, s: S, x: impl Iterator<Item = S::V>) -> bool;
+    /// Returns true if all values between these are in the middle range, as most often.
+    fn is_near(self, s: S, least: S::V, largest: S::V) -> bool;
 
     /// Brings vectors back to a middle range, and adds what is taken out to their exponents.
     /// Returns false if values of a vector are too far apart.
@@ -78,11 +78,7 @@ impl<S: Simd> Semiring<S> for SumProduct {
     }
 
     #[inline(always)]
-    fn is_near(self, s: S, x: impl Iterator<Item = S::V>) -> bool {
-        let (mut least, mut largest) = (s.splat(1.0), s.splat(1.0));
-        for x in x {
-            (least, largest) = (s.min(x, least), s.max(x, largest));
-        }
+    fn is_near(self, s: S, least: S::V, largest: S::V) -> bool {
         let [low, high] = SCALES.map(|scale| s.splat(scale));
         !s.any(s.or(s.lt(least, low), s.lt(high, largest)))
     }
@@ -188,7 +184,7 @@ impl<S: Simd> Semiring<S> for MaxPlus {
     }
 
     #[inline(always)]
-    fn is_near(self, _: S, _: impl Iterator<Item = S::V>) -> bool {
+    fn is_near(self, _: S, _: S::V, _: S::V) -> bool {
         false // scores fall at every step
     }
 
