@@ -31,6 +31,7 @@
 //! | `product` | A x alone: what a step can't do without |
 //! | `filter`, `fixed lag` | a step of a stream, with a lag of 10: single only |
 //! | `forward`, `score`, `smooth`, `viterbi` | one sequence; in a batch, the verb in `_all` |
+//! | `scalar filter` | a loop over compressed rows beside it (`scalar.rs`): sparse models only |
 //! | `learn` | one iteration of Baum–Welch: two E-steps and an M-step, so that elements are twice the steps |
 //!
 //! Left out are a fixed lag and learning with 1,000,000 places, which take seconds; and the
@@ -47,6 +48,7 @@
 mod models;
 mod operators;
 mod rarer;
+mod scalar;
 mod timed;
 
 use std::cell::LazyCell;
@@ -184,6 +186,7 @@ fn canberra(criterion: &mut Criterion) {
     verbs(&mut group, sizes, &model);
     longer(&mut group, sizes, &model);
     rarer::bench(&mut group, sizes.single, &model);
+    scalar::bench(&mut group, &model);
     let model = LazyCell::new(|| models::canberra_table(sizes.seen()));
     let mut group = Group::new(criterion, "sparse 105 table");
     verbs(&mut group, sizes, &model);
@@ -212,6 +215,7 @@ fn metro(criterion: &mut Criterion) {
     verbs(&mut group, sizes, &model);
     longer(&mut group, sizes, &model);
     rarer::bench(&mut group, sizes.single, &model);
+    scalar::bench(&mut group, &model);
 }
 
 fn town(criterion: &mut Criterion) {
