@@ -43,10 +43,8 @@ impl Rows {
     }
 }
 
-pub(crate) fn bench<F>(
-    group: &mut Group<'_>,
-    model: &LazyCell<Model<SparseTransition, Given>, F>,
-) where
+pub(crate) fn bench<F>(group: &mut Group<'_>, model: &LazyCell<Model<SparseTransition, Given>, F>)
+where
     F: FnOnce() -> Model<SparseTransition, Given>,
 {
     group.single("scalar filter", 1, || {

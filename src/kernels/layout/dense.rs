@@ -4,7 +4,7 @@
 //! time: results do not depend on the sizes of blocks.
 
 use crate::kernels::memory::Aligned;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, row_block, run, store, total};
+use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, row_block, run, total};
 
 /// Number of columns taken side by side.
 const COLUMNS: usize = 8;
@@ -99,13 +99,21 @@ impl WithSimd for DenseMultiply<'_> {
 #[inline(always)]
 fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out: &mut [f64]) {
     let x: [S::V; C] = std::array::from_fn(|c| s.splat(x[c]));
-    let mut out = out.as_chunks_mut();
-    for number in 0..columns[0].len() {
-        let mut sum = row_block(s, (out.0, out.1), number);
+    let (blocks, rest) = out.as_chunks_mut();
+    let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..blocks.len()]);
+    for (number, block) in blocks.iter_mut().enumerate() {
+        let mut sum = s.load(block);
         for c in 0..C {
-            sum = s.add(sum, s.mul(s.load(&columns[c][number]), x[c]));
+            sum = s.add(sum, s.mul(s.load(&whole[c][number]), x[c]));
         }
-        store(s, &mut out, number, sum);
+        s.store(sum, block);
+    }
+    if !rest.is_empty() {
+        let mut sum = s.load_partial(rest);
+        for c in 0..C {
+            sum = s.add(sum, s.mul(s.load(&columns[c][whole[c].len()]), x[c]));
+        }
+        s.store_partial(sum, rest);
     }
 }
 

@@ -157,7 +157,9 @@ impl WithSimd for BatchForward<'_> {
         if let Some(matrix) = matrix {
             matrix.product(s, SumProduct, x, &mut sink);
         } else {
-            x.iter().enumerate().for_each(|(i, x)| sink.take(s, i, s.load(x)));
+            for (i, x) in x.iter().enumerate() {
+                sink.take(s, i, s.load(x));
+            }
         }
         s.to_array(sink.sum)
     }
@@ -275,20 +277,22 @@ impl WithSimd for CountMoves<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) {
         let Self { columns, alpha, ratio, counts } = self;
-        let add = |alpha: S::V, ratio: &Packed, count: &mut Packed| {
-            s.store(s.add(s.load(count), s.mul(alpha, s.load(ratio))), count);
-        };
         if let Lines::Sparse { starts, indices, .. } = columns {
             for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
                 let (alpha, line) = (s.load(alpha), line[0] as usize..line[1] as usize);
                 let counts = indices[line.clone()].iter().zip(&mut counts[line]);
-                counts.for_each(|(i, count)| add(alpha, &ratio[*i as usize], count));
+                for (i, count) in counts {
+                    let more = s.mul(alpha, s.load(&ratio[*i as usize]));
+                    s.store(s.add(s.load(count), more), count);
+                }
             }
         } else {
             let stride = counts.len() / ratio.len();
             for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
                 let alpha = s.load(alpha);
-                ratio.iter().zip(counts).for_each(|(ratio, count)| add(alpha, ratio, count));
+                for (ratio, count) in ratio.iter().zip(counts) {
+                    s.store(s.add(s.load(count), s.mul(alpha, s.load(ratio))), count);
+                }
             }
         }
     }

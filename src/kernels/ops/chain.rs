@@ -23,7 +23,7 @@ impl ChainState {
     /// Brings x back to the middle range if its largest value is beyond.
     #[inline(always)]
     fn rescale<S: Simd>(&mut self, s: S, x: &mut S::V) {
-        let [low, high] = SCALES.map(|scale| s.splat(scale));
+        let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
         if !s.any(s.lt(low, *x)) || s.any(s.lt(high, *x)) {
             let sum = total(s.to_array(*x));
             if sum.is_normal() {
@@ -38,19 +38,22 @@ impl ChainState {
 /// The product of a matrix with x.
 #[inline(always)]
 fn product<S: Simd>(s: S, columns: &PaddedLines, x: S::V) -> S::V {
-    let x = s.broadcast_lanes(x);
-    let term = |j: usize| s.mul(s.load(&columns[j]), x[j]);
+    let mut terms = s.broadcast_lanes(x);
+    for (term, column) in terms.iter_mut().zip(columns) {
+        *term = s.mul(s.load(column), *term);
+    }
     // In pairs: a shorter way than one after another.
-    let low = s.add(s.add(term(0), term(1)), s.add(term(2), term(3)));
-    let high = s.add(s.add(term(4), term(5)), s.add(term(6), term(7)));
-    s.add(low, high)
+    let [a, b, c, d, e, f, g, h] = terms;
+    s.add(s.add(s.add(a, b), s.add(c, d)), s.add(s.add(e, f), s.add(g, h)))
 }
 
 /// True if a likelihood or a value of the result is above 0 and too small.
 #[inline(always)]
 fn is_lost<S: Simd>(s: S, b: S::V, x: S::V) -> bool {
-    let between = |x, least| s.and(s.lt(x, s.splat(least)), s.lt(s.splat(0.0), x));
-    s.any(s.or(between(b, LEAST_FACTOR), between(x, LEAST_IN_CHAIN)))
+    let zero = s.splat(0.0);
+    let small_b = s.and(s.lt(b, s.splat(LEAST_FACTOR)), s.lt(zero, b));
+    let small_x = s.and(s.lt(x, s.splat(LEAST_IN_CHAIN)), s.lt(zero, x));
+    s.any(s.or(small_b, small_x))
 }
 
 /// Forward through some steps: beliefs in rows of as many values as there are states, and

@@ -99,7 +99,6 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
         let Self { prediction, lift, likelihoods, watch, out } = self;
         let n = prediction.rows();
         let zero = s.splat(0.0);
-        let negative = s.lt(zero, zero);
         let mut sink = ForwardSink::<S, P> {
             likelihoods: likelihoods[..n].as_chunks(),
             out: out[..n].as_chunks_mut(),
@@ -107,8 +106,8 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
             possible: s.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
-            negative_predicted: negative,
-            negative_likelihood: negative,
+            least_predicted: zero,
+            least_likelihood: zero,
             largest_likelihood: zero,
             small: false,
             prediction: PhantomData,
@@ -118,8 +117,8 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
         ForwardSums {
             products: total(s.to_array(sink.products)),
             predicted: if P::KNOWN { lift } else { total(s.to_array(sink.predicted)) },
-            negative_predicted: s.any(sink.negative_predicted),
-            negative_likelihood: s.any(sink.negative_likelihood),
+            negative_predicted: s.any(s.lt(sink.least_predicted, zero)),
+            negative_likelihood: s.any(s.lt(sink.least_likelihood, zero)),
             largest_likelihood: largest.into_iter().fold(0.0, |a, b| if b > a { b } else { a }),
             small: sink.small,
         }
@@ -133,8 +132,8 @@ struct ForwardSink<'a, S: Simd, P> {
     possible: S::V,
     products: S::V,
     predicted: S::V,
-    negative_predicted: S::M,
-    negative_likelihood: S::M,
+    least_predicted: S::V,
+    least_likelihood: S::V,
     largest_likelihood: S::V,
     small: bool,
     prediction: PhantomData<P>,
@@ -147,16 +146,15 @@ impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
         let after = s.mul(p, b);
         store(s, &mut self.out, block, after);
         self.products = s.add(self.products, after);
-        let zero = s.splat(0.0);
         if !P::KNOWN {
             self.predicted = s.add(self.predicted, p);
-            self.negative_predicted = s.or(self.negative_predicted, s.lt(p, zero));
+            self.least_predicted = s.min(p, self.least_predicted);
         }
-        self.negative_likelihood = s.or(self.negative_likelihood, s.lt(b, zero));
+        self.least_likelihood = s.min(b, self.least_likelihood);
         self.largest_likelihood = s.max(b, self.largest_likelihood);
         let below = s.lt(after, self.least);
         if s.any(below) {
-            let possible = s.lt(zero, s.min(p, s.max(b, self.possible)));
+            let possible = s.lt(s.splat(0.0), s.min(p, s.max(b, self.possible)));
             self.small |= s.any(s.and(below, possible));
         }
     }

@@ -57,7 +57,7 @@ impl WithSimd for Largest<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> (f64, bool) {
         let [least, most, other] = self.valid.range();
-        let bounds = [least.next_down(), most.next_up(), other].map(|x| s.splat(x));
+        let bounds = [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)];
         let (blocks, rest) = self.x.as_chunks::<LANES>();
         let mut last = [other; LANES];
         last[..rest.len()].copy_from_slice(rest);

@@ -83,7 +83,9 @@ impl<S: Simd, const N: usize> Running<S, N> {
     #[inline(always)]
     fn sum(&self, s: S) -> S::V {
         let mut sum = self.x[0];
-        self.x[1..].iter().for_each(|x| sum = s.add(sum, *x));
+        for x in &self.x[1..] {
+            sum = s.add(sum, *x);
+        }
         sum
     }
 
@@ -129,7 +131,9 @@ macro_rules! multiply_segments {
                     }
                     for steps in likelihoods.chunks(UNLOOKED) {
                         for b in steps {
-                            b.iter().for_each(|b| least = s.min(s.load(b), least));
+                            for b in b {
+                                least = s.min(s.load(b), least);
+                            }
                             for running in &mut running {
                                 running.multiply(s, ring, &model.columns);
                                 running.observe(s, ring, b);

@@ -79,7 +79,7 @@ impl<S: Simd> Semiring<S> for SumProduct {
 
     #[inline(always)]
     fn is_near(self, s: S, least: S::V, largest: S::V) -> bool {
-        let [low, high] = SCALES.map(|scale| s.splat(scale));
+        let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
         !s.any(s.or(s.lt(least, low), s.lt(high, largest)))
     }
 
@@ -87,9 +87,11 @@ impl<S: Simd> Semiring<S> for SumProduct {
     #[inline(always)]
     fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
         let mut largest = x[0];
-        x[1..].iter().for_each(|x| largest = s.max(*x, largest));
+        for x in &x[1..] {
+            largest = s.max(*x, largest);
+        }
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
-        let [low, high] = SCALES.map(|scale| s.splat(scale));
+        let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
         loop {
             let up = s.and(s.lt(largest, low), s.lt(zero, largest));
             let down = s.lt(high, largest);
@@ -102,7 +104,9 @@ impl<S: Simd> Semiring<S> for SumProduct {
             *exponents = s.add(*exponents, s.select(down, shift, zero));
             *exponents = s.sub(*exponents, s.select(up, shift, zero));
             largest = s.mul(largest, factor);
-            x.iter_mut().for_each(|x| *x = s.mul(*x, factor));
+            for x in &mut *x {
+                *x = s.mul(*x, factor);
+            }
         }
         let mut lost = s.lt(zero, zero);
         for &x in &*x {
@@ -193,7 +197,9 @@ impl<S: Simd> Semiring<S> for MaxPlus {
     fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
         let (none, zero) = (s.splat(f64::NEG_INFINITY), s.splat(0.0));
         let mut largest = x[0];
-        x[1..].iter().for_each(|x| largest = s.max(*x, largest));
+        for x in &x[1..] {
+            largest = s.max(*x, largest);
+        }
         // A column without a way stays as it is.
         let whole = s.select(s.lt(none, largest), round(s, largest), zero);
         *exponents = s.add(*exponents, whole);

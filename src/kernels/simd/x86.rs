@@ -316,8 +316,11 @@ impl Simd for Avx512 {
     }
     #[inline(always)]
     fn broadcast_lanes(self, v: __m512d) -> [__m512d; LANES] {
-        let lane = |l: i64| unsafe { _mm512_permutexvar_pd(_mm512_set1_epi64(l), v) };
-        [lane(0), lane(1), lane(2), lane(3), lane(4), lane(5), lane(6), lane(7)]
+        let mut lanes = [v; LANES];
+        for (l, lane) in (0..).zip(&mut lanes) {
+            *lane = unsafe { _mm512_permutexvar_pd(_mm512_set1_epi64(l), v) };
+        }
+        lanes
     }
     #[inline(always)]
     fn transpose(self, rows: [__m512d; LANES]) -> [__m512d; LANES] {
