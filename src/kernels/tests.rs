@@ -212,7 +212,7 @@ proptest! {
         let q: Vec<f64> = q.iter().map(|q| q * BACK_LIFT).collect();
         let ratio = everywhere(|isa| {
             let mut ratio = vec![f64::NAN; n];
-            run_on(isa, Ratio { q: &q, likelihoods: &b, factor: 0.3, ratio: &mut ratio });
+            run_on(isa, DivideByPrediction { q: &q, likelihoods: &b, factor: 0.3, ratio: &mut ratio });
             ratio
         });
         let expected: Vec<f64> = q.iter().zip(&b).map(|(q, b)| q * b * 0.3).collect();
@@ -340,8 +340,8 @@ proptest! {
             prop_assert_eq!(found.0[i], (0..n).map(|j| entry(i, j) * x[j]).sum::<f64>());
             prop_assert_eq!(found.1[i], (0..n).map(|j| entry(j, i) * x[j]).sum::<f64>());
             let mut best = (ZERO_SCORE, 0);
-            for j in 0..n {
-                let score = log2(entry(i, j)) + scores[j];
+            for (j, x) in scores.iter().enumerate() {
+                let score = log2(entry(i, j)) + x;
                 if score > best.0 {
                     best = (score, j as u32);
                 }

@@ -117,19 +117,19 @@ impl Decoder {
         let mut starts = [[0.0; LANES]; N];
         for segment in 0..LANES {
             let x = self.scores.values;
-            (0..N).for_each(|i| starts[i][segment] = x[i]);
+            starts.iter_mut().zip(x).for_each(|(start, x)| start[segment] = x);
             let exponents: [f64; N] = std::array::from_fn(|j| products[j].exponents[segment]);
             let used = (0..N).filter(|j| x[*j] > f64::NEG_INFINITY);
             let largest = used.map(|j| exponents[j]).fold(f64::NEG_INFINITY, f64::max);
             let mut out = [f64::NEG_INFINITY; LANES];
             for (j, column) in products.iter().enumerate() {
                 let before = x[j] + (exponents[j] - largest);
-                for i in 0..N {
-                    let score = before + column.values[i][segment];
+                for (out, values) in out.iter_mut().zip(&column.values) {
+                    let score = before + values[segment];
                     if score > f64::NEG_INFINITY && score < EXACT {
                         return None;
                     }
-                    out[i] = out[i].max(score);
+                    *out = out.max(score);
                 }
             }
             let best = out.into_iter().fold(f64::NEG_INFINITY, f64::max);

@@ -4,7 +4,7 @@
 //! time: results do not depend on the sizes of blocks.
 
 use crate::kernels::memory::Aligned;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, row_block, run, total};
+use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, total};
 
 /// Number of columns taken side by side.
 const COLUMNS: usize = 8;
@@ -144,12 +144,19 @@ impl WithSimd for DenseTranspose<'_> {
 /// Dot products of columns with x.
 #[inline(always)]
 fn dots<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64]) -> [f64; C] {
-    let x = x.as_chunks::<LANES>();
+    let (xs, rest) = x.as_chunks::<LANES>();
+    let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..xs.len()]);
     let mut sums = [s.splat(0.0); C];
-    for number in 0..columns[0].len() {
-        let x = row_block(s, x, number);
+    for (number, x) in xs.iter().enumerate() {
+        let x = s.load(x);
         for c in 0..C {
-            sums[c] = s.add(sums[c], s.mul(s.load(&columns[c][number]), x));
+            sums[c] = s.add(sums[c], s.mul(s.load(&whole[c][number]), x));
+        }
+    }
+    if !rest.is_empty() {
+        let x = s.load_partial(rest);
+        for c in 0..C {
+            sums[c] = s.add(sums[c], s.mul(s.load(&columns[c][xs.len()]), x));
         }
     }
     std::array::from_fn(|c| total(s.to_array(sums[c])))

@@ -89,7 +89,7 @@ impl Sliced {
                     }
                     (start, line) = (overflow.end as usize, line + 1);
                 }
-                sum = ring.from_rows(s, rows);
+                sum = ring.join_rows(s, rows);
             }
             sink.take(s, number, sum);
         }

@@ -7,14 +7,14 @@ use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, 
 use crate::range::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
-pub(in crate::kernels) struct Ratio<'a> {
+pub(in crate::kernels) struct DivideByPrediction<'a> {
     pub(in crate::kernels) q: &'a [f64],
     pub(in crate::kernels) likelihoods: &'a [f64],
     pub(in crate::kernels) factor: f64,
     pub(in crate::kernels) ratio: &'a mut [f64],
 }
 
-impl WithSimd for Ratio<'_> {
+impl WithSimd for DivideByPrediction<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -32,7 +32,7 @@ impl WithSimd for Ratio<'_> {
     }
 }
 
-impl Splits for Ratio<'_> {
+impl Splits for DivideByPrediction<'_> {
     fn lines(&self) -> usize {
         self.q.len()
     }
@@ -50,7 +50,7 @@ impl Splits for Ratio<'_> {
 
 /// Computes γ / p, lifted, from the lifted q = γ / α: `ratio = q ∘ b` times a factor.
 pub(crate) fn divide_by_prediction(q: &[f64], likelihoods: &[f64], factor: f64, ratio: &mut [f64]) {
-    run_in_parts(Ratio { q, likelihoods, factor, ratio });
+    run_in_parts(DivideByPrediction { q, likelihoods, factor, ratio });
 }
 
 /// The second half of a step: `gamma = α ∘ q`, where q is the lifted product of A' with γ / p,

@@ -31,7 +31,7 @@ pub(crate) use semiring::{MaxPlus, Semiring, Sink, SumProduct};
 /// Kernels as tests run them, on each instruction set.
 #[cfg(test)]
 pub(in crate::kernels) mod testing {
-    pub(in crate::kernels) use super::backward::{BackwardRows, Ratio};
+    pub(in crate::kernels) use super::backward::{BackwardRows, DivideByPrediction};
     pub(in crate::kernels) use super::chain::{ChainBackward, ChainDecode, ChainForward};
     pub(in crate::kernels) use super::forward::{ForwardRows, Normalize};
     pub(in crate::kernels) use super::largest::Largest;

@@ -50,19 +50,18 @@ impl<S: Simd, const N: usize> Running<S, N> {
     #[inline(always)]
     fn multiply(&mut self, s: S, ring: impl Semiring<S>, columns: &[[f64; N]; N]) {
         let x = self.x;
-        for i in 0..N {
-            let mut sum = ring.times(s, s.splat(columns[0][i]), x[0]);
+        for (i, out) in self.x.iter_mut().enumerate() {
+            *out = ring.times(s, s.splat(columns[0][i]), x[0]);
             for j in 1..N {
-                sum = ring.plus(s, sum, ring.times(s, s.splat(columns[j][i]), x[j]));
+                *out = ring.plus(s, *out, ring.times(s, s.splat(columns[j][i]), x[j]));
             }
-            self.x[i] = sum;
         }
     }
 
     #[inline(always)]
     fn observe(&mut self, s: S, ring: impl Semiring<S>, b: &Step<N>) {
-        for i in 0..N {
-            self.x[i] = ring.times(s, self.x[i], s.load(&b[i]));
+        for (x, b) in self.x.iter_mut().zip(b) {
+            *x = ring.times(s, *x, s.load(b));
         }
     }
 
@@ -91,8 +90,8 @@ impl<S: Simd, const N: usize> Running<S, N> {
 
     #[inline(always)]
     fn store(&self, s: S, factor: S::V, out: &mut Step<N>) {
-        for i in 0..N {
-            s.store(s.mul(self.x[i], factor), &mut out[i]);
+        for (x, out) in self.x.iter().zip(out) {
+            s.store(s.mul(*x, factor), out);
         }
     }
 }

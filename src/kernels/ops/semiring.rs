@@ -50,7 +50,7 @@ pub(crate) trait Semiring<S: Simd>: Copy {
     fn join(self, s: S, first: Self::Sum, second: Self::Sum) -> Self::Sum;
 
     fn to_rows(self, s: S, sum: Self::Sum) -> [Self::Row; LANES];
-    fn from_rows(self, s: S, rows: [Self::Row; LANES]) -> Self::Sum;
+    fn join_rows(self, s: S, rows: [Self::Row; LANES]) -> Self::Sum;
 
     /// Adds an entry to one row, whatever the order.
     fn add_to_row(self, row: &mut Self::Row, entry: f64, x: f64, index: u32);
@@ -141,7 +141,7 @@ impl<S: Simd> Semiring<S> for SumProduct {
     }
 
     #[inline(always)]
-    fn from_rows(self, s: S, rows: Eight) -> S::V {
+    fn join_rows(self, s: S, rows: Eight) -> S::V {
         s.load(&rows)
     }
 
@@ -156,19 +156,11 @@ impl<S: Simd> Semiring<S> for SumProduct {
 pub(crate) struct MaxPlus;
 
 /// Maxima of eight rows, and their indices.
+#[derive(Clone, Copy)]
 pub(crate) struct Maxima<S: Simd> {
     pub(crate) value: S::V,
     pub(crate) index: S::I,
 }
-
-impl<S: Simd> Clone for Maxima<S> {
-    #[inline(always)]
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-
-impl<S: Simd> Copy for Maxima<S> {}
 
 impl<S: Simd> Semiring<S> for MaxPlus {
     type Sum = Maxima<S>;
@@ -253,7 +245,7 @@ impl<S: Simd> Semiring<S> for MaxPlus {
     }
 
     #[inline(always)]
-    fn from_rows(self, s: S, rows: [(f64, u32); LANES]) -> Maxima<S> {
+    fn join_rows(self, s: S, rows: [(f64, u32); LANES]) -> Maxima<S> {
         let (mut values, mut indices) = ([0.0; LANES], [0; LANES]);
         for l in 0..LANES {
             (values[l], indices[l]) = rows[l];

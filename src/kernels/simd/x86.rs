@@ -102,7 +102,7 @@ impl Simd for Avx2 {
 
     #[inline(always)]
     fn bits(self, m: Pair) -> u8 {
-        unsafe { (_mm256_movemask_pd(m.0) | _mm256_movemask_pd(m.1) << 4) as u8 }
+        unsafe { (_mm256_movemask_pd(m.0) | _mm256_movemask_pd(m.1) << 4).cast_unsigned() as u8 }
     }
     #[inline(always)]
     fn any(self, m: Pair) -> bool {
