@@ -4,10 +4,10 @@
 
 use std::ops::Range;
 
-use super::sliced::{Slice, Sliced};
+use super::sliced::{Overflow, Slice, Sliced};
 use super::values::{EntryValues, Value, Width};
 use crate::kernels::ops::{Semiring, Sink, SumProduct};
-use crate::kernels::simd::{Eight, Simd};
+use crate::kernels::simd::{Eight, LANES, Simd};
 
 impl Sliced {
     /// Passes the product of each slice with x to a sink, numbered from the first of them.
@@ -37,8 +37,9 @@ impl Sliced {
         sink: &mut impl Sink<S, R::Sum>,
     ) {
         assert_eq!(x.len(), self.lines, "x must have one value per state");
-        let fits =
-            values.shifted.len() == self.bases.len() && values.gathered.len() == self.indices.len();
+        let fits = values.shifted.len() == self.bases.len()
+            && values.gathered.len() == self.indices.len()
+            && values.overflow.len() == self.overflow_indices.len();
         assert!(fits, "values must be those of a matrix of this structure");
         // Slices begin where those before them end.
         let before = slices.start.checked_sub(1);
@@ -78,16 +79,23 @@ impl Sliced {
             if line < to.overflow as usize {
                 let mut rows = ring.to_rows(s, sum);
                 while line < to.overflow as usize {
-                    let overflow = &self.overflow[line];
-                    let entries = start..overflow.end as usize;
-                    let row = &mut rows[overflow.lane as usize];
-                    let indices = &self.overflow_indices[entries.clone()];
-                    for (&j, &value) in indices.iter().zip(&values.overflow[entries]) {
-                        // SAFETY: all indices are below the number of values of x, as above.
-                        let x = unsafe { *x.get_unchecked(j as usize) };
-                        ring.add_to_row(row, value.into(), x, j);
+                    let Overflow { lane, end } = self.overflow[line];
+                    // In a register: the lane is known to nobody.
+                    let mut row = rows[lane as usize % LANES];
+                    while start < end as usize {
+                        // SAFETY: `Sliced::push` ends lines within the entries, of which there
+                        // are as many indices as values (the assertion above), and all indices
+                        // are below the number of values of x.
+                        let (value, x, j) = unsafe {
+                            let j = *self.overflow_indices.get_unchecked(start);
+                            let value = *values.overflow.get_unchecked(start);
+                            (value.into(), *x.get_unchecked(j as usize), j)
+                        };
+                        row = ring.add_to_row(row, value, x, j);
+                        start += 1;
                     }
-                    (start, line) = (overflow.end as usize, line + 1);
+                    rows[lane as usize % LANES] = row;
+                    line += 1;
                 }
                 sum = ring.join_rows(s, rows);
             }

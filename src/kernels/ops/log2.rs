@@ -3,7 +3,8 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::kernels::simd::{LANES, Portable, Simd, WithSimd, row_block, run, store};
+use crate::kernels::simd::{LANES, Simd, WithSimd, row_block, run, store};
+use crate::range::exponent;
 
 /// Number of steps of the grid to 1.
 const GRID_STEPS: f64 = (1_u64 << 45) as f64;
@@ -42,10 +43,23 @@ pub(crate) fn on_grid(x: f64) -> f64 {
 /// log2 on the grid of [`on_grid`], within 1.5e-14; doubling adds exactly 1. NaN for what is no
 /// probability.
 pub(crate) fn log2(x: f64) -> f64 {
-    if !(0.0..=f64::MAX).contains(&x) {
+    if x == 0.0 {
+        return f64::NEG_INFINITY;
+    }
+    if !(x > 0.0 && x <= f64::MAX) {
         return f64::NAN;
     }
-    log2_lanes(Portable, [x; LANES])[0]
+    let (x, lifted) =
+        if x < f64::MIN_POSITIVE { (x * SUBNORMAL_LIFT.0, SUBNORMAL_LIFT.1) } else { (x, 0.0) };
+    let mantissa = f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
+    // From 0.707 to 1.414, where the series is short.
+    let high = mantissa > std::f64::consts::SQRT_2;
+    let mantissa = if high { mantissa * 0.5 } else { mantissa };
+    let exponent = exponent(x) as f64 + f64::from(u8::from(high)) - lifted;
+    let t = (mantissa - 1.0) / (mantissa + 1.0);
+    let square = t * t;
+    let series = SERIES[1..].iter().fold(SERIES[0], |series, c| series * square + c);
+    on_grid(series * t) + exponent
 }
 
 /// Replaces finite values of at least 0 by their [`log2`].
@@ -69,22 +83,28 @@ impl WithSimd for Log2<'_> {
     }
 }
 
-/// [`log2`] of finite values of at least 0.
+/// [`log2`] of finite values of at least 0, by the same operations.
 #[inline(always)]
 pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
+    if S::SCALAR {
+        let mut logs = s.to_array(x);
+        for log in &mut logs {
+            *log = log2(*log);
+        }
+        return s.load(&logs);
+    }
     let (zero, one) = (s.splat(0.0), s.splat(1.0));
-    let mut lifted = (x, zero);
     let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
     let any_subnormal = s.any(subnormal);
+    let (mut normal, mut lifted) = (x, zero);
     if any_subnormal {
-        lifted.0 = s.select(subnormal, s.mul(x, s.splat(SUBNORMAL_LIFT.0)), x);
-        lifted.1 = s.select(subnormal, s.splat(SUBNORMAL_LIFT.1), zero);
+        normal = s.select(subnormal, s.mul(x, s.splat(SUBNORMAL_LIFT.0)), x);
+        lifted = s.select(subnormal, s.splat(SUBNORMAL_LIFT.1), zero);
     }
-    let (exponent, mantissa) = s.split_exponent(lifted.0);
-    // From 0.707 to 1.414, where the series is short.
+    let (exponent, mantissa) = s.split_exponent(normal);
     let high = s.lt(s.splat(std::f64::consts::SQRT_2), mantissa);
     let mantissa = s.select(high, s.mul(mantissa, s.splat(0.5)), mantissa);
-    let exponent = s.sub(s.add(exponent, s.select(high, one, zero)), lifted.1);
+    let exponent = s.sub(s.add(exponent, s.select(high, one, zero)), lifted);
     let t = s.div(s.sub(mantissa, one), s.add(mantissa, one));
     let square = s.mul(t, t);
     let mut series = s.splat(SERIES[0]);

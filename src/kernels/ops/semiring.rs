@@ -53,7 +53,7 @@ pub(crate) trait Semiring<S: Simd>: Copy {
     fn join_rows(self, s: S, rows: [Self::Row; LANES]) -> Self::Sum;
 
     /// Adds an entry to one row, whatever the order.
-    fn add_to_row(self, row: &mut Self::Row, entry: f64, x: f64, index: u32);
+    fn add_to_row(self, row: Self::Row, entry: f64, x: f64, index: u32) -> Self::Row;
 }
 
 /// Sums of products.
@@ -146,8 +146,8 @@ impl<S: Simd> Semiring<S> for SumProduct {
     }
 
     #[inline(always)]
-    fn add_to_row(self, row: &mut f64, entry: f64, x: f64, _: u32) {
-        *row += entry * x;
+    fn add_to_row(self, row: f64, entry: f64, x: f64, _: u32) -> f64 {
+        row + entry * x
     }
 }
 
@@ -254,11 +254,10 @@ impl<S: Simd> Semiring<S> for MaxPlus {
     }
 
     #[inline(always)]
-    fn add_to_row(self, row: &mut (f64, u32), entry: f64, x: f64, index: u32) {
+    fn add_to_row(self, row: (f64, u32), entry: f64, x: f64, index: u32) -> (f64, u32) {
         let value = entry + x;
-        if value > row.0 || (value == row.0 && index < row.1) {
-            *row = (value, index);
-        }
+        let better = value > row.0 || (value == row.0 && index < row.1);
+        if better { (value, index) } else { row }
     }
 }
 

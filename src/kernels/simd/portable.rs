@@ -31,6 +31,8 @@ impl Simd for Portable {
     type M = [bool; LANES];
     type I = [u32; LANES];
 
+    const SCALAR: bool = true;
+
     lanewise! {
         add: f64 => f64, |a, b| a + b;
         sub: f64 => f64, |a, b| a - b;
