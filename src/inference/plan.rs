@@ -9,8 +9,8 @@
 //! | all others, and sequences that leave the range of an engine or give an error there | any | `Step` |
 //!
 //! Two choices depend on the processor, and are made where the loops are: the instruction set
-//! (`kernels/simd`; portable code has sparse lines without slots of eight, `kernels/layout`), and
-//! gathers by loads instead of the instruction on AMD's processors (`kernels/simd/x86`). From
+//! (`kernels/simd`; in portable code, products time sparse lines with and without slots of eight
+//! when a matrix is made, `kernels/layout/sliced`), and gathers by loads instead of the instruction on AMD's processors (`kernels/simd/x86`). From
 //! 98,304 states on, lines are shared by threads (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.

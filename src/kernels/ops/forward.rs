@@ -73,8 +73,7 @@ pub(crate) fn forward_step(step: ForwardStep<'_>) -> ForwardSums {
     match prediction {
         Product::Sparse { matrix, x } => {
             let prediction = SparseRows::all(matrix, x);
-            let sums = run_in_parts(ForwardRows { prediction, lift, likelihoods, watch, out });
-            ForwardSums { predicted: lift, ..sums }
+            run_in_parts(ForwardRows { prediction, lift, likelihoods, watch, out })
         }
         Product::Computed(prediction) => {
             run_in_parts(ForwardRows { prediction, lift, likelihoods, watch, out })
@@ -174,7 +173,8 @@ impl<P: ProductRows> Splits for ForwardRows<'_, P> {
     }
 
     fn join(a: ForwardSums, b: ForwardSums) -> ForwardSums {
-        a.and(b)
+        let both = a.and(b);
+        if P::KNOWN { ForwardSums { predicted: a.predicted, ..both } } else { both }
     }
 }
 

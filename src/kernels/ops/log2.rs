@@ -86,13 +86,6 @@ impl WithSimd for Log2<'_> {
 /// [`log2`] of finite values of at least 0, by the same operations.
 #[inline(always)]
 pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
-    if S::SCALAR {
-        let mut logs = s.to_array(x);
-        for log in &mut logs {
-            *log = log2(*log);
-        }
-        return s.load(&logs);
-    }
     let (zero, one) = (s.splat(0.0), s.splat(1.0));
     let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
     let any_subnormal = s.any(subnormal);

@@ -139,9 +139,6 @@ pub(crate) trait Simd: Copy {
     type M: Copy;
     type I: Copy;
 
-    /// True if functions of single numbers are faster than those of vectors.
-    const SCALAR: bool = false;
-
     fn splat(self, x: f64) -> Self::V;
     fn load(self, x: &Eight) -> Self::V;
     /// Eight values of 32 bits, as doubles: exact.

@@ -13,6 +13,11 @@ fn lanes<R>(f: impl Fn(usize) -> R) -> [R; LANES] {
     [f(0), f(1), f(2), f(3), f(4), f(5), f(6), f(7)]
 }
 
+#[inline(always)]
+fn mask(set: bool) -> u64 {
+    if set { u64::MAX } else { 0 }
+}
+
 /// Methods that treat each lane alike.
 macro_rules! lanewise {
     ($($name:ident: $in:ty => $out:ty, |$a:ident, $b:ident| $lane:expr;)*) => {$(
@@ -28,10 +33,9 @@ macro_rules! lanewise {
 
 impl Simd for Portable {
     type V = Eight;
-    type M = [bool; LANES];
+    /// All bits of a lane set, or none: comparisons, too, are vectorised.
+    type M = [u64; LANES];
     type I = [u32; LANES];
-
-    const SCALAR: bool = true;
 
     lanewise! {
         add: f64 => f64, |a, b| a + b;
@@ -40,11 +44,11 @@ impl Simd for Portable {
         div: f64 => f64, |a, b| a / b;
         min: f64 => f64, |a, b| if a < b { a } else { b };
         max: f64 => f64, |a, b| if a > b { a } else { b };
-        lt: f64 => bool, |a, b| a < b;
-        eq: f64 => bool, |a, b| a == b;
-        and: bool => bool, |a, b| a & b;
-        or: bool => bool, |a, b| a | b;
-        lt_index: u32 => bool, |a, b| a < b;
+        lt: f64 => u64, |a, b| mask(a < b);
+        eq: f64 => u64, |a, b| mask(a == b);
+        and: u64 => u64, |a, b| a & b;
+        or: u64 => u64, |a, b| a | b;
+        lt_index: u32 => u64, |a, b| mask(a < b);
     }
 
     #[inline(always)]
@@ -64,16 +68,16 @@ impl Simd for Portable {
         *out = v;
     }
     #[inline(always)]
-    fn bits(self, m: [bool; LANES]) -> u8 {
-        (0..LANES).fold(0, |bits, l| bits | u8::from(m[l]) << l)
+    fn bits(self, m: [u64; LANES]) -> u8 {
+        (0..LANES).fold(0, |bits, l| bits | ((m[l] & 1) << l) as u8)
     }
     #[inline(always)]
-    fn any(self, m: [bool; LANES]) -> bool {
-        m.iter().fold(false, |any, m| any | m)
+    fn any(self, m: [u64; LANES]) -> bool {
+        m.iter().fold(0, |any, m| any | m) != 0
     }
     #[inline(always)]
-    fn select(self, m: [bool; LANES], a: Eight, b: Eight) -> Eight {
-        lanes(|l| if m[l] { a[l] } else { b[l] })
+    fn select(self, m: [u64; LANES], a: Eight, b: Eight) -> Eight {
+        lanes(|l| f64::from_bits(a[l].to_bits() & m[l] | b[l].to_bits() & !m[l]))
     }
     #[inline(always)]
     fn split_exponent(self, v: Eight) -> (Eight, Eight) {
@@ -93,7 +97,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
-        lanes(|l| x[indices[l] as usize])
+        // SAFETY: the caller has checked the indices.
+        lanes(|l| unsafe { *x.get_unchecked(indices[l] as usize) })
     }
     #[inline(always)]
     fn load_indices(self, indices: &[u32; LANES]) -> [u32; LANES] {
@@ -104,8 +109,8 @@ impl Simd for Portable {
         lanes(|l| base + l as u32)
     }
     #[inline(always)]
-    fn select_index(self, m: [bool; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
-        lanes(|l| if m[l] { a[l] } else { b[l] })
+    fn select_index(self, m: [u64; LANES], a: [u32; LANES], b: [u32; LANES]) -> [u32; LANES] {
+        lanes(|l| a[l] & m[l] as u32 | b[l] & !m[l] as u32)
     }
     #[inline(always)]
     fn store_indices(self, i: [u32; LANES], out: &mut [u32; LANES]) {
