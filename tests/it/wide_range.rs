@@ -5,8 +5,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 use wayfix::inference::{Certificate, Pruning};
-use wayfix::likelihood::LocalLikelihood;
-use wayfix::{Belief, FusedLikelihood, Hmm, InferenceError, LikelihoodVector};
+use wayfix::likelihood::{GroupedLikelihood, Groups, LocalLikelihood};
+use wayfix::{Belief, FusedLikelihood, Hmm, InferenceError, LikelihoodVector, Prior, Transition};
 
 use crate::kit::{Matrix, NEVER, cases, log_sum, prior, sparse, still, transposed, weighted};
 
@@ -251,4 +251,39 @@ fn a_prior_and_a_move_beyond_a_double_are_a_way() {
     let found = hmm.beam_viterbi(&[[0.0, 0.0, 1.0]], 0.0).unwrap();
     assert!((found.path().log_probability() - 2.0 * 1e-300_f64.ln()).abs() < 1e-9);
     assert!(found.is_unrivalled());
+}
+
+/// Stays where it is, and says that its entries need no lift.
+struct Stay(usize);
+
+impl Transition for Stay {
+    type Control = ();
+    fn states(&self) -> usize {
+        self.0
+    }
+    fn no_control(&self) -> Option<&'static ()> {
+        Some(&())
+    }
+    fn apply(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(x);
+    }
+    fn apply_transpose(&self, (): &(), x: &[f64], out: &mut [f64]) {
+        out.copy_from_slice(x);
+    }
+    fn smallest_entry(&self, (): &()) -> f64 {
+        1.0
+    }
+}
+
+/// With rounded tails, only what is below 2.2e-308 becomes 0, also in a step block by block.
+#[test]
+fn rounded_tails_of_groups_reach_as_far() {
+    let small = 2.0_f64.powi(-800);
+    let prior = Prior::BeforeFirstTransition(Belief::new(vec![1.0 - small, small]).unwrap());
+    let groups = Groups::new(vec![0, 0]).unwrap();
+    let sensor = GroupedLikelihood::new(LikelihoodVector::linear(1), groups).unwrap();
+    let hmm = Hmm::new(prior, Stay(2), sensor).unwrap().with_rounded_tails();
+    let mut filter = hmm.filter();
+    filter.step(&[2.0_f64.powi(-300)][..]).unwrap();
+    assert_eq!(filter.belief().as_slice()[1], small);
 }
