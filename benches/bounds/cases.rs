@@ -140,14 +140,14 @@ impl Report<'_> {
             };
             let needed = Needs {
                 fresh: None,
-                ..needs(2 * n * n, (1.0 / segments, sum / 2.0 / segments), 0)
+                ..needs(2 * n * n, (2.0 / segments, sum / segments), 0)
             };
             self.add((&case, "score"), steps, needed, || {
                 black_box(model.hmm.log_likelihood(&model.seen)).expect(POSSIBLE);
             });
             self.smooth(&case, &model, needs(4 * n * n, (2.0 / segments, sum / segments), 8 * n));
             let states = size_of::<usize>();
-            self.viterbi(&case, &model, needs(4 * n * n, (0.0, 2.0 + sum), states));
+            self.viterbi(&case, &model, needs(4 * n * n, (0.0, (2.0 + sum) / segments), states));
         }
     }
 

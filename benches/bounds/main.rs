@@ -31,9 +31,8 @@
 //!   to one, which the library doesn't, so as to give the same bits everywhere.
 //! - **Chain**: x_k waits for x_{k-1}. Up to eight states are kept in registers, and then
 //!   nothing else is in the way of a step but a multiplication with A, log2 n additions and a
-//!   multiplication with the likelihood, or log2 n + 2 additions of a decoder. The
-//!   log-likelihood takes both ends at once: half a chain a step. With two states, eight
-//!   segments go side by side: an eighth of that, and of the smoother's.
+//!   multiplication with the likelihood, or log2 n + 2 additions of a decoder. With
+//!   two states, eight segments go side by side: an eighth of that.
 //! - **Fresh**: results are allocated, written and freed (8 n a step of the smoother, 4 n of
 //!   the decoder for the way back); pages that are new are cleared by the system.
 //!
