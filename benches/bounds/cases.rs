@@ -138,10 +138,8 @@ impl Report<'_> {
                 let fresh = Some((1, fresh * steps));
                 Needs { bytes: vec![seen], operations, chain, fresh, ..Needs::default() }
             };
-            let needed = Needs {
-                fresh: None,
-                ..needs(2 * n * n, (2.0 / segments, sum / segments), 0)
-            };
+            let needed =
+                Needs { fresh: None, ..needs(2 * n * n, (2.0 / segments, sum / segments), 0) };
             self.add((&case, "score"), steps, needed, || {
                 black_box(model.hmm.log_likelihood(&model.seen)).expect(POSSIBLE);
             });

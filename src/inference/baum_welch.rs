@@ -3,7 +3,8 @@
 
 use super::batch::{self, BatchModel, Group, Memory};
 use super::checkpoints::Order;
-use super::{LogSum, in_parallel, plan};
+use super::plan::{self, Engine};
+use super::{LogSum, in_parallel};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
@@ -250,8 +251,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     {
         let (mut sum, mut failed) = (self.nothing_expected(), Vec::new());
         let mut order = sequences.to_vec();
-        let together =
-            sequences.len() >= plan::FEWEST_TO_LEARN && self.transition().families() <= 1;
+        let together = plan::for_learning(sequences.len()) == Engine::Lanes
+            && self.transition().families() <= 1;
         let batch = if together { BatchModel::new(self) } else { None };
         if batch.is_some() {
             order.sort_by_key(|(_, sequence)| sequence.steps());
@@ -303,7 +304,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let group = Group::new(sequences);
         let mut results = Vec::new();
         let mut held = [false; LANES];
-        if group.suits(self.states(), plan::FEWEST_TO_LEARN) {
+        if group.is_in_lanes(self.states(), |sequences, _| plan::for_learning(sequences)) {
             let expected;
             (expected, held) = batch::expect(model, &group, memory);
             results.push(Ok(expected));

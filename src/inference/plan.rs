@@ -2,18 +2,37 @@
 //!
 //! | call | model | engine |
 //! |---|---|---|
-//! | a step of a stream | any | [`Step`](super::step) |
-//! | a whole sequence | no control, up to 8 states, 8 steps or more | [`few`](super::few): one state in each lane |
-//! | the same | up to 4 states, more than 64 steps | `few`: eight segments of the sequence, one in each lane |
-//! | `_all`, `learn` | a stored matrix without small entries, more than 8 states (`learn`: any), 4 sequences or more (2) | [`batch`](super::batch): one sequence in each lane |
-//! | all others, and sequences that leave the range of an engine or give an error there | any | `Step` |
+//! | a step of a stream | any | [`Engine::Steps`] |
+//! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
+//! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
+//! | 4 sequences or more in an `_all` | a stored matrix without small entries, more than 8 states | [`Engine::Lanes`] |
+//! | 2 sequences or more to learn from | the same, any number of states | [`Engine::Lanes`] |
+//! | all others | any | [`Engine::Steps`] |
 //!
-//! Two choices depend on the processor, and are made where the loops are: the instruction set
-//! (`kernels/simd`; in portable code, products time sparse lines with and without slots of eight
-//! when a matrix is made, `kernels/layout/sliced`), and gathers by loads instead of the instruction on AMD's processors (`kernels/simd/x86`). From
-//! 98,304 states on, lines are shared by threads (`kernels/parallel`).
+//! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
+//!
+//! What depends on the processor is chosen where the loops are: the instruction set
+//! (`kernels/simd`), gathers by loads instead of the instruction on AMD's processors
+//! (`kernels/simd/x86`), and, in portable code, the layout of a sparse matrix, by the time that
+//! products take when it is made (`kernels/layout/sliced`). From 98,304 states on, threads share
+//! lines (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
+
+use crate::kernels::{LANES, Packed};
+
+/// Engine of a call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Engine {
+    /// Step by step, any model: [`Step`](super::step).
+    Steps,
+    /// Many steps in a call of a kernel, one state in each lane: [`few`](super::few).
+    Chain,
+    /// Eight segments of a sequence, one in each lane: [`few`](super::few).
+    Segments,
+    /// Eight sequences, one in each lane: [`batch`](super::batch).
+    Lanes,
+}
 
 /// Most states with one state in each lane.
 const MOST_FEW_STATES: usize = 8;
@@ -28,9 +47,9 @@ const SEGMENT: usize = 128;
 /// Fewest steps of a segment: for less, the products take longer than the steps.
 const SHORTEST_SEGMENT: usize = 8;
 /// Fewest sequences for lanes; fewer are faster one by one.
-pub(super) const FEWEST_SEQUENCES: usize = 4;
+const FEWEST_SEQUENCES: usize = 4;
 /// The same for learning, which gains more.
-pub(super) const FEWEST_TO_LEARN: usize = 2;
+const FEWEST_TO_LEARN: usize = 2;
 /// Most bytes that a group of eight sequences may keep for its steps.
 const MOST_KEPT: usize = 64 << 20;
 /// Most numbers of results that share their memory, 32 MB: large pieces cost less than many small
@@ -39,36 +58,42 @@ pub(super) const MOST_SHARED: usize = (32 << 20) / size_of::<f64>();
 /// Fewest numbers of results that are written past the caches: they would not stay there.
 pub(super) const STREAMED: usize = (8 << 20) / size_of::<f64>();
 
-/// Returns true if so many states and steps are for the engine of few states.
-pub(super) fn suits_few(states: usize, steps: usize) -> bool {
-    states <= MOST_FEW_STATES && steps >= FEWEST_STEPS
-}
-
-/// Returns true if so many states and steps are for segments.
-pub(super) fn suits_segments(states: usize, steps: usize) -> bool {
-    (2..=MOST_STATES_IN_SEGMENTS).contains(&states) && is_long(steps)
+/// Engine of a whole sequence, for a model without a control.
+pub(super) fn for_sequence(states: usize, steps: usize) -> Engine {
+    match states {
+        ..=MOST_FEW_STATES if steps < FEWEST_STEPS => Engine::Steps,
+        2..=MOST_STATES_IN_SEGMENTS if is_long(steps) => Engine::Segments,
+        ..=MOST_FEW_STATES => Engine::Chain,
+        _ => Engine::Steps,
+    }
 }
 
 /// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence
 /// are those of a stream to the bit.
 pub(super) fn is_long(steps: usize) -> bool {
-    steps > crate::kernels::LANES * SHORTEST_SEGMENT
+    steps > LANES * SHORTEST_SEGMENT
 }
 
 /// Returns the length of each of the next eight segments, if enough steps are left.
 pub(super) fn segment_length(left: usize) -> Option<usize> {
-    let length = (left / crate::kernels::LANES).min(SEGMENT);
+    let length = (left / LANES).min(SEGMENT);
     (length >= SHORTEST_SEGMENT).then_some(length)
 }
 
-/// Returns true if so many sequences are for lanes.
-pub(super) fn suits_batch(sequences: usize, states: usize) -> bool {
-    sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES
+/// Engine of many sequences, for a model with a stored matrix; without lanes, that of each.
+pub(super) fn for_sequences(sequences: usize, states: usize) -> Engine {
+    let lanes = sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES;
+    if lanes { Engine::Lanes } else { Engine::Steps }
 }
 
-/// Returns true if a group of so many sequences, of up to so many steps, is for lanes.
-pub(super) fn suits_group(sequences: usize, fewest: usize, states: usize, steps: usize) -> bool {
-    let bytes = size_of::<crate::kernels::Packed>();
-    let kept = states.saturating_mul(2).saturating_mul(steps).saturating_mul(bytes);
-    sequences >= fewest && kept <= MOST_KEPT
+/// Engine of learning from so many sequences, for a model with a stored matrix.
+pub(super) fn for_learning(sequences: usize) -> Engine {
+    if sequences >= FEWEST_TO_LEARN { Engine::Lanes } else { Engine::Steps }
+}
+
+/// Engine of a group of up to eight sequences, the longest of so many steps: lanes keep beliefs and
+/// likelihoods of all steps.
+pub(super) fn for_group(engine: Engine, states: usize, steps: usize) -> Engine {
+    let kept = states.saturating_mul(2).saturating_mul(steps).saturating_mul(size_of::<Packed>());
+    if kept <= MOST_KEPT { engine } else { Engine::Steps }
 }

@@ -6,7 +6,7 @@ use super::{BatchModel, Group, Memory, Outcome};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::in_parallel::{self, Results};
-use crate::inference::plan::{self, FEWEST_SEQUENCES, MOST_SHARED, STREAMED};
+use crate::inference::plan::{self, Engine, MOST_SHARED, STREAMED};
 use crate::inference::posteriors::Part;
 use crate::kernels::{self, Aligned, Eight, LANES, Packed};
 use crate::likelihood::Likelihood;
@@ -71,15 +71,15 @@ where
     P: Send,
     R: Send,
 {
-    let suits = plan::suits_batch(sequences.len(), hmm.states());
-    let Some(model) = suits.then(|| BatchModel::new(hmm)).flatten() else {
+    let lanes = plan::for_sequences(sequences.len(), hmm.states()) == Engine::Lanes;
+    let Some(model) = lanes.then(|| BatchModel::new(hmm)).flatten() else {
         return in_parallel::each(sequences, single);
     };
     let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
     order.sort_by_key(|(_, sequence)| sequence.steps());
     let states = hmm.states();
     let count = |group: &Group<'_, S>| match room {
-        Room::Rows if group.suits(states, FEWEST_SEQUENCES) => {
+        Room::Rows if group.is_in_lanes(states, plan::for_sequences) => {
             let steps = group.steps[..group.sequences.len()].iter();
             steps.map(|steps| eights(states, *steps)).sum()
         }
@@ -97,7 +97,7 @@ where
         }
     }
     let done = in_parallel::map(items, |(group, rows), memory: &mut Memory| {
-        let outcome = if group.suits(states, FEWEST_SEQUENCES) {
+        let outcome = if group.is_in_lanes(states, plan::for_sequences) {
             together(&model, group, memory, rows)
         } else {
             [const { None }; LANES]

@@ -14,7 +14,7 @@ mod viterbi;
 
 use std::sync::OnceLock;
 
-use super::plan;
+use super::plan::{self, Engine};
 use crate::hmm::Hmm;
 use crate::kernels::{LANES, Lines, Packed};
 use crate::likelihood::{Likelihood, Scratch};
@@ -123,9 +123,10 @@ impl<'s, S> Group<'s, S> {
         Self { sequences, steps, longest }
     }
 
-    /// Returns true if the group is for lanes.
-    pub(super) fn suits(&self, states: usize, fewest: usize) -> bool {
-        plan::suits_group(self.sequences.len(), fewest, states, self.longest)
+    /// Returns true if the group is for lanes, by the engine of so many sequences.
+    pub(super) fn is_in_lanes(&self, states: usize, engine: fn(usize, usize) -> Engine) -> bool {
+        let engine = engine(self.sequences.len(), states);
+        plan::for_group(engine, states, self.longest) == Engine::Lanes
     }
 
     /// Lanes that have a step.

@@ -6,7 +6,7 @@ use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
 use crate::inference::filtering::FilteredSequence;
-use crate::inference::plan;
+use crate::inference::plan::{self, Engine};
 use crate::inference::posteriors::Posteriors;
 use crate::kernels::{ChainState, LANES, Packed, chain_forward, filter_segments, in_large_pages};
 use crate::likelihood::Likelihood;
@@ -79,7 +79,9 @@ impl FewModel {
             self.filter_chain(source, &mut x, done..steps, out, &mut logs)?;
             Some(log_of(&x, &logs))
         };
-        let first = plan::suits_segments(self.states, steps).then(|| attempt(true)).flatten();
+        let first = (plan::for_sequence(self.states, steps) == Engine::Segments)
+            .then(|| attempt(true))
+            .flatten();
         first.or_else(|| attempt(false))
     }
 

@@ -17,7 +17,7 @@ pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;
 
 use super::LogSum;
-use super::plan;
+use super::plan::{self, Engine};
 use crate::hmm::Hmm;
 use crate::kernels::{ChainState, Few, LANES, Packed};
 use crate::likelihood::Likelihood;
@@ -116,7 +116,7 @@ fn control_of<A: Transition, B: Likelihood>(
     hmm: &Hmm<A, B>,
     steps: usize,
 ) -> Option<&'static A::Control> {
-    if !plan::suits_few(hmm.states(), steps) {
+    if plan::for_sequence(hmm.states(), steps) == Engine::Steps {
         return None;
     }
     let control = hmm.transition().no_control()?;

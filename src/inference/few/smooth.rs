@@ -8,7 +8,7 @@ use super::segments::{Segments, pack_segments, unpack_segments};
 use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::plan;
+use crate::inference::plan::{self, Engine};
 use crate::inference::posteriors::Posteriors;
 use crate::kernels::{
     ChainState, Eight, LANES, Packed, chain_backward, chain_forward, in_large_pages,
@@ -35,7 +35,8 @@ where
         4 => model.smooth::<4>(source, steps, &mut rows, segments),
         _ => model.smooth::<2>(source, steps, &mut rows, segments),
     };
-    let first = plan::suits_segments(states, steps).then(|| attempt(true)).flatten();
+    let first =
+        (plan::for_sequence(states, steps) == Engine::Segments).then(|| attempt(true)).flatten();
     let log_likelihood = first.or_else(|| attempt(false))?;
     Some((Posteriors::from_values(states, rows), log_likelihood))
 }

@@ -8,7 +8,7 @@ use super::control_of;
 use super::likelihoods::{Rows, Sensed};
 use super::segments::pack_segments;
 use crate::hmm::Hmm;
-use crate::inference::plan;
+use crate::inference::plan::{self, Engine};
 use crate::inference::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{
@@ -75,7 +75,7 @@ type Block<const N: usize> = Vec<Backpointers<N>>;
 impl Decoder {
     fn path(&mut self, source: &mut dyn Rows) -> Option<Vec<usize>> {
         let start = (self.scores, self.taken_out.clone());
-        if plan::suits_segments(self.states, self.steps) {
+        if plan::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
                 2 => self.path_in_segments::<2>(source),
                 3 => self.path_in_segments::<3>(source),
