@@ -1,7 +1,7 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
 //! section III-C).
 
-use super::batch::{self, BatchModel, Group, Memory};
+use super::batch::{self, BatchMemory, BatchModel, Group};
 use super::checkpoints::Order;
 use super::plan::{self, Engine};
 use super::{LogSum, in_parallel};
@@ -261,7 +261,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let results = match &batch {
                 Some(batch) => {
                     let groups = some.chunks(LANES).collect();
-                    in_parallel::map(groups, |group, memory: &mut Memory| {
+                    in_parallel::map(groups, |group, memory: &mut BatchMemory| {
                         self.expect_together(batch, group, memory)
                     })
                 }
@@ -296,7 +296,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         &self,
         model: &BatchModel<'_, A, B>,
         sequences: &[(usize, &S)],
-        memory: &mut Memory,
+        memory: &mut BatchMemory,
     ) -> Vec<Result<Expected<B>, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation>,

@@ -13,10 +13,10 @@ use super::simd::{Eight, Isa, LANES, run_on};
 use super::vector::{dot, sum};
 use crate::range::{BACK_LIFT, LIFT};
 
-type Rows = Vec<Vec<(u32, f64)>>;
+type EntryRows = Vec<Vec<(u32, f64)>>;
 
-/// Rows with diagonals, scattered entries, and now and then a very long one.
-fn rows() -> impl Strategy<Value = Rows> {
+/// EntryRows with diagonals, scattered entries, and now and then a very long one.
+fn rows() -> impl Strategy<Value = EntryRows> {
     (1..70_usize).prop_flat_map(|n| {
         let few = vec((0..n as u32, 0.01..1.0), 0..6);
         let many = vec((0..n as u32, 0.01..1.0), 0..60);
@@ -36,14 +36,14 @@ fn rows() -> impl Strategy<Value = Rows> {
 }
 
 /// With slots of eight, and without.
-fn sliced(rows: &Rows) -> [Sliced; 2] {
+fn sliced(rows: &EntryRows) -> [Sliced; 2] {
     let split: Vec<(Vec<u32>, Vec<f64>)> =
         rows.iter().map(|row| row.iter().copied().unzip()).collect();
     let line = |line: usize| (&split[line].0[..], &split[line].1[..]);
     [true, false].map(|slots| Sliced::with_slots(slots, rows.len(), line))
 }
 
-fn product(rows: &Rows, x: &[f64]) -> Vec<f64> {
+fn product(rows: &EntryRows, x: &[f64]) -> Vec<f64> {
     let sum = |row: &Vec<(u32, f64)>| row.iter().map(|&(j, p)| p * x[j as usize]).sum();
     rows.iter().map(sum).collect()
 }
@@ -260,7 +260,7 @@ proptest! {
     fn max_steps(
         rows in rows(), x in scores(), b in scores(), observed in any::<bool>(), form in 0..3_u8,
     ) {
-        let rows: Rows = rows
+        let rows: EntryRows = rows
             .iter()
             .map(|row| row.iter().map(|&(j, p)| (j, if p < 0.5 { 0.25 } else { 0.5 })).collect())
             .collect();
@@ -376,7 +376,7 @@ proptest! {
         }
     }
 
-    /// Rows of any lengths, some of which do not begin on a cache line.
+    /// EntryRows of any lengths, some of which do not begin on a cache line.
     #[test]
     fn packing(
         eights in vec(vec(0.0..1.0, LANES), 1..20), counts in vec(0..20_usize, LANES),

@@ -1,6 +1,6 @@
 //! The smoother in lanes: see [`backward`](crate::inference::backward).
 
-use super::{BatchModel, Group, Memory, Outcome, Rows};
+use super::{BatchMemory, BatchModel, Group, GroupRows, Outcome};
 use crate::kernels::{self, BatchBackward, LANES, Lines, Packed};
 use crate::likelihood::Likelihood;
 use crate::range::{self, BACK_LIFT};
@@ -11,8 +11,8 @@ use crate::transition::Transition;
 pub(in super::super) fn smooth<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
-    memory: &mut Memory,
-    rows: Rows<'_>,
+    memory: &mut BatchMemory,
+    rows: GroupRows<'_>,
 ) -> Outcome<f64>
 where
     A: Transition,
@@ -33,7 +33,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
     pub(super) fn backward<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut Memory,
+        memory: &mut BatchMemory,
         held: &mut [bool; LANES],
         mut counts: Option<&mut [Packed]>,
     ) {
@@ -42,7 +42,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
         // Lanes that begin later must not find what other sequences left.
         memory.q.fill(Packed::default());
         let mut sums = [1.0; LANES];
-        let Memory { alpha, likelihoods, inverse, q, ratio, gamma, .. } = memory;
+        let BatchMemory { alpha, likelihoods, inverse, q, ratio, gamma, .. } = memory;
         for step in (1..=group.longest).rev() {
             if *held == [false; LANES] {
                 break;

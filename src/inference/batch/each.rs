@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{BatchModel, Group, Memory, Outcome};
+use super::{BatchMemory, BatchModel, Group, Outcome};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::in_parallel::{self, Results};
@@ -22,7 +22,7 @@ pub(in super::super) enum Room {
 }
 
 /// Room for the rows of a group: those of each lane begin on a cache line.
-pub(in super::super) struct Rows<'a> {
+pub(in super::super) struct GroupRows<'a> {
     states: usize,
     eights: &'a mut [Eight],
     streamed: bool,
@@ -33,7 +33,7 @@ fn eights(states: usize, steps: usize) -> usize {
     (states * (steps + 1)).div_ceil(LANES)
 }
 
-impl Rows<'_> {
+impl GroupRows<'_> {
     /// Writes the rows of lanes that are held, which `all` has side by side.
     pub(super) fn fill<S>(self, group: &Group<'_, S>, all: &[Packed], held: [bool; LANES]) {
         let mut left = self.eights;
@@ -60,7 +60,13 @@ pub(in super::super) fn each<A, B, S, P, R>(
     hmm: &Hmm<A, B>,
     sequences: &[S],
     room: Room,
-    together: impl Fn(&BatchModel<'_, A, B>, &Group<'_, S>, &mut Memory, Rows<'_>) -> Outcome<P> + Sync,
+    together: impl Fn(
+        &BatchModel<'_, A, B>,
+        &Group<'_, S>,
+        &mut BatchMemory,
+        GroupRows<'_>,
+    ) -> Outcome<P>
+    + Sync,
     finish: impl Fn(P, Part) -> R,
     single: impl Fn(&S) -> Result<R, InferenceError> + Sync,
 ) -> Results<R>
@@ -92,11 +98,11 @@ where
         let mut left = numbers.as_chunks_mut().0;
         for group in &*groups {
             let (eights, others) = left.split_at_mut(count(group));
-            items.push((group, Rows { states, eights, streamed }));
+            items.push((group, GroupRows { states, eights, streamed }));
             left = others;
         }
     }
-    let done = in_parallel::map(items, |(group, rows), memory: &mut Memory| {
+    let done = in_parallel::map(items, |(group, rows), memory: &mut BatchMemory| {
         let outcome = if group.is_in_lanes(states, plan::for_sequences) {
             together(&model, group, memory, rows)
         } else {

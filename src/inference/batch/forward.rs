@@ -1,6 +1,6 @@
 //! The filter in lanes. Beliefs are lifted, as a single step does where it must.
 
-use super::{BatchModel, Group, Memory, Outcome, Rows};
+use super::{BatchMemory, BatchModel, Group, GroupRows, Outcome};
 use crate::inference::LogSum;
 use crate::kernels::{self, BatchForward, LANES, Packed};
 use crate::likelihood::Likelihood;
@@ -19,8 +19,8 @@ pub(super) struct Forward {
 pub(in super::super) fn filter<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
-    memory: &mut Memory,
-    rows: Rows<'_>,
+    memory: &mut BatchMemory,
+    rows: GroupRows<'_>,
 ) -> Outcome<(Vec<f64>, f64)>
 where
     A: Transition,
@@ -41,8 +41,8 @@ where
 pub(in super::super) fn log_likelihood<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
-    memory: &mut Memory,
-    _: Rows<'_>,
+    memory: &mut BatchMemory,
+    _: GroupRows<'_>,
 ) -> Outcome<f64>
 where
     A: Transition,
@@ -59,7 +59,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
     pub(super) fn forward<S>(
         &self,
         group: &Group<'_, S>,
-        memory: &mut Memory,
+        memory: &mut BatchMemory,
         keep: bool,
         mut each: impl FnMut(usize, f64),
     ) -> Forward
@@ -70,7 +70,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
         let start = prior.belief().as_slice();
         let n = self.ones.len();
         memory.fit(n, if keep { group.longest } else { 0 }, group.longest);
-        let Memory { alpha, likelihoods, inverse, x, next, lanes, .. } = memory;
+        let BatchMemory { alpha, likelihoods, inverse, x, next, lanes, .. } = memory;
         for ((x, alpha), p) in x.iter_mut().zip(&mut *alpha).zip(start) {
             (*x, *alpha) = (Packed([p * LIFT; LANES]), Packed([*p; LANES]));
         }

@@ -1,6 +1,6 @@
 //! Expectations of learning, in lanes.
 
-use super::{BatchModel, Group, Memory};
+use super::{BatchMemory, BatchModel, Group};
 use crate::inference::baum_welch::Expected;
 use crate::kernels::{self, LANES, Lines, Packed};
 use crate::likelihood::LearnLikelihood;
@@ -12,7 +12,7 @@ use crate::transition::{LearnTransition, Move, MoveCounts};
 pub(in super::super) fn expect<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
-    memory: &mut Memory,
+    memory: &mut BatchMemory,
 ) -> (Expected<B>, [bool; LANES])
 where
     A: LearnTransition,

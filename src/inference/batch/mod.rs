@@ -22,7 +22,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 pub(super) use backward::smooth;
-pub(super) use each::{Room, Rows, each};
+pub(super) use each::{GroupRows, Room, each};
 pub(super) use forward::{filter, log_likelihood};
 pub(super) use learn::expect;
 pub(super) use viterbi::viterbi;
@@ -65,9 +65,9 @@ pub(super) struct Group<'s, S> {
     longest: usize,
 }
 
-/// Memory for groups, kept from one to the next.
+/// BatchMemory for groups, kept from one to the next.
 #[derive(Default)]
-pub(super) struct Memory {
+pub(super) struct BatchMemory {
     /// Beliefs of steps 0 to T, or only the last one.
     alpha: Vec<Packed>,
     /// Likelihoods of steps 1 to T, likewise.
@@ -85,7 +85,7 @@ pub(super) struct Memory {
     lanes: [Lane; LANES],
 }
 
-/// Memory of a lane.
+/// BatchMemory of a lane.
 #[derive(Default)]
 struct Lane {
     scratch: Scratch,
@@ -95,7 +95,7 @@ struct Lane {
 /// Results of the lanes; `None` where the sequence has to be processed by itself.
 pub(super) type Outcome<R> = [Option<R>; LANES];
 
-impl Memory {
+impl BatchMemory {
     /// Makes room for `kept` steps of beliefs and likelihoods, and for `steps` normalisers.
     fn fit(&mut self, states: usize, kept: usize, steps: usize) {
         let grow = |room: &mut Vec<Packed>, count: usize| {

@@ -1,7 +1,7 @@
 //! Viterbi in lanes. Sums of scores are exact, so that paths and their probabilities are those of
 //! the general routine to the bit.
 
-use super::{BatchModel, Group, Lane, Memory, Outcome, Rows};
+use super::{BatchMemory, BatchModel, Group, GroupRows, Lane, Outcome};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
@@ -14,8 +14,8 @@ use crate::transition::TransitionEntries;
 pub(in super::super) fn viterbi<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
-    memory: &mut Memory,
-    _: Rows<'_>,
+    memory: &mut BatchMemory,
+    _: GroupRows<'_>,
 ) -> Outcome<ViterbiPath>
 where
     A: TransitionEntries,
@@ -36,7 +36,7 @@ where
         values
     });
     memory.fit(n, 0, 0);
-    let Memory { likelihoods, x, next, from, lanes, .. } = memory;
+    let BatchMemory { likelihoods, x, next, from, lanes, .. } = memory;
     x.iter_mut().zip(&first).for_each(|(x, score)| *x = Packed([*score; LANES]));
     from.resize(n * group.longest, [0; LANES]);
     let mut held = group.lanes();

@@ -1,7 +1,7 @@
 //! The filter over a whole sequence: beliefs and log-likelihoods, or the total alone.
 
-use super::likelihoods::{Rows, Sensed};
-use super::segments::{Segments, pack_segments, unpack_segments};
+use super::likelihoods::{LikelihoodRows, Sensed};
+use super::segments::{SegmentProducts, pack_segments, unpack_segments};
 use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
@@ -49,12 +49,17 @@ where
     model.filter(&mut Sensed::new(hmm, sequence), sequence.steps(), None)
 }
 
-/// Rows from step 0, and log-likelihoods from step 1.
+/// LikelihoodRows from step 0, and log-likelihoods from step 1.
 type Out<'a> = (&'a mut [f64], &'a mut [f64]);
 
 impl FewModel {
     /// Filters a sequence, and returns its log-likelihood.
-    fn filter(&self, source: &mut dyn Rows, steps: usize, mut out: Option<Out<'_>>) -> Option<f64> {
+    fn filter(
+        &self,
+        source: &mut dyn LikelihoodRows,
+        steps: usize,
+        mut out: Option<Out<'_>>,
+    ) -> Option<f64> {
         if let Some((rows, _)) = &mut out {
             rows[..self.states].copy_from_slice(&self.prior.values[..self.states]);
         }
@@ -88,7 +93,7 @@ impl FewModel {
     /// Filters step by step.
     fn filter_chain(
         &self,
-        source: &mut dyn Rows,
+        source: &mut dyn LikelihoodRows,
         x: &mut ChainState,
         mut left: std::ops::Range<usize>,
         mut out: Option<Out<'_>>,
@@ -131,7 +136,7 @@ impl FewModel {
     /// done.
     fn filter_segments<const N: usize>(
         &self,
-        source: &mut dyn Rows,
+        source: &mut dyn LikelihoodRows,
         x: &mut ChainState,
         mut left: std::ops::Range<usize>,
         mut out: Option<Out<'_>>,
@@ -152,7 +157,7 @@ impl FewModel {
                 scales.fill(0.0);
             }
             pack_segments(&gathered, &mut packed);
-            let starts = Segments::<N>::new(&few, &packed)?.forward(x)?;
+            let starts = SegmentProducts::<N>::new(&few, &packed)?.forward(x)?;
             let Some((rows, logs)) = &mut out else { continue };
             beliefs.resize(length, [Packed::default(); N]);
             normalizers.resize(length, Packed::default());

@@ -16,7 +16,7 @@ const NEAR: f64 = power(-16);
 
 /// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
 /// crate.
-pub(super) trait Rows {
+pub(super) trait LikelihoodRows {
     /// Copies the likelihoods of some steps. Returns true if something was taken out of them, and
     /// then writes its logarithms to `logs`; `None` if some are not valid or have too wide a range.
     ///
@@ -94,7 +94,7 @@ where
     }
 }
 
-impl<A, B, S> Rows for Sensed<'_, A, B, S>
+impl<A, B, S> LikelihoodRows for Sensed<'_, A, B, S>
 where
     A: Transition,
     B: Likelihood,

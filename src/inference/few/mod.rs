@@ -23,7 +23,7 @@ use crate::kernels::{ChainState, Few, LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::range::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, power};
 use crate::transition::Transition;
-use likelihoods::Rows;
+use likelihoods::LikelihoodRows;
 
 /// A model in arrays; states beyond the last are never possible.
 struct FewModel {
@@ -74,7 +74,12 @@ impl FewModel {
 
     /// Updates the prior by the first observation, if nothing moves before it: then that step is
     /// done. Returns the number of steps done.
-    fn start(&self, source: &mut dyn Rows, x: &mut ChainState, logs: &mut LogSum) -> Option<usize> {
+    fn start(
+        &self,
+        source: &mut dyn LikelihoodRows,
+        x: &mut ChainState,
+        logs: &mut LogSum,
+    ) -> Option<usize> {
         *x = self.prior;
         if self.moves {
             return Some(0);

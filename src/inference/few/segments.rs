@@ -12,9 +12,9 @@ use crate::range::power;
 const APART: f64 = 400.0;
 
 /// Products of eight segments.
-pub(super) struct Segments<const N: usize>([Scaled<N>; N]);
+pub(super) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
 
-impl<const N: usize> Segments<N> {
+impl<const N: usize> SegmentProducts<N> {
     /// `None` if the range of a column is too wide.
     pub(super) fn new(few: &Few<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
         multiply_segments(SumProduct, few, likelihoods).map(Self)

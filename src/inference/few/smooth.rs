@@ -3,8 +3,8 @@
 
 use std::ops::Range;
 
-use super::likelihoods::{Rows, Sensed};
-use super::segments::{Segments, pack_segments, unpack_segments};
+use super::likelihoods::{LikelihoodRows, Sensed};
+use super::segments::{SegmentProducts, pack_segments, unpack_segments};
 use super::{FewModel, control_of, log_of};
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
@@ -28,7 +28,7 @@ where
     let (states, steps) = (hmm.states(), sequence.steps());
     let control = control_of(hmm, steps)?;
     let model = FewModel::new(hmm, control)?;
-    let source: &mut dyn Rows = &mut Sensed::new(hmm, sequence);
+    let source: &mut dyn LikelihoodRows = &mut Sensed::new(hmm, sequence);
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let mut attempt = |segments: bool| match states {
         3 => model.smooth::<3>(source, steps, &mut rows, segments),
@@ -44,7 +44,7 @@ where
 /// Eight segments between the passes.
 struct Kept<const N: usize> {
     steps: Range<usize>,
-    segments: Segments<N>,
+    segments: SegmentProducts<N>,
     starts: [Eight; N],
 }
 
@@ -53,7 +53,7 @@ impl FewModel {
     /// log-likelihood.
     fn smooth<const N: usize>(
         &self,
-        source: &mut dyn Rows,
+        source: &mut dyn LikelihoodRows,
         steps: usize,
         rows: &mut [f64],
         segments: bool,
@@ -76,7 +76,7 @@ impl FewModel {
                 scales.iter().for_each(|log| logs.add(*log));
             }
             pack_segments(place, &mut packed);
-            let segments = Segments::new(&few, &packed)?;
+            let segments = SegmentProducts::new(&few, &packed)?;
             let starts = segments.forward(&mut x)?;
             kept.push(Kept { steps, segments, starts });
         }

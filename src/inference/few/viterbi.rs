@@ -5,7 +5,7 @@
 use std::ops::Range;
 
 use super::control_of;
-use super::likelihoods::{Rows, Sensed};
+use super::likelihoods::{LikelihoodRows, Sensed};
 use super::segments::pack_segments;
 use crate::hmm::Hmm;
 use crate::inference::plan::{self, Engine};
@@ -50,7 +50,7 @@ where
     step.settle(&mut first, &mut taken_out).ok()?;
     let mut scores = ChainState::new(f64::NEG_INFINITY);
     scores.values[..n].copy_from_slice(&first);
-    let source: &mut dyn Rows = &mut Sensed::new(hmm, sequence);
+    let source: &mut dyn LikelihoodRows = &mut Sensed::new(hmm, sequence);
     let mut decoder = Decoder { states: n, columns, scores, taken_out, steps };
     let states = decoder.path(source)?;
     let Decoder { scores, mut taken_out, .. } = decoder;
@@ -73,7 +73,7 @@ struct Decoder {
 type Block<const N: usize> = Vec<Backpointers<N>>;
 
 impl Decoder {
-    fn path(&mut self, source: &mut dyn Rows) -> Option<Vec<usize>> {
+    fn path(&mut self, source: &mut dyn LikelihoodRows) -> Option<Vec<usize>> {
         let start = (self.scores, self.taken_out.clone());
         if plan::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
@@ -89,7 +89,13 @@ impl Decoder {
         self.path_in_blocks::<2>(source, 2, Vec::new())
     }
 
-    fn path_in_segments<const N: usize>(&mut self, source: &mut dyn Rows) -> Option<Vec<usize>> {
+    fn path_in_segments<const N: usize>(
+        &mut self,
+        source: &mut dyn LikelihoodRows,
+    ) -> Option<Vec<usize>> {
+        if is_far(&self.scores.values) {
+            return None;
+        }
         let columns: [[f64; N]; N] =
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
@@ -138,7 +144,7 @@ impl Decoder {
             }
             let whole = best.floor();
             out.iter_mut().for_each(|score| *score -= whole);
-            if out.iter().any(|score| *score > f64::NEG_INFINITY && *score < LEAST_SCORE) {
+            if is_far(&out) {
                 return None;
             }
             let exponent = self.scores.exponent + (whole + largest) as i64;
@@ -150,7 +156,7 @@ impl Decoder {
     /// Takes the rest of the steps one by one, and goes back along the pointers.
     fn path_in_blocks<const N: usize>(
         &mut self,
-        source: &mut dyn Rows,
+        source: &mut dyn LikelihoodRows,
         first: usize,
         blocks: Vec<Block<N>>,
     ) -> Option<Vec<usize>> {
@@ -190,4 +196,9 @@ impl Decoder {
         }
         Some(states)
     }
+}
+
+/// True if a score above −∞ is too low to go several steps unlooked at.
+fn is_far(scores: &Eight) -> bool {
+    scores.iter().any(|score| *score > f64::NEG_INFINITY && *score < LEAST_SCORE)
 }

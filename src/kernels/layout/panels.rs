@@ -46,15 +46,15 @@ impl WithSimd for DenseMax<'_> {
         let Self { matrix: Panels { states, values }, x, out, from } = self;
         let n = *states;
         assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
-        let mut rows = Rows { panels: values.as_chunks().0, x, out, from, first: 0 };
+        let mut rows = PanelRows { panels: values.as_chunks().0, x, out, from, first: 0 };
         rows.maximize::<S, 4>(s);
         rows.maximize::<S, 2>(s);
         rows.maximize::<S, 1>(s);
     }
 }
 
-/// Rows that are left, from the panel with the number `first` on.
-struct Rows<'a> {
+/// PanelRows that are left, from the panel with the number `first` on.
+struct PanelRows<'a> {
     panels: &'a [Eight],
     x: &'a [f64],
     out: &'a mut [f64],
@@ -62,7 +62,7 @@ struct Rows<'a> {
     first: usize,
 }
 
-impl Rows<'_> {
+impl PanelRows<'_> {
     /// Takes P panels side by side, as long as there are so many: one would wait for each maximum.
     #[inline(always)]
     fn maximize<S: Simd, const P: usize>(&mut self, s: S) {

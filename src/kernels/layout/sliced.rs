@@ -54,8 +54,8 @@ pub(super) struct Overflow {
     pub(super) end: u32,
 }
 
-/// Entry of a slice.
-struct Entry<V> {
+/// SlicedEntry of a slice.
+struct SlicedEntry<V> {
     /// Number of its diagonal: the index of lane 7 on it.
     diagonal: usize,
     lane: usize,
@@ -118,7 +118,7 @@ impl Sliced {
                 assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
                 let entry = |(&index, &value): (&u32, &V)| {
                     let diagonal = index as usize + (LANES - 1) - lane;
-                    Entry { diagonal, lane, index, value }
+                    SlicedEntry { diagonal, lane, index, value }
                 };
                 entries.extend(indices.iter().zip(values).map(entry));
             }
@@ -137,7 +137,7 @@ impl Sliced {
         &mut self,
         slots: bool,
         first: usize,
-        entries: &[Entry<V>],
+        entries: &[SlicedEntry<V>],
         keys: &mut Vec<usize>,
         stored: &mut EntryValues<V>,
     ) {
@@ -162,7 +162,7 @@ impl Sliced {
         stored.gathered.resize(start + depth, V::Slot::default());
         for of_lane in entries.chunk_by(|a, b| a.lane == b.lane) {
             let (lane, overflow_start) = (of_lane[0].lane, self.overflow_indices.len());
-            let diagonal = |entry: &Entry<V>| shifted.binary_search(&entry.diagonal);
+            let diagonal = |entry: &SlicedEntry<V>| shifted.binary_search(&entry.diagonal);
             for entry in of_lane {
                 match diagonal(entry) {
                     Ok(at) if slots => stored.shifted[shifted_start + at][lane] = entry.value,
@@ -199,7 +199,7 @@ impl Sliced {
     /// that are left in each lane.
     fn diagonals<V>(
         &self,
-        entries: &[Entry<V>],
+        entries: &[SlicedEntry<V>],
         keys: &mut Vec<usize>,
         left: &mut [usize; LANES],
     ) -> Vec<usize> {

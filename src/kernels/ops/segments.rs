@@ -27,7 +27,7 @@ pub(crate) struct Scaled<const N: usize> {
 }
 
 /// Likelihoods of a step in each segment, or their logarithms.
-pub(crate) type Step<const N: usize> = [Packed; N];
+pub(crate) type SegmentStep<const N: usize> = [Packed; N];
 
 /// A vector on its way through the segments.
 #[derive(Clone, Copy)]
@@ -59,7 +59,7 @@ impl<S: Simd, const N: usize> Running<S, N> {
     }
 
     #[inline(always)]
-    fn observe(&mut self, s: S, ring: impl Semiring<S>, b: &Step<N>) {
+    fn observe(&mut self, s: S, ring: impl Semiring<S>, b: &SegmentStep<N>) {
         for (x, b) in self.x.iter_mut().zip(b) {
             *x = ring.times(s, *x, s.load(b));
         }
@@ -89,7 +89,7 @@ impl<S: Simd, const N: usize> Running<S, N> {
     }
 
     #[inline(always)]
-    fn store(&self, s: S, factor: S::V, out: &mut Step<N>) {
+    fn store(&self, s: S, factor: S::V, out: &mut SegmentStep<N>) {
         for (x, out) in self.x.iter().zip(out) {
             s.store(s.mul(*x, factor), out);
         }
@@ -100,7 +100,7 @@ impl<S: Simd, const N: usize> Running<S, N> {
 pub(crate) struct MultiplySegments<'a, R, const N: usize> {
     pub(in crate::kernels) ring: R,
     pub(in crate::kernels) model: &'a Few<N>,
-    pub(in crate::kernels) likelihoods: &'a [Step<N>],
+    pub(in crate::kernels) likelihoods: &'a [SegmentStep<N>],
 }
 
 macro_rules! multiply_segments {
@@ -178,7 +178,7 @@ multiply_segments!(SumProduct, MaxPlus);
 pub(crate) fn multiply_segments<R, const N: usize>(
     ring: R,
     model: &Few<N>,
-    likelihoods: &[Step<N>],
+    likelihoods: &[SegmentStep<N>],
 ) -> Option<[Scaled<N>; N]>
 where
     for<'a> MultiplySegments<'a, R, N>: WithSimd<Output = Option<[Scaled<N>; N]>>,
@@ -191,8 +191,8 @@ where
 pub(in crate::kernels) struct FilterSegments<'a, const N: usize> {
     pub(in crate::kernels) model: &'a Few<N>,
     pub(in crate::kernels) starts: &'a [Eight; N],
-    pub(in crate::kernels) likelihoods: &'a [Step<N>],
-    pub(in crate::kernels) out: &'a mut [Step<N>],
+    pub(in crate::kernels) likelihoods: &'a [SegmentStep<N>],
+    pub(in crate::kernels) out: &'a mut [SegmentStep<N>],
     pub(in crate::kernels) normalizers: &'a mut [Packed],
 }
 
@@ -231,8 +231,8 @@ impl<const N: usize> WithSimd for FilterSegments<'_, N> {
 pub(crate) fn filter_segments<const N: usize>(
     model: &Few<N>,
     starts: &[Eight; N],
-    likelihoods: &[Step<N>],
-    out: &mut [Step<N>],
+    likelihoods: &[SegmentStep<N>],
+    out: &mut [SegmentStep<N>],
     normalizers: &mut [Packed],
 ) -> bool {
     run(FilterSegments { model, starts, likelihoods, out, normalizers })
@@ -243,8 +243,8 @@ pub(in crate::kernels) struct SmoothSegments<'a, const N: usize> {
     pub(in crate::kernels) model: &'a Few<N>,
     pub(in crate::kernels) starts: &'a [Eight; N],
     pub(in crate::kernels) ends: &'a [Eight; N],
-    pub(in crate::kernels) likelihoods: &'a [Step<N>],
-    pub(in crate::kernels) out: &'a mut [Step<N>],
+    pub(in crate::kernels) likelihoods: &'a [SegmentStep<N>],
+    pub(in crate::kernels) out: &'a mut [SegmentStep<N>],
 }
 
 impl<const N: usize> WithSimd for SmoothSegments<'_, N> {
@@ -287,8 +287,8 @@ pub(crate) fn smooth_segments<const N: usize>(
     model: &Few<N>,
     starts: &[Eight; N],
     ends: &[Eight; N],
-    likelihoods: &[Step<N>],
-    out: &mut [Step<N>],
+    likelihoods: &[SegmentStep<N>],
+    out: &mut [SegmentStep<N>],
 ) -> bool {
     run(SmoothSegments { model, starts, ends, likelihoods, out })
 }
@@ -300,7 +300,7 @@ pub(crate) type Backpointers<const N: usize> = [[u8; 2]; N];
 pub(in crate::kernels) struct DecodeSegments<'a, const N: usize> {
     pub(in crate::kernels) model: &'a Few<N>,
     pub(in crate::kernels) starts: &'a [Eight; N],
-    pub(in crate::kernels) likelihoods: &'a [Step<N>],
+    pub(in crate::kernels) likelihoods: &'a [SegmentStep<N>],
     pub(in crate::kernels) from: &'a mut [Backpointers<N>],
 }
 
@@ -344,7 +344,7 @@ impl<const N: usize> WithSimd for DecodeSegments<'_, N> {
 pub(crate) fn decode_segments<const N: usize>(
     model: &Few<N>,
     starts: &[Eight; N],
-    likelihoods: &[Step<N>],
+    likelihoods: &[SegmentStep<N>],
     from: &mut [Backpointers<N>],
 ) -> bool {
     run(DecodeSegments { model, starts, likelihoods, from })
