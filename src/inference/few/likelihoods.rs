@@ -1,6 +1,6 @@
 //! Likelihoods of consecutive steps, in one block.
 
-use std::f64::consts::LN_2;
+use std::f64::consts::{LN_2, LOG2_E};
 use std::ops::Range;
 
 use super::super::scores::{TakenOut, likelihood_scores};
@@ -150,6 +150,14 @@ where
                     far |= !is_near(row.iter().fold(0.0, |a, b| if *b > a { *b } else { a }));
                     ScoresIn::Linear
                 }
+                Values::Log(logs) if diagonal.log_factor == 0.0 => {
+                    let largest = largest_log(logs, states)?;
+                    for (out, log) in row.iter_mut().zip(logs) {
+                        *out = kernels::on_grid((log - largest) * LOG2_E);
+                    }
+                    taken_out.factors.add(largest);
+                    ScoresIn::Log2
+                }
                 _ => {
                     write_scores(diagonal, row, taken_out)?;
                     ScoresIn::Log2
@@ -187,6 +195,18 @@ fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
     Some(())
 }
 
+/// Returns the largest of the logarithms of so many likelihoods; `None` if they are not valid, or
+/// nothing is possible. (A call of a kernel takes longer than a few comparisons.)
+#[inline]
+fn largest_log(logs: &[f64], states: usize) -> Option<f64> {
+    let (mut largest, mut valid) = (f64::NEG_INFINITY, logs.len() == states);
+    for &log in logs {
+        valid &= Valid::Logs.is(log);
+        largest = if log > largest { log } else { largest };
+    }
+    (valid && largest > f64::NEG_INFINITY).then_some(largest)
+}
+
 /// Scores of any diagonal.
 #[inline(never)]
 fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOut) -> Option<()> {
@@ -200,16 +220,13 @@ fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOu
 /// out.
 #[inline(never)]
 fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
-    let largest = diagonal.check(out.len()).ok()?;
     if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
         return None;
     }
     let (mut lost, mut log) = (false, diagonal.log_factor);
     match diagonal.values {
         Values::Log(logs) => {
-            if largest == f64::NEG_INFINITY {
-                return None;
-            }
+            let largest = largest_log(logs, out.len())?;
             log += largest;
             for (b, &log) in out.iter_mut().zip(logs) {
                 *b = (log - largest).exp();
@@ -217,6 +234,7 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
             }
         }
         Values::Linear(linear) | Values::Checked { linear, .. } => {
+            let largest = diagonal.check(out.len()).ok()?;
             let by = if UNSCALED.contains(&largest) { 0 } else { exponent(largest) };
             if by.abs() > 1000 {
                 return None;
