@@ -162,7 +162,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// Structure is kept: probabilities of 0 stay 0. Parts that must not be learned are wrapped
     /// in [`Fixed`](crate::Fixed). An iteration passes twice through each sequence, O(E) a step.
-    /// With a stored matrix, eight sequences run in lock-step, with 128 n T bytes for such a
+    /// With a stored matrix, eight sequences run in lanes, with 128 n T bytes for such a
     /// group; others, and those outside the range of `f64`, run one by one as in
     /// [`smooth_each`](Self::smooth_each), with O(n + E) memory and the sensor's statistics for
     /// each of 64 that are processed together. Empty sequences have no influence. Runs in
@@ -290,7 +290,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         (sum, failed)
     }
 
-    /// Returns the expectations of a group in lock-step, and of each sequence that has to be
+    /// Returns the expectations of a group in lanes, and of each sequence that has to be
     /// processed by itself.
     fn expect_together<S>(
         &self,

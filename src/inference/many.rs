@@ -19,7 +19,7 @@ use crate::transition::{Transition, TransitionEntries};
 ///
 /// With a [`SparseTransition`](crate::SparseTransition) or a
 /// [`DenseTransition`](crate::DenseTransition) of more than eight states, groups of eight
-/// sequences of nearly the same length run in lock-step, one in each lane of a vector: a step
+/// sequences of nearly the same length run side by side, one in each lane of a vector: a step
 /// then takes less time, most so with dense matrices, and a group takes 128 n T bytes beside its
 /// results.
 ///

@@ -11,10 +11,10 @@
 //!
 //! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
 //!
-//! What depends on the processor is chosen where the loops are: the instruction set
+//! Choices that depend on the processor stand where the loops are: the instruction set
 //! (`kernels/simd`), gathers by loads instead of the instruction on AMD's processors
-//! (`kernels/simd/x86`), and, in portable code, the layout of a sparse matrix, by the time that
-//! products take when it is made (`kernels/layout/sliced`). From 98,304 states on, threads share
+//! (`kernels/simd/x86`), and, in portable code, the layout of sparse matrices, by the time of
+//! products when the first of them is made (`kernels/layout/sliced`). From 98,304 states on, threads share
 //! lines (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
@@ -38,8 +38,8 @@ pub(super) enum Engine {
 const MOST_FEW_STATES: usize = 8;
 /// Fewest steps to read the matrix for: that takes a product for each state.
 const FEWEST_STEPS: usize = 8;
-/// Most states in segments, whose products take a column for each state. With 4, filter and
-/// smoother are faster in segments and scores as fast; with 8 they take twice as long.
+/// Most states in segments, whose products take a column for each state: with 8, 64 products a
+/// step for each column. With 4, filter and smoother are faster in segments, and scores as fast.
 const MOST_STATES_IN_SEGMENTS: usize = 4;
 /// Steps of a segment, where there are enough: eight of them stay in the first cache, and the
 /// products of a few matrices are nothing beside.

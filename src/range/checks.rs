@@ -185,7 +185,7 @@ mod tests {
         let least = LIFT * SUMS.start() * UNSCALED.start() * LEAST_NORMALIZER;
         assert_eq!((least, least * f64::MIN_POSITIVE), (power(568), power(-454)));
         assert!(LIFT * SUMS.end() * f64::MIN_POSITIVE < 1.0);
-        // In lock-step: the least product.
+        // In lanes: the least product.
         assert_eq!(LIFT * f64::MIN_POSITIVE * LEAST_ENTRY * TINY, f64::MIN_POSITIVE);
         // The way back: the largest ratio, and the least trusted prediction.
         assert_eq!(LIFT / LEAST_PREDICTED, power(960));

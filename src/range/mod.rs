@@ -175,6 +175,15 @@ pub(crate) const CALM: f64 = power(-50);
 /// Least score above −∞ of a vector in segments, the best of which is about 0.
 pub(crate) const LEAST_SCORE: f64 = -50.0;
 
+/// Lowest score that sums of vectors and products of segments may have, to be exact.
+pub(crate) const EXACT_SCORE: f64 = -200.0;
+
+/// Largest difference of exponents of columns that are added, so that no term is lost.
+pub(crate) const APART: f64 = 400.0;
+
+/// Largest likelihoods of a step from this to its inverse leave scores of few states as they are.
+pub(crate) const NEAR: f64 = power(-16);
+
 /// Exponent of the power of two below a normal number.
 #[inline(always)]
 pub(crate) const fn exponent(x: f64) -> i64 {

@@ -65,7 +65,7 @@ pub(super) struct Group<'s, S> {
     longest: usize,
 }
 
-/// BatchMemory for groups, kept from one to the next.
+/// Memory for groups, kept from one to the next.
 #[derive(Default)]
 pub(super) struct BatchMemory {
     /// Beliefs of steps 0 to T, or only the last one.
@@ -85,7 +85,7 @@ pub(super) struct BatchMemory {
     lanes: [Lane; LANES],
 }
 
-/// BatchMemory of a lane.
+/// Memory of a lane.
 #[derive(Default)]
 struct Lane {
     scratch: Scratch,

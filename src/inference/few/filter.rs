@@ -49,7 +49,7 @@ where
     model.filter(&mut Sensed::new(hmm, sequence), sequence.steps(), None)
 }
 
-/// LikelihoodRows from step 0, and log-likelihoods from step 1.
+/// Rows from step 0, and log-likelihoods from step 1.
 type Out<'a> = (&'a mut [f64], &'a mut [f64]);
 
 impl FewModel {

@@ -7,12 +7,9 @@ use super::super::scores::{TakenOut, likelihood_scores};
 use crate::hmm::Hmm;
 use crate::kernels::{self, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::range::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, exponent, power};
+use crate::range::{LARGEST_LOG, LEAST_FACTOR, NEAR, UNSCALED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
-
-/// Largest likelihoods from this to its inverse leave scores as they are.
-const NEAR: f64 = power(-16);
 
 /// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
 /// crate.

@@ -6,10 +6,7 @@ use crate::kernels::{
     ChainState, Eight, Few, LANES, Packed, Scaled, SumProduct, multiply_segments,
 };
 use crate::kernels::{pack, unpack};
-use crate::range::power;
-
-/// Largest difference of exponents of what is added, so that no term is lost.
-const APART: f64 = 400.0;
+use crate::range::{APART, power};
 
 /// Products of eight segments.
 pub(super) struct SegmentProducts<const N: usize>([Scaled<N>; N]);

@@ -16,14 +16,12 @@ use crate::kernels::{
     chain_decode, decode_segments, in_large_pages, multiply_segments,
 };
 use crate::likelihood::Likelihood;
-use crate::range::{CALM, LEAST_SCORE};
+use crate::range::{CALM, EXACT_SCORE, LEAST_SCORE};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
 /// Steps of a chain that are gathered at a time.
 const GATHERED: usize = 128;
-/// Sums of scores above this are exact.
-const EXACT: f64 = -200.0;
 
 /// [`Hmm::viterbi`]: states and log-probability.
 pub(in super::super) fn viterbi<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<usize>, f64)>
@@ -132,7 +130,7 @@ impl Decoder {
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
-                    if score > f64::NEG_INFINITY && score < EXACT {
+                    if score > f64::NEG_INFINITY && score < EXACT_SCORE {
                         return None;
                     }
                     *out = out.max(score);

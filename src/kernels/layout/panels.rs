@@ -53,7 +53,7 @@ impl WithSimd for DenseMax<'_> {
     }
 }
 
-/// PanelRows that are left, from the panel with the number `first` on.
+/// Rows that are left, from the panel with the number `first` on.
 struct PanelRows<'a> {
     panels: &'a [Eight],
     x: &'a [f64],

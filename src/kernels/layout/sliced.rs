@@ -11,6 +11,7 @@
 //! In portable code, all entries may be stored as overflow instead, in the order in which slots
 //! would add them: results are the same to the bit.
 
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use super::values::{EntryValues, HalfLine, Value, Width};
@@ -23,7 +24,7 @@ const GATHERED_COST: usize = 5;
 const ANY_OVERFLOW_COST: usize = 30;
 const OVERFLOW_COST: usize = 2;
 
-/// Fewest lines of a matrix whose layout is chosen by time, in portable code.
+/// Fewest lines of the first matrix, whose products choose the layout of all in portable code.
 const FEWEST_TIMED: usize = 64;
 
 /// Lines of a matrix of n lines and n columns, in slices of eight.
@@ -54,7 +55,7 @@ pub(super) struct Overflow {
     pub(super) end: u32,
 }
 
-/// SlicedEntry of a slice.
+/// Entry of a slice.
 struct SlicedEntry<V> {
     /// Number of its diagonal: the index of lane 7 on it.
     diagonal: usize,
@@ -70,21 +71,28 @@ impl Sliced {
         lines: usize,
         line: impl Fn(usize) -> (&'a [u32], &'a [V]),
     ) -> Self {
+        /// Layout that was faster for the first matrix.
+        static SLOTS: OnceLock<bool> = OnceLock::new();
+        let portable = Isa::chosen() == Isa::Portable && !cfg!(target_family = "wasm");
+        if portable && let Some(&slots) = SLOTS.get() {
+            return Self::with_slots(slots, lines, line);
+        }
         let slots = Self::with_slots(true, lines, &line);
         // A loop over rows ends at another place in each. Some processors foresee that: on Zen 5 a
         // scalar loop took 51 µs for a road graph on which Sapphire Rapids takes 242, and slots
         // 75. WebAssembly need not have a clock.
-        if Isa::chosen() > Isa::Portable || lines < FEWEST_TIMED || cfg!(target_family = "wasm") {
+        if !portable || lines < FEWEST_TIMED {
             return slots;
         }
         let rows = Self::with_slots(false, lines, &line);
-        if rows.time() < slots.time() { rows } else { slots }
+        let slots_are_faster = *SLOTS.get_or_init(|| slots.time() <= rows.time());
+        if slots_are_faster { slots } else { rows }
     }
 
     /// Shortest time of a few products.
     fn time(&self) -> Duration {
         let (x, mut out) = (vec![1.0; self.lines], vec![0.0; self.lines]);
-        let products = (0..4).map(|_| {
+        let products = (0..16).map(|_| {
             let start = Instant::now();
             self.multiply(&x, &mut out);
             start.elapsed()

@@ -84,7 +84,7 @@ struct MaxSink<'a, S: Simd> {
     likelihoods: Option<(Scores<'a>, Blocks<'a>)>,
     next: BlocksMut<'a>,
     from: (&'a mut [[u32; LANES]], &'a mut [u32]),
-    /// Of whole blocks.
+    /// Largest of whole blocks.
     largest: S::V,
 }
 

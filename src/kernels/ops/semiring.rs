@@ -1,11 +1,11 @@
 //! The two semirings of inference: sums of products for filters and smoothers, maxima of sums
-//! (with the state that attains them) for decoders. Products with sparse, dense and batched
-//! matrices are written once, for either.
+//! (with the state that attains them) for decoders. Products with sparse matrices, of batches and of
+//! segments are written once, for either.
 
 use crate::kernels::simd::{BlocksMut, Eight, LANES, Simd, store};
 use crate::range::{LEAST_IN_CHAIN, LEAST_SCORE, SCALES, power};
 
-/// What is taken out of a scale at a time, as a power of two.
+/// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;
 
 /// Rounds numbers below 2^51 to whole ones.
@@ -208,7 +208,7 @@ impl<S: Simd> Semiring<S> for MaxPlus {
         Maxima { value: s.splat(f64::NEG_INFINITY), index: s.iota(0) }
     }
 
-    /// Of several entries that attain the maximum the first stays.
+    /// The first of several entries that attain the maximum stays.
     #[inline(always)]
     fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
         let value = s.add(entry, x);
