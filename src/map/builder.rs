@@ -33,12 +33,8 @@ impl<P: Coordinates> Builder<P> {
     }
 
     pub(super) fn place(&mut self, place: Place<P>) -> Result<(), MapError> {
-        let (id, unit) = (place.id, P::UNIT);
-        for ((coordinate, limit), value) in P::AXES.into_iter().zip(place.position.values()) {
-            if !(-limit..=limit).contains(&value) {
-                return Err(MapError::Coordinate { id, coordinate, value, limit, unit });
-            }
-        }
+        let id = place.id;
+        check_position(id, place.position)?;
         let given = self.report.places;
         self.report.places += 1;
         match self.indices.entry(id) {
@@ -129,6 +125,16 @@ impl<P: Coordinates> Builder<P> {
         report.parallel.sort_unstable_by_key(|dropped| dropped.index);
         Ok((RoadMap { places, indices, roads, outgoing, incoming }, report))
     }
+}
+
+/// Checks that a position is on Earth, or in the plane.
+pub(super) fn check_position<P: Coordinates>(id: u64, position: P) -> Result<(), MapError> {
+    for ((coordinate, limit), value) in P::AXES.into_iter().zip(position.values()) {
+        if !(-limit..=limit).contains(&value) {
+            return Err(MapError::Coordinate { id, coordinate, value, limit, unit: P::UNIT });
+        }
+    }
+    Ok(())
 }
 
 impl<P: Coordinates> RoadMap<P> {

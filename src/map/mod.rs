@@ -36,6 +36,7 @@ mod cleaning;
 mod csv;
 mod error;
 mod graph;
+mod network;
 mod position;
 mod road_map;
 mod shortest;
@@ -43,6 +44,7 @@ mod turning;
 
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
+pub use network::{Edge, EdgeOptions, NetworkBuilder, Node, Projection, RoadNetwork};
 pub use position::{Coordinates, PlanePosition, Position};
 pub use road_map::{Place, Road, RoadClass, RoadMap};
 pub use shortest::RoadPath;

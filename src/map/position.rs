@@ -27,6 +27,13 @@ pub(super) mod axes {
         fn from_values(values: [f64; 2]) -> Self;
         /// Returns the numbers, in the order of the axes.
         fn values(self) -> [f64; 2];
+        /// Projects to a plane in which small shapes keep their form: x to the east, y to the
+        /// north.
+        fn to_plane(self) -> [f64; 2];
+        /// Position of a point in the plane.
+        fn from_plane(point: [f64; 2]) -> Self;
+        /// Metres on the ground per unit of the plane, near a point.
+        fn scale(point: [f64; 2]) -> f64;
     }
 }
 
@@ -79,6 +86,21 @@ impl axes::Axes for Position {
     fn values(self) -> [f64; 2] {
         [self.latitude, self.longitude]
     }
+
+    /// Mercator's projection of the sphere.
+    fn to_plane(self) -> [f64; 2] {
+        let [latitude, longitude] = self.values().map(f64::to_radians);
+        [EARTH_RADIUS * longitude, EARTH_RADIUS * latitude.tan().asinh()]
+    }
+
+    fn from_plane([x, y]: [f64; 2]) -> Self {
+        let latitude = (y / EARTH_RADIUS).sinh().atan().to_degrees();
+        Self { latitude, longitude: (x / EARTH_RADIUS).to_degrees() }
+    }
+
+    fn scale([_, y]: [f64; 2]) -> f64 {
+        1.0 / (y / EARTH_RADIUS).cosh()
+    }
 }
 
 /// A position in a plane, in metres from any origin: in a warehouse, a yard, or a projected map
@@ -124,5 +146,17 @@ impl axes::Axes for PlanePosition {
 
     fn values(self) -> [f64; 2] {
         [self.x, self.y]
+    }
+
+    fn to_plane(self) -> [f64; 2] {
+        self.values()
+    }
+
+    fn from_plane([x, y]: [f64; 2]) -> Self {
+        Self { x, y }
+    }
+
+    fn scale(_: [f64; 2]) -> f64 {
+        1.0
     }
 }

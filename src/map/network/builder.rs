@@ -1,0 +1,220 @@
+//! Step-by-step construction of a network.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
+use super::{Edge, NONE, Node, RoadNetwork};
+use crate::map::builder::check_position;
+use crate::map::{Coordinates, MapError, Position, RoadClass};
+
+/// Builder of a [`RoadNetwork`]: nodes, then edges, then forbidden turns. Each is checked as it is
+/// added, so that a reader of files can name the line.
+#[derive(Debug, Clone)]
+pub struct NetworkBuilder<P = Position> {
+    nodes: Vec<Node<P>>,
+    indices: HashMap<u64, u32>,
+    edges: Vec<NewEdge<P>>,
+    forbidden: Vec<(usize, usize)>,
+}
+
+/// An edge with the points between its ends.
+#[derive(Debug, Clone)]
+struct NewEdge<P> {
+    edge: Edge,
+    between: Vec<P>,
+    /// Number of the edge that was added for the other direction.
+    reverse: Option<usize>,
+}
+
+impl<P: Coordinates> Default for NetworkBuilder<P> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<P: Coordinates> NetworkBuilder<P> {
+    /// Creates an empty builder.
+    #[must_use]
+    pub fn new() -> Self {
+        let (nodes, edges, forbidden) = (Vec::new(), Vec::new(), Vec::new());
+        Self { nodes, indices: HashMap::new(), edges, forbidden }
+    }
+
+    /// Adds a node. Returns its index.
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Coordinate`] for a position that is not on Earth (or in the plane), and
+    /// [`MapError::DuplicatePlace`] for an id that was given before.
+    pub fn node(&mut self, id: u64, position: P) -> Result<usize, MapError> {
+        check_position(id, position)?;
+        match self.indices.entry(id) {
+            Entry::Occupied(_) => return Err(MapError::DuplicatePlace { id }),
+            Entry::Vacant(vacant) => vacant.insert(self.nodes.len() as u32),
+        };
+        self.nodes.push(Node { id, position });
+        Ok(self.nodes.len() - 1)
+    }
+
+    /// Adds a straight one-way edge between two nodes, by their ids. Returns the number of the
+    /// edge, for [`forbid`](Self::forbid).
+    ///
+    /// # Errors
+    ///
+    /// As [`edge`](Self::edge).
+    pub fn one_way(&mut self, from: u64, to: u64, class: RoadClass) -> Result<usize, MapError> {
+        self.edge(from, to, EdgeOptions::of(class))
+    }
+
+    /// Adds a straight edge in each direction. Returns the number of the first; the other's is
+    /// the next.
+    ///
+    /// # Errors
+    ///
+    /// As [`edge`](Self::edge).
+    pub fn both_ways(&mut self, from: u64, to: u64, class: RoadClass) -> Result<usize, MapError> {
+        let there = self.edge(from, to, EdgeOptions::of(class))?;
+        let back = self.edge(to, from, EdgeOptions::of(class))?;
+        self.pair(there, back);
+        Ok(there)
+    }
+
+    /// Adds an edge between two nodes, by their ids. Returns its number, in the order of adding.
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::UnknownPlace`] for a node that was not added, [`MapError::Coordinate`] for a
+    /// point that is not on Earth (or in the plane), and [`MapError::Length`] for a length that is
+    /// not above 0 and finite, or a speed.
+    pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
+        let index = |id: u64| {
+            let index = self.indices.get(&id).map(|&index| index as usize);
+            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
+        };
+        let ends = [index(from)?, index(to)?];
+        options.between.iter().try_for_each(|&point| check_position(from, point))?;
+        let metres = options.metres.unwrap_or_else(|| {
+            let [start, end] = ends.map(|end| self.nodes[end].position);
+            let mut before = start;
+            let between = options.between.iter().copied().chain([end]);
+            between.map(|point| std::mem::replace(&mut before, point).metres_to(point)).sum()
+        });
+        let speed = options.speed.unwrap_or(1.0);
+        for value in [metres, speed] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(MapError::Length { from, to, length: value });
+            }
+        }
+        let EdgeOptions { class, speed, roundabout, between, .. } = options;
+        let edge = Edge { from: ends[0], to: ends[1], class, metres, speed, roundabout };
+        self.edges.push(NewEdge { edge, between, reverse: None });
+        Ok(self.edges.len() - 1)
+    }
+
+    /// Declares two edges to be the same road in either direction. Without it,
+    /// [`build`](Self::build) pairs edges of opposite ends whose lengths differ by at most 1%.
+    pub fn pair(&mut self, edge: usize, back: usize) {
+        self.edges[edge].reverse = Some(back);
+        self.edges[back].reverse = Some(edge);
+    }
+
+    /// Forbids the turn from one edge to the next, by their numbers.
+    pub fn forbid(&mut self, edge: usize, next: usize) {
+        self.forbidden.push((edge, next));
+    }
+
+    /// Number of edges added.
+    #[must_use]
+    pub fn edges(&self) -> usize {
+        self.edges.len()
+    }
+
+    /// Builds the network. O((nodes + edges) log).
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Empty`] if there are no nodes.
+    pub fn build(self) -> Result<RoadNetwork<P>, MapError> {
+        let Self { nodes, indices, edges: added, forbidden } = self;
+        if nodes.is_empty() {
+            return Err(MapError::Empty);
+        }
+        let mut order: Vec<u32> = (0..added.len() as u32).collect();
+        order.sort_by_key(|&e| (added[e as usize].edge.from, added[e as usize].edge.to));
+        let mut number = vec![0; added.len()];
+        order.iter().zip(0..).for_each(|(&e, index)| number[e as usize] = index);
+        let edges: Vec<Edge> = order.iter().map(|&e| added[e as usize].edge).collect();
+        let start = |node: usize| edges.partition_point(|edge| edge.from < node) as u32;
+        let starts = (0..=nodes.len()).map(start).collect();
+        let (mut points, mut shape_starts) = (Vec::new(), vec![0]);
+        for &e in &order {
+            let NewEdge { edge, between, .. } = &added[e as usize];
+            points.push(nodes[edge.from].position);
+            points.extend_from_slice(between);
+            points.push(nodes[edge.to].position);
+            shape_starts.push(points.len() as u32);
+        }
+        let declared = |&e: &u32| added[e as usize].reverse.map_or(NONE, |back| number[back]);
+        let reverse = order.iter().map(declared).collect();
+        let mut forbidden: Vec<(u32, u32)> =
+            forbidden.iter().map(|&(edge, next)| (number[edge], number[next])).collect();
+        forbidden.sort_unstable();
+        forbidden.dedup();
+        let mut network =
+            RoadNetwork { nodes, indices, edges, starts, points, shape_starts, reverse, forbidden };
+        network.find_reverses();
+        Ok(network)
+    }
+}
+
+impl<P> RoadNetwork<P> {
+    /// Pairs edges of opposite ends and about the same length.
+    fn find_reverses(&mut self) {
+        for e in 0..self.edges.len() {
+            let Edge { from, to, metres, .. } = self.edges[e];
+            if self.reverse[e] != NONE || from == to {
+                continue;
+            }
+            let difference = |&other: &usize| (self.edges[other].metres - metres).abs();
+            let free = |&other: &usize| self.edges[other].to == from && self.reverse[other] == NONE;
+            let nearest = self
+                .edges_from(to)
+                .filter(free)
+                .min_by(|a, b| difference(a).total_cmp(&difference(b)))
+                .filter(|other| difference(other) <= 0.01 * metres);
+            if let Some(other) = nearest {
+                (self.reverse[e], self.reverse[other]) = (other as u32, e as u32);
+            }
+        }
+    }
+}
+
+/// Everything of a new edge but its ends.
+///
+/// ```
+/// use wayfix::map::{EdgeOptions, Position, RoadClass};
+///
+/// let options: EdgeOptions<Position> = EdgeOptions { metres: Some(120.0), ..EdgeOptions::of(RoadClass::Street) };
+/// assert!(options.between.is_empty());
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct EdgeOptions<P = Position> {
+    /// Class of the road.
+    pub class: RoadClass,
+    /// Length in metres; `None` for that of the line.
+    pub metres: Option<f64>,
+    /// Posted speed in metres per second, if known.
+    pub speed: Option<f64>,
+    /// True for a part of a roundabout.
+    pub roundabout: bool,
+    /// Points of the line between the ends; none if it is straight.
+    pub between: Vec<P>,
+}
+
+impl<P> EdgeOptions<P> {
+    /// Returns a straight road of a class.
+    #[must_use]
+    pub fn of(class: RoadClass) -> Self {
+        Self { class, metres: None, speed: None, roundabout: false, between: Vec::new() }
+    }
+}

@@ -1,0 +1,82 @@
+//! Positions along the line of an edge.
+
+use super::RoadNetwork;
+use crate::map::{Coordinates, Position};
+
+/// A point of an edge that is nearest to a position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection<P = Position> {
+    /// Index of the edge.
+    pub edge: usize,
+    /// Metres from the start of the edge, between 0 and its length.
+    pub metres_along: f64,
+    /// Metres between the position and the point.
+    pub metres_off: f64,
+    /// The point.
+    pub position: P,
+    /// Direction of the road there, in radians clockwise from north, from −π to π; in a plane,
+    /// from the y-axis.
+    pub heading: f64,
+}
+
+impl<P: Coordinates> RoadNetwork<P> {
+    /// Nearest point of an edge to a position, with the metres along the edge scaled to its
+    /// length. O(points of the edge).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
+    #[must_use]
+    pub fn project(&self, edge: usize, position: P) -> Projection<P> {
+        let [px, py] = position.to_plane();
+        let mut best = (f64::INFINITY, 0.0, [0.0; 2], 0.0);
+        let mut before = 0.0;
+        let mut points = self.shape(edge).iter().map(|point| point.to_plane());
+        let mut a = points.next().unwrap_or_default();
+        for b in points {
+            let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+            let squared = dx * dx + dy * dy;
+            let share = ((px - a[0]) * dx + (py - a[1]) * dy) / squared;
+            // A piece without a length has no direction: its share is NaN.
+            let share = if share > 0.0 { share.min(1.0) } else { 0.0 };
+            let at = [a[0] + share * dx, a[1] + share * dy];
+            let off = (px - at[0]).powi(2) + (py - at[1]).powi(2);
+            let length = squared.sqrt();
+            if off < best.0 {
+                best = (off, before + share * length, at, dx.atan2(dy));
+            }
+            before += length;
+            a = b;
+        }
+        let (off, along, at, heading) = best;
+        let metres = self.edges()[edge].metres;
+        let share = if before > 0.0 { (along / before).min(1.0) } else { 0.0 };
+        let metres_off = off.sqrt() * P::scale(at);
+        let position = P::from_plane(at);
+        Projection { edge, metres_along: share * metres, metres_off, position, heading }
+    }
+
+    /// Position so many metres along an edge, at most its length. O(points of the edge).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
+    #[must_use]
+    pub fn position_along(&self, edge: usize, metres: f64) -> P {
+        let points: Vec<[f64; 2]> = self.shape(edge).iter().map(|p| p.to_plane()).collect();
+        let length = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+        let total: f64 = points.windows(2).map(length).sum();
+        let share = (metres / self.edges()[edge].metres).clamp(0.0, 1.0);
+        let mut left = share * total;
+        for pair in points.windows(2) {
+            let piece = length(pair);
+            if left <= piece && piece > 0.0 {
+                let share = left / piece;
+                let [a, b] = [pair[0], pair[1]];
+                return P::from_plane([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
+            }
+            left -= piece;
+        }
+        self.nodes()[self.edges()[edge].to].position
+    }
+}
