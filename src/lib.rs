@@ -158,6 +158,8 @@ pub mod guide;
 pub mod inference;
 pub mod likelihood;
 pub mod map;
+#[cfg(feature = "matching")]
+pub mod matching;
 pub mod motion;
 pub mod observation;
 #[cfg(feature = "serde")]

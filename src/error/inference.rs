@@ -100,6 +100,23 @@ pub enum InferenceError {
         /// Number of states of the model.
         expected: usize,
     },
+    /// A log-likelihood, or the log weight of a move, of a [`Trellis`](crate::inference::Trellis)
+    /// is NaN or +∞.
+    TrellisValue {
+        /// The step, from 1.
+        step: usize,
+        /// Value found.
+        value: f64,
+    },
+    /// A move of a [`Trellis`](crate::inference::Trellis) comes from a state that does not exist.
+    TrellisState {
+        /// The step to which the move leads, from 1.
+        step: usize,
+        /// The state, from 0.
+        from: usize,
+        /// Number of states of the step before.
+        states: usize,
+    },
 }
 
 impl fmt::Display for InferenceError {
@@ -149,6 +166,14 @@ impl fmt::Display for InferenceError {
             Self::StateCount { what, found, expected } => {
                 write!(f, "the {what} has {found} states, expected {expected} as the model")
             }
+            Self::TrellisValue { step, value } => write!(
+                f,
+                "step {step} of the trellis has the logarithm {value}, expected a value below +inf"
+            ),
+            Self::TrellisState { step, from, states } => write!(
+                f,
+                "step {step} of the trellis has a move from state {from}, expected one of the {states} of the step before"
+            ),
         }
     }
 }

@@ -12,6 +12,7 @@
 //! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with [`Pairs`] | three products |
 //! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
+//! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`TrellisPath`] | the moves between the states of two steps |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
@@ -45,6 +46,8 @@ mod viterbi;
 mod k_best;
 
 mod beam;
+
+mod trellis;
 
 mod sampler;
 
@@ -95,6 +98,7 @@ pub use sampler::PathSampler;
 pub(crate) use scores::TakenOut;
 pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
+pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs, TrellisPath};
 pub use viterbi::ViterbiPath;
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
@@ -106,7 +110,7 @@ pub(crate) struct LogSum {
 
 impl LogSum {
     #[inline]
-    fn add(&mut self, value: f64) {
+    pub(crate) fn add(&mut self, value: f64) {
         let sum = self.sum + value;
         self.lost += if self.sum.abs() >= value.abs() {
             (self.sum - sum) + value
@@ -126,7 +130,7 @@ impl LogSum {
         self.sum.is_finite() && (self.sum + self.lost).is_finite()
     }
 
-    fn value(self) -> f64 {
+    pub(crate) fn value(self) -> f64 {
         // An infinite sum has no meaningful compensation.
         if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
     }

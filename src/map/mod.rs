@@ -44,7 +44,12 @@ mod turning;
 
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
-pub use network::{Edge, EdgeOptions, NetworkBuilder, Node, Projection, RoadNetwork};
+pub use network::{
+    Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteSearch,
+    TurnCosts,
+};
+#[cfg(feature = "matching")]
+pub use network::{EdgeIndex, NearEdge};
 pub use position::{Coordinates, PlanePosition, Position};
 pub use road_map::{Place, Road, RoadClass, RoadMap};
 pub use shortest::RoadPath;

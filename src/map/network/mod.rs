@@ -1,9 +1,15 @@
 //! Directed road networks with geometry: nodes, edges, and the turns between them.
 
 mod builder;
+#[cfg(feature = "matching")]
+mod index;
+mod route;
 mod shape;
 
 pub use builder::{EdgeOptions, NetworkBuilder};
+#[cfg(feature = "matching")]
+pub use index::{EdgeIndex, NearEdge};
+pub use route::{Reached, RouteSearch, TurnCosts};
 pub use shape::Projection;
 
 use std::collections::HashMap;

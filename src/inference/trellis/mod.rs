@@ -1,0 +1,205 @@
+//! Trellises: sequences whose states differ from step to step, such as the roads near each
+//! position of a drive.
+
+mod k_best;
+mod smooth;
+mod viterbi;
+
+pub use k_best::TrellisPath;
+pub use smooth::{SmoothedTrellis, TrellisPairs};
+
+use crate::error::InferenceError;
+
+/// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
+/// into it from the states of the step before, with their log weights.
+///
+/// A model of a million states of which each observation leaves a few, found by a search, is a
+/// trellis of those few. Weights of moves are probabilities, or probabilities times the
+/// likelihood of what was measured on the way; they need not sum to one. All computations are in
+/// natural logarithms, so that nothing underflows.
+///
+/// Steps count from 1. The states of step 1 have one move each, from the start, whose weight is
+/// their prior probability.
+///
+/// ```
+/// use wayfix::inference::Trellis;
+///
+/// let ln = f64::ln;
+/// let mut trellis = Trellis::new();
+/// trellis.begin_step();
+/// trellis.state(ln(0.9), [(0, ln(0.5))])?; // log-likelihood, moves (from, log weight)
+/// trellis.state(ln(0.2), [(0, ln(0.5))])?;
+/// trellis.begin_step();
+/// trellis.state(ln(0.5), [(0, ln(0.7)), (1, ln(0.3))])?;
+/// trellis.state(ln(0.1), [(0, ln(0.3)), (1, ln(0.7))])?;
+/// trellis.state(ln(0.5), [])?; // not to be reached
+///
+/// let smoothed = trellis.smooth()?;
+/// assert!((smoothed.log_likelihood() - 0.1950_f64.ln()).abs() < 1e-12);
+/// assert_eq!(smoothed.filtered(2)[2], 0.0);
+/// let path = trellis.viterbi()?;
+/// assert_eq!(path.states(), [0, 0]);
+/// assert!((path.log_probability() - 0.1575_f64.ln()).abs() < 1e-12);
+/// # Ok::<(), wayfix::InferenceError>(())
+/// ```
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Trellis {
+    /// First state of each step, and the number of states at the end.
+    steps: Vec<usize>,
+    log_likelihoods: Vec<f64>,
+    /// Moves into state s are those from `moves[s]` to `moves[s + 1]`.
+    moves: Vec<usize>,
+    from: Vec<u32>,
+    log_weights: Vec<f64>,
+}
+
+impl Trellis {
+    /// Creates a trellis without steps.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { moves: vec![0], ..Self::default() }
+    }
+
+    /// Removes all steps, and keeps the memory.
+    pub fn clear(&mut self) {
+        self.steps.clear();
+        self.log_likelihoods.clear();
+        self.moves.clear();
+        self.moves.push(0);
+        self.from.clear();
+        self.log_weights.clear();
+    }
+
+    /// Begins a step, without states.
+    pub fn begin_step(&mut self) {
+        self.steps.push(self.log_likelihoods.len());
+    }
+
+    /// Adds a state to the last step, with the moves into it from states of the step before, by
+    /// their number there, from 0. In the first step the only state before is 0, the start.
+    /// Moves should come in ascending order: ties go to the first.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::TrellisValue`] for a log-likelihood or a weight that is NaN or +∞, and
+    /// [`InferenceError::TrellisState`] for a move from a state that does not exist; the trellis
+    /// is then as before.
+    pub fn state(
+        &mut self,
+        log_likelihood: f64,
+        moves: impl IntoIterator<Item = (usize, f64)>,
+    ) -> Result<(), InferenceError> {
+        let step = self.steps.len();
+        let before = if step > 1 { self.steps[step - 1] - self.steps[step - 2] } else { step };
+        let valid = |value: f64| {
+            let error = InferenceError::TrellisValue { step, value };
+            if value < f64::INFINITY { Ok(()) } else { Err(error) }
+        };
+        let kept = self.from.len();
+        let checked = valid(log_likelihood).and_then(|()| {
+            moves.into_iter().try_for_each(|(from, log_weight)| {
+                valid(log_weight)?;
+                if from >= before {
+                    return Err(InferenceError::TrellisState { step, from, states: before });
+                }
+                self.from.push(from as u32);
+                self.log_weights.push(log_weight);
+                Ok(())
+            })
+        });
+        if checked.is_err() {
+            self.from.truncate(kept);
+            self.log_weights.truncate(kept);
+            return checked;
+        }
+        self.log_likelihoods.push(log_likelihood);
+        self.moves.push(self.from.len());
+        Ok(())
+    }
+
+    /// Number of steps, T.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// Number of states of a step, from 1; 0 if there is no such step.
+    #[must_use]
+    pub fn states(&self, step: usize) -> usize {
+        self.range(step).len()
+    }
+
+    /// Removes the first step. The next becomes the first, with the logarithms of a distribution
+    /// of its states in place of all that was before.
+    pub(crate) fn remove_first(&mut self, log_distribution: &[f64]) {
+        let (first, second) = (self.range(1).end, self.range(2).end);
+        let moves = self.moves[second];
+        self.steps.remove(0);
+        self.steps.iter_mut().for_each(|start| *start -= first);
+        self.log_likelihoods.drain(..first);
+        self.moves.drain(..second);
+        let states = second - first;
+        self.from.splice(..moves, std::iter::repeat_n(0, states));
+        self.log_weights.splice(..moves, log_distribution.iter().copied());
+        self.moves.iter_mut().for_each(|start| *start = *start - moves + states);
+        self.moves.splice(..0, 0..states);
+        self.log_likelihoods[..states].fill(0.0);
+    }
+
+    /// Bytes of memory beside the value itself.
+    pub(crate) fn bytes(&self) -> usize {
+        let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
+        let indices = self.steps.capacity() + self.moves.capacity();
+        doubles * size_of::<f64>()
+            + indices * size_of::<usize>()
+            + self.from.capacity() * size_of::<u32>()
+    }
+
+    /// States of a step, numbered through all steps.
+    fn range(&self, step: usize) -> std::ops::Range<usize> {
+        let Some(&start) = step.checked_sub(1).and_then(|k| self.steps.get(k)) else {
+            return 0..0;
+        };
+        start..self.steps.get(step).copied().unwrap_or(self.log_likelihoods.len())
+    }
+
+    /// Moves into a state, by its number through all steps: pairs (from, log weight).
+    fn moves_into(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let range = self.moves[state]..self.moves[state + 1];
+        let from = self.from[range.clone()].iter().map(|&from| from as usize);
+        from.zip(self.log_weights[range].iter().copied())
+    }
+
+    /// Computes ln p(y_1 … y_k, X_k = i) up to a constant for the states of a step from those of
+    /// the step before, and scales it to sum to one. Returns the logarithm of the sum; −∞ if
+    /// nothing is possible.
+    pub(crate) fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> f64 {
+        out.clear();
+        out.extend(self.range(step).map(|state| {
+            let terms = self.moves_into(state).map(|(j, log)| before[j] + log);
+            self.log_likelihoods[state] + log_sum(terms)
+        }));
+        let sum = log_sum(out.iter().copied());
+        if sum > f64::NEG_INFINITY {
+            out.iter_mut().for_each(|x| *x -= sum);
+        }
+        sum
+    }
+}
+
+/// ln Σ e^x.
+pub(crate) fn log_sum(terms: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = terms.clone().fold(f64::NEG_INFINITY, f64::max);
+    if largest == f64::NEG_INFINITY {
+        return largest;
+    }
+    let mut sum = 0.0;
+    for term in terms {
+        let below = term - largest;
+        // e^-45 is below the last digit of the sum.
+        if below > -45.0 {
+            sum += if below == 0.0 { 1.0 } else { below.exp() };
+        }
+    }
+    largest + sum.ln()
+}

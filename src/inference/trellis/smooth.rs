@@ -1,0 +1,170 @@
+//! Forward-backward on a trellis.
+
+use super::{Trellis, log_sum};
+use crate::error::InferenceError;
+use crate::inference::LogSum;
+
+/// Filtered and smoothed distributions of the states of each step of a [`Trellis`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmoothedTrellis {
+    steps: Vec<usize>,
+    /// ln p(X_k | y_1 … y_k).
+    log_filtered: Vec<f64>,
+    filtered: Vec<f64>,
+    smoothed: Vec<f64>,
+    /// ln p(y_k+1 … y_T | X_k), up to a constant for each step.
+    log_backward: Vec<f64>,
+    log_normalizers: Vec<f64>,
+}
+
+impl Trellis {
+    /// Computes the filtered and smoothed distributions of all steps. O(moves) time; 40 bytes a
+    /// state.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Impossible`] with the first step at which no state is possible.
+    pub fn smooth(&self) -> Result<SmoothedTrellis, InferenceError> {
+        let mut steps = self.steps.clone();
+        steps.push(self.log_likelihoods.len());
+        let mut log_filtered: Vec<f64> = Vec::with_capacity(self.log_likelihoods.len());
+        let mut log_normalizers = Vec::with_capacity(self.steps());
+        let (mut before, mut now) = (vec![0.0], Vec::new());
+        for step in 1..=self.steps() {
+            let sum = self.forward_step(step, &before, &mut now);
+            if sum == f64::NEG_INFINITY {
+                return Err(InferenceError::Impossible { step });
+            }
+            log_normalizers.push(sum);
+            log_filtered.extend_from_slice(&now);
+            std::mem::swap(&mut before, &mut now);
+        }
+        let mut log_backward = vec![0.0; log_filtered.len()];
+        for step in (2..=self.steps()).rev() {
+            let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
+            let earlier = &mut earlier[self.range(step - 1).start..];
+            self.backward_step(step, log_normalizers[step - 1], later, earlier);
+        }
+        let filtered = log_filtered.iter().map(|log| log.exp()).collect();
+        let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
+        for bounds in steps.windows(2) {
+            let logs = bounds[0]..bounds[1];
+            let log = logs.map(|s| log_filtered[s] + log_backward[s]);
+            let sum = log_sum(log.clone());
+            smoothed.extend(log.map(|log| (log - sum).exp()));
+        }
+        Ok(SmoothedTrellis {
+            steps,
+            log_filtered,
+            filtered,
+            smoothed,
+            log_backward,
+            log_normalizers,
+        })
+    }
+}
+
+impl Trellis {
+    /// Computes the backward logarithms of the states of the step before.
+    fn backward_step(&self, step: usize, log_normalizer: f64, later: &[f64], earlier: &mut [f64]) {
+        earlier.fill(f64::NEG_INFINITY);
+        for (state, log) in self.range(step).zip(later) {
+            let log = self.log_likelihoods[state] + *log - log_normalizer;
+            for (j, weight) in self.moves_into(state) {
+                earlier[j] = log_add(earlier[j], weight + log);
+            }
+        }
+    }
+}
+
+/// ln(e^a + e^b).
+fn log_add(a: f64, b: f64) -> f64 {
+    let (high, low) = if a > b { (a, b) } else { (b, a) };
+    if low - high > -45.0 { high + (low - high).exp().ln_1p() } else { high }
+}
+
+impl SmoothedTrellis {
+    /// Distribution p(X_k | y_1 … y_k) over the states of a step, from 1.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such step; this holds for all methods.
+    #[must_use]
+    pub fn filtered(&self, step: usize) -> &[f64] {
+        &self.filtered[self.range(step)]
+    }
+
+    /// Distribution p(X_k | y_1 … y_T) over the states of a step.
+    #[must_use]
+    pub fn smoothed(&self, step: usize) -> &[f64] {
+        &self.smoothed[self.range(step)]
+    }
+
+    /// Distribution p(X_k | y_1 … y_{k + lag}) over the states of a step, or of all that were
+    /// observed, if these are fewer. O(moves of `lag` steps).
+    #[must_use]
+    pub fn lagged(&self, trellis: &Trellis, step: usize, lag: usize) -> Vec<f64> {
+        let last = (step + lag).min(self.steps.len() - 1);
+        let mut later = vec![0.0; self.range(last).len()];
+        for k in (step + 1..=last).rev() {
+            let mut earlier = vec![0.0; self.range(k - 1).len()];
+            trellis.backward_step(k, self.log_normalizers[k - 1], &later, &mut earlier);
+            later = earlier;
+        }
+        let logs = self.log_filtered[self.range(step)].iter().zip(&later);
+        let logs: Vec<f64> = logs.map(|(filtered, later)| filtered + later).collect();
+        let sum = log_sum(logs.iter().copied());
+        logs.into_iter().map(|log| (log - sum).exp()).collect()
+    }
+
+    /// ln p(y_k | y_1 … y_{k-1}).
+    #[must_use]
+    pub fn log_normalizer(&self, step: usize) -> f64 {
+        self.log_normalizers[step - 1]
+    }
+
+    /// ln p(y_1 … y_T).
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        let mut sum = LogSum::default();
+        self.log_normalizers.iter().for_each(|log| sum.add(*log));
+        sum.value()
+    }
+
+    /// Moves into the states of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T),
+    /// which sum to one.
+    #[must_use]
+    pub fn pairs<'a>(&'a self, trellis: &'a Trellis, step: usize) -> TrellisPairs<'a> {
+        TrellisPairs { smoothed: self, trellis, step }
+    }
+
+    fn range(&self, step: usize) -> std::ops::Range<usize> {
+        self.steps[step - 1]..self.steps[step]
+    }
+}
+
+/// Probabilities of the moves into the states of one step.
+#[derive(Debug, Clone, Copy)]
+pub struct TrellisPairs<'a> {
+    smoothed: &'a SmoothedTrellis,
+    trellis: &'a Trellis,
+    step: usize,
+}
+
+impl<'a> TrellisPairs<'a> {
+    /// Moves into a state of the step, in the order in which they were added: pairs (from,
+    /// probability).
+    pub fn into_state(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
+        let Self { smoothed, trellis, step } = *self;
+        let number = smoothed.range(step).start + state;
+        let later = trellis.log_likelihoods[number] + smoothed.log_backward[number]
+            - smoothed.log_normalizers[step - 1];
+        trellis.moves_into(number).map(move |(from, weight)| {
+            let before = match step {
+                1 => 0.0,
+                _ => smoothed.log_filtered[smoothed.range(step - 1).start + from],
+            };
+            (from, (before + weight + later).exp())
+        })
+    }
+}

@@ -1,0 +1,156 @@
+//! Edges near a position, by a tree of boxes.
+
+use static_aabb2d_index::{StaticAABB2DIndex, StaticAABB2DIndexBuilder};
+
+use super::RoadNetwork;
+use crate::map::Coordinates;
+
+/// Spatial index of the edges of a network. Building takes O(points log), 130 bytes a
+/// piece of a line.
+#[derive(Debug, Clone)]
+pub struct EdgeIndex {
+    tree: StaticAABB2DIndex<f64>,
+    pieces: Vec<Piece>,
+}
+
+/// Piece of the line of an edge, in the plane.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    edge: u32,
+    a: [f64; 2],
+    b: [f64; 2],
+    /// Metres along the edge at both ends.
+    along: [f64; 2],
+    /// True for the first and for the last piece of the edge.
+    ends: [bool; 2],
+}
+
+/// An edge near a position, at its nearest point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NearEdge {
+    /// Index of the edge.
+    pub edge: usize,
+    /// Metres from the start of the edge to the nearest point.
+    pub metres_along: f64,
+    /// Metres between the position and the nearest point.
+    pub metres_off: f64,
+    /// Metres across, from the position to the line that goes on straight beyond the ends of the
+    /// edge.
+    pub across: f64,
+    /// Metres by which the position is beyond the end of the edge along that line; below 0 before
+    /// its start, 0 beside the edge.
+    pub beyond: f64,
+    /// The nearest point, in the plane of the network.
+    pub(crate) point: [f64; 2],
+    /// Direction of the road there, in the plane; of length 1, or 0.
+    pub(crate) direction: [f64; 2],
+}
+
+impl EdgeIndex {
+    /// Builds the index of a network.
+    #[must_use]
+    pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
+        let mut pieces = Vec::new();
+        for (edge, road) in network.edges().iter().enumerate() {
+            // A reverse edge has the same points: found together with the first.
+            if network.reverse(edge).is_some_and(|reverse| reverse < edge) {
+                continue;
+            }
+            let points: Vec<_> = network.shape(edge).iter().map(|p| p.to_plane()).collect();
+            let total: f64 = points.windows(2).map(length).sum();
+            let scale = if total > 0.0 { road.metres / total } else { 0.0 };
+            let (mut before, last) = (0.0, points.len().saturating_sub(2));
+            for (number, pair) in points.windows(2).enumerate() {
+                let after = before + length(pair) * scale;
+                let along = [before, after];
+                let ends = [number == 0, number == last];
+                pieces.push(Piece { edge: edge as u32, a: pair[0], b: pair[1], along, ends });
+                before = after;
+            }
+        }
+        let mut builder = StaticAABB2DIndexBuilder::new(pieces.len());
+        for Piece { a, b, .. } in &pieces {
+            builder.add(a[0].min(b[0]), a[1].min(b[1]), a[0].max(b[0]), a[1].max(b[1]));
+        }
+        let tree = builder.build().expect("one box was added per piece, with ordered corners");
+        Self { tree, pieces }
+    }
+
+    /// Finds the edges within so many metres of a position, in ascending order; both directions of
+    /// a road. O(log + pieces found).
+    pub fn near<P: Coordinates>(
+        &self,
+        network: &RoadNetwork<P>,
+        position: P,
+        metres: f64,
+        out: &mut Vec<NearEdge>,
+    ) {
+        out.clear();
+        let point = position.to_plane();
+        let scale = P::scale(point);
+        let reach = metres / scale;
+        let ([x, y], pieces) = (point, &self.pieces);
+        let mut visit = |number: usize| {
+            let near = pieces[number].nearest(point, scale);
+            if near.metres_off <= metres {
+                out.push(near);
+            }
+        };
+        self.tree.visit_query(x - reach, y - reach, x + reach, y + reach, &mut visit);
+        out.sort_unstable_by(|a, b| {
+            (a.edge.cmp(&b.edge))
+                .then(a.metres_off.total_cmp(&b.metres_off))
+                .then(a.metres_along.total_cmp(&b.metres_along))
+        });
+        out.dedup_by_key(|near| near.edge);
+        for number in 0..out.len() {
+            if let Some(reverse) = network.reverse(out[number].edge) {
+                let near = out[number];
+                out.push(near.reversed(reverse, network.edges()[reverse].metres));
+            }
+        }
+        out.sort_unstable_by_key(|near| near.edge);
+    }
+}
+
+fn length(pair: &[[f64; 2]]) -> f64 {
+    (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])
+}
+
+impl Piece {
+    /// Point of the piece that is nearest to a point of the plane.
+    fn nearest(&self, [x, y]: [f64; 2], scale: f64) -> NearEdge {
+        let Self { a, b, along, ends, .. } = *self;
+        let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+        let length = dx.hypot(dy);
+        let direction = if length > 0.0 { [dx / length, dy / length] } else { [0.0; 2] };
+        let straight = (x - a[0]) * direction[0] + (y - a[1]) * direction[1];
+        let inside = straight.clamp(0.0, length);
+        let share = if length > 0.0 { inside / length } else { 0.0 };
+        let point = [a[0] + inside * direction[0], a[1] + inside * direction[1]];
+        let off = (x - point[0]).hypot(y - point[1]) * scale;
+        let before_start = straight < 0.0 && ends[0];
+        let after_end = straight > length && ends[1];
+        // At a bend within the edge, the nearest point is beside it.
+        let beyond = if before_start || after_end { (straight - inside) * scale } else { 0.0 };
+        let across = (off * off - beyond * beyond).max(0.0).sqrt();
+        NearEdge {
+            edge: self.edge as usize,
+            metres_along: along[0] + share * (along[1] - along[0]),
+            metres_off: off,
+            across,
+            beyond,
+            point,
+            direction,
+        }
+    }
+}
+
+impl NearEdge {
+    /// The same point of the reverse edge.
+    fn reversed(self, edge: usize, metres: f64) -> Self {
+        let metres_along = (metres - self.metres_along).max(0.0);
+        let direction = self.direction.map(|x| -x);
+        Self { edge, metres_along, beyond: -self.beyond, direction, ..self }
+    }
+}

@@ -1,0 +1,57 @@
+//! Answers for one point of a drive.
+
+use super::candidates::{Candidate, OFF_ROAD};
+
+/// The road that a vehicle was on at a point of its drive, with its probability.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RoadAnswer {
+    /// Most probable edge; `None` off the road.
+    pub edge: Option<usize>,
+    /// Metres from the start of the edge, at the most probable point; 0 off the road.
+    pub metres_along: f64,
+    /// Probability of the edge, or of being off the road.
+    pub probability: f64,
+    /// Entropy of the distribution over edges and off the road, in nats.
+    pub entropy: f64,
+    /// Probability of being off the road.
+    pub off_road: f64,
+}
+
+/// Probabilities of edges, in ascending order, and off the road last.
+pub(super) fn by_edge(states: &[Candidate], probabilities: &[f64]) -> Vec<(u32, f64, f64, f64)> {
+    let mut edges: Vec<(u32, f64, f64, f64)> = Vec::with_capacity(states.len());
+    for (state, &p) in states.iter().zip(probabilities) {
+        match edges.iter_mut().find(|entry| entry.0 == state.edge) {
+            Some(entry) => {
+                entry.1 += p;
+                if p > entry.3 {
+                    (entry.2, entry.3) = (state.along, p);
+                }
+            }
+            None => edges.push((state.edge, p, state.along, p)),
+        }
+    }
+    edges
+}
+
+impl RoadAnswer {
+    pub(super) fn new(states: &[Candidate], probabilities: &[f64]) -> Self {
+        let edges = by_edge(states, probabilities);
+        let mut best = (OFF_ROAD, f64::NEG_INFINITY, 0.0);
+        let (mut entropy, mut off_road) = (0.0, 0.0);
+        for &(edge, p, along, _) in &edges {
+            if p > best.1 {
+                best = (edge, p, along);
+            }
+            if p > 0.0 {
+                entropy -= p * p.ln();
+            }
+            if edge == OFF_ROAD {
+                off_road = p;
+            }
+        }
+        let (edge, probability, metres_along) = best;
+        let edge = (edge != OFF_ROAD).then_some(edge as usize);
+        Self { edge, metres_along, probability, entropy, off_road }
+    }
+}

@@ -1,0 +1,95 @@
+//! States of a step: points of roads near a position.
+
+use super::{MatchModel, TracePoint};
+use crate::map::{Coordinates, NearEdge};
+
+/// A point of an edge where the vehicle may be, or off the road.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct Candidate {
+    /// Index of the edge; [`OFF_ROAD`] off the road.
+    pub(super) edge: u32,
+    /// Metres from the start of the edge.
+    pub(super) along: f64,
+    /// The point, in the plane of the network.
+    pub(super) point: [f64; 2],
+    /// Metres across, and the probability that the position belongs to the road at all, for
+    /// learning.
+    pub(super) across: f64,
+    pub(super) inlier: f64,
+    pub(super) log_likelihood: f64,
+}
+
+/// Edge of the state off the road.
+pub(super) const OFF_ROAD: u32 = u32::MAX;
+
+impl Candidate {
+    pub(super) fn is_off_road(&self) -> bool {
+        self.edge == OFF_ROAD
+    }
+
+    /// The state off the road, at a position.
+    pub(super) fn off_road(point: [f64; 2], model: &MatchModel) -> Self {
+        let log_likelihood = -model.spread.ln();
+        Self { edge: OFF_ROAD, along: 0.0, point, across: 0.0, inlier: 0.0, log_likelihood }
+    }
+}
+
+/// Standard deviation of a point.
+pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
+    point.accuracy.unwrap_or(model.noise)
+}
+
+/// Sigmoid near the distribution function of a normal variable, with heavier tails.
+pub(super) fn share_below(z: f64) -> f64 {
+    1.0 / (1.0 + (-1.702 * z).exp())
+}
+
+/// State on an edge near a position.
+pub(super) fn on_edge<P: Coordinates>(
+    near: &NearEdge,
+    metres: f64,
+    model: &MatchModel,
+    point: &TracePoint<P>,
+) -> Candidate {
+    let sigma = deviation(model, point);
+    // Density across the road, times the share of the density along it that lies on the edge.
+    let at = near.metres_along + near.beyond;
+    let share = share_below((metres - at) / sigma) - share_below(-at / sigma);
+    let across = near.across / sigma;
+    let inlier = (1.0 - model.outliers) * share.max(1e-300) * (-0.5 * across * across).exp()
+        / (sigma * std::f64::consts::TAU.sqrt());
+    let outlier = model.outliers / model.spread;
+    let likelihood = inlier + outlier;
+    Candidate {
+        edge: near.edge as u32,
+        along: near.metres_along,
+        point: near.point,
+        across: near.across,
+        inlier: if near.beyond == 0.0 { inlier / likelihood } else { 0.0 },
+        log_likelihood: likelihood.ln() + heading(near, point),
+    }
+}
+
+/// Log-likelihood of the direction of travel.
+fn heading<P>(near: &NearEdge, point: &TracePoint<P>) -> f64 {
+    /// Concentration of directions: a standard deviation of 20°, and one in ten says nothing.
+    const CONCENTRATION: f64 = 8.2;
+    const ANY: f64 = 0.1;
+    /// Slower than this, the direction of a receiver says nothing.
+    const LEAST_SPEED: f64 = 2.0;
+    match point.heading {
+        Some(degrees) if point.speed.is_none_or(|speed| speed >= LEAST_SPEED) => {
+            let (x, y) = degrees.to_radians().sin_cos();
+            let cosine = x * near.direction[0] + y * near.direction[1];
+            (ANY + (1.0 - ANY) * (CONCENTRATION * (cosine - 1.0)).exp()).ln()
+        }
+        _ => 0.0,
+    }
+}
+
+/// Metres between two points of the plane.
+pub(super) fn metres_between<P: Coordinates>(a: [f64; 2], b: [f64; 2]) -> f64 {
+    let middle = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
+    (a[0] - b[0]).hypot(a[1] - b[1]) * P::scale(middle)
+}

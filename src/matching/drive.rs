@@ -1,0 +1,265 @@
+//! A whole drive: smoothed answers, and the route.
+
+use super::answer::RoadAnswer;
+use super::candidates::{Candidate, deviation, metres_between};
+use super::matcher::Before;
+use super::moves::{Interval, Ways};
+use super::vehicle::mode;
+use super::{MatchError, MatchMemory, Matcher, TracePoint};
+use crate::inference::{SmoothedTrellis, Trellis};
+use crate::map::{Coordinates, Position};
+
+/// A drive on a road network: the distribution of the roads at each point, and the most probable
+/// route.
+#[derive(Debug, Clone)]
+pub struct MatchedDrive<P = Position> {
+    pub(super) points: Vec<TracePoint<P>>,
+    pub(super) states: Vec<Vec<Candidate>>,
+    pub(super) trellis: Trellis,
+    pub(super) smoothed: SmoothedTrellis,
+    pub(super) route: Vec<Stretch<P>>,
+    pub(super) log_probability: f64,
+}
+
+/// Part of a route: an edge, or a stretch off the road.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch<P = Position> {
+    /// The edge; `None` off the road.
+    pub edge: Option<usize>,
+    /// Metres from the start of the edge where the vehicle comes onto it; 0 off the road.
+    pub enter: f64,
+    /// Metres from the start of the edge where it leaves it; off the road, the straight distance.
+    pub exit: f64,
+    /// Both ends.
+    pub ends: [P; 2],
+}
+
+impl<P: Coordinates> Matcher<P> {
+    /// Matches a whole drive. Points must be in the order of time, each later than the one before.
+    ///
+    /// O(points · (candidates² + edges searched)) time; some 30 bytes a pair of candidates.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Empty`] without points, [`MatchError::Point`] for a number out of range, and
+    /// [`MatchError::Time`] for times that do not ascend.
+    pub fn match_drive(
+        &self,
+        points: &[TracePoint<P>],
+        memory: &mut MatchMemory,
+    ) -> Result<MatchedDrive<P>, MatchError> {
+        let (states, trellis) = self.trellis(points, memory)?;
+        let smoothed = trellis.smooth()?;
+        let path = trellis.viterbi()?;
+        let log_probability = path.log_probability();
+        let on_path: Vec<Candidate> =
+            path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
+        let route = self.route(points, &on_path, memory);
+        let points = points.to_vec();
+        Ok(MatchedDrive { points, states, trellis, smoothed, route, log_probability })
+    }
+
+    /// Builds the trellis of a drive, with its states.
+    pub(super) fn trellis(
+        &self,
+        points: &[TracePoint<P>],
+        memory: &mut MatchMemory,
+    ) -> Result<(Vec<Vec<Candidate>>, Trellis), MatchError> {
+        let first = points.first().ok_or(MatchError::Empty)?;
+        let mut trellis = Trellis::new();
+        let mut all = Vec::with_capacity(points.len());
+        all.push(self.begin(first, memory, &mut trellis)?);
+        let (mut log_filtered, mut next) = (Vec::new(), Vec::new());
+        trellis.forward_step(1, &[0.0], &mut log_filtered);
+        let mut speed = first.speed.unwrap_or(0.0);
+        for (step, pair) in points.windows(2).enumerate() {
+            let before =
+                Before { point: &pair[0], states: &all[step], log_filtered: &log_filtered, speed };
+            let states = self.advance(&before, &pair[1], memory, &mut trellis)?;
+            trellis.forward_step(step + 2, &log_filtered, &mut next);
+            let modes = mode(&log_filtered).zip(mode(&next));
+            if let Some((before, now)) = modes.map(|(a, b)| (all[step][a], states[b]))
+                && !before.is_off_road()
+                && !now.is_off_road()
+                && now.inlier > 0.5
+            {
+                let metres = metres_between::<P>(before.point, now.point);
+                let measured = (metres / (pair[1].time - pair[0].time)).min(50.0);
+                speed = 0.5 * (speed + measured);
+            }
+            speed = pair[1].speed.unwrap_or(speed);
+            std::mem::swap(&mut log_filtered, &mut next);
+            all.push(states);
+        }
+        Ok((all, trellis))
+    }
+
+    /// Connected route through one state a point.
+    fn route(
+        &self,
+        points: &[TracePoint<P>],
+        path: &[Candidate],
+        memory: &mut MatchMemory,
+    ) -> Vec<Stretch<P>> {
+        let mut route = Route { matcher: self, stretches: Vec::new() };
+        let mut start = 0;
+        route.enter(&path[0]);
+        for (step, pair) in path.windows(2).enumerate() {
+            let (from, to) = (&pair[0], &pair[1]);
+            match (from.is_off_road(), to.is_off_road()) {
+                (true, true) => {}
+                (false, true) => start = step,
+                (true, false) => {
+                    route.off_road(points[start].position, points[step + 1].position);
+                    route.enter(to);
+                }
+                (false, false) => {
+                    let (a, b) = (&points[step], &points[step + 1]);
+                    let jitter = deviation(&self.model, a).hypot(deviation(&self.model, b));
+                    let metres = a.position.metres_to(b.position);
+                    let seconds = b.time - a.time;
+                    let interval = Interval { seconds, metres, jitter, speed: None };
+                    let Self { network, chords, .. } = self;
+                    let mut ways = Ways { network, chords, search: &mut memory.search };
+                    ways.from(from, std::slice::from_ref(to), &self.model, &interval);
+                    route.go_on(from, to, &interval, memory);
+                }
+            }
+        }
+        if path.last().is_some_and(Candidate::is_off_road) {
+            route.off_road(points[start].position, points[points.len() - 1].position);
+        }
+        route.stretches
+    }
+}
+
+/// A route that grows.
+struct Route<'a, P> {
+    matcher: &'a Matcher<P>,
+    stretches: Vec<Stretch<P>>,
+}
+
+impl<P: Coordinates> Route<'_, P> {
+    fn length(&self, edge: usize) -> f64 {
+        self.matcher.network.edges()[edge].metres
+    }
+
+    fn push(&mut self, edge: usize, enter: f64, exit: f64) {
+        let network = &self.matcher.network;
+        let ends = [network.position_along(edge, enter), network.position_along(edge, exit)];
+        self.stretches.push(Stretch { edge: Some(edge), enter, exit, ends });
+    }
+
+    fn enter(&mut self, state: &Candidate) {
+        if !state.is_off_road() {
+            self.push(state.edge as usize, state.along, state.along);
+        }
+    }
+
+    fn off_road(&mut self, from: P, to: P) {
+        let (edge, enter, exit) = (None, 0.0, from.metres_to(to));
+        self.stretches.push(Stretch { edge, enter, exit, ends: [from, to] });
+    }
+
+    /// Moves the end of the route along its last edge.
+    fn extend_to(&mut self, along: f64) {
+        let Some(last) = self.stretches.last_mut() else { return };
+        if let Some(edge) = last.edge
+            && along > last.exit
+        {
+            last.exit = along;
+            last.ends[1] = self.matcher.network.position_along(edge, along);
+        }
+    }
+
+    /// Goes on to the next state, by the route of the last search.
+    fn go_on(
+        &mut self,
+        from: &Candidate,
+        to: &Candidate,
+        interval: &Interval,
+        memory: &MatchMemory,
+    ) {
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        if edge == next && to.along - from.along >= -6.0 * interval.jitter {
+            return self.extend_to(to.along);
+        }
+        let reached = memory.search.reached(next);
+        let turns_on_the_way = self.matcher.network.reverse(edge) == Some(next)
+            && reached.is_none_or(|reached| reached.u_turns > 0);
+        if turns_on_the_way {
+            let here = self.stretches.last().map_or(from.along, |last| last.exit);
+            let enter = (self.length(next) - here).max(0.0).min(to.along);
+            return self.push(next, enter, to.along);
+        }
+        let route = memory.search.route(edge, next);
+        self.extend_to(self.length(edge));
+        for &edge in route.iter().skip(1) {
+            let exit = if edge == next { to.along } else { self.length(edge) };
+            self.push(edge, 0.0, exit);
+        }
+    }
+}
+
+impl<P: Coordinates> MatchedDrive<P> {
+    /// Points of the drive.
+    #[must_use]
+    pub fn points(&self) -> &[TracePoint<P>] {
+        &self.points
+    }
+
+    /// Answer for a point, from 0, by the points up to it.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such point; this holds for all methods that take one.
+    #[must_use]
+    pub fn live(&self, point: usize) -> RoadAnswer {
+        RoadAnswer::new(&self.states[point], self.smoothed.filtered(point + 1))
+    }
+
+    /// Answer for a point by the points up to it and `lag` more.
+    #[must_use]
+    pub fn late(&self, point: usize, lag: usize) -> RoadAnswer {
+        let probabilities = self.smoothed.lagged(&self.trellis, point + 1, lag);
+        RoadAnswer::new(&self.states[point], &probabilities)
+    }
+
+    /// Answer for a point by all points of the drive.
+    #[must_use]
+    pub fn smoothed(&self, point: usize) -> RoadAnswer {
+        RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
+    }
+
+    /// ln p(point | all before), as a density in metres.
+    #[must_use]
+    pub fn log_normalizer(&self, point: usize) -> f64 {
+        self.smoothed.log_normalizer(point + 1)
+    }
+
+    /// ln p(all points).
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.smoothed.log_likelihood()
+    }
+
+    /// Most probable route: edges that follow each other, and stretches off the road.
+    #[must_use]
+    pub fn route(&self) -> &[Stretch<P>] {
+        &self.route
+    }
+
+    /// Length of the route on roads in metres.
+    #[must_use]
+    pub fn metres(&self) -> f64 {
+        let on_road = self.route.iter().filter(|stretch| stretch.edge.is_some());
+        on_road.map(|stretch| stretch.exit - stretch.enter).sum()
+    }
+
+    /// Mean number of candidates at a point, off the road not counted.
+    #[must_use]
+    pub fn candidates(&self) -> f64 {
+        let states: usize = self.states.iter().map(|states| states.len() - 1).sum();
+        states as f64 / self.states.len() as f64
+    }
+}

@@ -1,0 +1,253 @@
+//! The matcher: a network, an index of its edges, and a model of drives.
+
+use super::candidates::{Candidate, deviation, metres_between, on_edge};
+use super::moves::{Interval, Ways, speed_of};
+use super::{MatchError, MatchModel, TracePoint};
+use crate::inference::Trellis;
+use crate::map::{Coordinates, EdgeIndex, NearEdge, Position, RoadNetwork, RouteSearch};
+
+/// Places positions of vehicles on a road network.
+///
+/// See the [module](super) for the model and an example. A matcher is immutable, and can be shared
+/// by threads; each thread has a [`MatchMemory`].
+#[derive(Debug, Clone)]
+pub struct Matcher<P = Position> {
+    pub(super) network: RoadNetwork<P>,
+    pub(super) index: EdgeIndex,
+    /// Straight distance between the ends of each edge.
+    pub(super) chords: Vec<f64>,
+    pub(super) model: MatchModel,
+}
+
+/// Memory of a thread for the search of roads and routes: some 50 bytes an edge of the network.
+#[derive(Debug, Clone, Default)]
+pub struct MatchMemory {
+    pub(super) search: RouteSearch,
+    pub(super) near: Vec<NearEdge>,
+    entries: Vec<Vec<(usize, f64)>>,
+}
+
+/// Share of the belief below which the way from a state is not looked for: e^-30.
+const NEGLIGIBLE: f64 = -30.0;
+/// Share of the belief from which on a state goes on where its road leads, even if no position
+/// is near.
+const CARRIED: f64 = -4.0;
+
+impl<P: Coordinates> Matcher<P> {
+    /// Builds the index of a network, with the default model. O(points log).
+    #[must_use]
+    pub fn new(network: RoadNetwork<P>) -> Self {
+        let index = EdgeIndex::new(&network);
+        let straight = |edge: &crate::map::Edge| {
+            let [a, b] = [edge.from, edge.to].map(|node| network.nodes()[node].position);
+            a.metres_to(b).min(edge.metres)
+        };
+        let chords = network.edges().iter().map(straight).collect();
+        Self { network, index, chords, model: MatchModel::default() }
+    }
+
+    /// Replaces the model.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Parameter`] for a parameter out of range.
+    pub fn with_model(self, model: MatchModel) -> Result<Self, MatchError> {
+        model.check()?;
+        Ok(Self { model, ..self })
+    }
+
+    /// The network.
+    #[must_use]
+    pub fn network(&self) -> &RoadNetwork<P> {
+        &self.network
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &MatchModel {
+        &self.model
+    }
+
+    /// Straight distance between two points in metres.
+    fn interval(&self, before: &TracePoint<P>, point: &TracePoint<P>) -> Interval {
+        let jitter = deviation(&self.model, before).hypot(deviation(&self.model, point));
+        let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
+        let metres = before.position.metres_to(point.position);
+        Interval { seconds: point.time - before.time, metres, jitter, speed }
+    }
+
+    /// Adds the first step of a drive to a trellis. Returns its states.
+    pub(super) fn begin(
+        &self,
+        point: &TracePoint<P>,
+        memory: &mut MatchMemory,
+        trellis: &mut Trellis,
+    ) -> Result<Vec<Candidate>, MatchError> {
+        point.check()?;
+        let mut states = self.candidates(point, memory);
+        states.push(Candidate::off_road(point.position.to_plane(), &self.model));
+        trellis.begin_step();
+        let leaves = self.model.leaves(1.0) / self.model.returns(1.0);
+        let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
+        for state in &states {
+            let prior = if state.is_off_road() { off_road } else { 0.0 };
+            trellis.state(state.log_likelihood, [(0, prior)])?;
+        }
+        Ok(states)
+    }
+
+    /// States on roads near a point.
+    fn candidates(&self, point: &TracePoint<P>, memory: &mut MatchMemory) -> Vec<Candidate> {
+        let reach = 4.0 * deviation(&self.model, point) + 10.0;
+        self.index.near(&self.network, point.position, reach, &mut memory.near);
+        let state = |near: &NearEdge| {
+            on_edge(near, self.network.edges()[near.edge].metres, &self.model, point)
+        };
+        memory.near.iter().map(state).collect()
+    }
+
+    /// Adds a step to a trellis, with the moves from the states of the step before, whose
+    /// probabilities are given. Returns its states. On an error the trellis is as before.
+    pub(super) fn advance(
+        &self,
+        before: &Before<'_, P>,
+        point: &TracePoint<P>,
+        memory: &mut MatchMemory,
+        trellis: &mut Trellis,
+    ) -> Result<Vec<Candidate>, MatchError> {
+        point.check()?;
+        if point.time <= before.point.time {
+            return Err(MatchError::Time { time: point.time, before: before.point.time });
+        }
+        let interval = self.interval(before.point, point);
+        let mut states = self.candidates(point, memory);
+        self.carry(before, &interval, point, &mut states);
+        states.push(Candidate::off_road(point.position.to_plane(), &self.model));
+
+        let [leaves, returns] =
+            [self.model.leaves(interval.seconds), self.model.returns(interval.seconds)];
+        memory.entries.resize_with(memory.entries.len().max(states.len()), Vec::new);
+        memory.entries.iter_mut().for_each(Vec::clear);
+        let off_road = states.len() - 1;
+        for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
+            if from.is_off_road() {
+                let on_road = returns.ln();
+                memory.entries[..off_road].iter_mut().for_each(|list| list.push((number, on_road)));
+                memory.entries[off_road].push((number, (-returns).ln_1p()));
+                continue;
+            }
+            if *log < NEGLIGIBLE {
+                continue;
+            }
+            memory.entries[off_road].push((number, leaves.ln()));
+            let Self { network, chords, .. } = self;
+            let mut ways = Ways { network, chords, search: &mut memory.search };
+            ways.from(from, &states, &self.model, &interval);
+            let stays = (-leaves).ln_1p();
+            for (to, list) in states[..off_road].iter().zip(&mut memory.entries) {
+                let Some(way) = ways.way(from, to, interval.jitter) else { continue };
+                let fastest = self.speed(from).max(self.speed(to));
+                let log = self_weight(&interval, &self.model, &way, fastest);
+                list.push((number, stays + log));
+            }
+        }
+        trellis.begin_step();
+        for (state, entries) in states.iter().zip(&memory.entries) {
+            trellis.state(state.log_likelihood, entries.iter().copied())?;
+        }
+        Ok(states)
+    }
+
+    fn speed(&self, state: &Candidate) -> f64 {
+        let edge = &self.network.edges()[state.edge as usize];
+        edge.speed.unwrap_or(0.0).max(speed_of(edge.class))
+    }
+
+    /// Adds the places where vehicles would be that went on at their speed, where no state is on
+    /// that road: a position may be far off.
+    fn carry(
+        &self,
+        before: &Before<'_, P>,
+        interval: &Interval,
+        point: &TracePoint<P>,
+        states: &mut Vec<Candidate>,
+    ) {
+        let metres = before.speed * interval.seconds;
+        if metres > 2000.0 {
+            return;
+        }
+        for (from, log) in before.states.iter().zip(before.log_filtered) {
+            if from.is_off_road() || *log < CARRIED {
+                continue;
+            }
+            let mut at = (from.edge as usize, from.along + metres);
+            for _ in 0..64 {
+                let length = self.network.edges()[at.0].metres;
+                if at.1 <= length {
+                    break;
+                }
+                let Some(next) = self.straight_on(at.0) else {
+                    at.1 = length;
+                    break;
+                };
+                at = (next, at.1 - length);
+            }
+            let (edge, along) = (at.0, at.1.min(self.network.edges()[at.0].metres));
+            if states.iter().any(|state| state.edge as usize == edge) {
+                continue;
+            }
+            let position = self.network.position_along(edge, along);
+            let place = position.to_plane();
+            let off = metres_between::<P>(place, point.position.to_plane());
+            let near = NearEdge {
+                edge,
+                metres_along: along,
+                metres_off: off,
+                across: off,
+                beyond: 0.0,
+                point: place,
+                direction: [0.0; 2],
+            };
+            let point = TracePoint { heading: None, ..*point };
+            let length = self.network.edges()[edge].metres;
+            states.push(on_edge(&near, length, &self.model, &point));
+        }
+    }
+
+    /// Edge that goes on most nearly straight, without U-turns.
+    pub(super) fn straight_on(&self, edge: usize) -> Option<usize> {
+        let direction = |a: P, b: P| {
+            let ([ax, ay], [bx, by]) = (a.to_plane(), b.to_plane());
+            let length = (bx - ax).hypot(by - ay);
+            if length > 0.0 { [(bx - ax) / length, (by - ay) / length] } else { [0.0; 2] }
+        };
+        let shape = self.network.shape(edge);
+        let arrives = direction(shape[shape.len() - 2], shape[shape.len() - 1]);
+        let reverse = self.network.reverse(edge);
+        let bend = |next: usize| {
+            let shape = self.network.shape(next);
+            let leaves = direction(shape[0], shape[1]);
+            arrives[0] * leaves[0] + arrives[1] * leaves[1]
+        };
+        let ways = self.network.next(edge).filter(|next| Some(*next) != reverse);
+        ways.max_by(|&a, &b| bend(a).total_cmp(&bend(b)))
+    }
+}
+
+fn self_weight(
+    interval: &Interval,
+    model: &MatchModel,
+    way: &super::moves::Way,
+    fastest: f64,
+) -> f64 {
+    interval.weight(model, way, fastest).log
+}
+
+/// The step before, with the filtered distribution of its states.
+pub(super) struct Before<'a, P> {
+    pub(super) point: &'a TracePoint<P>,
+    pub(super) states: &'a [Candidate],
+    pub(super) log_filtered: &'a [f64],
+    /// Speed in metres per second by which vehicles go on unseen.
+    pub(super) speed: f64,
+}

@@ -1,0 +1,89 @@
+//! Parameters of map matching.
+
+use super::MatchError;
+
+/// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
+/// off the road.
+///
+/// [`Matcher::fit`](super::Matcher::fit) learns `noise`, `outliers`, `deviation`, `stop`,
+/// `leave_road` and `return_to_road` from drives without labels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct MatchModel {
+    /// Standard deviation of a position in each direction, in metres; above 0.
+    pub noise: f64,
+    /// Share of positions that say nothing of the place; above 0 and below 1.
+    pub outliers: f64,
+    /// Width over which such positions, and places off the road, spread, in metres; above 0.
+    pub spread: f64,
+    /// Mean detour of a route against the straight line, in metres for each second between two
+    /// positions; above 0.
+    pub deviation: f64,
+    /// Share of steps at which the vehicle stands; above 0 and below 1.
+    pub stop: f64,
+    /// Probability of leaving the road within a second; above 0 and below 1.
+    pub leave_road: f64,
+    /// Probability of coming back within a second; above 0 and below 1.
+    pub return_to_road: f64,
+    /// Probability of a U-turn where another way goes on; above 0 and below 1.
+    pub u_turn: f64,
+}
+
+impl Default for MatchModel {
+    fn default() -> Self {
+        Self {
+            noise: 8.0,
+            outliers: 0.03,
+            spread: 300.0,
+            deviation: 1.5,
+            stop: 0.1,
+            leave_road: 5e-4,
+            return_to_road: 0.05,
+            u_turn: 2e-3,
+        }
+    }
+}
+
+impl MatchModel {
+    pub(super) fn check(&self) -> Result<(), MatchError> {
+        let positive =
+            [("noise", self.noise), ("spread", self.spread), ("deviation", self.deviation)];
+        for (what, value) in positive {
+            if !(value > 0.0 && value.is_finite()) {
+                let expected = "a finite value above 0";
+                return Err(MatchError::Parameter { what, value, expected });
+            }
+        }
+        let shares = [
+            ("outliers", self.outliers),
+            ("stop", self.stop),
+            ("leave_road", self.leave_road),
+            ("return_to_road", self.return_to_road),
+            ("u_turn", self.u_turn),
+        ];
+        for (what, value) in shares {
+            if !(value > 0.0 && value < 1.0) {
+                let expected = "a value above 0 and below 1";
+                return Err(MatchError::Parameter { what, value, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// Probability of leaving the road within a time.
+    pub(super) fn leaves(&self, seconds: f64) -> f64 {
+        within(self.leave_road, seconds)
+    }
+
+    /// Probability of coming back within a time.
+    pub(super) fn returns(&self, seconds: f64) -> f64 {
+        within(self.return_to_road, seconds)
+    }
+}
+
+/// Probability within a time of an event that has this probability within a second.
+fn within(in_a_second: f64, seconds: f64) -> f64 {
+    let never = seconds * (-in_a_second).ln_1p();
+    (-never.exp_m1()).clamp(1e-12, 0.9)
+}

@@ -1,0 +1,168 @@
+//! Weights of moves between states of two steps.
+
+use super::MatchModel;
+use super::candidates::{Candidate, metres_between, share_below};
+use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteSearch, TurnCosts};
+
+/// Fastest speed in metres per second that a density of distances spreads over.
+const FASTEST: f64 = 40.0;
+/// Share of detours from a distribution ten times as wide.
+const LONG_DETOURS: f64 = 0.05;
+
+/// What lies between two points of a drive.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Interval {
+    pub(super) seconds: f64,
+    /// Straight distance between the two positions in metres.
+    pub(super) metres: f64,
+    /// Standard deviation of the difference of two positions along a road.
+    pub(super) jitter: f64,
+    /// Mean of the speeds that the receiver tells at both ends.
+    pub(super) speed: Option<f64>,
+}
+
+/// A way from one state to another along roads.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Way {
+    /// Length in metres; below 0 if the second point lies behind the first.
+    pub(super) metres: f64,
+    /// Metres of the detour against the straight line between both points.
+    pub(super) detour: f64,
+    pub(super) u_turns: u32,
+    log_choices: f64,
+}
+
+/// Logarithm of a weight, and what learning wants to know.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MoveWeight {
+    pub(super) log: f64,
+    /// Probability that the vehicle stood.
+    pub(super) stood: f64,
+}
+
+impl Interval {
+    /// Longest route worth looking for.
+    pub(super) fn longest(&self) -> f64 {
+        let by_time = 1.2 * FASTEST * self.seconds + 100.0;
+        let by_detour = 1.5 * self.metres + 20.0 * self.seconds.min(30.0) + 100.0;
+        by_time.min(by_detour) + 6.0 * self.jitter
+    }
+
+    /// Scale of detours.
+    pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
+        model.deviation * self.seconds.max(0.2)
+    }
+
+    /// Weight of a way between two states on roads, without the share that leaves the road:
+    /// density of the distance, relative to an even one up to the fastest speed, the detour, the
+    /// choices at junctions, and U-turns.
+    pub(super) fn weight(&self, model: &MatchModel, way: &Way, fastest: f64) -> MoveWeight {
+        let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
+        let stands =
+            model.stop * most / (self.jitter * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp();
+        let moves = match self.speed {
+            None => {
+                let limit = 1.3 * fastest * self.seconds + self.jitter;
+                share_below(z) * share_below((limit - way.metres) / self.jitter)
+            }
+            Some(speed) => {
+                // A receiver's speed is that of a moment.
+                let sigma = self.jitter.hypot(1.0 + 0.3 * speed * self.seconds);
+                let z = (way.metres - speed * self.seconds) / sigma;
+                0.05 * share_below(way.metres / self.jitter)
+                    + 0.95 * most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
+            }
+        };
+        let moves = (1.0 - model.stop) * moves.max(1e-9);
+        let scale = self.detour_scale(model);
+        let detour = way.detour / scale;
+        let detour =
+            (1.0 - LONG_DETOURS) * (-detour).exp() + LONG_DETOURS * 0.1 * (-0.1 * detour).exp();
+        let turns = f64::from(way.u_turns) * model.u_turn.ln() - way.log_choices;
+        let log = (stands + moves).ln() + detour.max(1e-300).ln() + turns;
+        MoveWeight { log, stood: stands / (stands + moves) }
+    }
+}
+
+/// Typical speed of a road in metres per second, where none is posted.
+pub(super) fn speed_of(class: RoadClass) -> f64 {
+    match class {
+        RoadClass::Main => 30.0,
+        RoadClass::Arterial => 24.0,
+        RoadClass::Collector => 19.0,
+        RoadClass::Street => 16.0,
+    }
+}
+
+/// Finds the ways from one state to others.
+pub(super) struct Ways<'a, P> {
+    pub(super) network: &'a RoadNetwork<P>,
+    pub(super) chords: &'a [f64],
+    pub(super) search: &'a mut RouteSearch,
+}
+
+impl<P: Coordinates> Ways<'_, P> {
+    /// Cost of a U-turn in a search for routes.
+    pub(super) fn costs(model: &MatchModel, interval: &Interval) -> TurnCosts {
+        TurnCosts { u_turn: -model.u_turn.ln() * interval.detour_scale(model) }
+    }
+
+    /// Searches from a state on a road for the edges of the next states.
+    pub(super) fn from(
+        &mut self,
+        from: &Candidate,
+        to: &[Candidate],
+        model: &MatchModel,
+        interval: &Interval,
+    ) {
+        let left = self.network.edges()[from.edge as usize].metres - from.along;
+        let targets = to.iter().filter(|to| !to.is_off_road()).map(|to| to.edge as usize);
+        let others = targets.filter(|edge| *edge != from.edge as usize);
+        let most = interval.longest() - left;
+        let costs = Self::costs(model, interval);
+        self.search.run(self.network, self.chords, from.edge as usize, others, most, costs);
+    }
+
+    /// Way between two states on roads after [`from`](Self::from); `None` if there is none.
+    pub(super) fn way(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<Way> {
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        let length = |edge: usize| self.network.edges()[edge].metres;
+        let straight = metres_between::<P>(from.point, to.point);
+        if edge == next {
+            let metres = to.along - from.along;
+            // Behind: positions that jitter, or a drive around the block.
+            if metres >= -6.0 * jitter {
+                return Some(Way { metres, detour: 0.0, u_turns: 0, log_choices: 0.0 });
+            }
+        }
+        if self.network.reverse(edge) == Some(next) {
+            // A U-turn on the way, unless the end is nearer.
+            let here = length(edge) - from.along;
+            let metres = (to.along - here).abs();
+            if let Some(reached) = self.search.reached(next)
+                && reached.u_turns == 0
+            {
+                return Some(self.along(from, to, reached, straight));
+            }
+            return Some(Way { metres, detour: 0.0, u_turns: 1, log_choices: 0.0 });
+        }
+        let reached = self.search.reached(next)?;
+        Some(self.along(from, to, reached, straight))
+    }
+
+    fn along(&self, from: &Candidate, to: &Candidate, reached: Reached, straight: f64) -> Way {
+        let [edge, next] = [from.edge as usize, to.edge as usize];
+        let length = |edge: usize| self.network.edges()[edge].metres;
+        let left = 1.0 - from.along / length(edge);
+        let done = to.along / length(next);
+        let metres = left * length(edge) + reached.metres + to.along;
+        // Bends of a road are no choice of the driver: a detour is one of straight pieces.
+        let chords = left * self.chords[edge] + reached.chords + done * self.chords[next];
+        Way {
+            metres,
+            detour: (chords - straight).max(0.0),
+            u_turns: reached.u_turns,
+            log_choices: reached.log_choices,
+        }
+    }
+}

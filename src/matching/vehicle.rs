@@ -1,0 +1,200 @@
+//! Live matching: the state of a vehicle, point by point.
+
+use super::answer::RoadAnswer;
+use super::candidates::{Candidate, metres_between};
+use super::matcher::Before;
+use super::{MatchError, MatchMemory, Matcher, TracePoint};
+use crate::inference::{LogSum, Trellis};
+use crate::map::{Coordinates, Position};
+
+/// A vehicle on the road: its belief after the last point, and the last few points for answers
+/// that may come late. Plain data, apart from the [`Matcher`] that moves it; a few kilobytes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Vehicle<P = Position> {
+    lag: usize,
+    points: usize,
+    point: TracePoint<P>,
+    pub(super) speed: f64,
+    log_likelihood: LogSum,
+    last: f64,
+    /// Steps of the window, the oldest first, whose first has its filtered distribution as prior.
+    pub(super) trellis: Trellis,
+    pub(super) window: Vec<Vec<Candidate>>,
+    pub(super) log_filtered: Vec<f64>,
+}
+
+impl<P: Coordinates> Matcher<P> {
+    /// Starts a vehicle at the first point of its drive. It keeps `lag` points beside the last for
+    /// [late answers](Vehicle::late).
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Point`] for a number out of range.
+    pub fn start(
+        &self,
+        point: &TracePoint<P>,
+        lag: usize,
+        memory: &mut MatchMemory,
+    ) -> Result<Vehicle<P>, MatchError> {
+        let mut trellis = Trellis::new();
+        let states = self.begin(point, memory, &mut trellis)?;
+        let mut log_filtered = Vec::new();
+        let last = trellis.forward_step(1, &[0.0], &mut log_filtered);
+        let mut log_likelihood = LogSum::default();
+        log_likelihood.add(last);
+        let (point, window) = (*point, vec![states]);
+        let speed = point.speed.unwrap_or(0.0);
+        let points = 1;
+        Ok(Vehicle {
+            lag,
+            points,
+            point,
+            speed,
+            log_likelihood,
+            last,
+            trellis,
+            window,
+            log_filtered,
+        })
+    }
+
+    /// Takes the next point of a vehicle. Returns ln p(point | all before). After an error the
+    /// vehicle is as it was before the call.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Point`] for a number out of range, and [`MatchError::Time`] for a point that
+    /// is not later than the last.
+    pub fn step(
+        &self,
+        vehicle: &mut Vehicle<P>,
+        point: &TracePoint<P>,
+        memory: &mut MatchMemory,
+    ) -> Result<f64, MatchError> {
+        let edges = self.network.edges().len();
+        let states = vehicle.window.last().map_or(&[][..], |states| states);
+        let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
+        if let Some(state) = states.iter().find(unknown) {
+            return Err(MatchError::Vehicle { edge: state.edge as usize, edges });
+        }
+        let before = Before {
+            point: &vehicle.point,
+            states,
+            log_filtered: &vehicle.log_filtered,
+            speed: vehicle.speed,
+        };
+        let states = self.advance(&before, point, memory, &mut vehicle.trellis)?;
+        let seconds = point.time - vehicle.point.time;
+        let step = vehicle.trellis.steps();
+        let mut filtered = Vec::with_capacity(states.len());
+        vehicle.last = vehicle.trellis.forward_step(step, &vehicle.log_filtered, &mut filtered);
+        vehicle.log_likelihood.add(vehicle.last);
+        let before = mode(&vehicle.log_filtered).map(|mode| vehicle.window[step - 2][mode]);
+        vehicle.log_filtered = filtered;
+        let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);
+        vehicle.window.push(states);
+        if vehicle.window.len() > vehicle.lag + 1 {
+            vehicle.forget();
+        }
+        vehicle.speed = match (point.speed, before, now) {
+            (Some(speed), ..) => speed,
+            (_, Some(before), Some(now))
+                if !before.is_off_road() && !now.is_off_road() && now.inlier > 0.5 =>
+            {
+                let speed = metres_between::<P>(before.point, now.point) / seconds;
+                0.5 * (vehicle.speed + speed.min(50.0))
+            }
+            _ => vehicle.speed,
+        };
+        vehicle.point = *point;
+        vehicle.points += 1;
+        Ok(vehicle.last)
+    }
+}
+
+/// Most probable state.
+pub(super) fn mode(logs: &[f64]) -> Option<usize> {
+    (0..logs.len()).rev().max_by(|&a, &b| logs[a].total_cmp(&logs[b]))
+}
+
+impl<P: Coordinates> Vehicle<P> {
+    /// Removes the oldest step of the window.
+    fn forget(&mut self) {
+        let (mut before, mut filtered) = (Vec::new(), Vec::new());
+        self.trellis.forward_step(1, &[0.0], &mut before);
+        self.trellis.forward_step(2, &before, &mut filtered);
+        self.trellis.remove_first(&filtered);
+        self.window.remove(0);
+    }
+
+    /// Number of points so far.
+    #[must_use]
+    pub fn points(&self) -> usize {
+        self.points
+    }
+
+    /// The last point.
+    #[must_use]
+    pub fn last_point(&self) -> &TracePoint<P> {
+        &self.point
+    }
+
+    /// Answer for the last point, from all points so far.
+    #[must_use]
+    pub fn live(&self) -> RoadAnswer {
+        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
+        let states = self.window.last().map_or(&[][..], |states| states);
+        RoadAnswer::new(states, &probabilities)
+    }
+
+    /// Answer for the point `lag` points ago, from all points so far; for the first point until
+    /// there are more.
+    #[must_use]
+    pub fn late(&self) -> RoadAnswer {
+        match self.trellis.smooth() {
+            Ok(smoothed) => RoadAnswer::new(&self.window[0], smoothed.smoothed(1)),
+            Err(_) => self.live(),
+        }
+    }
+
+    /// Number of points that the late answer is behind the last point.
+    #[must_use]
+    pub fn points_late(&self) -> usize {
+        self.window.len() - 1
+    }
+
+    /// ln p(last point | all before).
+    #[must_use]
+    pub fn log_normalizer(&self) -> f64 {
+        self.last
+    }
+
+    /// ln p(all points so far), as densities in metres.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood.value()
+    }
+
+    /// Edges with their probabilities, the most probable first; those off the road are missing.
+    #[must_use]
+    pub fn edges(&self) -> Vec<(usize, f64)> {
+        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
+        let states = self.window.last().map_or(&[][..], |states| states);
+        let edges = super::answer::by_edge(states, &probabilities);
+        let on_road = edges.iter().filter(|entry| entry.0 != super::candidates::OFF_ROAD);
+        let mut edges: Vec<_> = on_road.map(|entry| (entry.0 as usize, entry.1)).collect();
+        edges.sort_by(|a, b| b.1.total_cmp(&a.1));
+        edges
+    }
+
+    /// Bytes of memory.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let states: usize = self.window.iter().map(Vec::capacity).sum();
+        size_of::<Self>()
+            + self.trellis.bytes()
+            + states * size_of::<Candidate>()
+            + self.window.capacity() * size_of::<Vec<Candidate>>()
+            + self.log_filtered.capacity() * size_of::<f64>()
+    }
+}
