@@ -1,10 +1,10 @@
 //! Places GPS drives on a road network.
 #![allow(missing_docs)]
+use clap::Parser;
 use std::error::Error;
 use std::fs::{self, File};
 use std::path::PathBuf;
 use std::time::Instant;
-use clap::Parser;
 use wayfix::map::*;
 use wayfix::matching::*;
 
@@ -26,17 +26,30 @@ fn main() -> Result<(), Box<dyn Error>> {
     let t = Instant::now();
     let mut b = NetworkBuilder::new();
     let mut r = csv::Reader::from_path(a.roads.join("nodes.csv"))?;
-    for l in r.records() { let l = l?; b.node(l[0].parse()?, Position { longitude: l[1].parse()?, latitude: l[2].parse()? })?; }
+    for l in r.records() {
+        let l = l?;
+        b.node(l[0].parse()?, Position { longitude: l[1].parse()?, latitude: l[2].parse()? })?;
+    }
     let mut r = csv::Reader::from_path(a.roads.join("edges.csv"))?;
-    for l in r.records() { let l = l?;
-        let class = [RoadClass::Street, RoadClass::Collector, RoadClass::Arterial, RoadClass::Main][l[2].parse::<usize>()?];
+    for l in r.records() {
+        let l = l?;
+        let class = [RoadClass::Street, RoadClass::Collector, RoadClass::Arterial, RoadClass::Main]
+            [l[2].parse::<usize>()?];
         let m: f64 = l[3].parse()?;
-        b.edge(l[0].parse()?, l[1].parse()?, EdgeOptions { metres: Some(m.max(0.1)), ..EdgeOptions::of(class) })?; }
+        b.edge(
+            l[0].parse()?,
+            l[1].parse()?,
+            EdgeOptions { metres: Some(m.max(0.1)), ..EdgeOptions::of(class) },
+        )?;
+    }
     let network = b.build()?;
     eprintln!("network {:?}", t.elapsed());
     let t = Instant::now();
     let mut matcher = Matcher::new(network);
-    if let Some(noise) = a.noise { let m = *matcher.model(); matcher = matcher.with_model(MatchModel { noise, ..m })?; }
+    if let Some(noise) = a.noise {
+        let m = *matcher.model();
+        matcher = matcher.with_model(MatchModel { noise, ..m })?;
+    }
     eprintln!("index {:?}", t.elapsed());
     let (traces, skipped) = read_traces(&a.trace)?;
     eprintln!("{skipped}");
@@ -55,6 +68,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         rw.write(&trace.name, &matcher, &drive)?;
         pw.write(&trace.name, &matcher, &drive, 3)?;
     }
-    println!("{} drives, {points} points, {:.0} points/s, {:.1} candidates", traces.len(), points as f64 / time, cands / points as f64);
+    println!(
+        "{} drives, {points} points, {:.0} points/s, {:.1} candidates",
+        traces.len(),
+        points as f64 / time,
+        cands / points as f64
+    );
     Ok(())
 }

@@ -20,6 +20,12 @@ pub(super) struct Candidate {
     pub(super) log_likelihood: f64,
 }
 
+/// Widths, in standard deviations of a position, over which positions that say nothing spread, and
+/// those off the road. With these, one bad position is an outlier, and several in a row are a
+/// stretch off the road.
+const OUTLIER_SPREAD: f64 = 50.0;
+const OFF_ROAD_SPREAD: f64 = 300.0;
+
 /// Edge of the state off the road.
 pub(super) const OFF_ROAD: u32 = u32::MAX;
 
@@ -29,8 +35,9 @@ impl Candidate {
     }
 
     /// The state off the road, at a position.
-    pub(super) fn off_road(point: [f64; 2], model: &MatchModel) -> Self {
-        let log_likelihood = -model.spread.ln();
+    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
+        let (sigma, point) = (deviation(model, point), point.position.to_plane());
+        let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
         Self { edge: OFF_ROAD, along: 0.0, point, across: 0.0, inlier: 0.0, log_likelihood }
     }
 }
@@ -59,7 +66,7 @@ pub(super) fn on_edge<P: Coordinates>(
     let across = near.across / sigma;
     let inlier = (1.0 - model.outliers) * share.max(1e-300) * (-0.5 * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
-    let outlier = model.outliers / model.spread;
+    let outlier = model.outliers / (OUTLIER_SPREAD * sigma);
     let likelihood = inlier + outlier;
     Candidate {
         edge: near.edge as u32,

@@ -30,8 +30,11 @@ pub struct MatchMemory {
 /// Share of the belief below which the way from a state is not looked for: e^-30.
 const NEGLIGIBLE: f64 = -30.0;
 /// Share of the belief from which on a state goes on where its road leads, even if no position
-/// is near.
-const CARRIED: f64 = -4.0;
+/// is near: e^-3.5.
+const CARRIED: f64 = -3.5;
+/// Most ways of a state that goes on, and most states that are added for them.
+const CARRIED_WAYS: usize = 8;
+const MOST_CARRIED: usize = 16;
 
 impl<P: Coordinates> Matcher<P> {
     /// Builds the index of a network, with the default model. O(points log).
@@ -85,7 +88,7 @@ impl<P: Coordinates> Matcher<P> {
     ) -> Result<Vec<Candidate>, MatchError> {
         point.check()?;
         let mut states = self.candidates(point, memory);
-        states.push(Candidate::off_road(point.position.to_plane(), &self.model));
+        states.push(Candidate::off_road(point, &self.model));
         trellis.begin_step();
         let leaves = self.model.leaves(1.0) / self.model.returns(1.0);
         let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
@@ -122,7 +125,7 @@ impl<P: Coordinates> Matcher<P> {
         let interval = self.interval(before.point, point);
         let mut states = self.candidates(point, memory);
         self.carry(before, &interval, point, &mut states);
-        states.push(Candidate::off_road(point.position.to_plane(), &self.model));
+        states.push(Candidate::off_road(point, &self.model));
 
         let [leaves, returns] =
             [self.model.leaves(interval.seconds), self.model.returns(interval.seconds)];
@@ -163,8 +166,8 @@ impl<P: Coordinates> Matcher<P> {
         edge.speed.unwrap_or(0.0).max(speed_of(edge.class))
     }
 
-    /// Adds the places where vehicles would be that went on at their speed, where no state is on
-    /// that road: a position may be far off.
+    /// Adds the places where vehicles would be that went on at their speed, where no state is near:
+    /// a position may be far off.
     fn carry(
         &self,
         before: &Before<'_, P>,
@@ -173,64 +176,70 @@ impl<P: Coordinates> Matcher<P> {
         states: &mut Vec<Candidate>,
     ) {
         let metres = before.speed * interval.seconds;
-        if metres > 2000.0 {
-            return;
-        }
+        let near_by = states.len();
         for (from, log) in before.states.iter().zip(before.log_filtered) {
             if from.is_off_road() || *log < CARRIED {
                 continue;
             }
-            let mut at = (from.edge as usize, from.along + metres);
-            for _ in 0..64 {
-                let length = self.network.edges()[at.0].metres;
-                if at.1 <= length {
-                    break;
-                }
-                let Some(next) = self.straight_on(at.0) else {
-                    at.1 = length;
-                    break;
+            let mut ends = [(0, 0.0); CARRIED_WAYS];
+            let count = self.ends_of_ways(from.edge as usize, from.along + metres, &mut ends);
+            for &(edge, along) in &ends[..count] {
+                let is_near = |state: &Candidate| {
+                    state.edge as usize == edge
+                        && (state.along - along).abs() < 3.0 * interval.jitter
                 };
-                at = (next, at.1 - length);
+                if !states.iter().any(is_near) && states.len() < near_by + MOST_CARRIED {
+                    states.push(self.carried(edge, along, point));
+                }
             }
-            let (edge, along) = (at.0, at.1.min(self.network.edges()[at.0].metres));
-            if states.iter().any(|state| state.edge as usize == edge) {
-                continue;
-            }
-            let position = self.network.position_along(edge, along);
-            let place = position.to_plane();
-            let off = metres_between::<P>(place, point.position.to_plane());
-            let near = NearEdge {
-                edge,
-                metres_along: along,
-                metres_off: off,
-                across: off,
-                beyond: 0.0,
-                point: place,
-                direction: [0.0; 2],
-            };
-            let point = TracePoint { heading: None, ..*point };
-            let length = self.network.edges()[edge].metres;
-            states.push(on_edge(&near, length, &self.model, &point));
         }
     }
 
-    /// Edge that goes on most nearly straight, without U-turns.
-    pub(super) fn straight_on(&self, edge: usize) -> Option<usize> {
-        let direction = |a: P, b: P| {
-            let ([ax, ay], [bx, by]) = (a.to_plane(), b.to_plane());
-            let length = (bx - ax).hypot(by - ay);
-            if length > 0.0 { [(bx - ax) / length, (by - ay) / length] } else { [0.0; 2] }
+    /// State at a place of an edge, whatever the position.
+    fn carried(&self, edge: usize, along: f64, point: &TracePoint<P>) -> Candidate {
+        let place = self.network.position_along(edge, along).to_plane();
+        let off = metres_between::<P>(place, point.position.to_plane());
+        let near = NearEdge {
+            edge,
+            metres_along: along,
+            metres_off: off,
+            across: off,
+            beyond: 0.0,
+            point: place,
+            direction: [0.0; 2],
         };
-        let shape = self.network.shape(edge);
-        let arrives = direction(shape[shape.len() - 2], shape[shape.len() - 1]);
-        let reverse = self.network.reverse(edge);
-        let bend = |next: usize| {
-            let shape = self.network.shape(next);
-            let leaves = direction(shape[0], shape[1]);
-            arrives[0] * leaves[0] + arrives[1] * leaves[1]
-        };
-        let ways = self.network.next(edge).filter(|next| Some(*next) != reverse);
-        ways.max_by(|&a, &b| bend(a).total_cmp(&bend(b)))
+        let length = self.network.edges()[edge].metres;
+        on_edge(&near, length, &self.model, &TracePoint { heading: None, ..*point })
+    }
+
+    /// Finds the places so many metres from the start of an edge, along all ways without U-turns,
+    /// as long as there is room. Returns their number.
+    fn ends_of_ways(&self, edge: usize, metres: f64, ends: &mut [(usize, f64)]) -> usize {
+        let mut open = [(0, 0.0); CARRIED_WAYS];
+        (open[0], ends[0]) = ((edge, metres), (edge, 0.0));
+        let (mut waiting, mut found, mut visited) = (1, 0, 0);
+        while waiting > 0 {
+            waiting -= 1;
+            let (edge, metres) = open[waiting];
+            let left = metres - self.network.edges()[edge].metres;
+            visited += 1;
+            let reverse = self.network.reverse(edge);
+            let mut next = self.network.next(edge).filter(|next| Some(*next) != reverse).peekable();
+            if left <= 0.0 || next.peek().is_none() || visited > 200 {
+                if found < ends.len() {
+                    ends[found] = (edge, metres.min(self.network.edges()[edge].metres));
+                    found += 1;
+                }
+                continue;
+            }
+            for next in next {
+                if found + waiting < open.len() {
+                    open[waiting] = (next, left);
+                    waiting += 1;
+                }
+            }
+        }
+        found
     }
 }
 

@@ -15,8 +15,6 @@ pub struct MatchModel {
     pub noise: f64,
     /// Share of positions that say nothing of the place; above 0 and below 1.
     pub outliers: f64,
-    /// Width over which such positions, and places off the road, spread, in metres; above 0.
-    pub spread: f64,
     /// Mean detour of a route against the straight line, in metres for each second between two
     /// positions; above 0.
     pub deviation: f64,
@@ -35,7 +33,6 @@ impl Default for MatchModel {
         Self {
             noise: 8.0,
             outliers: 0.03,
-            spread: 300.0,
             deviation: 1.5,
             stop: 0.1,
             leave_road: 5e-4,

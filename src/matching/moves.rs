@@ -6,6 +6,9 @@ use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteSearch, Turn
 
 /// Fastest speed in metres per second that a density of distances spreads over.
 const FASTEST: f64 = 40.0;
+/// Weight of the choices at junctions, where 1 would be drivers who choose evenly: those who want
+/// to get somewhere choose less.
+const CHOICES: f64 = 0.7;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
 
@@ -78,7 +81,7 @@ impl Interval {
         let detour = way.detour / scale;
         let detour =
             (1.0 - LONG_DETOURS) * (-detour).exp() + LONG_DETOURS * 0.1 * (-0.1 * detour).exp();
-        let turns = f64::from(way.u_turns) * model.u_turn.ln() - way.log_choices;
+        let turns = f64::from(way.u_turns) * model.u_turn.ln() - CHOICES * way.log_choices;
         let log = (stands + moves).ln() + detour.max(1e-300).ln() + turns;
         MoveWeight { log, stood: stands / (stands + moves) }
     }
