@@ -44,8 +44,7 @@ impl Default for MatchModel {
 
 impl MatchModel {
     pub(super) fn check(&self) -> Result<(), MatchError> {
-        let positive =
-            [("noise", self.noise), ("spread", self.spread), ("deviation", self.deviation)];
+        let positive = [("noise", self.noise), ("deviation", self.deviation)];
         for (what, value) in positive {
             if !(value > 0.0 && value.is_finite()) {
                 let expected = "a finite value above 0";

@@ -47,8 +47,8 @@ impl Interval {
     /// Longest route worth looking for.
     pub(super) fn longest(&self) -> f64 {
         let by_time = 1.2 * FASTEST * self.seconds + 100.0;
-        let by_detour = 1.5 * self.metres + 20.0 * self.seconds.min(30.0) + 100.0;
-        by_time.min(by_detour) + 6.0 * self.jitter
+        let by_detour = 1.3 * self.metres + 10.0 * self.seconds.min(60.0) + 50.0;
+        by_time.min(by_detour) + 4.0 * self.jitter
     }
 
     /// Scale of detours.
@@ -77,12 +77,17 @@ impl Interval {
             }
         };
         let moves = (1.0 - model.stop) * moves.max(1e-9);
-        let scale = self.detour_scale(model);
-        let detour = way.detour / scale;
-        let detour =
-            (1.0 - LONG_DETOURS) * (-detour).exp() + LONG_DETOURS * 0.1 * (-0.1 * detour).exp();
-        let turns = f64::from(way.u_turns) * model.u_turn.ln() - CHOICES * way.log_choices;
-        let log = (stands + moves).ln() + detour.max(1e-300).ln() + turns;
+        let detour = way.detour / self.detour_scale(model);
+        let detour = match detour {
+            0.0 => 1.0,
+            _ => {
+                (1.0 - LONG_DETOURS) * (-detour).exp() + LONG_DETOURS * 0.1 * (-0.1 * detour).exp()
+            }
+        };
+        let mut log = ((stands + moves) * detour).max(1e-300).ln() - CHOICES * way.log_choices;
+        if way.u_turns > 0 {
+            log += f64::from(way.u_turns) * model.u_turn.ln();
+        }
         MoveWeight { log, stood: stands / (stands + moves) }
     }
 }

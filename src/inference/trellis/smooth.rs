@@ -68,19 +68,25 @@ impl Trellis {
     /// Computes the backward logarithms of the states of the step before.
     fn backward_step(&self, step: usize, log_normalizer: f64, later: &[f64], earlier: &mut [f64]) {
         earlier.fill(f64::NEG_INFINITY);
-        for (state, log) in self.range(step).zip(later) {
-            let log = self.log_likelihoods[state] + *log - log_normalizer;
+        let log = |(state, later): (usize, &f64)| {
+            (state, self.log_likelihoods[state] + later - log_normalizer)
+        };
+        for (state, log) in self.range(step).zip(later).map(log) {
+            self.moves_into(state)
+                .for_each(|(j, weight)| earlier[j] = earlier[j].max(weight + log));
+        }
+        let mut sums = vec![0.0; earlier.len()];
+        for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
-                earlier[j] = log_add(earlier[j], weight + log);
+                let below = weight + log - earlier[j];
+                if below > -45.0 {
+                    sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
+                }
             }
         }
+        let reached = earlier.iter_mut().zip(sums).filter(|(_, sum)| *sum > 0.0);
+        reached.for_each(|(earlier, sum)| *earlier += sum.ln());
     }
-}
-
-/// ln(e^a + e^b).
-fn log_add(a: f64, b: f64) -> f64 {
-    let (high, low) = if a > b { (a, b) } else { (b, a) };
-    if low - high > -45.0 { high + (low - high).exp().ln_1p() } else { high }
 }
 
 impl SmoothedTrellis {
