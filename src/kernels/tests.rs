@@ -4,7 +4,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::layout::{Dense, DenseMax, DenseMultiply, DenseTranspose, Packed, Panels, Sliced};
+use super::layout::{
+    Arrangement, Dense, DenseMax, DenseMultiply, DenseTranspose, Packed, Panels, Sliced,
+};
 use super::memory::{Aligned, LARGE, LINE, in_large_pages};
 use super::ops::testing::*;
 use super::ops::*;
@@ -17,7 +19,9 @@ type EntryRows = Vec<Vec<(u32, f64)>>;
 
 /// EntryRows with diagonals, scattered entries, and now and then a very long one.
 fn rows() -> impl Strategy<Value = EntryRows> {
-    (1..70_usize).prop_flat_map(|n| {
+    // Some about the ends of windows of groups.
+    let borders = (250..270_usize, 1..3_usize).prop_map(|(lines, windows)| lines * windows);
+    prop_oneof![7 => 1..70_usize, 1 => borders].prop_flat_map(|n| {
         let few = vec((0..n as u32, 0.01..1.0), 0..6);
         let many = vec((0..n as u32, 0.01..1.0), 0..60);
         let near = vec(prop_oneof![Just(0.0), 0.01..1.0], 3);
@@ -35,12 +39,15 @@ fn rows() -> impl Strategy<Value = EntryRows> {
     })
 }
 
-/// With slots of eight, and without.
-fn sliced(rows: &EntryRows) -> [Sliced; 2] {
+const ARRANGEMENTS: [Arrangement; 3] =
+    [Arrangement::Slices, Arrangement::Groups, Arrangement::Rows];
+
+/// In each arrangement.
+fn sliced(rows: &EntryRows) -> [Sliced; 3] {
     let split: Vec<(Vec<u32>, Vec<f64>)> =
         rows.iter().map(|row| row.iter().copied().unzip()).collect();
     let line = |line: usize| (&split[line].0[..], &split[line].1[..]);
-    [true, false].map(|slots| Sliced::with_slots(slots, rows.len(), line))
+    ARRANGEMENTS.map(|arrangement| Sliced::arranged(arrangement, rows.len(), line))
 }
 
 fn product(rows: &EntryRows, x: &[f64]) -> Vec<f64> {
@@ -57,13 +64,15 @@ fn everywhere<R: PartialEq + std::fmt::Debug>(run: impl Fn(Isa) -> R) -> R {
     expected
 }
 
-/// The same with each layout of a sparse matrix.
+/// The same with each arrangement of a sparse matrix.
 fn in_layouts<R: PartialEq + std::fmt::Debug>(
-    [slots, rows]: &[Sliced; 2],
+    [slices, others @ ..]: &[Sliced; 3],
     run: impl Fn(Isa, &Sliced) -> R,
 ) -> R {
-    let expected = everywhere(|isa| run(isa, slots));
-    assert_eq!(everywhere(|isa| run(isa, rows)), expected);
+    let expected = everywhere(|isa| run(isa, slices));
+    for other in others {
+        assert_eq!(everywhere(|isa| run(isa, other)), expected);
+    }
     expected
 }
 
@@ -239,12 +248,12 @@ proptest! {
         let split: Vec<(Vec<u32>, Vec<f32>)> =
             rows.iter().map(|row| row.iter().map(|&(j, p)| (j, p as f32)).unzip()).collect();
         let line = |line: usize| (&split[line].0[..], &split[line].1[..]);
-        let single = [true, false].map(|slots| Sliced::with_slots(slots, n, line));
+        let single = ARRANGEMENTS.map(|arrangement| Sliced::arranged(arrangement, n, line));
         let rounded = |row: &Vec<(u32, f64)>| {
             row.iter().map(|&(j, p)| (j, f64::from(p as f32))).collect()
         };
         let double = sliced(&rows.iter().map(rounded).collect());
-        let results = |matrix: &[Sliced; 2]| in_layouts(matrix, |isa, matrix| {
+        let results = |matrix: &[Sliced; 3]| in_layouts(matrix, |isa, matrix| {
             let (mut product, mut next, mut from) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
             run_on(isa, StoreProduct { product: SparseRows::all(matrix, &x), out: &mut product });
             let (log2, likelihoods) = (&matrix.log2(), None);
@@ -634,17 +643,25 @@ fn parts_give_the_result_of_all_lines_at_once() {
         (line, values)
     };
     let lines: Vec<(Vec<u32>, Vec<f64>)> = (0..N).map(line).collect();
-    let matrix = Sliced::new(N, |i| (&lines[i].0[..], &lines[i].1[..]));
-    let mut outs = [vec![f64::NAN; N], vec![f64::NAN; N], vec![f64::NAN; N]];
-    let [parts, whole, turn] = outs.each_mut();
-    let step = |out| {
-        let (prediction, likelihoods) = (SparseRows::all(&matrix, &x), &b[..]);
+    let [grouped, matrix] = [Arrangement::Groups, Arrangement::Slices].map(|arrangement| {
+        Sliced::arranged(arrangement, N, |i| (&lines[i].0[..], &lines[i].1[..]))
+    });
+    let mut outs = [vec![f64::NAN; N], vec![f64::NAN; N], vec![f64::NAN; N], vec![f64::NAN; N]];
+    let [parts, whole, turn, groups] = outs.each_mut();
+    let step = |matrix, out| {
+        let (prediction, likelihoods) = (SparseRows::all(matrix, &x), &b[..]);
         ForwardRows { prediction, lift: LIFT, likelihoods, watch: Watch::Products, out }
     };
-    let sums = [run_in_parts(step(parts)), super::run(step(whole)), in_turn(step(turn))];
-    let [parts, whole, turn] = outs;
+    let sums = [
+        run_in_parts(step(&matrix, parts)),
+        super::run(step(&matrix, whole)),
+        in_turn(step(&matrix, turn)),
+        run_in_parts(step(&grouped, groups)),
+    ];
+    let [parts, whole, turn, groups] = outs;
     let (parts, whole) = ((parts, sums[0]), (whole, sums[1]));
     assert_eq!((&turn, sums[2]), (&parts.0, sums[0])); // threads do not change a bit
+    assert_eq!((&groups, sums[3]), (&parts.0, sums[0])); // nor do groups
     assert_eq!(parts.0, whole.0);
     assert!((parts.1.products - whole.1.products).abs() <= 1e-12 * whole.1.products);
     assert_eq!(ForwardSums { products: parts.1.products, ..whole.1 }, parts.1);

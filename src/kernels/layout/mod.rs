@@ -14,4 +14,5 @@ pub(crate) use values::{EntryValues, Packed, Width};
 pub(in crate::kernels) use {
     dense::{DenseMultiply, DenseTranspose},
     panels::DenseMax,
+    sliced::Arrangement,
 };
