@@ -53,6 +53,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     eprintln!("index {:?}", t.elapsed());
     let (traces, skipped) = read_traces(&a.trace)?;
     eprintln!("{skipped}");
+    if a.noise.is_none() {
+        let p: Vec<Vec<_>> =
+            traces.iter().map(|t| t.points.iter().step_by(a.every).copied().collect()).collect();
+        let p: Vec<&[_]> = p.iter().map(|p| &p[..]).collect();
+        let t = Instant::now();
+        let m = *matcher.model();
+        matcher = matcher.with_model(MatchModel { noise: 20.0, ..m })?;
+        let f = matcher.fit(&p, 20, &mut MatchMemory::default())?;
+        eprintln!("{f:?} {:?}", t.elapsed());
+        matcher = matcher.with_model(f.model)?;
+    }
     fs::create_dir_all(&a.out)?;
     let mut rw = RouteWriter::new(File::create(a.out.join("route.csv"))?)?;
     let mut pw = PointWriter::new(File::create(a.out.join("points.csv"))?)?;

@@ -13,9 +13,9 @@ pub(super) struct Candidate {
     pub(super) along: f64,
     /// The point, in the plane of the network.
     pub(super) point: [f64; 2],
-    /// Metres across, and the probability that the position belongs to the road at all, for
-    /// learning.
-    pub(super) across: f64,
+    /// Metres across, if the position is beside the edge.
+    pub(super) across: Option<f64>,
+    /// Probability that the position belongs to the road.
     pub(super) inlier: f64,
     pub(super) log_likelihood: f64,
 }
@@ -23,7 +23,7 @@ pub(super) struct Candidate {
 /// Widths, in standard deviations of a position, over which positions that say nothing spread, and
 /// those off the road. With these, one bad position is an outlier, and several in a row are a
 /// stretch off the road.
-const OUTLIER_SPREAD: f64 = 50.0;
+const OUTLIER_SPREAD: f64 = 30.0;
 const OFF_ROAD_SPREAD: f64 = 300.0;
 
 /// Edge of the state off the road.
@@ -38,7 +38,7 @@ impl Candidate {
     pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
         let (sigma, point) = (deviation(model, point), point.position.to_plane());
         let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
-        Self { edge: OFF_ROAD, along: 0.0, point, across: 0.0, inlier: 0.0, log_likelihood }
+        Self { edge: OFF_ROAD, along: 0.0, point, across: None, inlier: 0.0, log_likelihood }
     }
 }
 
@@ -72,8 +72,8 @@ pub(super) fn on_edge<P: Coordinates>(
         edge: near.edge as u32,
         along: near.metres_along,
         point: near.point,
-        across: near.across,
-        inlier: if near.beyond == 0.0 { inlier / likelihood } else { 0.0 },
+        across: (near.beyond == 0.0).then_some(near.across),
+        inlier: inlier / likelihood,
         log_likelihood: likelihood.ln() + heading(near, point),
     }
 }

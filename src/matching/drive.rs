@@ -3,9 +3,9 @@
 use super::answer::RoadAnswer;
 use super::candidates::{Candidate, deviation, metres_between};
 use super::matcher::Before;
-use super::moves::{Interval, Ways};
+use super::moves::{Interval, Move, Ways};
 use super::vehicle::mode;
-use super::{MatchError, MatchMemory, Matcher, TracePoint};
+use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
 use crate::inference::{SmoothedTrellis, Trellis};
 use crate::map::{Coordinates, Position};
 
@@ -15,6 +15,8 @@ use crate::map::{Coordinates, Position};
 pub struct MatchedDrive<P = Position> {
     pub(super) points: Vec<TracePoint<P>>,
     pub(super) states: Vec<Vec<Candidate>>,
+    /// Moves into the states of all steps, in the order of the trellis; none in the first.
+    pub(super) moves: Vec<Move>,
     pub(super) trellis: Trellis,
     pub(super) smoothed: SmoothedTrellis,
     pub(super) route: Vec<Stretch<P>>,
@@ -48,7 +50,7 @@ impl<P: Coordinates> Matcher<P> {
         points: &[TracePoint<P>],
         memory: &mut MatchMemory,
     ) -> Result<MatchedDrive<P>, MatchError> {
-        let (states, trellis) = self.trellis(points, memory)?;
+        let Built { states, trellis, moves } = self.trellis(&self.model, points, memory)?;
         let smoothed = trellis.smooth()?;
         let path = trellis.viterbi()?;
         let log_probability = path.log_probability();
@@ -56,26 +58,28 @@ impl<P: Coordinates> Matcher<P> {
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
         let route = self.route(points, &on_path, memory);
         let points = points.to_vec();
-        Ok(MatchedDrive { points, states, trellis, smoothed, route, log_probability })
+        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route, log_probability })
     }
 
     /// Builds the trellis of a drive, with its states.
     pub(super) fn trellis(
         &self,
+        model: &MatchModel,
         points: &[TracePoint<P>],
         memory: &mut MatchMemory,
-    ) -> Result<(Vec<Vec<Candidate>>, Trellis), MatchError> {
+    ) -> Result<Built, MatchError> {
         let first = points.first().ok_or(MatchError::Empty)?;
         let mut trellis = Trellis::new();
-        let mut all = Vec::with_capacity(points.len());
-        all.push(self.begin(first, memory, &mut trellis)?);
+        let (mut all, mut moves) = (Vec::with_capacity(points.len()), Vec::new());
+        all.push(self.begin(model, first, memory, &mut trellis)?);
         let (mut log_filtered, mut next) = (Vec::new(), Vec::new());
         trellis.forward_step(1, &[0.0], &mut log_filtered);
         let mut speed = first.speed.unwrap_or(0.0);
         for (step, pair) in points.windows(2).enumerate() {
             let before =
                 Before { point: &pair[0], states: &all[step], log_filtered: &log_filtered, speed };
-            let states = self.advance(&before, &pair[1], memory, &mut trellis)?;
+            let states = self.advance(model, &before, &pair[1], memory, &mut trellis)?;
+            moves.extend_from_slice(&memory.moves);
             trellis.forward_step(step + 2, &log_filtered, &mut next);
             let modes = mode(&log_filtered).zip(mode(&next));
             if let Some((before, now)) = modes.map(|(a, b)| (all[step][a], states[b]))
@@ -91,7 +95,7 @@ impl<P: Coordinates> Matcher<P> {
             std::mem::swap(&mut log_filtered, &mut next);
             all.push(states);
         }
-        Ok((all, trellis))
+        Ok(Built { states: all, trellis, moves })
     }
 
     /// Connected route through one state a point.
@@ -131,6 +135,13 @@ impl<P: Coordinates> Matcher<P> {
         }
         route.stretches
     }
+}
+
+/// Trellis of a drive.
+pub(super) struct Built {
+    pub(super) states: Vec<Vec<Candidate>>,
+    pub(super) trellis: Trellis,
+    pub(super) moves: Vec<Move>,
 }
 
 /// A route that grows.

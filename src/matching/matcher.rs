@@ -1,7 +1,7 @@
 //! The matcher: a network, an index of its edges, and a model of drives.
 
 use super::candidates::{Candidate, deviation, metres_between, on_edge};
-use super::moves::{Interval, Ways, speed_of};
+use super::moves::{Interval, Move, Ways, speed_of};
 use super::{MatchError, MatchModel, TracePoint};
 use crate::inference::Trellis;
 use crate::map::{Coordinates, EdgeIndex, NearEdge, Position, RoadNetwork, RouteSearch};
@@ -24,7 +24,9 @@ pub struct Matcher<P = Position> {
 pub struct MatchMemory {
     pub(super) search: RouteSearch,
     pub(super) near: Vec<NearEdge>,
-    entries: Vec<Vec<(usize, f64)>>,
+    entries: Vec<Vec<(usize, f64, Move)>>,
+    /// Moves of the last step, in the order in which they are in the trellis.
+    pub(super) moves: Vec<Move>,
 }
 
 /// Share of the belief below which the way from a state is not looked for: e^-30.
@@ -72,8 +74,8 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// Straight distance between two points in metres.
-    fn interval(&self, before: &TracePoint<P>, point: &TracePoint<P>) -> Interval {
-        let jitter = deviation(&self.model, before).hypot(deviation(&self.model, point));
+    fn interval(model: &MatchModel, before: &TracePoint<P>, point: &TracePoint<P>) -> Interval {
+        let jitter = deviation(model, before).hypot(deviation(model, point));
         let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
         let metres = before.position.metres_to(point.position);
         Interval { seconds: point.time - before.time, metres, jitter, speed }
@@ -82,15 +84,16 @@ impl<P: Coordinates> Matcher<P> {
     /// Adds the first step of a drive to a trellis. Returns its states.
     pub(super) fn begin(
         &self,
+        model: &MatchModel,
         point: &TracePoint<P>,
         memory: &mut MatchMemory,
         trellis: &mut Trellis,
     ) -> Result<Vec<Candidate>, MatchError> {
         point.check()?;
-        let mut states = self.candidates(point, memory);
-        states.push(Candidate::off_road(point, &self.model));
+        let mut states = self.candidates(model, point, memory);
+        states.push(Candidate::off_road(point, model));
         trellis.begin_step();
-        let leaves = self.model.leaves(1.0) / self.model.returns(1.0);
+        let leaves = model.leaves(1.0) / model.returns(1.0);
         let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
         for state in &states {
             let prior = if state.is_off_road() { off_road } else { 0.0 };
@@ -100,12 +103,16 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// States on roads near a point.
-    fn candidates(&self, point: &TracePoint<P>, memory: &mut MatchMemory) -> Vec<Candidate> {
-        let reach = 4.0 * deviation(&self.model, point) + 10.0;
+    fn candidates(
+        &self,
+        model: &MatchModel,
+        point: &TracePoint<P>,
+        memory: &mut MatchMemory,
+    ) -> Vec<Candidate> {
+        let reach = 4.0 * deviation(model, point) + 10.0;
         self.index.near(&self.network, point.position, reach, &mut memory.near);
-        let state = |near: &NearEdge| {
-            on_edge(near, self.network.edges()[near.edge].metres, &self.model, point)
-        };
+        let state =
+            |near: &NearEdge| on_edge(near, self.network.edges()[near.edge].metres, model, point);
         memory.near.iter().map(state).collect()
     }
 
@@ -113,6 +120,7 @@ impl<P: Coordinates> Matcher<P> {
     /// probabilities are given. Returns its states. On an error the trellis is as before.
     pub(super) fn advance(
         &self,
+        model: &MatchModel,
         before: &Before<'_, P>,
         point: &TracePoint<P>,
         memory: &mut MatchMemory,
@@ -122,41 +130,44 @@ impl<P: Coordinates> Matcher<P> {
         if point.time <= before.point.time {
             return Err(MatchError::Time { time: point.time, before: before.point.time });
         }
-        let interval = self.interval(before.point, point);
-        let mut states = self.candidates(point, memory);
-        self.carry(before, &interval, point, &mut states);
-        states.push(Candidate::off_road(point, &self.model));
+        let interval = Self::interval(model, before.point, point);
+        let mut states = self.candidates(model, point, memory);
+        self.carry(model, before, &interval, point, &mut states);
+        states.push(Candidate::off_road(point, model));
 
-        let [leaves, returns] =
-            [self.model.leaves(interval.seconds), self.model.returns(interval.seconds)];
+        let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         memory.entries.resize_with(memory.entries.len().max(states.len()), Vec::new);
         memory.entries.iter_mut().for_each(Vec::clear);
         let off_road = states.len() - 1;
         for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
             if from.is_off_road() {
                 let on_road = returns.ln();
-                memory.entries[..off_road].iter_mut().for_each(|list| list.push((number, on_road)));
-                memory.entries[off_road].push((number, (-returns).ln_1p()));
+                memory.entries[..off_road]
+                    .iter_mut()
+                    .for_each(|list| list.push((number, on_road, Move::OffRoad)));
+                memory.entries[off_road].push((number, (-returns).ln_1p(), Move::OffRoad));
                 continue;
             }
             if *log < NEGLIGIBLE {
                 continue;
             }
-            memory.entries[off_road].push((number, leaves.ln()));
+            memory.entries[off_road].push((number, leaves.ln(), Move::OffRoad));
             let Self { network, chords, .. } = self;
             let mut ways = Ways { network, chords, search: &mut memory.search };
-            ways.from(from, &states, &self.model, &interval);
+            ways.from(from, &states, model, &interval);
             let stays = (-leaves).ln_1p();
             for (to, list) in states[..off_road].iter().zip(&mut memory.entries) {
                 let Some(way) = ways.way(from, to, interval.jitter) else { continue };
                 let fastest = self.speed(from).max(self.speed(to));
-                let log = self_weight(&interval, &self.model, &way, fastest);
-                list.push((number, stays + log));
+                let (log, moved) = interval.weight(model, &way, fastest);
+                list.push((number, stays + log, moved));
             }
         }
         trellis.begin_step();
+        memory.moves.clear();
         for (state, entries) in states.iter().zip(&memory.entries) {
-            trellis.state(state.log_likelihood, entries.iter().copied())?;
+            trellis.state(state.log_likelihood, entries.iter().map(|entry| (entry.0, entry.1)))?;
+            memory.moves.extend(entries.iter().map(|entry| entry.2));
         }
         Ok(states)
     }
@@ -170,6 +181,7 @@ impl<P: Coordinates> Matcher<P> {
     /// a position may be far off.
     fn carry(
         &self,
+        model: &MatchModel,
         before: &Before<'_, P>,
         interval: &Interval,
         point: &TracePoint<P>,
@@ -189,14 +201,20 @@ impl<P: Coordinates> Matcher<P> {
                         && (state.along - along).abs() < 3.0 * interval.jitter
                 };
                 if !states.iter().any(is_near) && states.len() < near_by + MOST_CARRIED {
-                    states.push(self.carried(edge, along, point));
+                    states.push(self.carried(model, edge, along, point));
                 }
             }
         }
     }
 
     /// State at a place of an edge, whatever the position.
-    fn carried(&self, edge: usize, along: f64, point: &TracePoint<P>) -> Candidate {
+    fn carried(
+        &self,
+        model: &MatchModel,
+        edge: usize,
+        along: f64,
+        point: &TracePoint<P>,
+    ) -> Candidate {
         let place = self.network.position_along(edge, along).to_plane();
         let off = metres_between::<P>(place, point.position.to_plane());
         let near = NearEdge {
@@ -209,7 +227,7 @@ impl<P: Coordinates> Matcher<P> {
             direction: [0.0; 2],
         };
         let length = self.network.edges()[edge].metres;
-        on_edge(&near, length, &self.model, &TracePoint { heading: None, ..*point })
+        on_edge(&near, length, model, &TracePoint { heading: None, ..*point })
     }
 
     /// Finds the places so many metres from the start of an edge, along all ways without U-turns,
@@ -241,15 +259,6 @@ impl<P: Coordinates> Matcher<P> {
         }
         found
     }
-}
-
-fn self_weight(
-    interval: &Interval,
-    model: &MatchModel,
-    way: &super::moves::Way,
-    fastest: f64,
-) -> f64 {
-    interval.weight(model, way, fastest).log
 }
 
 /// The step before, with the filtered distribution of its states.

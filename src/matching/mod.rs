@@ -7,6 +7,7 @@ mod drive;
 mod error;
 #[cfg(feature = "csv")]
 mod files;
+mod learn;
 mod matcher;
 mod model;
 mod moves;
@@ -18,6 +19,7 @@ pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]
 pub use files::{PointWriter, RouteWriter, SkippedPoints, Trace, read_traces, read_traces_from};
+pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;

@@ -35,12 +35,19 @@ pub(super) struct Way {
     log_choices: f64,
 }
 
-/// Logarithm of a weight, and what learning wants to know.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct MoveWeight {
-    pub(super) log: f64,
-    /// Probability that the vehicle stood.
-    pub(super) stood: f64,
+/// What a move was, beside its weight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Move {
+    /// Of a vehicle that comes onto the road, leaves it, or is off it.
+    OffRoad,
+    /// Along roads.
+    Along {
+        metres: f64,
+        /// Probability that the vehicle stood.
+        stood: f64,
+        /// Expected detour in metres a second, with long ones scaled down.
+        detour: f64,
+    },
 }
 
 impl Interval {
@@ -59,7 +66,7 @@ impl Interval {
     /// Weight of a way between two states on roads, without the share that leaves the road:
     /// density of the distance, relative to an even one up to the fastest speed, the detour, the
     /// choices at junctions, and U-turns.
-    pub(super) fn weight(&self, model: &MatchModel, way: &Way, fastest: f64) -> MoveWeight {
+    pub(super) fn weight(&self, model: &MatchModel, way: &Way, fastest: f64) -> (f64, Move) {
         let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
         let stands =
             model.stop * most / (self.jitter * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp();
@@ -77,18 +84,21 @@ impl Interval {
             }
         };
         let moves = (1.0 - model.stop) * moves.max(1e-9);
-        let detour = way.detour / self.detour_scale(model);
-        let detour = match detour {
-            0.0 => 1.0,
+        let scaled = way.detour / self.detour_scale(model);
+        let [short, long] = match scaled {
+            0.0 => [1.0 - LONG_DETOURS, 0.1 * LONG_DETOURS],
             _ => {
-                (1.0 - LONG_DETOURS) * (-detour).exp() + LONG_DETOURS * 0.1 * (-0.1 * detour).exp()
+                [(1.0 - LONG_DETOURS) * (-scaled).exp(), 0.1 * LONG_DETOURS * (-0.1 * scaled).exp()]
             }
         };
-        let mut log = ((stands + moves) * detour).max(1e-300).ln() - CHOICES * way.log_choices;
+        let total = (stands + moves) * (short + long);
+        let mut log = total.max(1e-300).ln() - CHOICES * way.log_choices;
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }
-        MoveWeight { log, stood: stands / (stands + moves) }
+        let share = (short + 0.1 * long) / (short + long).max(1e-300);
+        let detour = share * way.detour / self.seconds;
+        (log, Move::Along { metres: way.metres, stood: stands / (stands + moves), detour })
     }
 }
 

@@ -37,7 +37,7 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
     ) -> Result<Vehicle<P>, MatchError> {
         let mut trellis = Trellis::new();
-        let states = self.begin(point, memory, &mut trellis)?;
+        let states = self.begin(&self.model, point, memory, &mut trellis)?;
         let mut log_filtered = Vec::new();
         let last = trellis.forward_step(1, &[0.0], &mut log_filtered);
         let mut log_likelihood = LogSum::default();
@@ -83,7 +83,7 @@ impl<P: Coordinates> Matcher<P> {
             log_filtered: &vehicle.log_filtered,
             speed: vehicle.speed,
         };
-        let states = self.advance(&before, point, memory, &mut vehicle.trellis)?;
+        let states = self.advance(&self.model, &before, point, memory, &mut vehicle.trellis)?;
         let seconds = point.time - vehicle.point.time;
         let step = vehicle.trellis.steps();
         let mut filtered = Vec::with_capacity(states.len());
