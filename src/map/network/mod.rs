@@ -1,9 +1,16 @@
 //! Directed road networks with geometry: nodes, edges, and the turns between them.
 
 mod builder;
+mod cleaning;
+mod component;
+mod contract;
+mod crop;
+mod merge;
+mod rebuild;
 mod shape;
 
 pub use builder::{EdgeOptions, NetworkBuilder};
+pub use cleaning::{Cleaning, CleaningOperation, CleaningStep};
 pub use shape::Projection;
 
 use std::collections::HashMap;
