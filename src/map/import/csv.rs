@@ -126,7 +126,9 @@ fn edge(
         options.metres = Some(row.number(3)?);
         if options.metres == Some(0.0) {
             options.metres = None;
-            report.note(ImportNote::ZeroLength);
+            if from != to {
+                report.note(ImportNote::ZeroLength);
+            }
         }
     }
     let [forward, backward] = match row.columns[4] {

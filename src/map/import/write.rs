@@ -16,8 +16,8 @@ impl RoadNetwork {
     /// where they have the same line, with its `class`, `oneway`, `length_m`, and if known
     /// `speed_kmh` and `junction`.
     ///
-    /// [`from_geojson`](Self::from_geojson) reads it,
-    /// but GeoJSON has no place for ids of nodes and forbidden turns.
+    /// [`from_geojson`](Self::from_geojson) reads it, but ids of nodes and forbidden turns are not
+    /// in it.
     ///
     /// ```
     /// use wayfix::map::{NetworkBuilder, Position, RoadClass};

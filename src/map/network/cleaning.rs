@@ -34,6 +34,8 @@ pub struct Cleaning<P = Position> {
     /// True to keep only the [largest part](RoadNetwork::largest_component) in which each node can
     /// be reached.
     pub largest_component: bool,
+    /// True to drop [dead ends](RoadNetwork::without_dead_ends).
+    pub drop_dead_ends: bool,
     /// True to [contract](RoadNetwork::contracted) nodes that roads only pass through.
     pub contract: bool,
     /// Radius in which intersections are [merged](RoadNetwork::merged); contracted again after if
@@ -43,7 +45,13 @@ pub struct Cleaning<P = Position> {
 
 impl<P> Default for Cleaning<P> {
     fn default() -> Self {
-        Self { within: None, largest_component: false, contract: false, merge_metres: None }
+        Self {
+            within: None,
+            largest_component: false,
+            drop_dead_ends: false,
+            contract: false,
+            merge_metres: None,
+        }
     }
 }
 
@@ -55,6 +63,8 @@ pub enum CleaningOperation {
     Within,
     /// Largest strongly connected part.
     LargestComponent,
+    /// Dead ends dropped.
+    DeadEnds,
     /// Contraction of nodes that roads only pass through.
     Contraction,
     /// Merging of intersections.
@@ -101,6 +111,7 @@ impl fmt::Display for CleaningStep {
         match self.operation {
             CleaningOperation::Within => write!(f, "cut to a box")?,
             CleaningOperation::LargestComponent => write!(f, "largest part")?,
+            CleaningOperation::DeadEnds => write!(f, "dead ends dropped")?,
             CleaningOperation::Contraction => write!(f, "contracted")?,
             CleaningOperation::Merging { metres } => write!(f, "merged within {metres} m")?,
         }
@@ -133,6 +144,10 @@ impl<P: Coordinates> RoadNetwork<P> {
         if cleaning.largest_component {
             let largest = network.largest_component();
             take(&mut network, largest);
+        }
+        if cleaning.drop_dead_ends {
+            let open = network.without_dead_ends();
+            take(&mut network, open);
         }
         if cleaning.contract {
             let contracted = network.contracted();

@@ -5,6 +5,7 @@ mod cleaning;
 mod component;
 mod contract;
 mod crop;
+mod dead_ends;
 mod merge;
 mod rebuild;
 mod shape;
