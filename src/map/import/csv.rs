@@ -6,7 +6,7 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use super::tags::{class_of, directions, speed_of};
+use super::words::{class_of, directions, speed_of};
 use super::{
     ImportNote, ImportOptions, ImportReport, LEAST_METRES, finish, open, position_problem,
 };

@@ -7,7 +7,8 @@ use std::path::Path;
 use geojson::{Error, Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
 
 use super::lines::Lines;
-use super::tags::{RoadTags, class_of, directions, road_of, speed_of};
+use super::tags::{RoadTags, road_of};
+use super::words::{class_of, directions, speed_of};
 use super::{ImportNote, ImportOptions, ImportReport, finish, open, position_problem};
 use crate::map::{MapError, NetworkBuilder, Position, RoadNetwork};
 

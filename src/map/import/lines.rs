@@ -29,7 +29,7 @@ pub(super) struct Point {
 /// Lines and their points.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
-    pub(super) lines: Vec<Line>,
+    pub(super) all: Vec<Line>,
     pub(super) points: HashMap<u64, Point>,
     /// True if nodes are numbered from 0 instead of having the keys of points.
     pub(super) numbered: bool,
@@ -61,7 +61,7 @@ impl Lines {
         for point in points.iter().chain(&ends) {
             self.points.entry(*point).or_default().uses += 1;
         }
-        self.lines.push(Line { points, tags, metres });
+        self.all.push(Line { points, tags, metres });
         true
     }
 
@@ -73,7 +73,7 @@ impl Lines {
         report: &mut ImportReport,
     ) -> Result<Vec<Piece>, MapError> {
         let mut pieces = Vec::new();
-        for (index, line) in std::mem::take(&mut self.lines).into_iter().enumerate() {
+        for (index, line) in std::mem::take(&mut self.all).into_iter().enumerate() {
             let known = |point: &u64| self.points[point].position;
             let share = line.metres.map(|metres| {
                 let positions: Vec<Position> = line.points.iter().filter_map(known).collect();

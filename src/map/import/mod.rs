@@ -11,7 +11,9 @@ mod options;
 #[cfg(feature = "osm")]
 mod osm;
 mod report;
+#[cfg(any(feature = "geojson", feature = "osm"))]
 mod tags;
+mod words;
 #[cfg(feature = "geojson")]
 mod write;
 
@@ -61,9 +63,10 @@ fn position_problem(position: Position) -> Option<String> {
             "latitude {latitude} and longitude {longitude} seem to be swapped, expected degrees from -90 to 90 for the latitude"
         ));
     }
-    let (name, value, limit) = match latitude.abs() <= 90.0 {
-        true => ("longitude", longitude, 180),
-        false => ("latitude", latitude, 90),
+    let (name, value, limit) = if latitude.abs() <= 90.0 {
+        ("longitude", longitude, 180)
+    } else {
+        ("latitude", latitude, 90)
     };
     Some(format!("{name} is {value}, expected degrees from -{limit} to {limit}"))
 }

@@ -18,6 +18,7 @@ use crate::map::Cleaning;
 /// assert!(options.service_roads);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a kind of road, chosen by itself")]
 pub struct ImportOptions {
     /// Roads to and on private ground, car parks and depots (`highway=service`); true by default.
     pub service_roads: bool,

@@ -90,6 +90,7 @@ impl ImportReport {
     }
 
     /// Notes that apply, with their counts above 0.
+    #[must_use]
     pub fn notes(&self) -> impl ExactSizeIterator<Item = (ImportNote, usize)> {
         self.notes.iter().map(|(&note, &count)| (note, count))
     }

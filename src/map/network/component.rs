@@ -22,7 +22,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             }
         }
         let (nodes, target) = self.selected(|n| component[n] == largest);
-        let network = self.mapped(nodes, &target, |_| true);
+        let network = self.mapped(&nodes, &target, |_| true);
         let step = CleaningStep::of(CleaningOperation::LargestComponent, self, &network);
         (network, step)
     }

@@ -50,8 +50,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         let mut builder = NetworkBuilder::of_checked(nodes);
         let mut first = vec![NONE; self.edges.len()];
         let mut last = first.clone();
-        for e in 0..self.edges.len() {
-            let Edge { from, .. } = self.edges[e];
+        for (e, &Edge { from, .. }) in self.edges.iter().enumerate() {
             if passed[from] {
                 continue;
             }

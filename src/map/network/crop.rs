@@ -50,7 +50,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             let (asked, extent) = (in_words::<P>([a, b]), in_words::<P>(extent));
             return Err(MapError::EmptyBox { asked, extent });
         }
-        let network = self.mapped(nodes, &target, |_| true);
+        let network = self.mapped(&nodes, &target, |_| true);
         let step = CleaningStep::of(CleaningOperation::Within, self, &network);
         Ok((network, step))
     }

@@ -6,8 +6,8 @@ use crate::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// The roads that lead on: nodes with at most one neighbour are dropped, then those that have
-    /// at most one now, and so on. Of a network without rings, its first node stays. O(nodes +
-    /// edges).
+    /// at most one now, and so on. Of a network without rings of three nodes or more, the first
+    /// node stays. O(nodes + edges).
     #[must_use]
     pub fn without_dead_ends(&self) -> (Self, CleaningStep) {
         let mut neighbors = vec![Vec::new(); self.nodes.len()];
@@ -35,7 +35,7 @@ impl<P: Coordinates> RoadNetwork<P> {
         }
         let none = !kept.contains(&true);
         let (nodes, target) = self.selected(|n| kept[n] || (none && n == 0));
-        let network = self.mapped(nodes, &target, |_| true);
+        let network = self.mapped(&nodes, &target, |_| true);
         let step = CleaningStep::of(CleaningOperation::DeadEnds, self, &network);
         (network, step)
     }

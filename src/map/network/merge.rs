@@ -48,7 +48,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             let Edge { from, to, metres: length, .. } = self.edges[e];
             from == to || target[from] != target[to] || length > 2.0 * metres
         };
-        let network = self.mapped(nodes, &target, outside);
+        let network = self.mapped(&nodes, &target, outside);
         let step = CleaningStep::of(CleaningOperation::Merging { metres }, self, &network);
         Ok((network, step))
     }

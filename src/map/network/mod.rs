@@ -158,6 +158,7 @@ impl<P> RoadNetwork<P> {
     }
 
     /// Forbidden turns, as pairs of edges, in ascending order.
+    #[must_use]
     pub fn forbidden_turns(&self) -> impl ExactSizeIterator<Item = (usize, usize)> {
         self.forbidden.iter().map(|&(edge, next)| (edge as usize, next as usize))
     }

@@ -10,11 +10,11 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// the straight distance of their new ends if that is longer.
     pub(super) fn mapped(
         &self,
-        nodes: Vec<Node<P>>,
+        nodes: &[Node<P>],
         target: &[u32],
         wanted: impl Fn(usize) -> bool,
     ) -> Self {
-        let mut builder = NetworkBuilder::of_checked(nodes.clone());
+        let mut builder = NetworkBuilder::of_checked(nodes.to_vec());
         let mut number = vec![NONE; self.edges.len()];
         for (e, edge) in self.edges.iter().enumerate() {
             let ends = [edge.from, edge.to].map(|node| target[node]);

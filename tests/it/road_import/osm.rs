@@ -2,7 +2,7 @@
 
 use wayfix::map::{ImportNote, ImportOptions, ImportReport, RoadClass, RoadNetwork};
 
-use super::pbf::{Extract, Tags};
+use super::pbf::{Extract, Member, Tags};
 use super::{ends, osm, turns};
 
 /// Nodes 1 to 9 on a slanted line, 10 and 11 as a square with 1 and 2.
@@ -165,7 +165,7 @@ fn roads_are_cut_at_missing_nodes() {
 /// Turns and count of one note for a crossing of ways 1 (1 - 2), 2 (2 - 3), 3 (2 - 11) at node 2.
 fn restricted(
     tags: Tags<'_>,
-    members: &[(&'static str, u64, i64)],
+    members: &[Member<'static>],
     note: ImportNote,
 ) -> (Vec<[u64; 3]>, usize) {
     let tags = [&[("type", "restriction")][..], tags].concat();

@@ -3,14 +3,16 @@
 /// Tags of an element.
 pub(crate) type Tags<'a> = &'a [(&'a str, &'a str)];
 
+/// A member of a relation: role, kind (0 for a node, 1 for a way, 2 for a relation), id.
+pub(crate) type Member<'a> = (&'a str, u64, i64);
+
 /// Elements of an extract, in one block each kind.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Extract<'a> {
     /// Id, latitude and longitude in 1e-7 degrees.
     pub(crate) nodes: Vec<(i64, i64, i64)>,
     pub(crate) ways: Vec<(i64, &'a [i64], Tags<'a>)>,
-    /// Tags, and members: role, kind (0 for a node, 1 for a way, 2 for a relation), id.
-    pub(crate) relations: Vec<(Tags<'a>, Vec<(&'a str, u64, i64)>)>,
+    pub(crate) relations: Vec<(Tags<'a>, Vec<Member<'a>>)>,
     /// True to write nodes one by one instead of densely.
     pub(crate) plain_nodes: bool,
 }
@@ -18,23 +20,12 @@ pub(crate) struct Extract<'a> {
 impl Extract<'_> {
     pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut out = header(&["OsmSchema-V0.6", "DenseNodes"]);
-        out.extend(self.block(|group, _| self.write_nodes(group)));
-        out.extend(self.block(|group, strings| self.write_ways(group, strings)));
+        out.extend(block(|group, _| self.write_nodes(group)));
+        out.extend(block(|group, strings| self.write_ways(group, strings)));
         if !self.relations.is_empty() {
-            out.extend(self.block(|group, strings| self.write_relations(group, strings)));
+            out.extend(block(|group, strings| self.write_relations(group, strings)));
         }
         out
-    }
-
-    fn block(&self, write: impl FnOnce(&mut Vec<u8>, &mut Vec<String>)) -> Vec<u8> {
-        let (mut group, mut strings) = (Vec::new(), vec![String::new()]);
-        write(&mut group, &mut strings);
-        let mut table = Vec::new();
-        strings.iter().for_each(|text| bytes(&mut table, 1, text.as_bytes()));
-        let mut block = Vec::new();
-        bytes(&mut block, 1, &table);
-        bytes(&mut block, 2, &group);
-        blob("OSMData", &block)
     }
 
     fn write_nodes(&self, group: &mut Vec<u8>) {
@@ -66,9 +57,9 @@ impl Extract<'_> {
     }
 
     fn write_relations(&self, group: &mut Vec<u8>, strings: &mut Vec<String>) {
-        for (id, (tags, members)) in self.relations.iter().enumerate() {
+        for ((tags, members), id) in self.relations.iter().zip(1..) {
             let mut relation = Vec::new();
-            write_tags(&mut relation, id as i64, tags, strings);
+            write_tags(&mut relation, id, tags, strings);
             let roles = members.iter().map(|member| number(strings, member.0));
             packed(&mut relation, 8, &roles.collect::<Vec<_>>());
             packed(&mut relation, 9, &deltas(members.iter().map(|member| member.2)));
@@ -76,6 +67,17 @@ impl Extract<'_> {
             bytes(group, 4, &relation);
         }
     }
+}
+
+fn block(write: impl FnOnce(&mut Vec<u8>, &mut Vec<String>)) -> Vec<u8> {
+    let (mut group, mut strings) = (Vec::new(), vec![String::new()]);
+    write(&mut group, &mut strings);
+    let mut table = Vec::new();
+    strings.iter().for_each(|text| bytes(&mut table, 1, text.as_bytes()));
+    let mut block = Vec::new();
+    bytes(&mut block, 1, &table);
+    bytes(&mut block, 2, &group);
+    blob("OSMData", &block)
 }
 
 pub(crate) fn header(needed: &[&str]) -> Vec<u8> {
@@ -98,7 +100,7 @@ fn blob(kind: &str, data: &[u8]) -> Vec<u8> {
 
 fn write_tags(out: &mut Vec<u8>, id: i64, tags: Tags<'_>, strings: &mut Vec<String>) {
     varint(out, 1 << 3);
-    varint(out, id as u64);
+    varint(out, id.cast_unsigned());
     let keys: Vec<u64> = tags.iter().map(|tag| number(strings, tag.0)).collect();
     let values: Vec<u64> = tags.iter().map(|tag| number(strings, tag.1)).collect();
     packed(out, 2, &keys);
@@ -120,7 +122,7 @@ fn deltas(values: impl Iterator<Item = i64>) -> Vec<u64> {
 }
 
 fn zigzag(value: i64) -> u64 {
-    ((value << 1) ^ (value >> 63)) as u64
+    ((value << 1) ^ (value >> 63)).cast_unsigned()
 }
 
 fn packed(out: &mut Vec<u8>, field: u64, values: &[u64]) {
