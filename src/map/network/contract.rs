@@ -9,7 +9,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// added.
     ///
     /// A node is passed through if it has two neighbours, with one road from the one to the other
-    /// or one in each direction, and if class, speed and roundabout do not change there and the
+    /// or one in [both directions](Self::reverse), and if class, speed and roundabout do not change there and the
     /// turn is not forbidden. Dead ends stay. A ring that touches other roads at one node becomes
     /// a loop there; one that touches none keeps one node. Lengths of shortest paths
     /// between the remaining nodes do not change. O((nodes + edges) log).
@@ -114,10 +114,12 @@ impl<P: Coordinates> RoadNetwork<P> {
             neighbors.extend(out.clone().map(|e| self.edges[e].to));
             neighbors.sort_unstable();
             neighbors.dedup();
-            // Each of two edges comes from another neighbour, and each leads to another one.
+            // Two edges in come from different neighbours, and lead back there.
             let apart = into.len() == 1
                 || (self.edges[into[0]].from != self.edges[into[1]].from
-                    && self.edges[out.start].to != self.edges[out.start + 1].to);
+                    && into
+                        .iter()
+                        .all(|&edge| self.reverse(edge).is_some_and(|back| out.contains(&back))));
             neighbors.len() == 2
                 && apart
                 && !neighbors.contains(&n)
