@@ -128,11 +128,15 @@
 //!
 //! # Crate features
 //!
-//! - **`csv`** (default): `RoadMap::from_csv_files` reads maps.
+//! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
+//!   road networks.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
+//! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them.
+//! - **`osm`**: `RoadNetwork::from_osm_file` reads OpenStreetMap extracts (`.osm.pbf`).
 //! - **`rayon`**: many sequences, and the rows of large sparse matrices, in parallel, with
 //!   identical results.
+//! - **`roads`**: `csv`, `geojson` and `osm`.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
 //!   [serde](https://serde.rs), exact to the bit; see the module `persistence`.
 //!

@@ -230,7 +230,7 @@ impl Line<'_> {
 }
 
 /// Returns a field, cut to the length that error messages quote.
-fn excerpt(field: &str) -> Cow<'_, str> {
+pub(super) fn excerpt(field: &str) -> Cow<'_, str> {
     match field.char_indices().nth(LONGEST) {
         Some((end, _)) => Cow::Owned(format!("{}…", &field[..end])),
         None => Cow::Borrowed(field),

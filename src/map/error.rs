@@ -76,6 +76,38 @@ pub enum MapError {
         /// Description of the problem, with the valid values.
         problem: String,
     },
+    /// A block of an OpenStreetMap extract is invalid.
+    Block {
+        /// Path of the file, or "extract" for a reader.
+        file: String,
+        /// The block, from 1; the first one is the header.
+        block: u64,
+        /// Where the block starts, in bytes from the start of the file.
+        byte: u64,
+        /// Description of the problem.
+        problem: String,
+    },
+    /// A feature of a GeoJSON file is invalid.
+    Feature {
+        /// Path of the file, or "features" for a reader.
+        file: String,
+        /// The feature, from 1.
+        feature: usize,
+        /// Description of the problem, with the valid values.
+        problem: String,
+    },
+    /// No node of a network lies in a box.
+    EmptyBox {
+        /// The box.
+        asked: String,
+        /// Smallest box around all nodes.
+        extent: String,
+    },
+    /// The radius of merging is negative, infinite or NaN.
+    Radius {
+        /// Value found, in metres.
+        metres: f64,
+    },
 }
 
 impl fmt::Display for MapError {
@@ -108,6 +140,18 @@ impl fmt::Display for MapError {
             ),
             Self::Read { file, reason } => write!(f, "cannot read {file}: {reason}"),
             Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),
+            Self::Block { file, block, byte, problem } => {
+                write!(f, "{file}, block {block} (from byte {byte}): {problem}")
+            }
+            Self::Feature { file, feature, problem } => {
+                write!(f, "{file}, feature {feature}: {problem}")
+            }
+            Self::EmptyBox { asked, extent } => {
+                write!(f, "no node lies in the box of {asked}; all lie in {extent}")
+            }
+            Self::Radius { metres } => {
+                write!(f, "the radius of merging is {metres}, expected metres from 0")
+            }
         }
     }
 }

@@ -36,6 +36,8 @@ mod cleaning;
 mod csv;
 mod error;
 mod graph;
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+mod import;
 mod network;
 mod position;
 mod road_map;
@@ -44,6 +46,9 @@ mod turning;
 
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+pub use import::{ImportNote, ImportOptions, ImportReport};
+pub use network::{Cleaning, CleaningOperation, CleaningStep};
 pub use network::{
     Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteSearch,
     TurnCosts,

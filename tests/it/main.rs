@@ -27,6 +27,7 @@ mod many;
 mod map;
 mod map_files;
 mod motion;
+mod network_cleaning;
 mod no_control;
 mod operators;
 #[cfg(feature = "serde")]
@@ -35,6 +36,8 @@ mod place_recognition;
 mod pruned;
 mod recognition;
 mod reference_cases;
+#[cfg(feature = "roads")]
+mod road_import;
 mod routines;
 mod sensors;
 mod shortest_path;

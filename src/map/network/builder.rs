@@ -87,11 +87,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// point that is not on Earth (or in the plane), and [`MapError::Length`] for a length that is
     /// not above 0 and finite, or a speed.
     pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
-        let index = |id: u64| {
-            let index = self.indices.get(&id).map(|&index| index as usize);
-            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
-        };
-        let ends = [index(from)?, index(to)?];
+        let ends = self.ends(from, to)?;
         options.between.iter().try_for_each(|&point| check_position(from, point))?;
         let metres = options.metres.unwrap_or_else(|| {
             let [start, end] = ends.map(|end| self.nodes[end].position);
@@ -105,10 +101,26 @@ impl<P: Coordinates> NetworkBuilder<P> {
                 return Err(MapError::Length { from, to, length: value });
             }
         }
+        Ok(self.checked_edge(ends, metres, options))
+    }
+
+    /// Adds an edge between two nodes, by their indices, whose numbers were checked before.
+    pub(super) fn checked_edge(
+        &mut self,
+        ends: [usize; 2],
+        metres: f64,
+        options: EdgeOptions<P>,
+    ) -> usize {
         let EdgeOptions { class, speed, roundabout, between, .. } = options;
         let edge = Edge { from: ends[0], to: ends[1], class, metres, speed, roundabout };
         self.edges.push(NewEdge { edge, between, reverse: None });
-        Ok(self.edges.len() - 1)
+        self.edges.len() - 1
+    }
+
+    /// Returns a builder of nodes whose ids and positions were checked before.
+    pub(super) fn of_checked(nodes: Vec<Node<P>>) -> Self {
+        let indices = nodes.iter().zip(0..).map(|(node, index)| (node.id, index)).collect();
+        Self { nodes, indices, ..Self::new() }
     }
 
     /// Declares two edges to be the same road in either direction. Without it,
@@ -123,6 +135,31 @@ impl<P: Coordinates> NetworkBuilder<P> {
         self.forbidden.push((edge, next));
     }
 
+    /// Straight distance of two nodes, by their ids, or `None` for a node and itself.
+    #[cfg(feature = "csv")]
+    pub(in crate::map) fn metres_between(
+        &self,
+        from: u64,
+        to: u64,
+    ) -> Result<Option<f64>, MapError> {
+        let [start, end] = self.ends(from, to)?.map(|end| self.nodes[end].position);
+        Ok((from != to).then(|| start.metres_to(end)))
+    }
+
+    fn ends(&self, from: u64, to: u64) -> Result<[usize; 2], MapError> {
+        let index = |id: u64| {
+            let index = self.indices.get(&id).map(|&index| index as usize);
+            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
+        };
+        Ok([index(from)?, index(to)?])
+    }
+
+    /// Number of nodes added.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
     /// Number of edges added.
     #[must_use]
     pub fn edges(&self) -> usize {
@@ -135,10 +172,15 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// [`MapError::Empty`] if there are no nodes.
     pub fn build(self) -> Result<RoadNetwork<P>, MapError> {
-        let Self { nodes, indices, edges: added, forbidden } = self;
-        if nodes.is_empty() {
+        if self.nodes.is_empty() {
             return Err(MapError::Empty);
         }
+        Ok(self.finish())
+    }
+
+    /// Builds the network of at least one node.
+    pub(super) fn finish(self) -> RoadNetwork<P> {
+        let Self { nodes, indices, edges: added, forbidden } = self;
         let mut order: Vec<u32> = (0..added.len() as u32).collect();
         order.sort_by_key(|&e| (added[e as usize].edge.from, added[e as usize].edge.to));
         let mut number = vec![0; added.len()];
@@ -163,7 +205,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         let mut network =
             RoadNetwork { nodes, indices, edges, starts, points, shape_starts, reverse, forbidden };
         network.find_reverses();
-        Ok(network)
+        network
     }
 }
 

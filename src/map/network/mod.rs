@@ -1,12 +1,20 @@
 //! Directed road networks with geometry: nodes, edges, and the turns between them.
 
 mod builder;
+mod cleaning;
+mod component;
+mod contract;
+mod crop;
+mod dead_ends;
 #[cfg(feature = "matching")]
 mod index;
+mod merge;
+mod rebuild;
 mod route;
 mod shape;
 
 pub use builder::{EdgeOptions, NetworkBuilder};
+pub use cleaning::{Cleaning, CleaningOperation, CleaningStep};
 #[cfg(feature = "matching")]
 pub use index::{EdgeIndex, NearEdge};
 pub use route::{Reached, RouteSearch, TurnCosts};
@@ -156,6 +164,7 @@ impl<P> RoadNetwork<P> {
     }
 
     /// Forbidden turns, as pairs of edges, in ascending order.
+    #[must_use]
     pub fn forbidden_turns(&self) -> impl ExactSizeIterator<Item = (usize, usize)> {
         self.forbidden.iter().map(|&(edge, next)| (edge as usize, next as usize))
     }

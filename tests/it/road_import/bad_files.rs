@@ -1,0 +1,172 @@
+//! Files that are no networks.
+
+use wayfix::map::{Cleaning, ImportOptions, MapError, Position, RoadNetwork};
+
+use super::pbf::{Extract, header};
+use super::{Read, csv, geojson, osm};
+
+const NODES: &str = "node,lat,lon\n1,-35.28,149.12\n2,-35.28,149.13\n";
+
+fn says(read: Read, expected: &str) {
+    assert_eq!(read.unwrap_err().to_string(), expected);
+}
+
+#[test]
+fn csv_errors_name_file_and_line() {
+    says(
+        csv("node,lat,lon\n1,149.12,-35.28\n", "from,to\n"),
+        "nodes, line 2: latitude 149.12 and longitude -35.28 seem to be swapped, expected degrees \
+         from -90 to 90 for the latitude",
+    );
+    says(
+        csv("node,lat,lon\n1,1000,-35.28\n", "from,to\n"),
+        "nodes, line 2: latitude is 1000, expected degrees from -90 to 90",
+    );
+    says(
+        csv("node,lat,lon\n1,NaN,200\n", "from,to\n"),
+        "nodes, line 2: latitude is NaN, expected degrees from -90 to 90",
+    );
+    says(csv(&format!("{NODES}1,0,0\n"), "from,to\n"), "nodes, line 4: place 1 is given twice");
+    says(
+        csv("id,lat\n", "from,to\n"),
+        "nodes, line 1: no column lon or longitude in the header \"id,lat\"",
+    );
+    says(csv("", "from,to\n"), "nodes, line 1: no column node or id in the header \"\"");
+    says(csv("id,lat,lon\n", "from,to\n"), "a map needs at least one place, found none");
+    for (row, problem) in [
+        ("1", "1 columns, expected 6 as in the header"),
+        ("1,3,,,,", "the road from place 1 to place 3 needs place 3, which does not exist"),
+        ("-1,2,,,,", "from is \"-1\", expected a whole number from 0"),
+        ("1,2,path,,,", "class \"path\", expected main, arterial, collector or street, or 0 to 3"),
+        ("1,2,,-5,,", "the road from place 1 to place 2 has length -5, expected metres above 0"),
+        ("1,2,,inf,,", "the road from place 1 to place 2 has length inf, expected metres above 0"),
+        ("1,2,,long,,", "length_m is \"long\", expected a number"),
+        ("1,2,,,perhaps,", "oneway is \"perhaps\", expected yes, no or -1"),
+    ] {
+        let edges = format!("from,to,class,length_m,oneway,speed_kmh\n2,1,,,,\n{row}\n");
+        says(csv(NODES, &edges), &format!("edges, line 3: {problem}"));
+    }
+}
+
+#[test]
+fn geojson_errors_name_line_or_feature() {
+    let error = geojson("{\"type\": \"FeatureCollection\",\n\"features\": [\n").unwrap_err();
+    assert!(matches!(error, MapError::Line { line: 3 | 2, .. }), "{error}");
+    assert!(geojson("<osm/>").unwrap_err().to_string().starts_with("features, line 1: "));
+    let feature = |properties: &str, line: &str| {
+        geojson(&format!(
+            r#"{{"type": "FeatureCollection", "features": [{{"type": "Feature", "properties": null, "geometry": null}},
+            {{"type": "Feature", "properties": {{{properties}}}, "geometry": {{"type": "LineString", "coordinates": {line}}}}}]}}"#
+        ))
+    };
+    let line = "[[149.12, -35.28], [149.13, -35.28]]";
+    assert_eq!(feature("", line).unwrap().0.edges().len(), 2);
+    for (properties, line, problem) in [
+        (
+            "",
+            "[[-35.28, 149.12], [-35.28, 149.13]]",
+            "latitude 149.12 and longitude -35.28 seem to be swapped, expected degrees from -90 to 90 for the latitude",
+        ),
+        (
+            "",
+            "[[149.12, -35.28], [1e300, 0]]",
+            "longitude is 1e300, expected degrees from -180 to 180",
+        ),
+        ("", "[[149.12], [1, 0]]", "1 coordinates, expected longitude and latitude"),
+        (
+            r#""class": "path""#,
+            line,
+            "class \"path\", expected main, arterial, collector or street, or 0 to 3",
+        ),
+        (r#""oneway": "perhaps""#, line, "oneway is \"perhaps\", expected yes, no or -1"),
+        (r#""length_m": -1"#, line, "length_m is \"-1\", expected metres from 0"),
+    ] {
+        let error = feature(properties, line).unwrap_err().to_string();
+        let problem = problem.replace("1e300", &format!("{}", 1e300));
+        assert_eq!(error, format!("features, feature 2: {problem}"));
+    }
+    says(feature("", "[]"), "a map needs at least one place, found none");
+}
+
+fn extract() -> Extract<'static> {
+    let nodes = vec![(1, 470_000_000, 95_000_000), (2, 470_000_000, 95_010_000)];
+    let ways = vec![(1, &[1, 2][..], &[("highway", "primary")][..])];
+    Extract { nodes, ways, ..Extract::default() }
+}
+
+#[test]
+fn a_truncated_extract_is_an_error_at_every_byte() {
+    let bytes = extract().bytes();
+    let whole = |bytes: &[u8]| osm(bytes).map(|read| read.1.to_string());
+    assert_eq!(whole(&bytes).unwrap(), "read 2 nodes, 2 edges");
+    let mut in_blocks = 0;
+    for end in 0..bytes.len() {
+        match osm(&bytes[..end]) {
+            Err(MapError::Block { file, byte, .. }) => {
+                assert_eq!(file, "extract");
+                assert!(byte as usize <= end);
+                in_blocks += 1;
+            }
+            // Between two blocks a file may end; without ways no road is left.
+            Err(MapError::Empty) => {}
+            other => panic!("{end}: {other:?}"),
+        }
+    }
+    assert_eq!(in_blocks, bytes.len() - 2);
+    let cut = osm(&bytes[..bytes.len() - 5]).unwrap_err().to_string();
+    assert!(cut.starts_with("extract, block 3 (from byte "), "{cut}");
+}
+
+#[test]
+fn damaged_extracts_are_errors_or_networks() {
+    // Numbers out of their range panic in the reader of blocks, which must not come through.
+    let bytes = extract().bytes();
+    for place in 0..bytes.len() {
+        for bit in 0..8 {
+            let mut bytes = bytes.clone();
+            bytes[place] ^= 1 << bit;
+            if let Ok((network, _)) = osm(&bytes) {
+                assert!(network.edges().iter().all(|edge| edge.metres > 0.0));
+            }
+        }
+    }
+    let mut extract = extract();
+    extract.relations =
+        vec![(&[("type", "restriction"), ("restriction", "no_u_turn")], vec![("via", 9, 1)])];
+    let error = osm(&extract.bytes()).unwrap_err().to_string();
+    assert!(error.ends_with("numbers out of their range"), "{error}");
+}
+
+#[test]
+fn other_files_are_no_extracts() {
+    let text = osm(b"<?xml version='1.0'?>").unwrap_err().to_string();
+    assert!(text.starts_with("extract, block 1 (from byte 0): "), "{text}");
+    assert!(text.ends_with("expected an OpenStreetMap extract (.osm.pbf)"), "{text}");
+    assert!(matches!(osm(b""), Err(MapError::Block { block: 1, .. })));
+    let history = [header(&["HistoricalInformation"]), extract().bytes()].concat();
+    let text = osm(&history).unwrap_err().to_string();
+    assert!(text.contains("\"HistoricalInformation\" is needed, which is not supported"), "{text}");
+    let mut swapped = extract();
+    swapped.nodes[1] = (2, 1_491_300_000, -352_800_000);
+    let text = osm(&swapped.bytes()).unwrap_err().to_string();
+    assert!(
+        text.contains("node 2: latitude 149.13 and longitude -35.28 seem to be swapped"),
+        "{text}"
+    );
+    let headless = osm(&extract().bytes()[header(&["OsmSchema-V0.6", "DenseNodes"]).len()..]);
+    let text = headless.unwrap_err().to_string();
+    assert!(text.contains("expected the header, found other data"), "{text}");
+}
+
+#[test]
+fn an_empty_box_is_an_error() {
+    let corners =
+        [Position { latitude: 0.0, longitude: 10.0 }, Position { latitude: 1.0, longitude: 11.0 }];
+    let cleaning = Cleaning { within: Some(corners), ..Cleaning::default() };
+    let options = ImportOptions { cleaning, ..ImportOptions::default() };
+    says(
+        RoadNetwork::from_csv(NODES.as_bytes(), &b"from,to\n1,2\n"[..], &options),
+        "no node lies in the box of latitude 0 to 1 and longitude 10 to 11; all lie in latitude \
+         -35.28 to -35.28 and longitude 149.12 to 149.13",
+    );
+}
