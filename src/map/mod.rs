@@ -31,6 +31,7 @@
 //! ```
 
 mod builder;
+mod cells;
 mod cleaning;
 #[cfg(feature = "csv")]
 mod csv;
@@ -42,6 +43,8 @@ mod road_map;
 mod shortest;
 mod turning;
 
+pub(crate) use cells::Layout;
+pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
 pub use network::{Edge, EdgeOptions, NetworkBuilder, Node, Projection, RoadNetwork};
