@@ -7,6 +7,9 @@
 //! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
 //! Φ, and these give the transition operator A = Φ'.
 //!
+//! Where the position along a road counts, a [`RoadNetwork`] of directed edges with their lines is
+//! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
+//!
 //! ```
 //! use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
 //!

@@ -185,6 +185,18 @@ impl<P: Coordinates> RoadCells<P> {
         self.network.position_along(self.edge(cell), self.metres_along(cell))
     }
 
+    /// Position so many metres ahead of the middle of a cell, as an
+    /// [`Odometer`](crate::motion::Odometer::ahead) says, but not beyond the ends of its edge.
+    /// O(points of the edge).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such cell.
+    #[must_use]
+    pub fn position_ahead(&self, cell: usize, ahead: f64) -> P {
+        self.network.position_along(self.edge(cell), self.metres_along(cell) + ahead)
+    }
+
     /// Nearest point of any edge to a position: road, metres along and metres off. Where roads are
     /// as near, as both directions of one are, the lowest edge. O(points of all edges).
     ///
