@@ -70,9 +70,9 @@
 //! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
 //! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
 //! | [`inference`] | options and results of the methods above |
-//! | [`map`] | places and roads, and the transitions derived from them |
-//! | [`motion`] | vehicles: speeds along a route, odometry, distances on a map, off the map |
-//! | [`observation`] | images by their descriptors or distances, sensors that confuse neighbouring places |
+//! | [`map`] | places and roads, the transitions derived from them, positions along roads |
+//! | [`motion`] | vehicles: speeds along a route, odometry, metres along roads or on a map, off the map |
+//! | [`observation`] | images by their descriptors or distances, measured positions, tags, sensors that confuse neighbouring places |
 //! | [`recognition`] | place recognition by images, from references and queries to answers, live and afterwards |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |

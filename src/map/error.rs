@@ -60,6 +60,20 @@ pub enum MapError {
         /// Value found, in metres.
         length: f64,
     },
+    /// There are no roads to cut into cells.
+    NoRoads,
+    /// The spacing of cells is NaN, infinite, zero or negative.
+    Spacing {
+        /// Value found, in metres.
+        spacing: f64,
+    },
+    /// The roads have more cells than 32-bit indices can address.
+    Cells {
+        /// Number of cells.
+        cells: f64,
+        /// The spacing, in metres.
+        spacing: f64,
+    },
     /// A file could not be opened or read.
     Read {
         /// Path of the file.
@@ -137,6 +151,14 @@ impl fmt::Display for MapError {
             Self::Length { from, to, length } => write!(
                 f,
                 "the road from place {from} to place {to} has length {length}, expected metres above 0"
+            ),
+            Self::NoRoads => write!(f, "cells need at least one road, found none"),
+            Self::Spacing { spacing } => {
+                write!(f, "the spacing of cells is {spacing}, expected metres above 0")
+            }
+            Self::Cells { cells, spacing } => write!(
+                f,
+                "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)"
             ),
             Self::Read { file, reason } => write!(f, "cannot read {file}: {reason}"),
             Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),

@@ -7,6 +7,9 @@
 //! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
 //! Φ, and these give the transition operator A = Φ'.
 //!
+//! Where the position along a road counts, a [`RoadNetwork`] of directed edges with their lines is
+//! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
+//!
 //! ```
 //! use wayfix::map::{Place, Position, Road, RoadClass, RoadMap, TurningProbabilities, TurningRule};
 //!
@@ -31,6 +34,7 @@
 //! ```
 
 mod builder;
+mod cells;
 mod cleaning;
 #[cfg(feature = "csv")]
 mod csv;
@@ -44,6 +48,8 @@ mod road_map;
 mod shortest;
 mod turning;
 
+pub(crate) use cells::Layout;
+pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]

@@ -4,12 +4,14 @@
 //! |---|---|
 //! | places in a row (reference images), with steps of any length | [`RouteTransition`], with hidden [`Speeds`] and a [`RouteControl`] |
 //! | a road map, with the metres driven from place to place | [`DistanceTransition`], with an [`OdometryReading`] as its control; **not** for steps shorter than a road |
+//! | a road network, with the metres driven, for steps of any length | [`CellTransition`] on [`RoadCells`](crate::map::RoadCells), with a [`Travel`] from an [`Odometer`] |
 //! | a vehicle that may leave the map, on any operator | [`OffMapTransition`] |
 //! | errors of odometry along a route | [`OdometryModel`] |
 //!
 //! Operators of single moves, without a vehicle in mind, are in
 //! [`transition`](crate::transition).
 
+mod cells;
 mod distance;
 mod learn;
 mod odometry;
@@ -18,6 +20,7 @@ mod route;
 mod speeds;
 mod window;
 
+pub use cells::{CellTransition, Odometer, Travel, TurnWeights};
 pub use distance::{DistanceTransition, OdometryReading};
 pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;

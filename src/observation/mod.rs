@@ -23,6 +23,9 @@
 //!
 //! A camera that gives a descriptor of its view is matched with those of the map:
 //! [`ReferenceDescriptors`] computes the distance to each.
+//!
+//! On the [cells of roads](crate::map::RoadCells), [`PositionLikelihood`] takes measured positions,
+//! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
 
 mod appearance;
 mod confusion;
@@ -30,6 +33,8 @@ mod descriptors;
 mod error;
 mod gaussian;
 mod odds;
+mod position;
+mod reader;
 mod rows;
 mod seen_places;
 mod spread;
@@ -44,6 +49,8 @@ pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptor
 pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
+pub use position::{PositionFix, PositionLikelihood};
+pub use reader::{ReadRates, TagLikelihood};
 pub use spread::Spread;
 pub(crate) use spread::nearest;
 pub use standardizer::Standardizer;

@@ -9,6 +9,7 @@ mod appearance;
 mod bad_input;
 mod beam;
 mod canberra;
+mod cells;
 mod controls;
 mod descriptors;
 mod edge_cases;

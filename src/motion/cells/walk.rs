@@ -1,0 +1,131 @@
+//! Entries of the operator, by walks over the edges.
+
+use std::cmp::Ordering;
+use std::collections::BinaryHeap;
+
+use super::{CellTransition, Travel};
+
+/// Arrival of a walk at an edge: cells of the walk before its nearest cell, and the probability.
+/// Of two in a heap, that of fewer cells is the greater.
+#[derive(Debug, Clone, Copy)]
+struct Arrival {
+    /// Below 0 on the edge where the walk starts.
+    distance: i64,
+    edge: u32,
+    p: f64,
+}
+
+impl Arrival {
+    fn key(&self) -> (i64, u32) {
+        (self.distance, self.edge)
+    }
+}
+
+impl PartialEq for Arrival {
+    fn eq(&self, other: &Self) -> bool {
+        self.key() == other.key()
+    }
+}
+
+impl Eq for Arrival {}
+
+impl PartialOrd for Arrival {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Arrival {
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.key().cmp(&self.key())
+    }
+}
+
+impl CellTransition {
+    /// Lists the entries out of a cell, in ascending order.
+    pub(super) fn ahead(
+        &self,
+        travel: &Travel,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + use<'_> {
+        let edge = self.layout.edge(from);
+        let is_end = usize::from(self.stays_at_end(edge));
+        let travel = travel.clone();
+        // Most steps end on the same edge.
+        let near = from + travel.last() + is_end <= self.layout.last(edge);
+        let cells = if near { travel.first()..travel.last() + 1 } else { 0..0 };
+        let far = if near { Vec::new() } else { self.walk(&travel, from, true) };
+        let near = cells.map(move |cells| (from + cells, travel.exactly(cells)));
+        near.chain(far).filter(|entry| entry.1 > 0.0)
+    }
+
+    /// Lists the entries into a cell, in ascending order.
+    pub(super) fn behind(
+        &self,
+        travel: &Travel,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + use<'_> {
+        let edge = self.layout.edge(to);
+        let is_end = to == self.layout.last(edge) && self.stays_at_end(edge);
+        let travel = travel.clone();
+        let near = !is_end && to - self.layout.first(edge) >= travel.last();
+        let cells = if near { travel.first()..travel.last() + 1 } else { 0..0 };
+        let far = if near { Vec::new() } else { self.walk(&travel, to, false) };
+        let near = cells.rev().map(move |cells| (to - cells, travel.exactly(cells)));
+        near.chain(far).filter(|entry| entry.1 > 0.0)
+    }
+
+    /// Walks over the edges in order of distance, so that all arrivals at an edge after as many
+    /// cells are one. Lists the cells reached, each once, in ascending order.
+    fn walk(&self, travel: &Travel, start: usize, ahead: bool) -> Vec<(usize, f64)> {
+        let (first, last) = (travel.first() as i64, travel.last() as i64);
+        let edge = self.layout.edge(start);
+        let before =
+            if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
+        // A vehicle that stays at an end of the network has driven at least so far.
+        let into_end = !ahead && before == 0 && self.stays_at_end(edge);
+        let mut heap = BinaryHeap::new();
+        heap.push(Arrival { distance: -(before as i64), edge: edge as u32, p: 1.0 });
+        let mut found = Vec::new();
+        while let Some(Arrival { distance, edge, mut p }) = heap.pop() {
+            while let Some(same) = heap.peek().filter(|other| other.key() == (distance, edge)) {
+                p += same.p;
+                heap.pop();
+            }
+            let edge = edge as usize;
+            let cells = self.layout.cells(edge);
+            let count = cells.len() as i64;
+            let at = |number: i64| {
+                let number = number as usize;
+                if ahead { cells.start + number } else { cells.end - 1 - number }
+            };
+            let out_of_end = ahead && self.stays_at_end(edge);
+            let least = if into_end { 0 } else { first };
+            let nearest = (least - distance).max(0);
+            let farthest = (last - distance).min(count - 1 - i64::from(out_of_end));
+            for number in nearest..=farthest {
+                let driven = (distance + number) as usize;
+                let weight =
+                    if into_end { travel.at_least(driven) } else { travel.exactly(driven) };
+                found.push((at(number), p * weight));
+            }
+            if out_of_end && distance + count - 1 <= last {
+                let driven = (distance + count - 1) as usize;
+                found.push((at(count - 1), p * travel.at_least(driven)));
+            }
+            let distance = distance + count;
+            if distance <= last {
+                let turns = if ahead { self.next.of(edge) } else { self.before.of(edge) };
+                let arrivals = turns.iter().map(|turn| (turn.0, p * turn.1));
+                heap.extend(arrivals.map(|(edge, p)| Arrival { distance, edge, p }));
+            }
+        }
+        found.sort_unstable_by_key(|entry| entry.0);
+        found.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            kept.1 += if same { next.1 } else { 0.0 };
+            same
+        });
+        found
+    }
+}
