@@ -1,89 +1,172 @@
-//! Places GPS drives on a road network.
-#![allow(missing_docs)]
-use clap::Parser;
-use std::error::Error;
-use std::fs::{self, File};
-use std::path::PathBuf;
-use std::time::Instant;
-use wayfix::map::*;
-use wayfix::matching::*;
+//! Matches recorded GPS drives to the roads of a network: the route and the road at each point,
+//! with probabilities.
+//!
+//! ```text
+//! cargo run --release --features roads --example drive -- --roads city.osm.pbf --trace drives.csv
+//! ```
+//!
+//! Without files, drives are simulated in a small made-up city, and written as files beside the
+//! results.
 
+#[path = "../roads/mod.rs"]
+mod roads;
+
+mod files;
+mod fit;
+mod made_up;
+mod run;
+mod summary;
+mod truth;
+
+use std::error::Error;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::thread;
+use std::time::Instant;
+
+use clap::Parser;
+use wayfix::map::{ImportOptions, RoadNetwork};
+use wayfix::matching::{MatchModel, Matcher, Trace, read_traces};
+
+use truth::{Truth, Truths};
+
+/// Matches GPS drives to roads. Writes the routes (route.csv, route.geojson), the road at each
+/// point (points.csv), a picture of a drive (drive.svg), and measures (summary.csv).
 #[derive(Parser)]
 struct Arguments {
-    #[arg(long)]
-    roads: PathBuf,
-    #[arg(long)]
-    trace: PathBuf,
-    #[arg(long, default_value_t = 1)]
+    /// Roads: a folder with nodes.csv and edges.csv, a GeoJSON file, or an OpenStreetMap extract
+    /// (.osm.pbf).
+    #[arg(long, value_name = "FILE|FOLDER", requires = "trace")]
+    roads: Option<PathBuf>,
+    /// Drives: trace,time,longitude,latitude[,accuracy,heading,speed], in seconds, degrees, metres
+    /// and metres per second.
+    #[arg(long, value_name = "FILE", requires = "roads")]
+    trace: Option<PathBuf>,
+    /// True routes: trace,order,from,to, with nodes as in the roads.
+    #[arg(long, value_name = "FILE", requires = "trace")]
+    truth: Option<PathBuf>,
+    /// Take every K-th point of each drive.
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = roads::whole, allow_negative_numbers = true)]
     every: usize,
-    #[arg(long)]
+    /// Number of points that late answers wait for.
+    #[arg(long, value_name = "POINTS", default_value_t = 3)]
+    late: usize,
+    /// Standard deviation of a position in each direction [default: learned from the drives, with
+    /// the rest of the model].
+    #[arg(long, value_name = "METRES", value_parser = roads::positive, allow_negative_numbers = true)]
     noise: Option<f64>,
+    /// Number of threads [default: one for each core].
+    #[arg(long, value_parser = roads::whole, allow_negative_numbers = true)]
+    threads: Option<usize>,
+    /// Drive that is drawn [default: the first].
+    #[arg(long, value_name = "NAME")]
+    picture: Option<String>,
+    /// Output folder.
     #[arg(long, default_value = "target/drive")]
     out: PathBuf,
 }
-fn main() -> Result<(), Box<dyn Error>> {
-    let a = Arguments::parse();
-    let t = Instant::now();
-    let mut b = NetworkBuilder::new();
-    let mut r = csv::Reader::from_path(a.roads.join("nodes.csv"))?;
-    for l in r.records() {
-        let l = l?;
-        b.node(l[0].parse()?, Position { longitude: l[1].parse()?, latitude: l[2].parse()? })?;
+
+fn main() -> ExitCode {
+    roads::exit_code(run(&Arguments::parse()))
+}
+
+/// A drive with every K-th point, and its true route, if known.
+struct Drive {
+    trace: Trace,
+    /// Points that were left out after the last one.
+    tail: Vec<wayfix::matching::TracePoint>,
+    truth: Option<Truth>,
+}
+
+fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
+    let out = &arguments.out;
+    roads::create_folder(out)?;
+    let (road_path, trace_path, truth_path) = match (&arguments.roads, &arguments.trace) {
+        (Some(roads), Some(trace)) => (roads.clone(), trace.clone(), arguments.truth.clone()),
+        _ => {
+            made_up::write(out)?;
+            roads::print(&format!(
+                "{}: wrote nodes.csv, edges.csv, trace.csv and truth.csv into {}\n",
+                roads::town::NAME,
+                out.display()
+            ))?;
+            (out.clone(), out.join("trace.csv"), Some(out.join("truth.csv")))
+        }
+    };
+    let start = Instant::now();
+    let (network, report) = RoadNetwork::from_path(&road_path, &ImportOptions::default())?;
+    roads::print(&format!("{report}\n"))?;
+    let (traces, skipped) = read_traces(&trace_path)?;
+    check(&traces, &trace_path, &network)?;
+    let truths = truth_path.map(|path| Truths::read(&path, &network, &traces)).transpose()?;
+    let drives = thinned(traces, truths.unwrap_or_default(), arguments.every);
+    if let Some(name) = &arguments.picture
+        && drives.iter().all(|drive| drive.trace.name != *name)
+    {
+        return Err(format!("--picture {name}: {} has no such drive", trace_path.display()).into());
     }
-    let mut r = csv::Reader::from_path(a.roads.join("edges.csv"))?;
-    for l in r.records() {
-        let l = l?;
-        let class = [RoadClass::Street, RoadClass::Collector, RoadClass::Arterial, RoadClass::Main]
-            [l[2].parse::<usize>()?];
-        let m: f64 = l[3].parse()?;
-        b.edge(
-            l[0].parse()?,
-            l[1].parse()?,
-            EdgeOptions { metres: Some(m.max(0.1)), ..EdgeOptions::of(class) },
-        )?;
-    }
-    let network = b.build()?;
-    eprintln!("network {:?}", t.elapsed());
-    let t = Instant::now();
     let mut matcher = Matcher::new(network);
-    if let Some(noise) = a.noise {
-        let m = *matcher.model();
-        matcher = matcher.with_model(MatchModel { noise, ..m })?;
-    }
-    eprintln!("index {:?}", t.elapsed());
-    let (traces, skipped) = read_traces(&a.trace)?;
-    eprintln!("{skipped}");
-    if a.noise.is_none() {
-        let p: Vec<Vec<_>> =
-            traces.iter().map(|t| t.points.iter().step_by(a.every).copied().collect()).collect();
-        let p: Vec<&[_]> = p.iter().map(|p| &p[..]).collect();
-        let t = Instant::now();
-        let m = *matcher.model();
-        matcher = matcher.with_model(MatchModel { noise: 20.0, ..m })?;
-        let f = matcher.fit(&p, 20, &mut MatchMemory::default())?;
-        eprintln!("{f:?} {:?}", t.elapsed());
-        matcher = matcher.with_model(f.model)?;
-    }
-    fs::create_dir_all(&a.out)?;
-    let mut rw = RouteWriter::new(File::create(a.out.join("route.csv"))?)?;
-    let mut pw = PointWriter::new(File::create(a.out.join("points.csv"))?)?;
-    let mut memory = MatchMemory::default();
-    let (mut time, mut points, mut cands) = (0.0, 0, 0.0);
-    for trace in &traces {
-        let p: Vec<_> = trace.points.iter().step_by(a.every).copied().collect();
-        let t = Instant::now();
-        let drive = matcher.match_drive(&p, &mut memory)?;
-        time += t.elapsed().as_secs_f64();
-        points += p.len();
-        cands += drive.candidates() * p.len() as f64;
-        rw.write(&trace.name, &matcher, &drive)?;
-        pw.write(&trace.name, &matcher, &drive, 3)?;
-    }
-    println!(
-        "{} drives, {points} points, {:.0} points/s, {:.1} candidates",
-        traces.len(),
-        points as f64 / time,
-        cands / points as f64
-    );
+    roads::print(&format!(
+        "read {} drives and built the index in {:.2} s; {skipped}\n",
+        drives.len(),
+        start.elapsed().as_secs_f64()
+    ))?;
+    matcher = match arguments.noise {
+        Some(noise) => {
+            let model = MatchModel { noise, ..*matcher.model() };
+            matcher.with_model(model)?
+        }
+        None => fit::fit(matcher, &drives)?,
+    };
+    let cores = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let threads = arguments.threads.unwrap_or(cores).min(drives.len());
+    let picture = arguments.picture.as_ref().unwrap_or(&drives[0].trace.name);
+    let mut total = run::run(&matcher, &drives, [threads, arguments.late], picture, out)?;
+    total.skipped = skipped.repeated + skipped.backwards;
+    summary::report(&total, out)?;
     Ok(())
+}
+
+/// Checks that there are drives, and that they are where the roads are.
+fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), String> {
+    let path = path.display();
+    if traces.is_empty() {
+        return Err(format!("{path}, line 2: there are no points, expected at least one"));
+    }
+    let [mut low, mut high] = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for position in network.nodes().iter().map(|node| node.position) {
+        for (axis, value) in [position.longitude, position.latitude].into_iter().enumerate() {
+            low[axis] = low[axis].min(value);
+            high[axis] = high[axis].max(value);
+        }
+    }
+    let is_in = |values: [f64; 2]| {
+        (0..2).all(|axis| (low[axis] - 0.1..=high[axis] + 0.1).contains(&values[axis]))
+    };
+    let values = || {
+        let points = traces.iter().flat_map(|trace| &trace.points);
+        points.map(|point| [point.position.longitude, point.position.latitude])
+    };
+    if values().any(is_in) {
+        return Ok(());
+    }
+    let swapped = values().any(|[longitude, latitude]| is_in([latitude, longitude]));
+    let hint = if swapped { "; longitude and latitude seem to be swapped" } else { "" };
+    Err(format!(
+        "{path}: no point is near the roads, expected longitudes from {:.4} to {:.4} and latitudes from {:.4} to {:.4}{hint}",
+        low[0], high[0], low[1], high[1]
+    ))
+}
+
+/// Takes every K-th point.
+fn thinned(traces: Vec<Trace>, mut truths: Truths, every: usize) -> Vec<Drive> {
+    let thin = |trace: Trace| {
+        let truth = truths.take(&trace.name);
+        let last = (trace.points.len().max(1) - 1) / every * every;
+        let tail = trace.points.get(last + 1..).unwrap_or_default().to_vec();
+        let points = trace.points.into_iter().step_by(every).collect();
+        Drive { trace: Trace { name: trace.name, points }, tail, truth }
+    };
+    traces.into_iter().map(thin).collect()
 }

@@ -1,0 +1,76 @@
+//! Tracking of a simulated drive, live and afterwards.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use wayfix::matching::{MatchError, MatchMemory, MatchedDrive, Matcher};
+
+use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
+use super::roads::simulate::Simulated;
+
+/// Measures of drives.
+#[derive(Default)]
+pub(crate) struct Tracked {
+    pub(crate) points: usize,
+    pub(crate) live_seconds: f64,
+    pub(crate) match_seconds: f64,
+    /// Largest size of a vehicle.
+    pub(crate) bytes: usize,
+    /// Sum over points.
+    pub(crate) candidates: f64,
+    pub(crate) lengths: Lengths,
+    pub(crate) forecasts: Forecasts,
+}
+
+impl Tracked {
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.points += other.points;
+        self.live_seconds += other.live_seconds;
+        self.match_seconds += other.match_seconds;
+        self.bytes = self.bytes.max(other.bytes);
+        self.candidates += other.candidates;
+        self.lengths.add(other.lengths);
+        self.forecasts.extend(&other.forecasts);
+    }
+}
+
+/// Tracks a drive live, as a vehicle would, then matches the whole of it.
+pub(crate) fn track(
+    matcher: &Matcher,
+    drive: &Simulated,
+    lag: usize,
+    memory: &mut MatchMemory,
+) -> Result<(Tracked, MatchedDrive), MatchError> {
+    let points = &drive.points;
+    let mut tracked = Tracked { points: points.len(), ..Tracked::default() };
+    let start = Instant::now();
+    let mut vehicle = matcher.start(&points[0], lag, memory)?;
+    tracked.live_seconds += start.elapsed().as_secs_f64();
+    let (mut live, mut late) = (vec![vehicle.live()], VecDeque::new());
+    for point in &points[1..] {
+        let start = Instant::now();
+        matcher.step(&mut vehicle, point, memory)?;
+        live.push(vehicle.live());
+        tracked.live_seconds += start.elapsed().as_secs_f64();
+        tracked.bytes = tracked.bytes.max(vehicle.bytes());
+        if vehicle.points_late() == lag {
+            late.push_back(vehicle.late());
+        }
+    }
+    let start = Instant::now();
+    let matched = matcher.match_drive(points, memory)?;
+    tracked.match_seconds = start.elapsed().as_secs_f64();
+    tracked.candidates = matched.candidates() * points.len() as f64;
+    let network = matcher.network();
+    for (point, &edge) in drive.edges.iter().enumerate() {
+        // At the end of the drive there are no later points to wait for.
+        let late = late.pop_front().unwrap_or_else(|| matched.smoothed(point));
+        let answers = [live[point], late, matched.smoothed(point)];
+        let right = edges_of(network, &[edge]);
+        tracked.forecasts.push(answers, |answer| is_among(network, &right, answer));
+    }
+    let ends = [(0, points[0]), (drive.route.len() - 1, points[points.len() - 1])]
+        .map(|(at, point)| network.project(drive.route[at], point.position).metres_along);
+    tracked.lengths = Lengths::of(network, &drive.route, ends, matched.route());
+    Ok((tracked, matched))
+}

@@ -1,0 +1,71 @@
+//! Learning of the model from the drives.
+
+use std::time::{Duration, Instant};
+
+use indicatif::ProgressBar;
+use wayfix::matching::{FittedModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
+
+use super::{Drive, roads};
+
+/// Most points to learn from, and most in a row.
+const MOST_POINTS: usize = 20_000;
+const PIECE: usize = 500;
+/// Fewest points to learn from.
+const FEWEST_POINTS: usize = 30;
+/// Noise to start with: more than there is, since the search for roads depends on it.
+const FIRST_NOISE: f64 = 20.0;
+const ITERATIONS: usize = 15;
+
+/// Pieces of all drives, evenly spread if there are too many.
+fn pieces(drives: &[Drive]) -> Vec<&[TracePoint]> {
+    let pieces: Vec<&[TracePoint]> =
+        drives.iter().flat_map(|drive| drive.trace.points.chunks(PIECE)).collect();
+    let points: usize = pieces.iter().map(|piece| piece.len()).sum();
+    let share = (MOST_POINTS as f64 / points as f64).min(1.0);
+    let number = |at: usize| (share * at as f64).floor();
+    let is_taken = |at: &usize| number(*at) < number(at + 1) || share == 1.0;
+    (0..pieces.len()).filter(is_taken).map(|at| pieces[at]).collect()
+}
+
+/// Matcher with the model that was learned.
+pub(crate) fn fit(
+    matcher: Matcher,
+    drives: &[Drive],
+) -> Result<Matcher, Box<dyn std::error::Error>> {
+    let points: usize = drives.iter().map(|drive| drive.trace.points.len()).sum();
+    if points < FEWEST_POINTS {
+        let noise = matcher.model().noise;
+        roads::print(&format!(
+            "{points} points are too few to learn from: default model, noise {noise} m (see --noise)\n"
+        ))?;
+        return Ok(matcher);
+    }
+    let default = *matcher.model();
+    let spinner = ProgressBar::new_spinner().with_message("learning the model");
+    spinner.enable_steady_tick(Duration::from_millis(100));
+    let start = Instant::now();
+    let first = matcher.with_model(MatchModel { noise: FIRST_NOISE, ..default })?;
+    let fitted: Result<FittedModel, MatchError> =
+        first.fit(&pieces(drives), ITERATIONS, &mut MatchMemory::default());
+    spinner.finish_and_clear();
+    let fitted = match fitted {
+        Ok(fitted) => fitted,
+        Err(error) => {
+            roads::print(&format!("cannot learn from the drives: {error}; default model\n"))?;
+            return Ok(first.with_model(default)?);
+        }
+    };
+    let FittedModel { model, iterations, converged, points, .. } = fitted;
+    roads::print(&format!(
+        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s\n",
+        start.elapsed().as_secs_f64(),
+        if converged { "converged" } else { "not converged" },
+        model.noise,
+        model.outliers,
+        model.deviation,
+        model.stop,
+        3600.0 * model.leave_road,
+        1.0 / model.return_to_road
+    ))?;
+    Ok(first.with_model(model)?)
+}

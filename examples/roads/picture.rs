@@ -1,0 +1,233 @@
+//! Pictures of roads and of a matched drive, as SVG.
+
+use std::error::Error;
+use std::path::Path;
+
+use plotters::coord::Shift;
+use plotters::element::DashedPathElement;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use wayfix::map::{Position, RoadClass, RoadNetwork};
+use wayfix::matching::MatchedDrive;
+
+use super::line_between;
+
+pub(crate) type Drawn = Result<(), Box<dyn Error>>;
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Pixel = (i32, i32);
+
+const WIDTH: f64 = 1000.0;
+const LEAST_HEIGHT: f64 = 420.0;
+const MOST_HEIGHT: f64 = 1000.0;
+/// Height above the map for title and legend.
+const HEAD: f64 = 64.0;
+const MARGIN: f64 = 24.0;
+
+pub(crate) const GREY: RGBColor = RGBColor(214, 214, 214);
+/// Colours of a route whose roads have at least these probabilities, of Okabe and Ito's palette.
+const CERTAINTY: [(f64, &str, RGBColor); 3] = [
+    (0.9, "route, probability from 0.9", RGBColor(0, 114, 178)),
+    (0.5, "from 0.5", RGBColor(230, 159, 0)),
+    (0.0, "below", RGBColor(213, 94, 0)),
+];
+const OFF_ROAD: RGBColor = RGBColor(204, 121, 167);
+
+/// Area in which a part of the Earth is drawn.
+pub(crate) struct Canvas<'a> {
+    area: Area<'a>,
+    /// Pixel of a metre east and north of the corner.
+    scale: f64,
+    corner: Position,
+    cosine: f64,
+    offset: [f64; 2],
+    size: [f64; 2],
+}
+
+fn font(size: i32, horizontal: HPos) -> TextStyle<'static> {
+    let style = TextStyle::from(("sans-serif", size).into_font()).color(&BLACK);
+    style.pos(Pos::new(horizontal, VPos::Center))
+}
+
+const DEGREE: f64 = 111_195.0;
+
+impl<'a> Canvas<'a> {
+    /// Creates a picture in which all positions are, with at least so many metres around them.
+    pub(crate) fn new(
+        file: &'a Path,
+        title: &str,
+        positions: impl Iterator<Item = Position>,
+        around: f64,
+    ) -> Result<Self, Box<dyn Error>> {
+        let [mut low, mut high] = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        for Position { latitude, longitude } in positions {
+            for (axis, value) in [longitude, latitude].into_iter().enumerate() {
+                low[axis] = low[axis].min(value);
+                high[axis] = high[axis].max(value);
+            }
+        }
+        let cosine = (0.5 * (low[1] + high[1])).to_radians().cos().max(0.01);
+        let units = [DEGREE * cosine, DEGREE];
+        let extent = [0, 1].map(|axis| (high[axis] - low[axis]) * units[axis] + 2.0 * around);
+        let inner = WIDTH - 2.0 * MARGIN;
+        let scale = (inner / extent[0]).min((MOST_HEIGHT - 2.0 * MARGIN) / extent[1]);
+        let height = (scale * extent[1] + 2.0 * MARGIN).clamp(LEAST_HEIGHT, MOST_HEIGHT);
+        let corner = Position {
+            longitude: low[0] - around / units[0],
+            latitude: high[1] + around / units[1],
+        };
+        let offset = [0.5 * (WIDTH - scale * extent[0]), HEAD + 0.5 * (height - scale * extent[1])];
+        let size = [WIDTH, HEAD + height];
+        let area =
+            SVGBackend::new(file, (WIDTH as u32, (HEAD + height) as u32)).into_drawing_area();
+        area.fill(&WHITE)?;
+        area.draw(&Text::new(title.to_owned(), (24, 22), font(18, HPos::Left)))?;
+        let canvas = Self { area, scale, corner, cosine, offset, size };
+        canvas.draw_scale()?;
+        Ok(canvas)
+    }
+
+    fn pixel(&self, Position { latitude, longitude }: Position) -> Pixel {
+        let east = (longitude - self.corner.longitude) * DEGREE * self.cosine;
+        let south = (self.corner.latitude - latitude) * DEGREE;
+        let [x, y] = [self.offset[0] + self.scale * east, self.offset[1] + self.scale * south];
+        (x.round() as i32, y.round() as i32)
+    }
+
+    /// Draws a line of a few pixels; none where it would be outside, or a single point.
+    pub(crate) fn line(&self, line: &[Position], style: ShapeStyle) -> Drawn {
+        if let Some(pixels) = self.visible(line) {
+            self.area.draw(&PathElement::new(pixels, style))?;
+        }
+        Ok(())
+    }
+
+    fn visible(&self, line: &[Position]) -> Option<Vec<Pixel>> {
+        let mut pixels: Vec<Pixel> = line.iter().map(|&position| self.pixel(position)).collect();
+        pixels.dedup();
+        let [width, height] = self.size.map(|size| size as i32);
+        let left_of = |x: i32| pixels.iter().all(|pixel| pixel.0 < x);
+        let above = |y: i32| pixels.iter().all(|pixel| pixel.1 < y);
+        let outside = left_of(0)
+            || above(HEAD as i32)
+            || pixels.iter().all(|pixel| pixel.0 > width)
+            || pixels.iter().all(|pixel| pixel.1 > height);
+        (pixels.len() > 1 && !outside).then_some(pixels)
+    }
+
+    /// Draws the roads of a network, each in both directions as one line, the minor ones first.
+    pub(crate) fn roads(
+        &self,
+        network: &RoadNetwork,
+        style: impl Fn(RoadClass) -> ShapeStyle,
+    ) -> Drawn {
+        let classes =
+            [RoadClass::Street, RoadClass::Collector, RoadClass::Arterial, RoadClass::Main];
+        for class in classes {
+            for (edge, road) in network.edges().iter().enumerate() {
+                let is_drawn = network.reverse(edge).is_some_and(|back| back < edge);
+                if road.class == class && !is_drawn {
+                    self.line(network.shape(edge), style(class))?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws entries of a legend in a row: a line of the style beside each text.
+    pub(crate) fn legend(&self, entries: &[(&str, ShapeStyle)]) -> Drawn {
+        let mut x = 24;
+        for (text, style) in entries {
+            self.area.draw(&PathElement::new([(x, 48), (x + 26, 48)], *style))?;
+            self.area.draw(&Text::new((*text).to_owned(), (x + 32, 48), font(13, HPos::Left)))?;
+            x += 50 + 7 * text.chars().count() as i32;
+        }
+        Ok(())
+    }
+
+    fn draw_scale(&self) -> Drawn {
+        let lengths =
+            [10.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5, 1e6];
+        let longest = lengths.iter().rev().find(|&&metres| metres * self.scale < 0.2 * WIDTH);
+        let metres = longest.copied().unwrap_or(1.0);
+        let right = (WIDTH - MARGIN) as i32;
+        let left = right - (metres * self.scale) as i32;
+        let ticks = [(left, 18), (left, 24), (right, 24), (right, 18)];
+        self.area.draw(&PathElement::new(ticks, BLACK.stroke_width(1)))?;
+        let text =
+            if metres < 1000.0 { format!("{metres} m") } else { format!("{} km", metres / 1000.0) };
+        Ok(self.area.draw(&Text::new(text, (left - 8, 21), font(13, HPos::Right)))?)
+    }
+
+    pub(crate) fn finish(&self) -> Drawn {
+        Ok(self.area.present()?)
+    }
+}
+
+/// Probability of each part of the route: of its road at the points on it, by the smoothed
+/// answers; parts between points have the lower of those beside them.
+pub(crate) fn probabilities(drive: &MatchedDrive) -> Vec<f64> {
+    let route = drive.route();
+    let mut sums = vec![(0.0, 0_usize); route.len()];
+    let mut at = 0;
+    for point in 0..drive.points().len() {
+        let answer = drive.smoothed(point);
+        if let Some(ahead) = route[at..].iter().position(|stretch| stretch.edge == answer.edge) {
+            // An answer beside the route may be on it much later.
+            let metres: f64 = route[at..at + ahead].iter().map(|s| s.exit - s.enter).sum();
+            if metres < 3000.0 {
+                at += ahead;
+                sums[at].0 += answer.probability;
+                sums[at].1 += 1;
+            }
+        }
+    }
+    let known = |&(sum, count): &(f64, usize)| (count > 0).then(|| sum / count as f64);
+    let known: Vec<Option<f64>> = sums.iter().map(known).collect();
+    let near = |number: usize| {
+        let before = known[..number].iter().rev().find_map(|p| *p);
+        let after = known[number..].iter().find_map(|p| *p);
+        before.unwrap_or(1.0).min(after.unwrap_or(1.0))
+    };
+    (0..route.len()).map(|number| known[number].unwrap_or_else(|| near(number))).collect()
+}
+
+/// Draws a drive: roads, points, and the route by its probability.
+pub(crate) fn draw_drive(
+    file: &Path,
+    title: &str,
+    network: &RoadNetwork,
+    drive: &MatchedDrive,
+) -> Drawn {
+    let points = drive.points().iter().map(|point| point.position);
+    let on_route = drive.route().iter().flat_map(|stretch| stretch.ends);
+    let canvas = Canvas::new(file, title, points.chain(on_route), 80.0)?;
+    canvas.roads(network, |class| match class {
+        RoadClass::Street => GREY.stroke_width(2),
+        RoadClass::Collector => GREY.stroke_width(3),
+        RoadClass::Arterial | RoadClass::Main => GREY.stroke_width(5),
+    })?;
+    for (stretch, probability) in drive.route().iter().zip(probabilities(drive)) {
+        let Some(edge) = stretch.edge else {
+            if let Some(pixels) = canvas.visible(&stretch.ends) {
+                let style = OFF_ROAD.stroke_width(3);
+                canvas.area.draw(&DashedPathElement::new(pixels, 8, 6, style))?;
+            }
+            continue;
+        };
+        let level = CERTAINTY.iter().find(|level| probability >= level.0);
+        let colour = level.map_or(BLACK, |level| level.2);
+        let line = line_between(network, edge, stretch.enter, stretch.exit);
+        canvas.line(&line, colour.stroke_width(3))?;
+    }
+    for point in drive.points() {
+        canvas.area.draw(&Circle::new(canvas.pixel(point.position), 2, BLACK.filled()))?;
+    }
+    let mut entries: Vec<(&str, ShapeStyle)> =
+        CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(3))).collect();
+    if drive.route().iter().any(|stretch| stretch.edge.is_none()) {
+        entries.push(("off the road", OFF_ROAD.stroke_width(3)));
+    }
+    entries.push(("roads", GREY.stroke_width(5)));
+    canvas.legend(&entries)?;
+    canvas.finish()
+}
