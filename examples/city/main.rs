@@ -141,20 +141,17 @@ fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
         ..Cleaning::default()
     };
     let start = Instant::now();
-    let (name, network, report) = match &arguments.roads {
-        Some(path) => {
-            let options = ImportOptions { cleaning, ..ImportOptions::default() };
-            let (network, report) = RoadNetwork::from_path(path, &options)?;
-            (path.display().to_string(), network, report.to_string())
-        }
-        None => {
-            let network = roads::town::network()?;
-            let counts =
-                format!("built {} nodes, {} edges", network.nodes().len(), network.edges().len());
-            let (network, steps) = network.cleaned(&cleaning)?;
-            let steps = steps.iter().map(|step| format!("\n{step}"));
-            (roads::town::NAME.to_owned(), network, counts + &steps.collect::<String>())
-        }
+    let (name, network, report) = if let Some(path) = &arguments.roads {
+        let options = ImportOptions { cleaning, ..ImportOptions::default() };
+        let (network, report) = RoadNetwork::from_path(path, &options)?;
+        (path.display().to_string(), network, report.to_string())
+    } else {
+        let network = roads::town::network()?;
+        let counts =
+            format!("built {} nodes, {} edges", network.nodes().len(), network.edges().len());
+        let (network, steps) = network.cleaned(&cleaning)?;
+        let steps = steps.iter().map(|step| format!("\n{step}"));
+        (roads::town::NAME.to_owned(), network, counts + &steps.collect::<String>())
     };
     let seconds = start.elapsed().as_secs_f64();
     let is_clean = report.contains('→');

@@ -25,11 +25,11 @@ impl Lines {
         let mut points = Vec::new();
         PointWriter::new(&mut points)?.write(name, matcher, drive, late)?;
         let features = features(name, matcher, drive).into_bytes();
-        Ok(Self([without_header(route), without_header(points), features]))
+        Ok(Self([without_header(&route), without_header(&points), features]))
     }
 }
 
-fn without_header(text: Vec<u8>) -> Vec<u8> {
+fn without_header(text: &[u8]) -> Vec<u8> {
     let end = text.iter().position(|&byte| byte == b'\n').map_or(0, |end| end + 1);
     text[end..].to_vec()
 }

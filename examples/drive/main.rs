@@ -82,9 +82,10 @@ struct Drive {
 fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let out = &arguments.out;
     roads::create_folder(out)?;
-    let (road_path, trace_path, truth_path) = match (&arguments.roads, &arguments.trace) {
-        (Some(roads), Some(trace)) => (roads.clone(), trace.clone(), arguments.truth.clone()),
-        _ => {
+    let (road_path, trace_path, truth_path) =
+        if let (Some(roads), Some(trace)) = (&arguments.roads, &arguments.trace) {
+            (roads.clone(), trace.clone(), arguments.truth.clone())
+        } else {
             made_up::write(out)?;
             roads::print(&format!(
                 "{}: wrote nodes.csv, edges.csv, trace.csv and truth.csv into {}\n",
@@ -92,8 +93,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
                 out.display()
             ))?;
             (out.clone(), out.join("trace.csv"), Some(out.join("truth.csv")))
-        }
-    };
+        };
     let start = Instant::now();
     let (network, report) = RoadNetwork::from_path(&road_path, &ImportOptions::default())?;
     roads::print(&format!("{report}\n"))?;

@@ -31,6 +31,15 @@ pub(crate) struct Total {
     pub(crate) worst: Vec<(f64, String)>,
 }
 
+/// Names of figures, in the order of the estimators.
+const RIGHT: [&str; 3] = [
+    "points on the true route, live",
+    "points on the true route, late",
+    "points on the true route, smoothed",
+];
+const ERROR: [&str; 3] =
+    ["stated against right, live", "stated against right, late", "stated against right, smoothed"];
+
 /// Number of drives that are named.
 const NAMED: usize = 5;
 
@@ -60,13 +69,6 @@ pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
             ("length missed", format!("{:.4}", lengths.missed / lengths.truth)),
             ("share of length right", format!("{:.4}", lengths.found())),
         ]);
-        const RIGHT: [&str; 3] = [
-            "points on the true route, live",
-            "points on the true route, late",
-            "points on the true route, smoothed",
-        ];
-        const ERROR: [&str; 3] =
-            ["calibration error, live", "calibration error, late", "calibration error, smoothed"];
         let right = total.forecasts.right();
         rows.extend((0..ESTIMATORS.len()).map(|n| (RIGHT[n], format!("{:.4}", right[n]))));
         let diagrams = total.forecasts.reliability()?;
@@ -78,7 +80,9 @@ pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
             worst.iter().take(NAMED).map(|(mismatch, name)| format!("{name} ({mismatch:.3})"));
         let named: Vec<String> = named.collect();
         table = format!(
-            "\nlargest mismatch: drives {}\n\n{}",
+            "\nlargest mismatch: drives {}\n\n\
+             The truth tells the roads, not which one at each point: right is an answer on any of them,\n\
+             so that more are right than the probability of the single road says.\n{}",
             named.join(", "),
             total.forecasts.table()?
         );

@@ -136,7 +136,7 @@ impl Forecasts {
         ESTIMATORS.iter().for_each(|name| text += &format!("  {name:>8}: stated, right, points"));
         text += "\n";
         for number in (0..10).rev() {
-            let low = number as f64 / 10.0;
+            let low = f64::from(number) / 10.0;
             text += &format!("{low:.1} to {:.1}  ", low + 0.1);
             for diagram in &diagrams {
                 let near = |lower: f64| (lower - low).abs() < 0.01;
