@@ -12,6 +12,7 @@ mod matcher;
 mod model;
 mod moves;
 mod point;
+mod routes;
 mod vehicle;
 
 pub use answer::RoadAnswer;
@@ -23,4 +24,5 @@ pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;
+pub use routes::RankedRoute;
 pub use vehicle::Vehicle;

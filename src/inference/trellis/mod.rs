@@ -129,6 +129,26 @@ impl Trellis {
         self.range(step).len()
     }
 
+    /// Log-likelihood of a state of a step.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state.
+    #[must_use]
+    pub fn log_likelihood(&self, step: usize, state: usize) -> f64 {
+        self.log_likelihoods[self.range(step)][state]
+    }
+
+    /// Moves into a state of a step, in the order in which they were added: pairs (from, log
+    /// weight).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state.
+    pub fn moves(&self, step: usize, state: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.moves_into(self.range(step).nth(state).expect("the state exists"))
+    }
+
     /// Removes the first step. The next becomes the first, with the logarithms of a distribution
     /// of its states in place of all that was before.
     pub(crate) fn remove_first(&mut self, log_distribution: &[f64]) {
