@@ -29,8 +29,10 @@ pub struct MatchMemory {
     pub(super) moves: Vec<Move>,
 }
 
-/// Share of the belief below which the way from a state is not looked for: e^-30.
-const NEGLIGIBLE: f64 = -30.0;
+/// Logarithm of the share of the belief below which the way from a state is not looked for.
+const NEGLIGIBLE: f64 = -20.0;
+/// Logarithm of the weight below which a move is left out.
+const LEAST_WEIGHT: f64 = -40.0;
 /// Share of the belief from which on a state goes on where its road leads, even if no position
 /// is near: e^-3.5.
 const CARRIED: f64 = -3.5;
@@ -160,7 +162,9 @@ impl<P: Coordinates> Matcher<P> {
                 let Some(way) = ways.way(from, to, interval.jitter) else { continue };
                 let fastest = self.speed(from).max(self.speed(to));
                 let (log, moved) = interval.weight(model, &way, fastest);
-                list.push((number, stays + log, moved));
+                if log > LEAST_WEIGHT {
+                    list.push((number, stays + log, moved));
+                }
             }
         }
         trellis.begin_step();

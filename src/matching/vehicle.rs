@@ -93,6 +93,7 @@ impl<P: Coordinates> Matcher<P> {
         vehicle.log_filtered = filtered;
         let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);
         vehicle.window.push(states);
+        vehicle.window.last_mut().into_iter().for_each(Vec::shrink_to_fit);
         if vehicle.window.len() > vehicle.lag + 1 {
             vehicle.forget();
         }
@@ -124,7 +125,9 @@ impl<P: Coordinates> Vehicle<P> {
         self.trellis.forward_step(1, &[0.0], &mut before);
         self.trellis.forward_step(2, &before, &mut filtered);
         self.trellis.remove_first(&filtered);
+        self.trellis.shrink();
         self.window.remove(0);
+        self.window.shrink_to_fit();
     }
 
     /// Number of points so far.

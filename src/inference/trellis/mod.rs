@@ -48,7 +48,7 @@ pub struct Trellis {
     steps: Vec<usize>,
     log_likelihoods: Vec<f64>,
     /// Moves into state s are those from `moves[s]` to `moves[s + 1]`.
-    moves: Vec<usize>,
+    moves: Vec<u32>,
     from: Vec<u32>,
     log_weights: Vec<f64>,
 }
@@ -113,7 +113,7 @@ impl Trellis {
             return checked;
         }
         self.log_likelihoods.push(log_likelihood);
-        self.moves.push(self.from.len());
+        self.moves.push(u32::try_from(self.from.len()).expect("fewer than 2^32 moves"));
         Ok(())
     }
 
@@ -153,7 +153,7 @@ impl Trellis {
     /// of its states in place of all that was before.
     pub(crate) fn remove_first(&mut self, log_distribution: &[f64]) {
         let (first, second) = (self.range(1).end, self.range(2).end);
-        let moves = self.moves[second];
+        let moves = self.moves[second] as usize;
         self.steps.remove(0);
         self.steps.iter_mut().for_each(|start| *start -= first);
         self.log_likelihoods.drain(..first);
@@ -161,18 +161,26 @@ impl Trellis {
         let states = second - first;
         self.from.splice(..moves, std::iter::repeat_n(0, states));
         self.log_weights.splice(..moves, log_distribution.iter().copied());
-        self.moves.iter_mut().for_each(|start| *start = *start - moves + states);
-        self.moves.splice(..0, 0..states);
+        self.moves.iter_mut().for_each(|start| *start = *start - moves as u32 + states as u32);
+        self.moves.splice(..0, 0..states as u32);
         self.log_likelihoods[..states].fill(0.0);
+    }
+
+    /// Gives back memory that is not in use, if it is much.
+    pub(crate) fn shrink(&mut self) {
+        if self.from.capacity() > self.from.len() + self.from.len() / 4 + 16 {
+            self.from.shrink_to_fit();
+            self.log_weights.shrink_to_fit();
+            self.log_likelihoods.shrink_to_fit();
+            self.moves.shrink_to_fit();
+        }
     }
 
     /// Bytes of memory beside the value itself.
     pub(crate) fn bytes(&self) -> usize {
         let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
-        let indices = self.steps.capacity() + self.moves.capacity();
-        doubles * size_of::<f64>()
-            + indices * size_of::<usize>()
-            + self.from.capacity() * size_of::<u32>()
+        let indices = 2 * self.steps.capacity() + self.moves.capacity();
+        doubles * size_of::<f64>() + (indices + self.from.capacity()) * size_of::<u32>()
     }
 
     /// States of a step, numbered through all steps.
@@ -185,7 +193,7 @@ impl Trellis {
 
     /// Moves into a state, by its number through all steps: pairs (from, log weight).
     fn moves_into(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let range = self.moves[state]..self.moves[state + 1];
+        let range = self.moves[state] as usize..self.moves[state + 1] as usize;
         let from = self.from[range.clone()].iter().map(|&from| from as usize);
         from.zip(self.log_weights[range].iter().copied())
     }
