@@ -64,6 +64,9 @@ mod plan;
 mod backward;
 mod block;
 mod by_blocks;
+#[cfg(feature = "matching")]
+pub(crate) mod bytes;
+#[cfg(not(feature = "matching"))]
 mod bytes;
 mod evidence;
 mod form;

@@ -5,7 +5,6 @@ use crate::map::{Coordinates, NearEdge};
 
 /// A point of an edge where the vehicle may be, or off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Candidate {
     /// Index of the edge; [`OFF_ROAD`] off the road.
     pub(super) edge: u32,

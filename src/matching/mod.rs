@@ -13,6 +13,7 @@ mod model;
 mod moves;
 mod point;
 mod routes;
+mod snapshot;
 mod vehicle;
 
 pub use answer::RoadAnswer;

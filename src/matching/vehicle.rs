@@ -11,12 +11,12 @@ use crate::map::{Coordinates, Position};
 /// that may come late. Plain data, apart from the [`Matcher`] that moves it; a few kilobytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
-    lag: usize,
-    points: usize,
-    point: TracePoint<P>,
+    pub(super) lag: usize,
+    pub(super) points: usize,
+    pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
-    log_likelihood: LogSum,
-    last: f64,
+    pub(super) log_likelihood: LogSum,
+    pub(super) last: f64,
     /// Steps of the window, the oldest first, whose first has its filtered distribution as prior.
     pub(super) trellis: Trellis,
     pub(super) window: Vec<Vec<Candidate>>,
@@ -154,10 +154,19 @@ impl<P: Coordinates> Vehicle<P> {
     /// there are more.
     #[must_use]
     pub fn late(&self) -> RoadAnswer {
-        match self.trellis.smooth() {
-            Ok(smoothed) => RoadAnswer::new(&self.window[0], smoothed.smoothed(1)),
-            Err(_) => self.live(),
+        self.ago(self.points_late()).unwrap_or_else(|| self.live())
+    }
+
+    /// Answer for a point of the window, so many points ago, from all points so far: to be given
+    /// out when its probability is high enough. `None` if it has left the window.
+    #[must_use]
+    pub fn ago(&self, points: usize) -> Option<RoadAnswer> {
+        let index = self.points_late().checked_sub(points)?;
+        if points == 0 {
+            return Some(self.live());
         }
+        let smoothed = self.trellis.smooth().ok()?;
+        Some(RoadAnswer::new(&self.window[index], smoothed.smoothed(index + 1)))
     }
 
     /// Number of points that the late answer is behind the last point.
