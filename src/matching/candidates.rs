@@ -1,5 +1,6 @@
 //! States of a step: points of roads near a position.
 
+use super::moves::FASTEST;
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, NearEdge};
 
@@ -34,9 +35,14 @@ impl Candidate {
     }
 
     /// The state off the road, at a position.
-    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
+    pub(super) fn off_road<P: Coordinates>(
+        point: &TracePoint<P>,
+        model: &MatchModel,
+        seconds: f64,
+    ) -> Self {
         let (sigma, point) = (deviation(model, point), point.position.to_plane());
-        let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
+        let width = (OFF_ROAD_SPREAD * sigma).max(std::f64::consts::PI * FASTEST * seconds);
+        let log_likelihood = -width.ln();
         Self { edge: OFF_ROAD, along: 0.0, point, across: None, inlier: 0.0, log_likelihood }
     }
 }

@@ -93,7 +93,7 @@ impl<P: Coordinates> Matcher<P> {
     ) -> Result<Vec<Candidate>, MatchError> {
         point.check()?;
         let mut states = self.candidates(model, point, memory);
-        states.push(Candidate::off_road(point, model));
+        states.push(Candidate::off_road(point, model, 1.0));
         trellis.begin_step();
         let leaves = model.leaves(1.0) / model.returns(1.0);
         let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
@@ -135,7 +135,7 @@ impl<P: Coordinates> Matcher<P> {
         let interval = Self::interval(model, before.point, point);
         let mut states = self.candidates(model, point, memory);
         self.carry(model, before, &interval, point, &mut states);
-        states.push(Candidate::off_road(point, model));
+        states.push(Candidate::off_road(point, model, interval.seconds));
 
         let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         memory.entries.resize_with(memory.entries.len().max(states.len()), Vec::new);
