@@ -58,13 +58,13 @@ mod labelled;
 mod many;
 mod plan;
 
+mod active_set;
 mod backward;
 mod block;
 mod by_blocks;
 mod bytes;
 mod evidence;
 mod form;
-mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;

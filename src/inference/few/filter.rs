@@ -161,7 +161,7 @@ impl FewModel {
             let Some((rows, logs)) = &mut out else { continue };
             beliefs.resize(length, [Packed::default(); N]);
             normalizers.resize(length, Packed::default());
-            filter_segments(&few, &starts, &packed, &mut beliefs, &mut normalizers).then_some(())?;
+            filter_segments(&few, &starts, &packed, &mut beliefs, &mut normalizers)?;
             unpack_segments(
                 beliefs.as_flattened(),
                 &mut rows[N * (steps.start + 1)..N * (steps.end + 1)],

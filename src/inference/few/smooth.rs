@@ -105,7 +105,7 @@ impl FewModel {
             let place = &mut rows[n * steps.start..n * steps.end];
             pack_segments(place, &mut packed);
             smoothed.resize(packed.len(), [Packed::default(); N]);
-            smooth_segments(&few, &starts, &ends, &packed, &mut smoothed).then_some(())?;
+            smooth_segments(&few, &starts, &ends, &packed, &mut smoothed)?;
             unpack_segments(smoothed.as_flattened(), place);
         }
         let mut posterior = before.values;

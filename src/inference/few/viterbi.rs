@@ -110,7 +110,7 @@ impl Decoder {
             let products = multiply_segments(MaxPlus, &few, &packed)?;
             let starts = self.through(&products)?;
             let mut block: Block<N> = vec![[[0; 2]; N]; length];
-            decode_segments(&few, &starts, &packed, &mut block).then_some(())?;
+            decode_segments(&few, &starts, &packed, &mut block)?;
             blocks.push(block);
         }
         self.path_in_blocks(source, left.start, blocks)

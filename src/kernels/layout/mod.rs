@@ -10,8 +10,3 @@ pub(crate) use dense::Dense;
 pub(crate) use panels::{Panels, store_indices};
 pub(crate) use sliced::Sliced;
 pub(crate) use values::{EntryValues, Packed, Width};
-#[cfg(test)]
-pub(in crate::kernels) use {
-    dense::{DenseMultiply, DenseTranspose},
-    panels::DenseMax,
-};
