@@ -86,18 +86,19 @@ fn unpack_lanes<S: Simd>(s: S, from: &[Packed], rows: [&mut [f64]; LANES]) {
 
 #[inline(always)]
 fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], stream: bool) {
-    for (number, from) in from.as_chunks::<LANES>().0.iter().enumerate() {
+    let mut rows = rows.map(<[Eight]>::iter_mut);
+    for from in from.as_chunks::<LANES>().0 {
         let mut eight = [s.splat(0.0); LANES];
         for r in 0..LANES {
             eight[r] = s.load(&from[r]);
         }
         let lanes = s.transpose(eight);
-        for l in 0..LANES {
-            let Some(out) = rows[l].get_mut(number) else { continue };
+        for (row, lane) in rows.iter_mut().zip(lanes) {
+            let Some(out) = row.next() else { continue };
             if stream {
-                s.stream(lanes[l], out);
+                s.stream(lane, out);
             } else {
-                s.store(lanes[l], out);
+                s.store(lane, out);
             }
         }
     }

@@ -58,11 +58,11 @@ impl Isa {
     /// `WAYFIX_INSTRUCTIONS` names it. Looked up once.
     #[inline(always)]
     pub(crate) fn chosen() -> Self {
+        static CHOSEN: OnceLock<Isa> = OnceLock::new();
         #[cfg(test)]
         if let Some(isa) = TESTED.get() {
             return isa;
         }
-        static CHOSEN: OnceLock<Isa> = OnceLock::new();
         *CHOSEN.get_or_init(|| {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
