@@ -14,7 +14,7 @@ use crate::range::{BACK_LIFT, LIFT};
 
 type EntryRows = Vec<Vec<(u32, f64)>>;
 
-/// EntryRows with diagonals, scattered entries, and now and then a very long one.
+/// Rows with diagonals, scattered entries, and now and then a very long one.
 fn rows() -> impl Strategy<Value = EntryRows> {
     (1..70_usize).prop_flat_map(|n| {
         let few = vec((0..n as u32, 0.01..1.0), 0..6);
@@ -361,7 +361,7 @@ proptest! {
         prop_assert_eq!(found, if likelihoods { Ok(most(&x, 0.0)) } else { Err(at) });
     }
 
-    /// EntryRows of any lengths, some of which do not begin on a cache line.
+    /// Rows of any lengths, some of which do not begin on a cache line.
     #[test]
     fn packing(
         eights in vec(vec(0.0..1.0, LANES), 1..20), counts in vec(0..20_usize, LANES),
@@ -425,8 +425,8 @@ proptest! {
         let (starts, ends) = ([[0.3; 8]; N], [[0.7; 8]; N]);
         let found = everywhere(|| {
             let mut filtered = vec![[Packed::default(); N]; steps];
-            let (mut smoothed, mut normalizers) = (filtered.clone(), vec![Packed::default(); steps]);
-            let mut from = vec![[[0; 2]; N]; steps];
+            let (mut smoothed, mut from) = (filtered.clone(), vec![[[0; 2]; N]; steps]);
+            let mut normalizers = vec![Packed::default(); steps];
             filter_segments(&few, &starts, &likelihoods, &mut filtered, &mut normalizers)?;
             smooth_segments(&few, &starts, &ends, &likelihoods, &mut smoothed)?;
             decode_segments(&logs, &[[0.0; 8]; N], &scores, &mut from)?;
@@ -454,7 +454,8 @@ proptest! {
                 let (mut rows, mut normalizers) = (vec![0.0; steps * N], vec![0.0; steps]);
                 let mut state = ChainState::new(0.0);
                 state.values[..N].fill(0.3);
-                assert!(chain_forward(&padded[0], &mut state, N, &row, &mut rows, &mut normalizers));
+                let sums = &mut normalizers;
+                assert!(chain_forward(&padded[0], &mut state, N, &row, &mut rows, sums));
                 let (mut posteriors, mut state) = (rows.clone(), ChainState::new(0.7));
                 assert!(chain_backward(&padded[1], &mut state, N, &row, &mut posteriors));
                 let (mut from, mut state) = (vec![[0; 3]; steps], ChainState::new(ZERO_SCORE));

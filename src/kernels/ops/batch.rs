@@ -140,7 +140,8 @@ fn transposed<S: Simd, R: Semiring<S>, const B: usize>(
 kernels! {
     /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Returns the sums of `out`.
     pub(crate) fn batch_forward = forward<'a>(
-        matrix: Option<Lines<'a>>, x: &'a [Packed], likelihoods: &'a [Packed], out: &'a mut [Packed],
+        matrix: Option<Lines<'a>>, x: &'a [Packed], likelihoods: &'a [Packed],
+        out: &'a mut [Packed],
     ) -> Eight;
 
     /// Makes what sums to `sums` distributions in `out`, with 0 for what would be below the smallest

@@ -27,6 +27,7 @@ pub(crate) use segments::{
     Backpointers, Few, Scaled, decode_segments, filter_segments, multiply_segments, smooth_segments,
 };
 pub(crate) use semiring::{MaxPlus, Semiring, Sink, SumProduct};
+
 #[cfg(test)]
 pub(in crate::kernels) use {
     forward::{ForwardRows, Normalize},

@@ -17,7 +17,9 @@ pub(crate) struct PackedRange {
 
 kernels! {
     /// Packs rows of the length of `out`, or more: value i of lane l is `rows[l][i]`.
-    pub(crate) fn pack = pack_rows<'a>(rows: [&'a [f64]; LANES], out: &'a mut [Packed]) -> PackedRange;
+    pub(crate) fn pack = pack_rows<'a>(
+        rows: [&'a [f64]; LANES], out: &'a mut [Packed],
+    ) -> PackedRange;
 
     /// Unpacks values into a row for each lane. Rows beyond the length of `from` stay as they are.
     pub(crate) fn unpack = unpack_lanes<'a>(from: &'a [Packed], rows: [&'a mut [f64]; LANES]) -> ();
