@@ -61,6 +61,7 @@ mod labelled;
 mod many;
 mod plan;
 
+mod active_set;
 mod backward;
 mod block;
 mod by_blocks;
@@ -70,7 +71,6 @@ pub(crate) mod bytes;
 mod bytes;
 mod evidence;
 mod form;
-mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;
