@@ -1,6 +1,6 @@
 //! A whole drive: smoothed answers, and the route.
 
-use super::answer::RoadAnswer;
+use super::answer::{CredibleStretch, RoadAnswer, credible};
 use super::candidates::{Candidate, deviation, metres_between};
 use super::matcher::Before;
 use super::moves::{Interval, Move, Ways};
@@ -20,7 +20,6 @@ pub struct MatchedDrive<P = Position> {
     pub(super) trellis: Trellis,
     pub(super) smoothed: SmoothedTrellis,
     pub(super) route: Vec<Stretch<P>>,
-    pub(super) log_probability: f64,
 }
 
 /// Part of a route: an edge, or a stretch off the road.
@@ -53,12 +52,11 @@ impl<P: Coordinates> Matcher<P> {
         let Built { states, trellis, moves } = self.trellis(&self.model, points, memory)?;
         let smoothed = trellis.smooth()?;
         let path = trellis.viterbi()?;
-        let log_probability = path.log_probability();
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
         let route = self.route(points, &on_path, memory);
         let points = points.to_vec();
-        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route, log_probability })
+        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route })
     }
 
     /// Builds the trellis of a drive, with its states.
@@ -99,7 +97,7 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// Connected route through one state a point.
-    fn route(
+    pub(super) fn route(
         &self,
         points: &[TracePoint<P>],
         path: &[Candidate],
@@ -240,6 +238,15 @@ impl<P: Coordinates> MatchedDrive<P> {
     #[must_use]
     pub fn smoothed(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
+    }
+
+    /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
+    /// by all points of the drive; empty where none do, as off the road.
+    #[must_use]
+    pub fn credible(&self, matcher: &Matcher<P>, point: usize, mass: f64) -> Vec<CredibleStretch> {
+        let sigma = deviation(&matcher.model, &self.points[point]);
+        let probabilities = self.smoothed.smoothed(point + 1);
+        credible(&matcher.network, &self.states[point], probabilities, sigma, mass)
     }
 
     /// ln p(point | all before), as a density in metres.
