@@ -48,4 +48,5 @@ mod small;
 mod snapshots;
 mod steps_in_logs;
 mod streams;
+mod trellis;
 mod wide_range;
