@@ -61,13 +61,16 @@ mod labelled;
 mod many;
 mod plan;
 
+mod active_set;
 mod backward;
 mod block;
 mod by_blocks;
+#[cfg(feature = "matching")]
+pub(crate) mod bytes;
+#[cfg(not(feature = "matching"))]
 mod bytes;
 mod evidence;
 mod form;
-mod frontier;
 mod pairs;
 mod posteriors;
 mod scores;
@@ -98,6 +101,8 @@ pub use sampler::PathSampler;
 pub(crate) use scores::TakenOut;
 pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
+#[cfg(feature = "matching")]
+pub(crate) use trellis::log_sum;
 pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs, TrellisPath};
 pub use viterbi::ViterbiPath;
 

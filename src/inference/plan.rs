@@ -19,6 +19,8 @@
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
 
+use std::ops::Range;
+
 use crate::kernels::{LANES, Packed};
 
 /// Engine of a call.
@@ -46,6 +48,8 @@ const MOST_STATES_IN_SEGMENTS: usize = 4;
 const SEGMENT: usize = 128;
 /// Fewest steps of a segment: for less, the products take longer than the steps.
 const SHORTEST_SEGMENT: usize = 8;
+/// Steps of a chain that are gathered at a time: they stay in the first cache.
+pub(super) const GATHERED: usize = 128;
 /// Fewest sequences for lanes; fewer are faster one by one.
 const FEWEST_SEQUENCES: usize = 4;
 /// The same for learning, which gains more.
@@ -74,10 +78,21 @@ pub(super) fn is_long(steps: usize) -> bool {
     steps > LANES * SHORTEST_SEGMENT
 }
 
-/// Returns the length of each of the next eight segments, if enough steps are left.
-pub(super) fn segment_length(left: usize) -> Option<usize> {
-    let length = (left / LANES).min(SEGMENT);
-    (length >= SHORTEST_SEGMENT).then_some(length)
+/// Takes eight segments of equal length off the steps that are left, if these are enough.
+pub(super) fn next_segments(left: &mut Range<usize>) -> Option<Range<usize>> {
+    let length = (left.len() / LANES).min(SEGMENT);
+    (length >= SHORTEST_SEGMENT).then(|| take(left, LANES * length))
+}
+
+/// Takes steps off those that are left, as many as go through a chain at a time.
+pub(super) fn next_steps(left: &mut Range<usize>) -> Option<Range<usize>> {
+    (left.start < left.end).then(|| take(left, left.len().min(GATHERED)))
+}
+
+fn take(left: &mut Range<usize>, count: usize) -> Range<usize> {
+    let start = left.start;
+    left.start += count;
+    start..left.start
 }
 
 /// Engine of many sequences, for a model with a stored matrix; without lanes, that of each.

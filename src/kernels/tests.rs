@@ -4,20 +4,17 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::layout::{
-    Arrangement, Dense, DenseMax, DenseMultiply, DenseTranspose, Packed, Panels, Sliced,
-};
+use super::layout::{Arrangement, Dense, Packed, Panels, Sliced};
 use super::memory::{Aligned, LARGE, LINE, in_large_pages};
-use super::ops::testing::*;
 use super::ops::*;
 use super::parallel::{PART, Splits, in_turn, run_in_parts};
-use super::simd::{Eight, Isa, LANES, run_on};
+use super::simd::{Eight, Isa, LANES, with_isa};
 use super::vector::{dot, sum};
 use crate::range::{BACK_LIFT, LIFT};
 
 type EntryRows = Vec<Vec<(u32, f64)>>;
 
-/// EntryRows with diagonals, scattered entries, and now and then a very long one.
+/// Rows with diagonals, scattered entries, and now and then a very long one.
 fn rows() -> impl Strategy<Value = EntryRows> {
     // Some about the ends of windows of groups.
     let borders = (250..270_usize, 1..3_usize).prop_map(|(lines, windows)| lines * windows);
@@ -56,10 +53,10 @@ fn product(rows: &EntryRows, x: &[f64]) -> Vec<f64> {
 }
 
 /// Result of a kernel, the same with every instruction set.
-fn everywhere<R: PartialEq + std::fmt::Debug>(run: impl Fn(Isa) -> R) -> R {
-    let expected = run(Isa::Portable);
+fn everywhere<R: PartialEq + std::fmt::Debug>(call: impl Fn() -> R) -> R {
+    let expected = with_isa(Isa::Portable, &call);
     for (name, isa) in Isa::ALL.into_iter().filter(|(_, isa)| isa.is_here()) {
-        assert_eq!(run(isa), expected, "{name}");
+        assert_eq!(with_isa(isa, &call), expected, "{name}");
     }
     expected
 }
@@ -67,11 +64,11 @@ fn everywhere<R: PartialEq + std::fmt::Debug>(run: impl Fn(Isa) -> R) -> R {
 /// The same with each arrangement of a sparse matrix.
 fn in_layouts<R: PartialEq + std::fmt::Debug>(
     [slices, others @ ..]: &[Sliced; 3],
-    run: impl Fn(Isa, &Sliced) -> R,
+    call: impl Fn(&Sliced) -> R,
 ) -> R {
-    let expected = everywhere(|isa| run(isa, slices));
+    let expected = everywhere(|| call(slices));
     for other in others {
-        assert_eq!(everywhere(|isa| run(isa, other)), expected);
+        assert_eq!(everywhere(|| call(other)), expected);
     }
     expected
 }
@@ -103,15 +100,13 @@ fn scores() -> impl Strategy<Value = Vec<f64>> {
 
 /// A step of the filter: results and sums.
 fn forward(
-    isa: Isa,
-    prediction: impl ProductRows,
+    prediction: Product<'_>,
     lift: f64,
     likelihoods: &[f64],
     watch: Watch,
 ) -> (Vec<f64>, ForwardSums) {
     let mut out = vec![f64::NAN; likelihoods.len()];
-    let step = ForwardRows { prediction, lift, likelihoods, watch, out: &mut out };
-    let sums = run_on(isa, step);
+    let sums = forward_step(ForwardStep { prediction, lift, likelihoods, watch, out: &mut out });
     (out, sums)
 }
 
@@ -135,17 +130,16 @@ proptest! {
         let x: Vec<f64> = numbers(&x, n).iter().map(|x| x * lift).collect();
         let b: Vec<f64> = numbers(&b, n).iter().map(|b| b * tiny).collect();
         let p = product(&rows, &x);
-        let found = in_layouts(&matrix, |isa, matrix| {
+        let found = in_layouts(&matrix, |matrix| {
             let mut out = vec![f64::NAN; n];
-            let product = SparseRows::all(matrix, &x);
-            run_on(isa, StoreProduct { product, out: &mut out });
+            matrix.multiply(&x, &mut out);
             out
         });
         close(&found, &p)?;
 
         let expected: Vec<f64> = p.iter().zip(&b).map(|(p, b)| p * b).collect();
-        let (out, sums) = in_layouts(&matrix, |isa, matrix| {
-            forward(isa, SparseRows::all(matrix, &x), lift, &b, watch)
+        let (out, sums) = in_layouts(&matrix, |matrix| {
+            forward(Product::Sparse { matrix, x: &x }, lift, &b, watch)
         });
         if tiny == 1.0 || lifted {
             close(&out, &expected)?;
@@ -158,7 +152,7 @@ proptest! {
         prop_assert_eq!(sums.largest_likelihood, b.iter().copied().fold(0.0, f64::max));
         prop_assert!(!sums.negative_likelihood);
         // A computed prediction is summed and checked.
-        let (seen, computed) = everywhere(|isa| forward(isa, &found[..], lift, &b, watch));
+        let (seen, computed) = everywhere(|| forward(Product::Computed(&found), lift, &b, watch));
         sum_is(computed.predicted, &found)?;
         prop_assert_eq!(computed.products, sums.products);
         prop_assert_eq!(seen, out);
@@ -172,8 +166,8 @@ proptest! {
         let mut other = good.clone();
         other[at.index(good.len())] = bad;
         let (p, likelihoods) = if which { (&other, &good) } else { (&good, &other) };
-        let seen = everywhere(|isa| {
-            let (_, sums) = forward(isa, &p[..], 1.0, likelihoods, Watch::Products);
+        let seen = everywhere(|| {
+            let (_, sums) = forward(Product::Computed(p), 1.0, likelihoods, Watch::Products);
             (sums.products.is_finite(), sums.negative_predicted, sums.negative_likelihood)
         });
         prop_assert_eq!(seen, (bad == -1.0, bad == -1.0 && which, bad == -1.0 && !which));
@@ -190,9 +184,9 @@ proptest! {
         prop_assume!(sum >= 0.001);
         let expected: Vec<f64> = x.iter().map(|x| x / sum).collect();
         let any_tiny = |p: &[f64]| p.iter().any(|&p| 0.0 < p && p < 2.0_f64.powi(-900));
-        let (normalized, tiny) = everywhere(|isa| {
+        let (normalized, tiny) = everywhere(|| {
             let mut x = x.clone();
-            let tiny = run_on(isa, Normalize::<false> { x: &mut x, out: &mut [], sum });
+            let tiny = normalize_in_place(&mut x, sum);
             (x, tiny)
         });
         if factor > 1e-300 {
@@ -202,11 +196,10 @@ proptest! {
         // With a lift, what is below the smallest normal double becomes 0.
         let rounded = |&p: &f64| if p < f64::MIN_POSITIVE { 0.0 } else { p };
         let expected: Vec<f64> = expected.iter().map(rounded).collect();
-        let (lifted, out, tiny) = everywhere(|isa| {
+        let (lifted, out, tiny) = everywhere(|| {
             let mut x: Vec<f64> = x.iter().map(|x| x * LIFT).collect();
             let mut out = vec![f64::NAN; n];
-            let sum = sum * LIFT;
-            let tiny = run_on(isa, Normalize::<true> { x: &mut x, out: &mut out, sum });
+            let tiny = normalize_and_lift(&mut x, &mut out, sum * LIFT);
             (x, out, tiny)
         });
         close(&out, &expected)?;
@@ -219,18 +212,18 @@ proptest! {
         let (n, matrix) = (rows.len(), sliced(&rows));
         let [q, b, alpha] = [q, b, alpha].map(|v| numbers(&v, n));
         let q: Vec<f64> = q.iter().map(|q| q * BACK_LIFT).collect();
-        let ratio = everywhere(|isa| {
+        let ratio = everywhere(|| {
             let mut ratio = vec![f64::NAN; n];
-            run_on(isa, DivideByPrediction { q: &q, likelihoods: &b, factor: 0.3, ratio: &mut ratio });
+            divide_by_prediction(&q, &b, 0.3, &mut ratio);
             ratio
         });
         let expected: Vec<f64> = q.iter().zip(&b).map(|(q, b)| q * b * 0.3).collect();
         close(&ratio, &expected)?;
-        let (gamma, back, sum) = in_layouts(&matrix, |isa, matrix| {
+        let (gamma, back, sum) = in_layouts(&matrix, |matrix| {
             let (mut gamma, mut q) = (vec![f64::NAN; n], vec![f64::NAN; n]);
-            let product = SparseRows::all(matrix, &ratio);
-            let step = BackwardRows { product, alpha: &alpha, gamma: &mut gamma, q: &mut q };
-            let sum = run_on(isa, step);
+            let product = Product::Sparse { matrix, x: &ratio };
+            let step = BackwardStep { product, alpha: &alpha, gamma: &mut gamma, q: &mut q };
+            let sum = backward_step(step);
             (gamma, q, sum)
         });
         let expected = product(&rows, &ratio);
@@ -253,12 +246,10 @@ proptest! {
             row.iter().map(|&(j, p)| (j, f64::from(p as f32))).collect()
         };
         let double = sliced(&rows.iter().map(rounded).collect());
-        let results = |matrix: &[Sliced; 3]| in_layouts(matrix, |isa, matrix| {
+        let results = |matrix: &[Sliced; 3]| in_layouts(matrix, |matrix| {
             let (mut product, mut next, mut from) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
-            run_on(isa, StoreProduct { product: SparseRows::all(matrix, &x), out: &mut product });
-            let (log2, likelihoods) = (&matrix.log2(), None);
-            let (next_mut, from) = (&mut next, &mut from);
-            run_on(isa, MaxStep { matrix, log2, x: &x, likelihoods, next: next_mut, from });
+            matrix.multiply(&x, &mut product);
+            max_step(matrix, &matrix.log2(), &x, None, &mut next, &mut from);
             (product, next)
         });
         prop_assert_eq!(results(&single), results(&double));
@@ -291,11 +282,9 @@ proptest! {
             ScoresIn::Linear => log2(b[i]) - 1.0,
             ScoresIn::Log2 => b[i] - 1.0,
         };
-        let (next, from, largest) = in_layouts(&matrix, |isa, matrix| {
+        let (next, from, largest) = in_layouts(&matrix, |matrix| {
             let (mut next, mut from) = (vec![f64::NAN; n], vec![0; n]);
-            let (log2, next_mut, from_mut) = (&matrix.log2(), &mut next, &mut from);
-            let step = MaxStep { matrix, log2, x: &x, likelihoods, next: next_mut, from: from_mut };
-            let largest = run_on(isa, step);
+            let largest = max_step(matrix, &matrix.log2(), &x, likelihoods, &mut next, &mut from);
             // Where nothing leads, from means nothing.
             let ways = next.iter().zip(&from);
             let from: Vec<u32> = ways.map(|(s, j)| if s.is_finite() { *j } else { 0 }).collect();
@@ -314,9 +303,9 @@ proptest! {
             prop_assert!(!score.is_finite() || from[i] == best.1, "{} {:?}", from[i], best);
         }
         prop_assert_eq!(largest, next.iter().copied().fold(f64::NEG_INFINITY, f64::max));
-        let (sums, most) = everywhere(|isa| {
+        let (sums, most) = everywhere(|| {
             let mut scores = x.clone();
-            let most = run_on(isa, AddScores { scores: &mut scores, added: likelihoods });
+            let most = add_scores(&mut scores, likelihoods);
             (scores, most)
         });
         for (i, sum) in sums.iter().enumerate() {
@@ -336,13 +325,12 @@ proptest! {
         }
         let logs = Panels::log2(n, entry);
         let scores: Vec<f64> = x.iter().map(|x| log2(*x)).collect();
-        let found = everywhere(|isa| {
+        let found = everywhere(|| {
             let (mut out, mut back, mut best) = (vec![0.0; n], vec![0.0; n], vec![ZERO_SCORE; n]);
-            let (mut from, matrix) = (vec![0; n], &matrix);
-            run_on(isa, DenseMultiply { matrix, x: &x, out: &mut out });
-            run_on(isa, DenseTranspose { matrix, x: &x, out: &mut back });
-            let (out_mut, from_mut) = (&mut best, &mut from);
-            run_on(isa, DenseMax { matrix: &logs, x: &scores, out: out_mut, from: from_mut });
+            let mut from = vec![0; n];
+            matrix.multiply(&x, &mut out);
+            matrix.multiply_transpose(&x, &mut back);
+            logs.maximize(&scores, &mut best, &mut from);
             (out, back, best, from)
         });
         for i in 0..n {
@@ -370,22 +358,17 @@ proptest! {
     ) {
         let at = at.index(x.len());
         x[at] = odd;
+        let most = |x: &[f64], least| x.iter().copied().fold(least, f64::max);
         let logs = odd.abs() <= 1e300 || odd == f64::NEG_INFINITY;
-        let found = everywhere(|isa| run_on(isa, Largest { x: &x, valid: Valid::Logs }));
-        prop_assert_eq!(found.1, logs);
-        if logs {
-            prop_assert_eq!(found.0, x.iter().copied().fold(f64::NEG_INFINITY, f64::max));
-        }
+        let found = everywhere(|| largest(&x, Valid::Logs));
+        prop_assert_eq!(found, if logs { Ok(most(&x, f64::NEG_INFINITY)) } else { Err(at) });
         x.iter_mut().enumerate().filter(|(i, _)| *i != at).for_each(|(_, x)| *x = x.abs());
         let likelihoods = odd >= 0.0 && odd.is_finite();
-        let found = everywhere(|isa| run_on(isa, Largest { x: &x, valid: Valid::Likelihoods }));
-        prop_assert_eq!(found.1, likelihoods);
-        if likelihoods {
-            prop_assert_eq!(found.0, x.iter().copied().fold(0.0, f64::max));
-        }
+        let found = everywhere(|| largest(&x, Valid::Likelihoods));
+        prop_assert_eq!(found, if likelihoods { Ok(most(&x, 0.0)) } else { Err(at) });
     }
 
-    /// EntryRows of any lengths, some of which do not begin on a cache line.
+    /// Rows of any lengths, some of which do not begin on a cache line.
     #[test]
     fn packing(
         eights in vec(vec(0.0..1.0, LANES), 1..20), counts in vec(0..20_usize, LANES),
@@ -395,20 +378,18 @@ proptest! {
             eights.iter().map(|eight| Packed(std::array::from_fn(|l| eight[l]))).collect();
         let lane = |l: usize| -> Vec<f64> { eights.iter().map(|eight| eight[l]).collect() };
         let rows: Vec<Vec<f64>> = (0..LANES).map(lane).collect();
-        let (unpacked, packed) = everywhere(|isa| {
+        let (unpacked, packed) = everywhere(|| {
             let mut out = vec![vec![f64::NAN; from.len()]; LANES];
             let mut each = out.iter_mut();
-            let rows_mut = std::array::from_fn(|_| &mut each.next().expect("eight")[..]);
-            run_on(isa, Unpack { from: &from, rows: rows_mut });
+            unpack(&from, std::array::from_fn(|_| &mut each.next().expect("eight")[..]));
             let mut packed = vec![Packed::default(); from.len()];
-            let rows = std::array::from_fn(|l| &rows[l][..]);
-            run_on(isa, Pack { rows, out: &mut packed });
+            let _range = pack(std::array::from_fn(|l| &rows[l][..]), &mut packed);
             (out, packed)
         });
         prop_assert_eq!((&unpacked, &packed), (&rows, &from));
         from.resize(from.len().next_multiple_of(LANES), Packed::default());
         let counts: Vec<usize> = counts.iter().map(|c| (*c).min(from.len() / LANES)).collect();
-        let all = everywhere(|isa| {
+        let all = everywhere(|| {
             let mut all = Aligned::new(counts.iter().sum::<usize>() * LANES + shift, -1.0);
             let mut left = all[shift..].as_chunks_mut::<LANES>().0;
             let mut rows: [&mut [Eight]; LANES] = std::array::from_fn(|_| &mut [][..]);
@@ -416,7 +397,7 @@ proptest! {
                 let (own, others) = left.split_at_mut(*count);
                 (*row, left) = (own, others);
             }
-            run_on(isa, UnpackRows { from: &from, rows, stream });
+            unpack_rows(&from, rows, stream);
             all[shift..].to_vec()
         });
         let mut all = all.iter();
@@ -446,29 +427,17 @@ proptest! {
         likelihoods[zero.index(steps)][1].0[5] = 0.0;
         let scores: Vec<[Packed; N]> =
             likelihoods.iter().map(|b| b.map(|b| Packed(b.0.map(log2)))).collect();
-        let multiplied = everywhere(|isa| {
-            let (model, likelihoods) = (&few, &likelihoods[..]);
-            run_on(isa, MultiplySegments { ring: SumProduct, model, likelihoods })
-        });
-        let best = everywhere(|isa| {
-            let (model, likelihoods) = (&logs, &scores[..]);
-            run_on(isa, MultiplySegments { ring: MaxPlus, model, likelihoods })
-        });
+        let multiplied = everywhere(|| multiply_segments(SumProduct, &few, &likelihoods));
+        let best = everywhere(|| multiply_segments(MaxPlus, &logs, &scores));
         let (starts, ends) = ([[0.3; 8]; N], [[0.7; 8]; N]);
-        let found = everywhere(|isa| {
+        let found = everywhere(|| {
             let mut filtered = vec![[Packed::default(); N]; steps];
-            let (mut smoothed, mut normalizers) = (filtered.clone(), vec![Packed::default(); steps]);
-            let mut from = vec![[[0; 2]; N]; steps];
-            let (model, starts, likelihoods) = (&few, &starts, &likelihoods[..]);
-            let (out, sums) = (&mut filtered[..], &mut normalizers[..]);
-            let work = FilterSegments { model, starts, likelihoods, out, normalizers: sums };
-            let mut held = run_on(isa, work);
-            let (ends, out) = (&ends, &mut smoothed[..]);
-            held &= run_on(isa, SmoothSegments { model, starts, ends, likelihoods, out });
-            let (model, likelihoods, from_mut) = (&logs, &scores[..], &mut from[..]);
-            let starts = &[[0.0; 8]; N];
-            held &= run_on(isa, DecodeSegments { model, starts, likelihoods, from: from_mut });
-            held.then_some((filtered, normalizers, smoothed, from))
+            let (mut smoothed, mut from) = (filtered.clone(), vec![[[0; 2]; N]; steps]);
+            let mut normalizers = vec![Packed::default(); steps];
+            filter_segments(&few, &starts, &likelihoods, &mut filtered, &mut normalizers)?;
+            smooth_segments(&few, &starts, &ends, &likelihoods, &mut smoothed)?;
+            decode_segments(&logs, &[[0.0; 8]; N], &scores, &mut from)?;
+            Some((filtered, normalizers, smoothed, from))
         });
         // A state may fall far behind.
         let all = multiplied.zip(best).zip(found);
@@ -488,27 +457,17 @@ proptest! {
                 b.iter().flat_map(|b| b.map(|b| b.0[l])).collect()
             };
             let (row, row_scores) = (lane(&likelihoods), lane(&scores));
-            let (rows, sums, posteriors, pointers) = everywhere(|isa| {
+            let (rows, sums, posteriors, pointers) = everywhere(|| {
                 let (mut rows, mut normalizers) = (vec![0.0; steps * N], vec![0.0; steps]);
                 let mut state = ChainState::new(0.0);
                 state.values[..N].fill(0.3);
-                let (states, likelihoods, state_mut) = (N, &row[..], &mut state);
-                let (rows_mut, normalizers_mut) = (&mut rows[..], &mut normalizers[..]);
-                assert!(run_on(isa, ChainForward {
-                    columns: &padded[0], state: state_mut, states, likelihoods, rows: rows_mut,
-                    normalizers: normalizers_mut,
-                }));
+                let sums = &mut normalizers;
+                assert!(chain_forward(&padded[0], &mut state, N, &row, &mut rows, sums));
                 let (mut posteriors, mut state) = (rows.clone(), ChainState::new(0.7));
-                let (state_mut, rows_mut) = (&mut state, &mut posteriors[..]);
-                assert!(run_on(isa, ChainBackward {
-                    lines: &padded[1], state: state_mut, states, likelihoods, rows: rows_mut,
-                }));
+                assert!(chain_backward(&padded[1], &mut state, N, &row, &mut posteriors));
                 let (mut from, mut state) = (vec![[0; 3]; steps], ChainState::new(ZERO_SCORE));
                 state.values[..N].fill(0.0);
-                let (state_mut, from_mut, likelihoods) = (&mut state, &mut from[..], &row_scores[..]);
-                assert!(run_on(isa, ChainDecode {
-                    columns: &log_columns, state: state_mut, states, likelihoods, from: from_mut,
-                }));
+                assert!(chain_decode(&log_columns, &mut state, N, &row_scores, &mut from));
                 (rows, normalizers, posteriors, from)
             });
             let b = |k: usize| likelihoods[k].map(|b| b.0[l]);
@@ -594,9 +553,9 @@ fn log2_is_right_and_adds_one_for_a_doubling() {
                 assert_eq!(log2(halved), log2(x) - f64::from(halvings), "{halved}");
             }
         }
-        let all = everywhere(|isa| {
+        let all = everywhere(|| {
             let mut values = vec![x, 0.0, 1.0, 5e-324, x, x, x, x, x];
-            run_on(isa, Log2(&mut values));
+            log2_in_place(&mut values);
             values
         });
         assert_eq!(all[..4], [log2(x), ZERO_SCORE, 0.0, -1074.0]);

@@ -1,11 +1,11 @@
 //! States of a step: points of roads near a position.
 
+use super::moves::FASTEST;
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, NearEdge};
 
 /// A point of an edge where the vehicle may be, or off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Candidate {
     /// Index of the edge; [`OFF_ROAD`] off the road.
     pub(super) edge: u32,
@@ -35,9 +35,14 @@ impl Candidate {
     }
 
     /// The state off the road, at a position.
-    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
+    pub(super) fn off_road<P: Coordinates>(
+        point: &TracePoint<P>,
+        model: &MatchModel,
+        seconds: f64,
+    ) -> Self {
         let (sigma, point) = (deviation(model, point), point.position.to_plane());
-        let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
+        let width = (OFF_ROAD_SPREAD * sigma).max(std::f64::consts::PI * FASTEST * seconds);
+        let log_likelihood = -width.ln();
         Self { edge: OFF_ROAD, along: 0.0, point, across: None, inlier: 0.0, log_likelihood }
     }
 }

@@ -20,7 +20,6 @@ pub struct MatchedDrive<P = Position> {
     pub(super) trellis: Trellis,
     pub(super) smoothed: SmoothedTrellis,
     pub(super) route: Vec<Stretch<P>>,
-    pub(super) log_probability: f64,
 }
 
 /// Part of a route: an edge, or a stretch off the road.
@@ -53,12 +52,11 @@ impl<P: Coordinates> Matcher<P> {
         let Built { states, trellis, moves } = self.trellis(&self.model, points, memory)?;
         let smoothed = trellis.smooth()?;
         let path = trellis.viterbi()?;
-        let log_probability = path.log_probability();
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
         let route = self.route(points, &on_path, memory);
         let points = points.to_vec();
-        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route, log_probability })
+        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route })
     }
 
     /// Builds the trellis of a drive, with its states.
@@ -99,7 +97,7 @@ impl<P: Coordinates> Matcher<P> {
     }
 
     /// Connected route through one state a point.
-    fn route(
+    pub(super) fn route(
         &self,
         points: &[TracePoint<P>],
         path: &[Candidate],

@@ -181,16 +181,13 @@ impl<W: Write> RouteWriter<W> {
         let id = |node: usize| matcher.network().nodes()[node].id.to_string();
         let edges = matcher.network().edges();
         for (seq, stretch) in drive.route().iter().enumerate() {
-            let nodes = match stretch.edge {
-                Some(edge) => [id(edges[edge].from), id(edges[edge].to)],
-                None => {
-                    let before = seq.checked_sub(1).and_then(|seq| drive.route()[seq].edge);
-                    let after = drive.route().get(seq + 1).and_then(|next| next.edge);
-                    [
-                        before.map_or(String::new(), |edge| id(edges[edge].to)),
-                        after.map_or(String::new(), |edge| id(edges[edge].from)),
-                    ]
-                }
+            let nodes = if let Some(edge) = stretch.edge {
+                [id(edges[edge].from), id(edges[edge].to)]
+            } else {
+                let before = seq.checked_sub(1).and_then(|seq| drive.route()[seq].edge);
+                let after = drive.route().get(seq + 1).and_then(|next| next.edge);
+                let end = |node: Option<usize>| node.map_or(String::new(), id);
+                [end(before.map(|edge| edges[edge].to)), end(after.map(|edge| edges[edge].from))]
             };
             let metres = [stretch.enter, stretch.exit].map(|metres| format!("{metres:.1}"));
             let off_road = if stretch.edge.is_some() { "0" } else { "1" };

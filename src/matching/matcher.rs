@@ -29,8 +29,10 @@ pub struct MatchMemory {
     pub(super) moves: Vec<Move>,
 }
 
-/// Share of the belief below which the way from a state is not looked for: e^-30.
-const NEGLIGIBLE: f64 = -30.0;
+/// Logarithm of the share of the belief below which the way from a state is not looked for.
+const NEGLIGIBLE: f64 = -20.0;
+/// Logarithm of the weight below which a move is left out.
+const LEAST_WEIGHT: f64 = -40.0;
 /// Share of the belief from which on a state goes on where its road leads, even if no position
 /// is near: e^-3.5.
 const CARRIED: f64 = -3.5;
@@ -91,7 +93,7 @@ impl<P: Coordinates> Matcher<P> {
     ) -> Result<Vec<Candidate>, MatchError> {
         point.check()?;
         let mut states = self.candidates(model, point, memory);
-        states.push(Candidate::off_road(point, model));
+        states.push(Candidate::off_road(point, model, 1.0));
         trellis.begin_step();
         let leaves = model.leaves(1.0) / model.returns(1.0);
         let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
@@ -133,7 +135,7 @@ impl<P: Coordinates> Matcher<P> {
         let interval = Self::interval(model, before.point, point);
         let mut states = self.candidates(model, point, memory);
         self.carry(model, before, &interval, point, &mut states);
-        states.push(Candidate::off_road(point, model));
+        states.push(Candidate::off_road(point, model, interval.seconds));
 
         let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         memory.entries.resize_with(memory.entries.len().max(states.len()), Vec::new);
@@ -160,7 +162,9 @@ impl<P: Coordinates> Matcher<P> {
                 let Some(way) = ways.way(from, to, interval.jitter) else { continue };
                 let fastest = self.speed(from).max(self.speed(to));
                 let (log, moved) = interval.weight(model, &way, fastest);
-                list.push((number, stays + log, moved));
+                if log > LEAST_WEIGHT {
+                    list.push((number, stays + log, moved));
+                }
             }
         }
         trellis.begin_step();

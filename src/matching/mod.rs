@@ -1,5 +1,67 @@
 //! Map matching: positions of a vehicle on a road network, live and afterwards, with
 //! probabilities.
+//!
+//! A [`Matcher`] holds a [`RoadNetwork`](crate::map::RoadNetwork). For each point of a drive, the
+//! states are the roads near it, each at its nearest place, and one state off the road; between two
+//! points, routes connect them. This is the model of Newson and Krumm (2009) as a hidden Markov
+//! model with all its answers: the [road now](Vehicle::live), a few [points late](Vehicle::late),
+//! [with all points](MatchedDrive::smoothed), the most probable [route](MatchedDrive::route), and
+//! [distinct routes](Matcher::routes), each with a probability.
+//!
+//! ```
+//! use wayfix::map::{NetworkBuilder, Position, RoadClass};
+//! use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+//!
+//! // Two streets, 55 m apart, joined at both ends.
+//! let at = |latitude, longitude| Position { latitude, longitude };
+//! let mut builder = NetworkBuilder::new();
+//! builder.node(1, at(-35.2800, 149.13))?;
+//! builder.node(2, at(-35.2800, 149.14))?;
+//! builder.node(3, at(-35.2805, 149.13))?;
+//! builder.node(4, at(-35.2805, 149.14))?;
+//! for (from, to) in [(1, 2), (3, 4), (1, 3), (2, 4)] {
+//!     builder.both_ways(from, to, RoadClass::Street)?;
+//! }
+//! let matcher = Matcher::new(builder.build()?);
+//!
+//! // East along the southern street, with noise.
+//! let point = |k: f64, off: f64| TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k));
+//! let drive = [point(0.0, 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
+//!
+//! let mut memory = MatchMemory::default();
+//! let matched = matcher.match_drive(&drive, &mut memory)?;
+//! let road = matched.smoothed(1);
+//! let edge = matcher.network().edges()[road.edge.expect("on a road")];
+//! assert_eq!([edge.from, edge.to], [2, 3]); // nodes 3 and 4
+//! assert!(road.probability > 0.9);
+//!
+//! // The same live, point by point.
+//! let mut vehicle = matcher.start(&drive[0], 3, &mut memory)?;
+//! for point in &drive[1..] {
+//!     matcher.step(&mut vehicle, point, &mut memory)?;
+//! }
+//! assert_eq!(vehicle.live(), matched.live(3));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! **The model.** For a position at a distance d across a road, with noise σ, the likelihood is
+//! N(d; σ) times the share of the road's length near the position, plus a share of
+//! [outliers](MatchModel::outliers); for the state off the road it is a constant. A move weighs
+//! what was measured on the way, and is not normalised away: the density of its length, for a
+//! vehicle that stands or that goes at up to some 1.3 times the speed of the road (positions behind
+//! the last are noise); its detour against the straight line, exponential in time; choices at
+//! junctions and U-turns. Where positions are far off, states go on along their roads at the last
+//! speed, so that a bad position or a gap does not break a drive; leaving the road and coming back
+//! cost their probabilities.
+//!
+//! **The parameters** of a [`MatchModel`] can be [learned](Matcher::fit) from drives without
+//! labels. The others, such as widths of outliers and the weight of choices, are constants that
+//! were chosen on simulated drives.
+//!
+//! **Limits.** Roads are looked for within four deviations of a position, and 10 m; routes up to
+//! some 1.3 times the straight distance and 1.2 times the way at 40 m/s. Errors of positions count
+//! as independent: receivers that smooth, at several points a second, make answers too sure. States
+//! below 2e-9 of the belief have no successors.
 
 mod answer;
 mod candidates;
@@ -12,6 +74,8 @@ mod matcher;
 mod model;
 mod moves;
 mod point;
+mod routes;
+mod snapshot;
 mod vehicle;
 
 pub use answer::RoadAnswer;
@@ -23,4 +87,5 @@ pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;
+pub use routes::RankedRoute;
 pub use vehicle::Vehicle;

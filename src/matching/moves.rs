@@ -5,10 +5,13 @@ use super::candidates::{Candidate, metres_between, share_below};
 use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteSearch, TurnCosts};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
-const FASTEST: f64 = 40.0;
+pub(super) const FASTEST: f64 = 40.0;
 /// Weight of the choices at junctions, where 1 would be drivers who choose evenly: those who want
 /// to get somewhere choose less.
 const CHOICES: f64 = 0.7;
+/// Most that the choices of one move weigh: a driver who wants to get somewhere makes few on the
+/// way.
+const MOST_CHOICES: f64 = 3.0;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
 
@@ -92,7 +95,7 @@ impl Interval {
             }
         };
         let total = (stands + moves) * (short + long);
-        let mut log = total.max(1e-300).ln() - CHOICES * way.log_choices;
+        let mut log = total.max(1e-300).ln() - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }

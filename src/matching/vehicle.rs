@@ -11,12 +11,12 @@ use crate::map::{Coordinates, Position};
 /// that may come late. Plain data, apart from the [`Matcher`] that moves it; a few kilobytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
-    lag: usize,
-    points: usize,
-    point: TracePoint<P>,
+    pub(super) lag: usize,
+    pub(super) points: usize,
+    pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
-    log_likelihood: LogSum,
-    last: f64,
+    pub(super) log_likelihood: LogSum,
+    pub(super) last: f64,
     /// Steps of the window, the oldest first, whose first has its filtered distribution as prior.
     pub(super) trellis: Trellis,
     pub(super) window: Vec<Vec<Candidate>>,
@@ -93,6 +93,7 @@ impl<P: Coordinates> Matcher<P> {
         vehicle.log_filtered = filtered;
         let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);
         vehicle.window.push(states);
+        vehicle.window.last_mut().into_iter().for_each(Vec::shrink_to_fit);
         if vehicle.window.len() > vehicle.lag + 1 {
             vehicle.forget();
         }
@@ -124,7 +125,9 @@ impl<P: Coordinates> Vehicle<P> {
         self.trellis.forward_step(1, &[0.0], &mut before);
         self.trellis.forward_step(2, &before, &mut filtered);
         self.trellis.remove_first(&filtered);
+        self.trellis.shrink();
         self.window.remove(0);
+        self.window.shrink_to_fit();
     }
 
     /// Number of points so far.
@@ -151,10 +154,19 @@ impl<P: Coordinates> Vehicle<P> {
     /// there are more.
     #[must_use]
     pub fn late(&self) -> RoadAnswer {
-        match self.trellis.smooth() {
-            Ok(smoothed) => RoadAnswer::new(&self.window[0], smoothed.smoothed(1)),
-            Err(_) => self.live(),
+        self.ago(self.points_late()).unwrap_or_else(|| self.live())
+    }
+
+    /// Answer for a point of the window, so many points ago, from all points so far: to be given
+    /// out when its probability is high enough. `None` if it has left the window.
+    #[must_use]
+    pub fn ago(&self, points: usize) -> Option<RoadAnswer> {
+        let index = self.points_late().checked_sub(points)?;
+        if points == 0 {
+            return Some(self.live());
         }
+        let smoothed = self.trellis.smooth().ok()?;
+        Some(RoadAnswer::new(&self.window[index], smoothed.smoothed(index + 1)))
     }
 
     /// Number of points that the late answer is behind the last point.

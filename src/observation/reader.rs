@@ -160,6 +160,7 @@ impl TagLikelihood {
     /// # Panics
     ///
     /// If there is no such tag.
+    #[must_use]
     pub fn cells(&self, tag: usize) -> impl ExactSizeIterator<Item = usize> {
         self.cells[self.starts[tag]..self.starts[tag + 1]].iter().map(|&cell| cell as usize)
     }

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
-use crate::kernels::{EntryValues, Lines, MaxStep, Scores, Sliced, max_step};
+use crate::kernels::{EntryValues, Lines, Scores, Sliced, max_step};
 use crate::range;
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
@@ -241,7 +241,7 @@ impl SparseTransition {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))
     }
 
-    /// Computes the max-product of a Viterbi step; see [`MaxStep`].
+    /// Computes the max-product of a Viterbi step; see [`max_step`].
     pub(crate) fn maximize(
         &self,
         x: &[f64],
@@ -250,6 +250,6 @@ impl SparseTransition {
         from: &mut [u32],
     ) -> f64 {
         let log2 = self.log2.get_or_init(|| self.sliced_rows.log2());
-        max_step(MaxStep { matrix: &self.sliced_rows, log2, x, likelihoods, next, from })
+        max_step(&self.sliced_rows, log2, x, likelihoods, next, from)
     }
 }

@@ -14,7 +14,7 @@ const LAYERS: [&[&str]; 13] = [
     &["inference", "map"],
     &["motion"],
     &["observation"],
-    &["recognition", "canberra"],
+    &["recognition", "matching", "canberra"],
     &["persistence"],
     &["guide"],
     &["lib"],

@@ -1,7 +1,7 @@
 //! The smoother in lanes: see [`backward`](crate::inference::backward).
 
 use super::{BatchMemory, BatchModel, Group, GroupRows, Outcome};
-use crate::kernels::{self, BatchBackward, LANES, Lines, Packed};
+use crate::kernels::{self, LANES, Lines, Packed};
 use crate::likelihood::Likelihood;
 use crate::range::{self, BACK_LIFT};
 use crate::sequence::Sequence;
@@ -42,7 +42,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
         // Lanes that begin later must not find what other sequences left.
         memory.q.fill(Packed::default());
         let mut sums = [1.0; LANES];
-        let BatchMemory { alpha, likelihoods, inverse, q, ratio, gamma, .. } = memory;
+        let BatchMemory { alpha, likelihoods, inverse, q, ratio, .. } = memory;
         for step in (1..=group.longest).rev() {
             if *held == [false; LANES] {
                 break;
@@ -62,25 +62,18 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
                 }
             }
             let before = &mut alpha[(step - 1) * n..][..n];
-            sums = kernels::batch_backward(BatchBackward {
-                matrix: columns,
-                likelihoods: &likelihoods[(step - 1) * n..][..n],
-                factors,
-                alpha: before,
-                q,
-                ratio,
-                gamma,
-            });
+            let likelihoods = &likelihoods[(step - 1) * n..][..n];
+            kernels::batch_ratio(q, likelihoods, factors, ratio);
+            if let Some(counts) = &mut counts {
+                kernels::count_moves(columns, before, ratio, counts);
+            }
+            sums = kernels::batch_backward(columns, factors, ratio, before, q);
             for (l, held) in held.iter_mut().enumerate() {
                 if *held && step <= group.steps[l] && !range::is_one(sums[l]) {
                     *held = false;
                     q.iter_mut().for_each(|q| q[l] = 0.0);
                 }
             }
-            if let Some(counts) = &mut counts {
-                kernels::count_moves(columns, before, ratio, counts);
-            }
-            before.copy_from_slice(gamma);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{BatchMemory, BatchModel, Group, GroupRows, Outcome};
 use crate::inference::LogSum;
-use crate::kernels::{self, BatchForward, LANES, Packed};
+use crate::kernels::{self, LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::range::{LEAST_NORMALIZER, LIFT};
 use crate::sequence::Sequence;
@@ -81,7 +81,7 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
             let likelihoods = &mut likelihoods[row.saturating_sub(1) * n..][..n];
             let taken = self.likelihoods(group, step, lanes, &mut held, likelihoods);
             let matrix = prior.moves_at(step).then_some(self.rows);
-            let sums = kernels::batch_forward(BatchForward { matrix, x, likelihoods, out: next });
+            let sums = kernels::batch_forward(matrix, x, likelihoods, next);
             let lost = kernels::batch_normalize(next, alpha, sums);
             std::mem::swap(x, next);
             let inverse = &mut inverse[step - 1];

@@ -77,10 +77,9 @@ pub(super) struct BatchMemory {
     /// Belief, lifted, or scores; and the next.
     x: Vec<Packed>,
     next: Vec<Packed>,
-    /// γ / α and γ / p, lifted, and γ.
+    /// γ / α and γ / p, lifted.
     q: Vec<Packed>,
     ratio: Vec<Packed>,
-    gamma: Vec<Packed>,
     from: Vec<[u32; LANES]>,
     lanes: [Lane; LANES],
 }
@@ -106,7 +105,7 @@ impl BatchMemory {
         grow(&mut self.alpha, (states * (kept + 1)).next_multiple_of(LANES));
         grow(&mut self.likelihoods, states * kept.max(1));
         grow(&mut self.inverse, steps);
-        for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio, &mut self.gamma] {
+        for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio] {
             room.resize(states, Packed::default());
         }
     }

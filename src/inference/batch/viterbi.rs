@@ -5,7 +5,7 @@ use super::{BatchMemory, BatchModel, Group, GroupRows, Lane, Outcome};
 use crate::inference::ViterbiPath;
 use crate::inference::scores::{TakenOut, best, likelihood_scores};
 use crate::inference::step::Step;
-use crate::kernels::{self, BatchMax, LANES, Packed, ScoresIn};
+use crate::kernels::{self, LANES, Packed, ScoresIn};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -56,7 +56,7 @@ where
         kernels::pack(rows, likelihoods);
         let log2 = (step > 1).then(|| model.rows.with_values(log2));
         let from = &mut from[(step - 1) * n..][..n];
-        let largest = kernels::batch_max(BatchMax { log2, x, likelihoods, shifts, next, from });
+        let largest = kernels::batch_max(log2, x, likelihoods, shifts, next, from);
         let floors = largest.map(|best| if best.is_finite() { best.floor() } else { 0.0 });
         next.iter_mut().for_each(|next| (0..LANES).for_each(|l| next[l] -= floors[l]));
         std::mem::swap(x, next);

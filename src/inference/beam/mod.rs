@@ -7,7 +7,7 @@ mod scores;
 use std::f64::consts::{LN_2, LOG2_E};
 
 use super::LogSum;
-use super::frontier::Frontier;
+use super::active_set::ActiveSet;
 use super::step::Step;
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
@@ -124,10 +124,10 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         }
         let width = width.max(0.0) * LOG2_E;
         let prior = self.prior().belief().as_slice();
-        let mut frontier = Frontier::new(self.states());
+        let mut active_set = ActiveSet::new(self.states());
         let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
-        frontier.follow(&[], &beam.states);
+        active_set.follow(&[], &beam.states);
         let mut next = Beam::default();
         let mut pointers = Pointers::default();
         let (mut from, mut wanted, mut values) = (Vec::new(), Vec::new(), Vec::new());
@@ -148,14 +148,19 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             if beam.elsewhere > f64::NEG_INFINITY {
                 self.likelihood().standing_out(observation, &mut wanted);
             }
-            frontier.list(&beam.states, moves, &wanted);
+            active_set.list(&beam.states, moves, &wanted);
             next.clear();
-            next.states.extend_from_slice(frontier.candidates());
+            next.states.extend_from_slice(active_set.candidates());
             from.clear();
             if step == 1 {
                 next.start(prior, moves, &mut from);
             } else if let Some((transition, control)) = moves {
-                next.extend(&beam, &frontier, |i| transition.incoming_log2(control, i), &mut from);
+                next.extend(
+                    &beam,
+                    &active_set,
+                    |i| transition.incoming_log2(control, i),
+                    &mut from,
+                );
                 next.elsewhere = beam.elsewhere;
                 if evidence.is_none() {
                     next.elsewhere += ENTRY;
@@ -196,7 +201,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             let entries = next.states.iter().zip(&from);
             pointers.entries.extend(entries.map(|(&state, &from)| (state as u32, from)));
             most_active = most_active.max(next.states.len());
-            frontier.follow(&beam.states, &next.states);
+            active_set.follow(&beam.states, &next.states);
             std::mem::swap(&mut beam, &mut next);
         }
         let log_probability = |score: f64| {

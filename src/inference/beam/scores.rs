@@ -2,7 +2,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use super::super::frontier::Frontier;
+use super::super::active_set::ActiveSet;
 use super::super::scores::unlifted_log2;
 use crate::kernels;
 use crate::range::LIFT;
@@ -86,7 +86,7 @@ impl Beam {
     pub(super) fn extend<I: Iterator<Item = (usize, f64)>>(
         &mut self,
         before: &Self,
-        frontier: &Frontier,
+        active_set: &ActiveSet,
         incoming: impl Fn(usize) -> I,
         from: &mut Vec<u32>,
     ) {
@@ -94,7 +94,7 @@ impl Beam {
             let (mut score, mut best) = (f64::NEG_INFINITY, 0);
             let (mut ceiling, mut beyond) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
             for (j, log2) in incoming(i) {
-                if let Some(at) = frontier.place(j) {
+                if let Some(at) = active_set.place(j) {
                     let value = log2 + before.scores[at];
                     if value > score {
                         (score, best) = (value, at as u32);

@@ -21,19 +21,22 @@ const HEADER: usize = 8;
 const SUM: usize = 8;
 
 /// Stored types, by the byte that stands for each.
-const KINDS: [(Kind, &str); 4] = [
+const KINDS: [(Kind, &str); 5] = [
     (Kind::Filter, "FilterSnapshot"),
     (Kind::FixedLag, "FixedLagSnapshot"),
     (Kind::Pruned, "PrunedFilterSnapshot"),
     (Kind::OnlineViterbi, "OnlineViterbiSnapshot"),
+    (Kind::Vehicle, "Vehicle"),
 ];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kind {
+pub(crate) enum Kind {
     Filter = 1,
     FixedLag = 2,
     Pruned = 3,
     OnlineViterbi = 4,
+    /// Of `matching`.
+    Vehicle = 5,
 }
 
 fn name(kind: u8) -> &'static str {
@@ -51,24 +54,24 @@ fn checksum(bytes: &[u8]) -> u64 {
     words.fold(bytes.len() as u64, add)
 }
 
-struct Writer {
+pub(crate) struct Writer {
     bytes: Vec<u8>,
 }
 
 impl Writer {
-    fn new(kind: Kind) -> Self {
+    pub(crate) fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
 
-    fn integer(&mut self, value: usize) {
+    pub(crate) fn integer(&mut self, value: usize) {
         self.bytes.extend((value as u64).to_le_bytes());
     }
 
-    fn double(&mut self, value: f64) {
+    pub(crate) fn double(&mut self, value: f64) {
         self.bytes.extend(value.to_bits().to_le_bytes());
     }
 
-    fn log_sum(&mut self, LogSum { sum, lost }: LogSum) {
+    pub(crate) fn log_sum(&mut self, LogSum { sum, lost }: LogSum) {
         [sum, lost].into_iter().for_each(|value| self.double(value));
     }
 
@@ -86,21 +89,21 @@ impl Writer {
         others.for_each(|value| self.double(*value));
     }
 
-    fn finish(mut self) -> Vec<u8> {
+    pub(crate) fn finish(mut self) -> Vec<u8> {
         let sum = checksum(&self.bytes);
         self.bytes.extend(sum.to_le_bytes());
         self.bytes
     }
 }
 
-struct Reader<'a> {
+pub(crate) struct Reader<'a> {
     /// All bytes before the checksum.
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Reader<'a> {
-    fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
+    pub(crate) fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
             let (found, expected) = (bytes.len(), HEADER + SUM);
             let begins = MAGIC.starts_with(&bytes[..found.min(MAGIC.len())]);
@@ -152,16 +155,16 @@ impl<'a> Reader<'a> {
         Ok(self.words(1)?.fold(0, |_, word| word))
     }
 
-    fn integer(&mut self) -> Result<usize, SnapshotError> {
+    pub(crate) fn integer(&mut self) -> Result<usize, SnapshotError> {
         let found = self.word()?;
         usize::try_from(found).map_err(|_| contents(format!("{found} is beyond a usize")))
     }
 
-    fn double(&mut self) -> Result<f64, SnapshotError> {
+    pub(crate) fn double(&mut self) -> Result<f64, SnapshotError> {
         Ok(f64::from_bits(self.word()?))
     }
 
-    fn log_sum(&mut self) -> Result<LogSum, SnapshotError> {
+    pub(crate) fn log_sum(&mut self) -> Result<LogSum, SnapshotError> {
         Ok(LogSum { sum: self.double()?, lost: self.double()? })
     }
 
@@ -184,7 +187,7 @@ impl<'a> Reader<'a> {
         Ok(values)
     }
 
-    fn finish(&self) -> Result<(), SnapshotError> {
+    pub(crate) fn finish(&self) -> Result<(), SnapshotError> {
         match self.bytes.len() - self.at {
             0 => Ok(()),
             bytes => Err(SnapshotError::Trailing { bytes }),
@@ -192,6 +195,6 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn contents(reason: String) -> SnapshotError {
+pub(crate) fn contents(reason: String) -> SnapshotError {
     SnapshotError::Contents { reason }
 }

@@ -43,18 +43,16 @@ pub(super) struct Sensed<'m, A, B, S: ?Sized> {
     scratch: Scratch,
 }
 
-impl<'m, A, B, S: ?Sized> Sensed<'m, A, B, S> {
-    pub(super) fn new(hmm: &'m Hmm<A, B>, sequence: &'m S) -> Self {
-        Self { hmm, sequence, scratch: Scratch::default() }
-    }
-}
-
-impl<A, B, S> Sensed<'_, A, B, S>
+impl<'m, A, B, S> Sensed<'m, A, B, S>
 where
     A: Transition,
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
+    pub(super) fn new(hmm: &'m Hmm<A, B>, sequence: &'m S) -> Self {
+        Self { hmm, sequence, scratch: Scratch::default() }
+    }
+
     /// Copies likelihoods of N states, or of any number for N = 0, as they are: a copy of a length
     /// that is not known is a call. `None` if one is in logarithms, has a factor, or is above 2^16.
     #[inline(always)]

@@ -7,6 +7,7 @@
 //! and errors.
 
 mod filter;
+mod forward;
 mod likelihoods;
 mod segments;
 mod smooth;
@@ -16,14 +17,12 @@ pub(super) use filter::{filter, log_likelihood};
 pub(super) use smooth::smooth;
 pub(super) use viterbi::viterbi;
 
-use super::LogSum;
 use super::plan::{self, Engine};
 use crate::hmm::Hmm;
 use crate::kernels::{ChainState, Few, LANES, Packed};
 use crate::likelihood::Likelihood;
 use crate::range::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, power};
 use crate::transition::Transition;
-use likelihoods::LikelihoodRows;
 
 /// A model in arrays; states beyond the last are never possible.
 struct FewModel {
@@ -72,24 +71,10 @@ impl FewModel {
         Few { columns, rows: first(&self.rows), least: range::CALM / entries.fold(1.0, f64::min) }
     }
 
-    /// Updates the prior by the first observation, if nothing moves before it: then that step is
-    /// done. Returns the number of steps done.
-    fn start(
-        &self,
-        source: &mut dyn LikelihoodRows,
-        x: &mut ChainState,
-        logs: &mut LogSum,
-    ) -> Option<usize> {
-        *x = self.prior;
-        if self.moves {
-            return Some(0);
-        }
-        let (mut b, mut log) = ([0.0; LANES], [0.0]);
-        _ = source.likelihoods(1..2, true, &mut b[..self.states], &mut log)?;
-        x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
-        rescale(x)?;
-        logs.add(log[0]);
-        Some(1)
+    /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
+    fn attempt(&self, steps: usize, mut take: impl FnMut(bool) -> Option<f64>) -> Option<f64> {
+        let in_segments = plan::for_sequence(self.states, steps) == Engine::Segments;
+        in_segments.then(|| take(true)).flatten().or_else(|| take(false))
     }
 }
 
@@ -106,14 +91,6 @@ fn rescale(x: &mut ChainState) -> Option<()> {
         x.exponent += by;
     }
     x.values.iter().all(|x| *x == 0.0 || *x >= LEAST_IN_CHAIN).then_some(())
-}
-
-/// Returns ln Σ x, with the scales that were taken out of likelihoods.
-fn log_of(x: &ChainState, logs: &LogSum) -> f64 {
-    let mut sum = *logs;
-    sum.add(x.values.iter().sum::<f64>().ln());
-    sum.add(x.exponent as f64 * std::f64::consts::LN_2);
-    sum.value()
 }
 
 /// Returns the control of the operator if the model and so many steps are for this engine.

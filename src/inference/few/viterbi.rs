@@ -2,13 +2,11 @@
 //! are those of the general routine to the bit, in segments too: max-plus products are
 //! associative.
 
-use std::ops::Range;
-
 use super::control_of;
 use super::likelihoods::{LikelihoodRows, Sensed};
 use super::segments::pack_segments;
 use crate::hmm::Hmm;
-use crate::inference::plan::{self, Engine};
+use crate::inference::plan::{self, Engine, GATHERED};
 use crate::inference::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{
@@ -19,9 +17,6 @@ use crate::likelihood::Likelihood;
 use crate::range::{CALM, EXACT_SCORE, LEAST_SCORE};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
-
-/// Steps of a chain that are gathered at a time.
-const GATHERED: usize = 128;
 
 /// [`Hmm::viterbi`]: states and log-probability.
 pub(in super::super) fn viterbi<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<usize>, f64)>
@@ -101,16 +96,14 @@ impl Decoder {
         let few = Few { columns, rows: columns, least };
         let (mut blocks, mut left) = (Vec::new(), 2..self.steps + 1);
         let (mut gathered, mut packed) = (Vec::new(), Vec::new());
-        while let Some(length) = plan::segment_length(left.len()) {
-            let steps = left.start..left.start + LANES * length;
-            left.start = steps.end;
+        while let Some(steps) = plan::next_segments(&mut left) {
             gathered.resize(N * steps.len(), 0.0);
             source.scores(steps, &mut gathered, &mut self.taken_out)?;
             pack_segments(&gathered, &mut packed);
             let products = multiply_segments(MaxPlus, &few, &packed)?;
             let starts = self.through(&products)?;
-            let mut block: Block<N> = vec![[[0; 2]; N]; length];
-            decode_segments(&few, &starts, &packed, &mut block).then_some(())?;
+            let mut block: Block<N> = vec![[[0; 2]; N]; packed.len()];
+            decode_segments(&few, &starts, &packed, &mut block)?;
             blocks.push(block);
         }
         self.path_in_blocks(source, left.start, blocks)
@@ -161,9 +154,9 @@ impl Decoder {
         let n = self.states;
         let mut from: Vec<ChainPointers> = vec![[0; 3]; (self.steps + 1).saturating_sub(first)];
         let mut gathered = vec![0.0; n * GATHERED.min(from.len())];
-        for (number, from) in from.chunks_mut(GATHERED).enumerate() {
-            let steps = first + number * GATHERED;
-            let steps: Range<usize> = steps..steps + from.len();
+        let mut left = first..self.steps + 1;
+        for from in from.chunks_mut(GATHERED) {
+            let steps = plan::next_steps(&mut left)?;
             let gathered = &mut gathered[..n * from.len()];
             source.scores(steps, gathered, &mut self.taken_out)?;
             chain_decode(&self.columns, &mut self.scores, n, gathered, from).then_some(())?;

@@ -1,6 +1,6 @@
 //! Prediction and update of a pruned belief, with its bounds.
 
-use super::super::frontier::Frontier;
+use super::super::active_set::ActiveSet;
 use super::envelope::{Envelope, LIFT, LOST, Raw};
 use super::moves::Moves;
 use super::weights::{Weight, Weights};
@@ -37,9 +37,9 @@ impl Envelope {
         &mut self,
         before: &Self,
         moves: Option<&Moves<'_, A>>,
-        frontier: &Frontier,
+        active_set: &ActiveSet,
     ) -> Predicted {
-        self.predict_by(before, moves, frontier, |i| before.sums(i, moves, frontier))
+        self.predict_by(before, moves, active_set, |i| before.sums(i, moves, active_set))
     }
 
     /// Predicts all candidates, with sums that the caller computes.
@@ -47,7 +47,7 @@ impl Envelope {
         &mut self,
         before: &Self,
         moves: Option<&Moves<'_, A>>,
-        frontier: &Frontier,
+        active_set: &ActiveSet,
         mut sums: impl FnMut(usize) -> Sums,
     ) -> Predicted {
         self.clear();
@@ -62,8 +62,8 @@ impl Envelope {
         };
         let lift = |x: f64| if before.is_open() { x * LIFT * ROUNDED_UP + LOST } else { 0.0 };
         (self.elsewhere, self.outside) = (lift(each), lift(all));
-        for &i in frontier.candidates() {
-            if !frontier.is_reached(i) {
+        for &i in active_set.candidates() {
+            if !active_set.is_reached(i) {
                 self.push(i, 0.0, 0.0, self.elsewhere);
                 continue;
             }
@@ -85,13 +85,13 @@ impl Envelope {
         &self,
         i: usize,
         moves: Option<&Moves<'_, A>>,
-        frontier: &Frontier,
+        active_set: &ActiveSet,
     ) -> Sums {
         let (mut estimate, mut lower, mut excess) = (0.0, 0.0, 0.0);
         let (mut beyond, mut terms) = (0.0, 0);
         let mut add = |j: usize, a: f64, off: f64| {
             terms += 1;
-            if let Some(at) = frontier.place(j) {
+            if let Some(at) = active_set.place(j) {
                 estimate += a * (self.estimate[at] * LIFT);
                 let least = self.lower[at] * LIFT;
                 lower += a * (1.0 - off) * least;

@@ -22,8 +22,8 @@ use std::mem;
 use std::ops::{Deref, RangeInclusive};
 
 use super::LogSum;
+use super::active_set::ActiveSet;
 use super::filter_snapshot::next_step;
-use super::frontier::Frontier;
 use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
@@ -115,7 +115,7 @@ pub struct PrunedFilter<M> {
     /// Part of the tolerance that a step may drop.
     share: f64,
     next: Envelope,
-    frontier: Frontier,
+    active_set: ActiveSet,
     wide: Wide,
     wanted: Vec<usize>,
     values: Vec<f64>,
@@ -154,7 +154,7 @@ where
             log_lost: false,
             share: LARGEST_SHARE,
             next: Envelope::default(),
-            frontier: Frontier::new(model.states()),
+            active_set: ActiveSet::new(model.states()),
             wide: Wide::default(),
             wanted: Vec::new(),
             values: Vec::new(),
@@ -167,9 +167,9 @@ where
 
     /// Returns to the prior, with no steps taken. O(n).
     pub fn restart(&mut self) {
-        let Self { model, belief, next, frontier, .. } = self;
+        let Self { model, belief, next, active_set, .. } = self;
         next.start(model.prior().belief().as_slice());
-        frontier.follow(&belief.states, &next.states);
+        active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
         (self.log, self.log_excess) = (LogSum::default(), LogSum::default());
@@ -189,7 +189,7 @@ where
         }
         self.log_excess.add(self.belief.deficit().ln_1p());
         self.next.start(belief.as_slice());
-        self.frontier.follow(&self.belief.states, &self.next.states);
+        self.active_set.follow(&self.belief.states, &self.next.states);
         mem::swap(&mut self.belief, &mut self.next);
         (self.share, self.bound) = (LARGEST_SHARE, 0.0);
         Ok(())
@@ -283,7 +283,7 @@ where
     /// Probability of one state, 0 if it is not active, or `None` if there is no such state.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
-        let followed = || self.frontier.place(state).map_or(0.0, |at| self.belief.estimate[at]);
+        let followed = || self.active_set.place(state).map_or(0.0, |at| self.belief.estimate[at]);
         (state < self.model.states()).then(followed)
     }
 

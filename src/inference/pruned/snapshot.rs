@@ -172,7 +172,7 @@ where
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
         self.next.copy_from(&snapshot.belief);
-        self.frontier.follow(&self.belief.states, &self.next.states);
+        self.active_set.follow(&self.belief.states, &self.next.states);
         mem::swap(&mut self.belief, &mut self.next);
         (self.steps, self.pruning) = (snapshot.steps, snapshot.pruning);
         (self.bound, self.share) = (snapshot.bound, snapshot.share);

@@ -42,7 +42,7 @@ where
         control: Option<&A::Control>,
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
-        let Self { model, belief, next, frontier, wide, wanted, values, scratch, .. } = self;
+        let Self { model, belief, next, active_set, wide, wanted, values, scratch, .. } = self;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
@@ -52,10 +52,10 @@ where
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
         match operator {
-            Some(operator) if is_wide => wide.predict(belief, operator, wanted, frontier),
-            _ => frontier.list(&belief.states, operator, wanted),
+            Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
+            _ => active_set.list(&belief.states, operator, wanted),
         }
-        let candidates = frontier.candidates();
+        let candidates = active_set.candidates();
         values.clear();
         values.resize(candidates.len(), 1.0);
         let (mut unlisted, mut largest) = (Unlisted::at_most(1.0), 1.0);
@@ -80,9 +80,9 @@ where
             )
         });
         let mut predicted = if is_wide {
-            next.predict_by(belief, moves.as_ref(), frontier, wide.sums(moves.as_ref()))
+            next.predict_by(belief, moves.as_ref(), active_set, wide.sums(moves.as_ref()))
         } else {
-            next.predict(belief, moves.as_ref(), frontier)
+            next.predict(belief, moves.as_ref(), active_set)
         };
         if evidence.is_none() {
             if !range::is_one(predicted.sum) {
@@ -92,7 +92,7 @@ where
             && moves.as_ref().is_some_and(|moves| !moves.is_in_powers_of_two())
         {
             moves = moves.map(|moves| moves.in_powers_of_two(&belief.states, is_open));
-            predicted = next.predict(belief, moves.as_ref(), frontier);
+            predicted = next.predict(belief, moves.as_ref(), active_set);
         }
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
@@ -116,7 +116,7 @@ where
         let each = each.clamp(LEAST_KEPT, 0.5 / count);
         let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
-        frontier.follow(&belief.states, &next.states);
+        active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         self.steps = number;
         self.log.add(log + weights.log_factor + log_factor);

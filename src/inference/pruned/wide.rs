@@ -3,7 +3,7 @@
 use super::advance::Sums;
 use super::envelope::{Envelope, LIFT};
 use super::moves::{Bounds, Moves};
-use crate::inference::frontier::Frontier;
+use crate::inference::active_set::ActiveSet;
 use crate::kernels::Aligned;
 use crate::transition::Transition;
 
@@ -55,7 +55,7 @@ impl Wide {
         before: &Envelope,
         (transition, control): (&A, &A::Control),
         wanted: &[usize],
-        frontier: &mut Frontier,
+        active_set: &mut ActiveSet,
     ) {
         let new = || {
             let zeros = Aligned::new(transition.states(), 0.0);
@@ -89,7 +89,7 @@ impl Wide {
         // product with an entry has become 0.
         let leads = memory.estimate.iter().zip(&*memory.excess);
         let leads = leads.map(|(estimate, excess)| *estimate > 0.0 || *excess > 0.0);
-        frontier.list_reached(leads, wanted);
+        active_set.list_reached(leads, wanted);
     }
 
     /// Returns the sums over the entries into a state, of the last prediction.

@@ -4,6 +4,8 @@
 mod k_best;
 mod smooth;
 mod viterbi;
+#[cfg(feature = "matching")]
+mod window;
 
 pub use k_best::TrellisPath;
 pub use smooth::{SmoothedTrellis, TrellisPairs};
@@ -48,7 +50,7 @@ pub struct Trellis {
     steps: Vec<usize>,
     log_likelihoods: Vec<f64>,
     /// Moves into state s are those from `moves[s]` to `moves[s + 1]`.
-    moves: Vec<usize>,
+    moves: Vec<u32>,
     from: Vec<u32>,
     log_weights: Vec<f64>,
 }
@@ -86,6 +88,10 @@ impl Trellis {
     /// Adds a state to the last step, with the moves into it from states of the step before, by
     /// their number there, from 0. In the first step the only state before is 0, the start.
     /// Moves should come in ascending order, at most one from each state: ties go to the first.
+    ///
+    /// # Panics
+    ///
+    /// If there are 2^32 moves.
     ///
     /// # Errors
     ///
@@ -127,7 +133,7 @@ impl Trellis {
             return checked;
         }
         self.log_likelihoods.push(log_likelihood);
-        self.moves.push(self.from.len());
+        self.moves.push(u32::try_from(self.from.len()).expect("fewer than 2^32 moves"));
         Ok(())
     }
 
@@ -143,30 +149,24 @@ impl Trellis {
         self.range(step).len()
     }
 
-    /// Removes the first step. The next becomes the first, with the logarithms of a distribution
-    /// of its states in place of all that was before.
-    pub(crate) fn remove_first(&mut self, log_distribution: &[f64]) {
-        let (first, second) = (self.range(1).end, self.range(2).end);
-        let moves = self.moves[second];
-        self.steps.remove(0);
-        self.steps.iter_mut().for_each(|start| *start -= first);
-        self.log_likelihoods.drain(..first);
-        self.moves.drain(..second);
-        let states = second - first;
-        self.from.splice(..moves, std::iter::repeat_n(0, states));
-        self.log_weights.splice(..moves, log_distribution.iter().copied());
-        self.moves.iter_mut().for_each(|start| *start = *start - moves + states);
-        self.moves.splice(..0, 0..states);
-        self.log_likelihoods[..states].fill(0.0);
+    /// Log-likelihood of a state of a step.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state.
+    #[must_use]
+    pub fn log_likelihood(&self, step: usize, state: usize) -> f64 {
+        self.log_likelihoods[self.range(step)][state]
     }
 
-    /// Bytes of memory beside the value itself.
-    pub(crate) fn bytes(&self) -> usize {
-        let doubles = self.log_likelihoods.capacity() + self.log_weights.capacity();
-        let indices = self.steps.capacity() + self.moves.capacity();
-        doubles * size_of::<f64>()
-            + indices * size_of::<usize>()
-            + self.from.capacity() * size_of::<u32>()
+    /// Moves into a state of a step, in the order in which they were added: pairs (from, log
+    /// weight).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such state.
+    pub fn moves(&self, step: usize, state: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.moves_into(self.range(step).nth(state).expect("the state exists"))
     }
 
     /// States of a step, numbered through all steps.
@@ -179,7 +179,7 @@ impl Trellis {
 
     /// Moves into a state, by its number through all steps: pairs (from, log weight).
     fn moves_into(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let range = self.moves[state]..self.moves[state + 1];
+        let range = self.moves[state] as usize..self.moves[state + 1] as usize;
         let from = self.from[range.clone()].iter().map(|&from| from as usize);
         from.zip(self.log_weights[range].iter().copied())
     }

@@ -4,7 +4,7 @@
 //! time: results do not depend on the sizes of blocks.
 
 use crate::kernels::memory::Aligned;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, total};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, total};
 
 /// Number of columns taken side by side.
 const COLUMNS: usize = 8;
@@ -50,12 +50,12 @@ impl Dense {
     pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
         assert!(x.len() == self.states && out.len() == self.states, "one value per state");
         out.fill(0.0);
-        run(DenseMultiply { matrix: self, x, out });
+        multiply(self, x, out);
     }
 
     /// `out = A' x`.
     pub(crate) fn multiply_transpose(&self, x: &[f64], out: &mut [f64]) {
-        run(DenseTranspose { matrix: self, x, out });
+        multiply_transpose(self, x, out);
     }
 
     /// Some columns from the first on, in blocks.
@@ -67,31 +67,25 @@ impl Dense {
     }
 }
 
-pub(in crate::kernels) struct DenseMultiply<'a> {
-    pub(in crate::kernels) matrix: &'a Dense,
-    pub(in crate::kernels) x: &'a [f64],
-    pub(in crate::kernels) out: &'a mut [f64],
+kernels! {
+    fn multiply = add_columns<'a>(matrix: &'a Dense, x: &'a [f64], out: &'a mut [f64]) -> ();
+    fn multiply_transpose = all_dots<'a>(matrix: &'a Dense, x: &'a [f64], out: &'a mut [f64]) -> ();
 }
 
-impl WithSimd for DenseMultiply<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { matrix, x, out } = self;
-        let (eights, rest) = x.as_chunks::<COLUMNS>();
-        for (number, x) in eights.iter().enumerate() {
-            add(s, matrix.columns(number * COLUMNS), x, out);
-        }
-        let first = eights.len() * COLUMNS;
-        let (halves, rest) = rest.as_chunks::<{ COLUMNS / 2 }>();
-        for x in halves {
-            add(s, matrix.columns(first), x, out);
-        }
-        let first = x.len() - rest.len();
-        for (number, x) in rest.iter().enumerate() {
-            add(s, matrix.columns(first + number), &[*x], out);
-        }
+#[inline(always)]
+fn add_columns<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
+    let (eights, rest) = x.as_chunks::<COLUMNS>();
+    for (number, x) in eights.iter().enumerate() {
+        add(s, matrix.columns(number * COLUMNS), x, out);
+    }
+    let first = eights.len() * COLUMNS;
+    let (halves, rest) = rest.as_chunks::<{ COLUMNS / 2 }>();
+    for x in halves {
+        add(s, matrix.columns(first), x, out);
+    }
+    let first = x.len() - rest.len();
+    for (number, x) in rest.iter().enumerate() {
+        add(s, matrix.columns(first + number), &[*x], out);
     }
 }
 
@@ -117,27 +111,16 @@ fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out:
     }
 }
 
-pub(in crate::kernels) struct DenseTranspose<'a> {
-    pub(in crate::kernels) matrix: &'a Dense,
-    pub(in crate::kernels) x: &'a [f64],
-    pub(in crate::kernels) out: &'a mut [f64],
-}
-
-impl WithSimd for DenseTranspose<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { matrix, x, out } = self;
-        assert!(x.len() == matrix.states && out.len() == matrix.states, "one value per state");
-        let (outs, rest) = out.as_chunks_mut::<COLUMNS>();
-        for (number, out) in outs.iter_mut().enumerate() {
-            *out = dots(s, matrix.columns(number * COLUMNS), x);
-        }
-        let first = outs.len() * COLUMNS;
-        for (number, out) in rest.iter_mut().enumerate() {
-            [*out] = dots(s, matrix.columns(first + number), x);
-        }
+#[inline(always)]
+fn all_dots<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
+    assert!(x.len() == matrix.states && out.len() == matrix.states, "one value per state");
+    let (outs, rest) = out.as_chunks_mut::<COLUMNS>();
+    for (number, out) in outs.iter_mut().enumerate() {
+        *out = dots(s, matrix.columns(number * COLUMNS), x);
+    }
+    let first = outs.len() * COLUMNS;
+    for (number, out) in rest.iter_mut().enumerate() {
+        [*out] = dots(s, matrix.columns(first + number), x);
     }
 }
 

@@ -8,11 +8,7 @@ mod values;
 
 pub(crate) use dense::Dense;
 pub(crate) use panels::{Panels, store_indices};
+#[cfg(test)]
+pub(in crate::kernels) use sliced::Arrangement;
 pub(crate) use sliced::Sliced;
 pub(crate) use values::{EntryValues, Packed, Width};
-#[cfg(test)]
-pub(in crate::kernels) use {
-    dense::{DenseMultiply, DenseTranspose},
-    panels::DenseMax,
-    sliced::Arrangement,
-};

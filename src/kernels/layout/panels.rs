@@ -2,7 +2,7 @@
 
 use crate::kernels::memory::Aligned;
 use crate::kernels::ops::{MaxPlus, Semiring, log2_in_place};
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, store};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, store};
 
 /// Logarithms of a dense matrix, in panels of eight rows, each of them by columns.
 #[derive(Debug, Clone)]
@@ -27,30 +27,30 @@ impl Panels {
 
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j that attains it.
     pub(crate) fn maximize(&self, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        run(DenseMax { matrix: self, x, out, from });
+        maximize(self, x, out, from);
     }
 }
 
-pub(in crate::kernels) struct DenseMax<'a> {
-    pub(in crate::kernels) matrix: &'a Panels,
-    pub(in crate::kernels) x: &'a [f64],
-    pub(in crate::kernels) out: &'a mut [f64],
-    pub(in crate::kernels) from: &'a mut [u32],
+kernels! {
+    fn maximize = maximize_rows<'a>(
+        matrix: &'a Panels, x: &'a [f64], out: &'a mut [f64], from: &'a mut [u32],
+    ) -> ();
 }
 
-impl WithSimd for DenseMax<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { matrix: Panels { states, values }, x, out, from } = self;
-        let n = *states;
-        assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
-        let mut rows = PanelRows { panels: values.as_chunks().0, x, out, from, first: 0 };
-        rows.maximize::<S, 4>(s);
-        rows.maximize::<S, 2>(s);
-        rows.maximize::<S, 1>(s);
-    }
+#[inline(always)]
+fn maximize_rows<S: Simd>(
+    s: S,
+    Panels { states, values }: &Panels,
+    x: &[f64],
+    out: &mut [f64],
+    from: &mut [u32],
+) {
+    let n = *states;
+    assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
+    let mut rows = PanelRows { panels: values.as_chunks().0, x, out, from, first: 0 };
+    rows.maximize::<S, 4>(s);
+    rows.maximize::<S, 2>(s);
+    rows.maximize::<S, 1>(s);
 }
 
 /// Rows that are left, from the panel with the number `first` on.

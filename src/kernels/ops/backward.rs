@@ -7,11 +7,11 @@ use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, 
 use crate::range::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
-pub(in crate::kernels) struct DivideByPrediction<'a> {
-    pub(in crate::kernels) q: &'a [f64],
-    pub(in crate::kernels) likelihoods: &'a [f64],
-    pub(in crate::kernels) factor: f64,
-    pub(in crate::kernels) ratio: &'a mut [f64],
+struct DivideByPrediction<'a> {
+    q: &'a [f64],
+    likelihoods: &'a [f64],
+    factor: f64,
+    ratio: &'a mut [f64],
 }
 
 impl WithSimd for DivideByPrediction<'_> {
@@ -23,11 +23,10 @@ impl WithSimd for DivideByPrediction<'_> {
         let n = q.len();
         let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
         let mut ratio = ratio[..n].as_chunks_mut::<LANES>();
-        let (factor, zero) = (s.splat(factor), s.splat(0.0));
-        let least = s.splat(f64::MIN_POSITIVE * BACK_LIFT);
+        let factor = s.splat(factor);
         for block in 0..n.div_ceil(LANES) {
-            let v = s.mul(row_block(s, q, block), s.mul(row_block(s, b, block), factor));
-            store(s, &mut ratio, block, s.select(s.lt(v, least), zero, v));
+            let v = divided(s, row_block(s, q, block), row_block(s, b, block), factor);
+            store(s, &mut ratio, block, v);
         }
     }
 }
@@ -74,11 +73,11 @@ pub(crate) fn backward_step(step: BackwardStep<'_>) -> f64 {
 }
 
 /// A [`BackwardStep`] with one type of product.
-pub(in crate::kernels) struct BackwardRows<'a, P> {
-    pub(in crate::kernels) product: P,
-    pub(in crate::kernels) alpha: &'a [f64],
-    pub(in crate::kernels) gamma: &'a mut [f64],
-    pub(in crate::kernels) q: &'a mut [f64],
+struct BackwardRows<'a, P> {
+    product: P,
+    alpha: &'a [f64],
+    gamma: &'a mut [f64],
+    q: &'a mut [f64],
 }
 
 impl<P: ProductRows> WithSimd for BackwardRows<'_, P> {
@@ -133,11 +132,20 @@ impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     }
 }
 
+/// q ∘ b times a factor; 0 where unlifted it is too small.
+#[inline(always)]
+pub(super) fn divided<S: Simd>(s: S, q: S::V, b: S::V, factor: S::V) -> S::V {
+    rounded(s, s.mul(q, s.mul(b, factor)))
+}
+
 /// γ = α ∘ q, unlifted; 0 before it is too small, since numbers below the smallest normal double
 /// take a hundred times as long.
 #[inline(always)]
 pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
-    let v = s.mul(q, alpha);
-    let least = s.splat(f64::MIN_POSITIVE * BACK_LIFT);
-    s.mul(s.select(s.lt(v, least), s.splat(0.0), v), s.splat(1.0 / BACK_LIFT))
+    s.mul(rounded(s, s.mul(q, alpha)), s.splat(1.0 / BACK_LIFT))
+}
+
+#[inline(always)]
+fn rounded<S: Simd>(s: S, v: S::V) -> S::V {
+    s.select(s.lt(v, s.splat(f64::MIN_POSITIVE * BACK_LIFT)), s.splat(0.0), v)
 }

@@ -1,12 +1,12 @@
 //! Steps of eight chains side by side, one in each lane: a vector of states is a slice of vectors
 //! of eight, and a product with a matrix needs no gathers.
 
-use super::backward::smoothed;
+use super::backward::{divided, smoothed};
 use super::packing::flags;
 use super::semiring::{MaxPlus, Maxima, Semiring, Sink, SumProduct};
 use crate::kernels::layout::Packed;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run};
-use crate::range::{BACK_LIFT, LIFT};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels};
+use crate::range::LIFT;
 
 /// Number of lines of a dense matrix that share the loads of a vector.
 const BLOCK: usize = 4;
@@ -137,41 +137,73 @@ fn transposed<S: Simd, R: Semiring<S>, const B: usize>(
     }
 }
 
-/// `out = (A x) ∘ b`, or `x ∘ b` without a matrix.
-pub(crate) struct BatchForward<'a> {
-    pub(crate) matrix: Option<Lines<'a>>,
-    pub(crate) x: &'a [Packed],
-    pub(crate) likelihoods: &'a [Packed],
-    pub(crate) out: &'a mut [Packed],
+kernels! {
+    /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Returns the sums of `out`.
+    pub(crate) fn batch_forward = forward<'a>(
+        matrix: Option<Lines<'a>>, x: &'a [Packed], likelihoods: &'a [Packed],
+        out: &'a mut [Packed],
+    ) -> Eight;
+
+    /// Makes what sums to `sums` distributions in `out`, with 0 for what would be below the smallest
+    /// normal double, and lifted ones in place. Returns the lanes in which something became 0.
+    pub(crate) fn batch_normalize = normalize<'a>(
+        x: &'a mut [Packed], out: &'a mut [Packed], sums: Eight,
+    ) -> [bool; LANES];
+
+    /// First half of a step back: `ratio = q ∘ b` times a factor.
+    pub(crate) fn batch_ratio = divide<'a>(
+        q: &'a [Packed], likelihoods: &'a [Packed], factors: Eight, ratio: &'a mut [Packed],
+    ) -> ();
+
+    /// Adds α(j) times the ratio at i to the count of each entry i of each column j.
+    pub(crate) fn count_moves = count<'a>(
+        columns: Lines<'a>, alpha: &'a [Packed], ratio: &'a [Packed], counts: &'a mut [Packed],
+    ) -> ();
+
+    /// Second half of a step back, over the columns: `q` = A' times the ratio, and α becomes
+    /// γ = α ∘ q, but in lanes with the factor 0. Returns Σ γᵢ.
+    pub(crate) fn batch_backward = backward<'a>(
+        columns: Lines<'a>, factors: Eight, ratio: &'a [Packed], alpha: &'a mut [Packed],
+        q: &'a mut [Packed],
+    ) -> Eight;
+
+    /// A step of Viterbi, by the logarithms of the rows; without them nothing moves: `next` = max
+    /// over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i, which is to be lowered by the
+    /// shift of its lane; `from[i]` the lowest j that attains it. Returns the largest of `next`.
+    pub(crate) fn batch_max = maximize<'a>(
+        log2: Option<Lines<'a>>, x: &'a [Packed], likelihoods: &'a [Packed], shifts: Eight,
+        next: &'a mut [Packed], from: &'a mut [[u32; LANES]],
+    ) -> Eight;
 }
 
-impl WithSimd for BatchForward<'_> {
-    type Output = Eight;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Eight {
-        let Self { matrix, x, likelihoods, out } = self;
-        let n = x.len();
-        let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
-        let mut sink = BatchForwardSink::<S> { likelihoods, out, sum: s.splat(0.0) };
-        if let Some(matrix) = matrix {
-            matrix.product(s, SumProduct, x, &mut sink);
-        } else {
-            for (i, x) in x.iter().enumerate() {
-                sink.take(s, i, s.load(x));
-            }
+#[inline(always)]
+fn forward<S: Simd>(
+    s: S,
+    matrix: Option<Lines<'_>>,
+    x: &[Packed],
+    likelihoods: &[Packed],
+    out: &mut [Packed],
+) -> Eight {
+    let n = x.len();
+    let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
+    let mut sink = ForwardSink::<S> { likelihoods, out, sum: s.splat(0.0) };
+    if let Some(matrix) = matrix {
+        matrix.product(s, SumProduct, x, &mut sink);
+    } else {
+        for (i, x) in x.iter().enumerate() {
+            sink.take(s, i, s.load(x));
         }
-        s.to_array(sink.sum)
     }
+    s.to_array(sink.sum)
 }
 
-struct BatchForwardSink<'a, S: Simd> {
+struct ForwardSink<'a, S: Simd> {
     likelihoods: &'a [Packed],
     out: &'a mut [Packed],
     sum: S::V,
 }
 
-impl<S: Simd> Sink<S, S::V> for BatchForwardSink<'_, S> {
+impl<S: Simd> Sink<S, S::V> for ForwardSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, i: usize, p: S::V) {
         let after = s.mul(p, s.load(&self.likelihoods[i]));
@@ -180,159 +212,125 @@ impl<S: Simd> Sink<S, S::V> for BatchForwardSink<'_, S> {
     }
 }
 
-/// Makes what sums to `sums` distributions in `out`, with 0 for what would be below the smallest
-/// normal double, and lifted ones in place. Returns the lanes in which something became 0.
-struct BatchNormalize<'a> {
-    x: &'a mut [Packed],
-    out: &'a mut [Packed],
-    sums: Eight,
+#[inline(always)]
+fn normalize<S: Simd>(s: S, x: &mut [Packed], out: &mut [Packed], sums: Eight) -> [bool; LANES] {
+    let sums = s.load(&sums);
+    let (factor, lift) = (s.div(s.splat(1.0), sums), s.splat(LIFT));
+    let (least, zero) = (s.mul(s.splat(f64::MIN_POSITIVE), sums), s.splat(0.0));
+    let mut lost = s.lt(zero, zero);
+    for (x, out) in x.iter_mut().zip(out) {
+        let v = s.load(x);
+        let below = s.lt(v, least);
+        lost = s.or(lost, s.and(below, s.lt(zero, v)));
+        let v = s.mul(s.select(below, zero, v), factor);
+        s.store(v, out);
+        s.store(s.mul(v, lift), x);
+    }
+    flags(s.bits(lost))
 }
 
-impl WithSimd for BatchNormalize<'_> {
-    type Output = [bool; LANES];
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> [bool; LANES] {
-        let Self { x, out, sums } = self;
-        let sums = s.load(&sums);
-        let (factor, lift) = (s.div(s.splat(1.0), sums), s.splat(LIFT));
-        let (least, zero) = (s.mul(s.splat(f64::MIN_POSITIVE), sums), s.splat(0.0));
-        let mut lost = s.lt(zero, zero);
-        for (x, out) in x.iter_mut().zip(out) {
-            let v = s.load(x);
-            let below = s.lt(v, least);
-            lost = s.or(lost, s.and(below, s.lt(zero, v)));
-            let v = s.mul(s.select(below, zero, v), factor);
-            s.store(v, out);
-            s.store(s.mul(v, lift), x);
-        }
-        flags(s.bits(lost))
+#[inline(always)]
+fn divide<S: Simd>(
+    s: S,
+    q: &[Packed],
+    likelihoods: &[Packed],
+    factors: Eight,
+    ratio: &mut [Packed],
+) {
+    let factors = s.load(&factors);
+    for ((ratio, q), b) in ratio.iter_mut().zip(q).zip(likelihoods) {
+        s.store(divided(s, s.load(q), s.load(b), factors), ratio);
     }
 }
 
-/// A step back: `ratio = q ∘ b` times a factor, then `q` = A' times that, and `gamma = α ∘ q`, or
-/// α in lanes with the factor 0.
-pub(crate) struct BatchBackward<'a> {
-    /// The columns.
-    pub(crate) matrix: Lines<'a>,
-    pub(crate) likelihoods: &'a [Packed],
-    pub(crate) factors: Eight,
-    pub(crate) alpha: &'a [Packed],
-    pub(crate) q: &'a mut [Packed],
-    pub(crate) ratio: &'a mut [Packed],
-    pub(crate) gamma: &'a mut [Packed],
+#[inline(always)]
+fn backward<S: Simd>(
+    s: S,
+    columns: Lines<'_>,
+    factors: Eight,
+    ratio: &[Packed],
+    alpha: &mut [Packed],
+    q: &mut [Packed],
+) -> Eight {
+    let (n, zero) = (ratio.len(), s.splat(0.0));
+    let continues = s.lt(zero, s.load(&factors));
+    let (alpha, q) = (&mut alpha[..n], &mut q[..n]);
+    let mut sink = BackwardSink::<S> { alpha, q, continues, sum: zero };
+    columns.product(s, SumProduct, ratio, &mut sink);
+    s.to_array(sink.sum)
 }
 
-impl WithSimd for BatchBackward<'_> {
-    type Output = Eight;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Eight {
-        let Self { matrix, likelihoods, factors, alpha, q, ratio, gamma } = self;
-        let (factors, zero) = (s.load(&factors), s.splat(0.0));
-        let least = s.splat(f64::MIN_POSITIVE * BACK_LIFT);
-        for ((ratio, q), b) in ratio.iter_mut().zip(&*q).zip(likelihoods) {
-            let v = s.mul(s.load(q), s.mul(s.load(b), factors));
-            s.store(s.select(s.lt(v, least), zero, v), ratio);
-        }
-        let n = ratio.len();
-        let (alpha, q, gamma) = (&alpha[..n], &mut q[..n], &mut gamma[..n]);
-        let continues = s.lt(zero, factors);
-        let mut sink = BatchBackwardSink::<S> { alpha, q, gamma, continues, sum: zero };
-        matrix.product(s, SumProduct, ratio, &mut sink);
-        s.to_array(sink.sum)
-    }
-}
-
-struct BatchBackwardSink<'a, S: Simd> {
-    alpha: &'a [Packed],
+struct BackwardSink<'a, S: Simd> {
+    alpha: &'a mut [Packed],
     q: &'a mut [Packed],
-    gamma: &'a mut [Packed],
     continues: S::M,
     sum: S::V,
 }
 
-impl<S: Simd> Sink<S, S::V> for BatchBackwardSink<'_, S> {
+impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, j: usize, q: S::V) {
         let alpha = s.load(&self.alpha[j]);
         let gamma = smoothed(s, alpha, q);
         s.store(q, &mut self.q[j]);
-        s.store(s.select(self.continues, gamma, alpha), &mut self.gamma[j]);
+        s.store(s.select(self.continues, gamma, alpha), &mut self.alpha[j]);
         self.sum = s.add(self.sum, gamma);
     }
 }
 
-/// Adds α(j) times the ratio at i to the count of each entry i of each column j.
-struct CountMoves<'a> {
-    columns: Lines<'a>,
-    alpha: &'a [Packed],
-    ratio: &'a [Packed],
-    counts: &'a mut [Packed],
-}
-
-impl WithSimd for CountMoves<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { columns, alpha, ratio, counts } = self;
-        if let Lines::Sparse { starts, indices, .. } = columns {
-            for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
-                let (alpha, line) = (s.load(alpha), line[0] as usize..line[1] as usize);
-                let counts = indices[line.clone()].iter().zip(&mut counts[line]);
-                for (i, count) in counts {
-                    let more = s.mul(alpha, s.load(&ratio[*i as usize]));
-                    s.store(s.add(s.load(count), more), count);
-                }
+#[inline(always)]
+fn count<S: Simd>(
+    s: S,
+    columns: Lines<'_>,
+    alpha: &[Packed],
+    ratio: &[Packed],
+    counts: &mut [Packed],
+) {
+    if let Lines::Sparse { starts, indices, .. } = columns {
+        for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
+            let (alpha, line) = (s.load(alpha), line[0] as usize..line[1] as usize);
+            let counts = indices[line.clone()].iter().zip(&mut counts[line]);
+            for (i, count) in counts {
+                let more = s.mul(alpha, s.load(&ratio[*i as usize]));
+                s.store(s.add(s.load(count), more), count);
             }
-        } else {
-            let stride = counts.len() / ratio.len();
-            for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
-                let alpha = s.load(alpha);
-                for (ratio, count) in ratio.iter().zip(counts) {
-                    s.store(s.add(s.load(count), s.mul(alpha, s.load(ratio))), count);
-                }
+        }
+    } else {
+        let stride = counts.len() / ratio.len();
+        for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
+            let alpha = s.load(alpha);
+            for (ratio, count) in ratio.iter().zip(counts) {
+                s.store(s.add(s.load(count), s.mul(alpha, s.load(ratio))), count);
             }
         }
     }
 }
 
-/// A step of Viterbi: `next` = max over j of `log2` A\[i, j\] + `x[j]`, plus the likelihood of i;
-/// `from[i]` the lowest j that attains it.
-pub(crate) struct BatchMax<'a> {
-    /// Logarithms of the rows; without them nothing moves.
-    pub(crate) log2: Option<Lines<'a>>,
-    pub(crate) x: &'a [Packed],
-    pub(crate) likelihoods: &'a [Packed],
-    /// Amounts by which the likelihoods of each lane are to be lowered.
-    pub(crate) shifts: Eight,
-    pub(crate) next: &'a mut [Packed],
-    pub(crate) from: &'a mut [[u32; LANES]],
-}
-
-impl WithSimd for BatchMax<'_> {
-    type Output = Eight;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> Eight {
-        let Self { log2, x, likelihoods, shifts, next, from } = self;
-        let n = x.len();
-        let (likelihoods, next) = (&likelihoods[..n], &mut next[..n]);
-        let (shifts, largest) = (s.load(&shifts), s.splat(f64::NEG_INFINITY));
-        let mut sink = BatchMaxSink::<S> { likelihoods, shifts, next, from, largest };
-        if let Some(log2) = log2 {
-            log2.product(s, MaxPlus, x, &mut sink);
-        } else {
-            for (i, x) in x.iter().enumerate() {
-                sink.take(s, i, Maxima { value: s.load(x), index: s.iota(0) });
-            }
+#[inline(always)]
+fn maximize<S: Simd>(
+    s: S,
+    log2: Option<Lines<'_>>,
+    x: &[Packed],
+    likelihoods: &[Packed],
+    shifts: Eight,
+    next: &mut [Packed],
+    from: &mut [[u32; LANES]],
+) -> Eight {
+    let n = x.len();
+    let (likelihoods, next) = (&likelihoods[..n], &mut next[..n]);
+    let (shifts, largest) = (s.load(&shifts), s.splat(f64::NEG_INFINITY));
+    let mut sink = MaxSink::<S> { likelihoods, shifts, next, from, largest };
+    if let Some(log2) = log2 {
+        log2.product(s, MaxPlus, x, &mut sink);
+    } else {
+        for (i, x) in x.iter().enumerate() {
+            sink.take(s, i, Maxima { value: s.load(x), index: s.iota(0) });
         }
-        s.to_array(sink.largest)
     }
+    s.to_array(sink.largest)
 }
 
-struct BatchMaxSink<'a, S: Simd> {
+struct MaxSink<'a, S: Simd> {
     likelihoods: &'a [Packed],
     shifts: S::V,
     next: &'a mut [Packed],
@@ -340,7 +338,7 @@ struct BatchMaxSink<'a, S: Simd> {
     largest: S::V,
 }
 
-impl<S: Simd> Sink<S, Maxima<S>> for BatchMaxSink<'_, S> {
+impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, i: usize, best: Maxima<S>) {
         let score = s.add(best.value, s.sub(s.load(&self.likelihoods[i]), self.shifts));
@@ -350,35 +348,4 @@ impl<S: Simd> Sink<S, Maxima<S>> for BatchMaxSink<'_, S> {
         }
         self.largest = s.max(score, self.largest);
     }
-}
-
-/// Runs [`BatchForward`], and returns the sums of `out`.
-pub(crate) fn batch_forward(step: BatchForward<'_>) -> Eight {
-    run(step)
-}
-
-/// Makes what sums to `sums` distributions in `out`, and lifted ones in place. Returns the lanes
-/// in which something became 0.
-pub(crate) fn batch_normalize(x: &mut [Packed], out: &mut [Packed], sums: Eight) -> [bool; LANES] {
-    run(BatchNormalize { x, out, sums })
-}
-
-/// Runs [`BatchBackward`], and returns Σ γᵢ.
-pub(crate) fn batch_backward(step: BatchBackward<'_>) -> Eight {
-    run(step)
-}
-
-/// Adds α(j) times the ratio at i to the count of each entry i of each column j.
-pub(crate) fn count_moves(
-    columns: Lines<'_>,
-    alpha: &[Packed],
-    ratio: &[Packed],
-    counts: &mut [Packed],
-) {
-    run(CountMoves { columns, alpha, ratio, counts });
-}
-
-/// Runs [`BatchMax`], and returns the largest of `next`.
-pub(crate) fn batch_max(step: BatchMax<'_>) -> Eight {
-    run(step)
 }

@@ -1,8 +1,9 @@
 //! One sequence under a model of up to eight states, one state in each lane: many steps in a call,
 //! with the vector in a register.
 
+use super::semiring::is_small;
 use crate::kernels::layout::Packed;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, run, total};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, total};
 use crate::range::{LEAST_FACTOR, LEAST_IN_CHAIN, SCALES, exponent, power};
 
 /// Lines of a matrix, or of its logarithms, padded with what is never possible.
@@ -50,60 +51,36 @@ fn product<S: Simd>(s: S, columns: &PaddedLines, x: S::V) -> S::V {
 /// True if a likelihood or a value of the result is above 0 and too small.
 #[inline(always)]
 fn is_lost<S: Simd>(s: S, b: S::V, x: S::V) -> bool {
-    let zero = s.splat(0.0);
-    let small_b = s.and(s.lt(b, s.splat(LEAST_FACTOR)), s.lt(zero, b));
-    let small_x = s.and(s.lt(x, s.splat(LEAST_IN_CHAIN)), s.lt(zero, x));
-    s.any(s.or(small_b, small_x))
+    s.any(s.or(is_small(s, b, LEAST_FACTOR), is_small(s, x, LEAST_IN_CHAIN)))
 }
 
-/// Forward through some steps: beliefs in rows of as many values as there are states, and
-/// p(y_k | y_1 … y_{k-1}) up to scales of the likelihoods.
-pub(in crate::kernels) struct ChainForward<'a> {
-    /// Columns of the matrix.
-    pub(in crate::kernels) columns: &'a PaddedLines,
-    pub(in crate::kernels) state: &'a mut ChainState,
-    /// Number of states, of likelihoods a step, and of values in each row.
-    pub(in crate::kernels) states: usize,
-    pub(in crate::kernels) likelihoods: &'a [f64],
-    pub(in crate::kernels) rows: &'a mut [f64],
-    pub(in crate::kernels) normalizers: &'a mut [f64],
+kernels! {
+    /// Takes x forward through some steps over the columns of a matrix, and writes beliefs, in rows
+    /// of as many values as there are states, and p(y_k | y_1 … y_{k-1}) up to scales of the
+    /// likelihoods, or neither. Returns false if the range is too wide, or nothing is possible.
+    pub(crate) fn chain_forward = forward<'a>(
+        columns: &'a PaddedLines, state: &'a mut ChainState, states: usize, likelihoods: &'a [f64],
+        rows: &'a mut [f64], normalizers: &'a mut [f64],
+    ) -> bool;
+
+    /// Takes r backward through some steps over the rows of a matrix, from r after the last, and
+    /// makes beliefs posteriors. Returns false if the range is too wide.
+    pub(crate) fn chain_backward = backward<'a>(
+        lines: &'a PaddedLines, state: &'a mut ChainState, states: usize, likelihoods: &'a [f64],
+        rows: &'a mut [f64],
+    ) -> bool;
+
+    /// Takes scores through some steps over the logarithms of the columns, with backpointers; whole
+    /// numbers are taken out. Returns false if nothing is possible.
+    pub(crate) fn chain_decode = decode<'a>(
+        columns: &'a PaddedLines, state: &'a mut ChainState, states: usize, likelihoods: &'a [f64],
+        from: &'a mut [ChainPointers],
+    ) -> bool;
 }
 
-impl WithSimd for ChainForward<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let Self { columns, state, states, likelihoods, rows, normalizers } = self;
-        let mut x = s.load(&state.values);
-        let mut rows = rows.chunks_exact_mut(states).zip(normalizers);
-        let mut sum = total(state.values);
-        for b in likelihoods.chunks_exact(states) {
-            let b = s.load_partial(b);
-            x = s.mul(product(s, columns, x), b);
-            if let Some((row, normalizer)) = rows.next() {
-                let after = total(s.to_array(x));
-                *normalizer = after / sum;
-                s.store_partial(s.mul(x, s.splat(1.0 / after)), row);
-                let exponent = state.exponent;
-                state.rescale(s, &mut x);
-                sum = if state.exponent == exponent { after } else { total(s.to_array(x)) };
-            } else {
-                state.rescale(s, &mut x);
-            }
-            if is_lost(s, b, x) {
-                return false;
-            }
-        }
-        state.values = s.to_array(x);
-        let sum = total(state.values);
-        sum > 0.0 && sum.is_finite()
-    }
-}
-
-/// Takes x forward through some steps, and writes beliefs and normalisers, or neither. Returns
-/// false if the range is too wide, or nothing is possible.
-pub(crate) fn chain_forward(
+#[inline(always)]
+fn forward<S: Simd>(
+    s: S,
     columns: &PaddedLines,
     state: &mut ChainState,
     states: usize,
@@ -111,114 +88,107 @@ pub(crate) fn chain_forward(
     rows: &mut [f64],
     normalizers: &mut [f64],
 ) -> bool {
-    run(ChainForward { columns, state, states, likelihoods, rows, normalizers })
-}
-
-/// Backward through some steps, from r after the last: beliefs in rows become posteriors.
-pub(in crate::kernels) struct ChainBackward<'a> {
-    /// Rows of the matrix.
-    pub(in crate::kernels) lines: &'a PaddedLines,
-    pub(in crate::kernels) state: &'a mut ChainState,
-    pub(in crate::kernels) states: usize,
-    pub(in crate::kernels) likelihoods: &'a [f64],
-    pub(in crate::kernels) rows: &'a mut [f64],
-}
-
-impl WithSimd for ChainBackward<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let Self { lines, state, states, likelihoods, rows } = self;
-        let mut r = s.load(&state.values);
-        let steps = likelihoods.chunks_exact(states).zip(rows.chunks_exact_mut(states));
-        for (b, row) in steps.rev() {
-            let posterior = s.mul(s.load_partial(row), r);
-            let sum = total(s.to_array(posterior));
-            s.store_partial(s.mul(posterior, s.splat(1.0 / sum)), row);
-            let b = s.load_partial(b);
-            r = product(s, lines, s.mul(r, b));
-            state.rescale(s, &mut r);
-            if is_lost(s, b, r) || sum.is_nan() || sum <= 0.0 {
-                return false;
-            }
+    let mut x = s.load(&state.values);
+    let mut rows = rows.chunks_exact_mut(states).zip(normalizers);
+    let mut sum = total(state.values);
+    for b in likelihoods.chunks_exact(states) {
+        let b = s.load_partial(b);
+        x = s.mul(product(s, columns, x), b);
+        if let Some((row, normalizer)) = rows.next() {
+            let after = total(s.to_array(x));
+            *normalizer = after / sum;
+            s.store_partial(s.mul(x, s.splat(1.0 / after)), row);
+            let exponent = state.exponent;
+            state.rescale(s, &mut x);
+            sum = if state.exponent == exponent { after } else { total(s.to_array(x)) };
+        } else {
+            state.rescale(s, &mut x);
         }
-        state.values = s.to_array(r);
-        true
+        if is_lost(s, b, x) {
+            return false;
+        }
     }
+    state.values = s.to_array(x);
+    let sum = total(state.values);
+    sum > 0.0 && sum.is_finite()
 }
 
-/// Takes r backward through some steps, and makes beliefs posteriors. Returns false if the range
-/// is too wide.
-pub(crate) fn chain_backward(
+#[inline(always)]
+fn backward<S: Simd>(
+    s: S,
     lines: &PaddedLines,
     state: &mut ChainState,
     states: usize,
     likelihoods: &[f64],
     rows: &mut [f64],
 ) -> bool {
-    run(ChainBackward { lines, state, states, likelihoods, rows })
+    let mut r = s.load(&state.values);
+    let steps = likelihoods.chunks_exact(states).zip(rows.chunks_exact_mut(states));
+    for (b, row) in steps.rev() {
+        let posterior = s.mul(s.load_partial(row), r);
+        let sum = total(s.to_array(posterior));
+        s.store_partial(s.mul(posterior, s.splat(1.0 / sum)), row);
+        let b = s.load_partial(b);
+        r = product(s, lines, s.mul(r, b));
+        state.rescale(s, &mut r);
+        if is_lost(s, b, r) || sum.is_nan() || sum <= 0.0 {
+            return false;
+        }
+    }
+    state.values = s.to_array(r);
+    true
 }
 
 /// Backpointers of a step: bit i of each byte is a bit of the best predecessor of state i.
 pub(crate) type ChainPointers = [u8; 3];
 
-/// Scores through some steps, with backpointers.
-pub(in crate::kernels) struct ChainDecode<'a> {
-    /// Logarithms of the columns.
-    pub(in crate::kernels) columns: &'a PaddedLines,
-    /// Scores, and whole numbers that were taken out.
-    pub(in crate::kernels) state: &'a mut ChainState,
-    pub(in crate::kernels) states: usize,
-    pub(in crate::kernels) likelihoods: &'a [f64],
-    pub(in crate::kernels) from: &'a mut [ChainPointers],
-}
-
-impl WithSimd for ChainDecode<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> bool {
-        let Self { columns, state, states, likelihoods, from } = self;
-        let mut scores = s.load(&state.values);
-        for (b, from) in likelihoods.chunks_exact(states).zip(from) {
-            let x = s.broadcast_lanes(scores);
-            let mut best = s.add(s.load(&columns[0]), x[0]);
-            let mut bits = [0_u8; 3];
-            for j in 1..states.min(LANES) {
-                let score = s.add(s.load(&columns[j]), x[j]);
-                // The lowest of several that attain the maximum stays.
-                let better = s.bits(s.lt(best, score));
-                best = s.max(score, best);
-                for (bit, bits) in bits.iter_mut().enumerate() {
-                    let set = if j >> bit & 1 == 1 { better } else { 0 };
-                    *bits = *bits & !better | set;
-                }
-            }
-            *from = bits;
-            scores = s.add(best, s.load_partial(b));
-            // As the general routine does at every step, so that scores are the same to the bit
-            // beyond the range of exact sums, too.
-            let largest = s.to_array(scores).into_iter().fold(f64::NEG_INFINITY, f64::max);
-            if largest == f64::NEG_INFINITY {
-                return false;
-            }
-            let whole = largest.floor();
-            scores = s.sub(scores, s.splat(whole));
-            state.exponent += whole as i64;
-        }
-        state.values = s.to_array(scores);
-        true
-    }
-}
-
-/// Takes scores through some steps. Returns false if nothing is possible.
-pub(crate) fn chain_decode(
+#[inline(always)]
+fn decode<S: Simd>(
+    s: S,
     columns: &PaddedLines,
     state: &mut ChainState,
     states: usize,
     likelihoods: &[f64],
     from: &mut [ChainPointers],
 ) -> bool {
-    run(ChainDecode { columns, state, states, likelihoods, from })
+    let mut scores = s.load(&state.values);
+    for (b, from) in likelihoods.chunks_exact(states).zip(from) {
+        let x = s.broadcast_lanes(scores);
+        let mut best = s.add(s.load(&columns[0]), x[0]);
+        let mut bits = [0; 3];
+        for j in 1..states.min(LANES) {
+            best = better(s, best, s.add(s.load(&columns[j]), x[j]), j, &mut bits);
+        }
+        *from = bits;
+        scores = s.add(best, s.load_partial(b));
+        // As the general routine does at every step, so that scores are the same to the bit
+        // beyond the range of exact sums, too.
+        let largest = s.to_array(scores).into_iter().fold(f64::NEG_INFINITY, f64::max);
+        if largest == f64::NEG_INFINITY {
+            return false;
+        }
+        let whole = largest.floor();
+        scores = s.sub(scores, s.splat(whole));
+        state.exponent += whole as i64;
+    }
+    state.values = s.to_array(scores);
+    true
+}
+
+/// Larger of two scores in each lane; where it is that of predecessor j, `bits` become those of j.
+/// The lowest of several that attain the maximum stays.
+#[inline(always)]
+pub(super) fn better<S: Simd, const B: usize>(
+    s: S,
+    best: S::V,
+    score: S::V,
+    j: usize,
+    bits: &mut [u8; B],
+) -> S::V {
+    let higher = s.bits(s.lt(best, score));
+    for (bit, bits) in bits.iter_mut().enumerate() {
+        let set = if j >> bit & 1 == 1 { higher } else { 0 };
+        *bits = *bits & !higher | set;
+    }
+    s.max(score, best)
 }

@@ -4,7 +4,7 @@
 use std::marker::PhantomData;
 
 use super::product::{Product, ProductRows, SparseRows};
-use super::semiring::Sink;
+use super::semiring::{Sink, is_small};
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
 use crate::range::{LIFT, TINY};
@@ -208,16 +208,10 @@ impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
                 v = s.mul(v, factor);
                 store(s, &mut x, block, v);
             }
-            tiny = s.or(tiny, is_tiny(s, v));
+            tiny = s.or(tiny, is_small(s, v, TINY));
         }
         s.any(tiny)
     }
-}
-
-/// Lanes above 0 and below 2^-900.
-#[inline(always)]
-pub(super) fn is_tiny<S: Simd>(s: S, v: S::V) -> S::M {
-    s.and(s.lt(v, s.splat(TINY)), s.lt(s.splat(0.0), v))
 }
 
 impl<const LIFTED: bool> Splits for Normalize<'_, LIFTED> {

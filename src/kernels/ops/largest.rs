@@ -1,6 +1,6 @@
 //! Largest value of a sensor, with a check of all of them.
 
-use crate::kernels::simd::{LANES, Simd, WithSimd, run};
+use crate::kernels::simd::{LANES, Simd, kernels};
 use crate::range::LARGEST_LOG;
 
 /// Condition that values have to meet.
@@ -45,32 +45,27 @@ impl Valid {
     }
 }
 
-/// Largest value, and true if all are valid.
-pub(in crate::kernels) struct Largest<'a> {
-    pub(in crate::kernels) x: &'a [f64],
-    pub(in crate::kernels) valid: Valid,
+kernels! {
+    /// Largest value, and true if all are valid.
+    fn checked_largest = checked<'a>(x: &'a [f64], valid: Valid) -> (f64, bool);
 }
 
-impl WithSimd for Largest<'_> {
-    type Output = (f64, bool);
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> (f64, bool) {
-        let [least, most, other] = self.valid.range();
-        let bounds = [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)];
-        let (blocks, rest) = self.x.as_chunks::<LANES>();
-        let mut last = [other; LANES];
-        last[..rest.len()].copy_from_slice(rest);
-        let mut largest = bounds[2];
-        let mut valid = s.eq(largest, largest);
-        for block in blocks.iter().chain([&last]) {
-            let x = s.load(block);
-            largest = s.max(x, largest);
-            valid = s.and(valid, within(s, x, bounds));
-        }
-        let largest = s.to_array(largest);
-        (largest.into_iter().fold(other, |a, b| if b > a { b } else { a }), s.all(valid))
+#[inline(always)]
+fn checked<S: Simd>(s: S, x: &[f64], valid: Valid) -> (f64, bool) {
+    let [least, most, other] = valid.range();
+    let bounds = [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)];
+    let (blocks, rest) = x.as_chunks::<LANES>();
+    let mut last = [other; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    let mut largest = bounds[2];
+    let mut valid = s.eq(largest, largest);
+    for block in blocks.iter().chain([&last]) {
+        let x = s.load(block);
+        largest = s.max(x, largest);
+        valid = s.and(valid, within(s, x, bounds));
     }
+    let largest = s.to_array(largest);
+    (largest.into_iter().fold(other, |a, b| if b > a { b } else { a }), s.all(valid))
 }
 
 /// Between the first two bounds, exclusive, or equal to the third; never NaN.
@@ -82,7 +77,7 @@ fn within<S: Simd>(s: S, x: S::V, [below, above, other]: [S::V; 3]) -> S::M {
 /// Returns the largest of valid values (0 or −∞ if there are none), or the index of the first that
 /// is not valid.
 pub(crate) fn largest(x: &[f64], valid: Valid) -> Result<f64, usize> {
-    let (largest, all) = run(Largest { x, valid });
+    let (largest, all) = checked_largest(x, valid);
     if all {
         return Ok(largest);
     }

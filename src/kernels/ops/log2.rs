@@ -3,7 +3,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::kernels::simd::{LANES, Simd, WithSimd, row_block, run, store};
+use crate::kernels::simd::{LANES, Simd, kernels, row_block, store};
 use crate::range::exponent;
 
 /// Number of steps of the grid to 1.
@@ -62,24 +62,18 @@ pub(crate) fn log2(x: f64) -> f64 {
     on_grid(series * t) + exponent
 }
 
-/// Replaces finite values of at least 0 by their [`log2`].
-pub(crate) fn log2_in_place(x: &mut [f64]) {
-    run(Log2(x));
+kernels! {
+    /// Replaces finite values of at least 0 by their [`log2`](fn@log2).
+    pub(crate) fn log2_in_place = log2_all<'a>(x: &'a mut [f64]) -> ();
 }
 
-pub(in crate::kernels) struct Log2<'a>(pub(in crate::kernels) &'a mut [f64]);
-
-impl WithSimd for Log2<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let blocks = self.0.len().div_ceil(LANES);
-        let mut x = self.0.as_chunks_mut::<LANES>();
-        for block in 0..blocks {
-            let log = log2_lanes(s, row_block(s, (x.0, x.1), block));
-            store(s, &mut x, block, log);
-        }
+#[inline(always)]
+fn log2_all<S: Simd>(s: S, x: &mut [f64]) {
+    let blocks = x.len().div_ceil(LANES);
+    let mut x = x.as_chunks_mut::<LANES>();
+    for block in 0..blocks {
+        let log = log2_lanes(s, row_block(s, (x.0, x.1), block));
+        store(s, &mut x, block, log);
     }
 }
 

@@ -3,7 +3,7 @@
 use super::log2::{log2_lanes, log2_over};
 use super::semiring::{MaxPlus, Maxima, Sink};
 use crate::kernels::layout::{EntryValues, Sliced, store_indices};
-use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, run, store};
+use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, store};
 
 /// Scores of an observation, each to be lowered by `shift`.
 #[derive(Debug, Clone, Copy)]
@@ -43,41 +43,40 @@ impl Scores<'_> {
     }
 }
 
-/// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there are some;
-/// `from[i]` the lowest j that attains it.
-pub(crate) struct MaxStep<'a> {
-    pub(crate) matrix: &'a Sliced,
-    /// Logarithms of its values.
-    pub(crate) log2: &'a EntryValues,
-    pub(crate) x: &'a [f64],
-    pub(crate) likelihoods: Option<Scores<'a>>,
-    pub(crate) next: &'a mut [f64],
-    pub(crate) from: &'a mut [u32],
+kernels! {
+    /// `next` = max over j of log2 A\[i, j\] + `x[j]`, plus the likelihood of i if there are some;
+    /// `from[i]` the lowest j that attains it. `log2` are the logarithms of the values. Returns the
+    /// largest of `next`.
+    pub(crate) fn max_step = maximize<'a>(
+        matrix: &'a Sliced, log2: &'a EntryValues, x: &'a [f64], likelihoods: Option<Scores<'a>>,
+        next: &'a mut [f64], from: &'a mut [u32],
+    ) -> f64;
+
+    /// Adds the scores of an observation to scores, and returns the largest.
+    pub(crate) fn add_scores = add<'a>(scores: &'a mut [f64], added: Option<Scores<'a>>) -> f64;
 }
 
-/// Takes the step, and returns the largest of `next`.
-pub(crate) fn max_step(step: MaxStep<'_>) -> f64 {
-    run(step)
-}
-
-impl WithSimd for MaxStep<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> f64 {
-        let Self { matrix, log2, x, likelihoods, next, from } = self;
-        let n = matrix.lines();
-        assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
-        assert!(likelihoods.is_none_or(|b| b.values.len() == n), "one likelihood per state");
-        let mut sink = MaxSink::<S> {
-            likelihoods: likelihoods.map(|b| (b, b.values.as_chunks())),
-            next: next.as_chunks_mut(),
-            from: from.as_chunks_mut(),
-            largest: s.splat(f64::NEG_INFINITY),
-        };
-        matrix.product_with(s, MaxPlus, 0..n.div_ceil(LANES), log2, x, &mut sink);
-        largest_of(s, sink.largest, sink.next.1)
-    }
+#[inline(always)]
+fn maximize<S: Simd>(
+    s: S,
+    matrix: &Sliced,
+    log2: &EntryValues,
+    x: &[f64],
+    likelihoods: Option<Scores<'_>>,
+    next: &mut [f64],
+    from: &mut [u32],
+) -> f64 {
+    let n = matrix.lines();
+    assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
+    assert!(likelihoods.is_none_or(|b| b.values.len() == n), "one likelihood per state");
+    let mut sink = MaxSink::<S> {
+        likelihoods: likelihoods.map(|b| (b, b.values.as_chunks())),
+        next: next.as_chunks_mut(),
+        from: from.as_chunks_mut(),
+        largest: s.splat(f64::NEG_INFINITY),
+    };
+    matrix.product_with(s, MaxPlus, 0..n.div_ceil(LANES), log2, x, &mut sink);
+    largest_of(s, sink.largest, sink.next.1)
 }
 
 struct MaxSink<'a, S: Simd> {
@@ -109,36 +108,21 @@ fn largest_of<S: Simd>(s: S, largest: S::V, rest: &[f64]) -> f64 {
     largest.fold(f64::NEG_INFINITY, f64::max)
 }
 
-pub(in crate::kernels) struct AddScores<'a> {
-    pub(in crate::kernels) scores: &'a mut [f64],
-    pub(in crate::kernels) added: Option<Scores<'a>>,
-}
-
-impl WithSimd for AddScores<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> f64 {
-        let Self { scores, added } = self;
-        let blocks = scores.len().div_ceil(LANES);
-        let mut sums = scores.as_chunks_mut::<LANES>();
-        let values = added.map_or((&[][..], &[][..]), |added| added.values.as_chunks());
-        let mut largest = s.splat(f64::NEG_INFINITY);
-        for block in 0..blocks {
-            let mut sum = row_block(s, (sums.0, sums.1), block);
-            if let Some(added) = added {
-                sum = s.add(sum, added.block(s, values, block));
-            }
-            store(s, &mut sums, block, sum);
-            if block < sums.0.len() {
-                largest = s.max(sum, largest);
-            }
+#[inline(always)]
+fn add<S: Simd>(s: S, scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
+    let blocks = scores.len().div_ceil(LANES);
+    let mut sums = scores.as_chunks_mut::<LANES>();
+    let values = added.map_or((&[][..], &[][..]), |added| added.values.as_chunks());
+    let mut largest = s.splat(f64::NEG_INFINITY);
+    for block in 0..blocks {
+        let mut sum = row_block(s, (sums.0, sums.1), block);
+        if let Some(added) = added {
+            sum = s.add(sum, added.block(s, values, block));
         }
-        largest_of(s, largest, sums.1)
+        store(s, &mut sums, block, sum);
+        if block < sums.0.len() {
+            largest = s.max(sum, largest);
+        }
     }
-}
-
-/// Adds the scores of an observation to scores, and returns the largest.
-pub(crate) fn add_scores(scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
-    run(AddScores { scores, added })
+    largest_of(s, largest, sums.1)
 }

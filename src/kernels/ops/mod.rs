@@ -13,14 +13,14 @@ mod segments;
 mod semiring;
 
 pub(crate) use backward::{BackwardStep, backward_step, divide_by_prediction};
-pub(crate) use batch::{BatchBackward, BatchForward, BatchMax, Lines};
-pub(crate) use batch::{batch_backward, batch_forward, batch_max, batch_normalize, count_moves};
+pub(crate) use batch::{Lines, batch_backward, batch_forward, batch_max, batch_normalize};
+pub(crate) use batch::{batch_ratio, count_moves};
 pub(crate) use chain::{ChainPointers, ChainState, chain_backward, chain_decode, chain_forward};
 pub(crate) use forward::normalize_in_place;
 pub(crate) use forward::{ForwardStep, ForwardSums, Watch, forward_step, normalize_and_lift};
 pub(crate) use largest::{Valid, largest};
 pub(crate) use log2::{log2, log2_in_place, on_grid};
-pub(crate) use max_product::{MaxStep, Scores, ScoresIn, add_scores, max_step};
+pub(crate) use max_product::{Scores, ScoresIn, add_scores, max_step};
 pub(crate) use packing::{pack, unpack, unpack_rows};
 pub(crate) use product::Product;
 pub(crate) use segments::{
@@ -28,18 +28,8 @@ pub(crate) use segments::{
 };
 pub(crate) use semiring::{MaxPlus, Semiring, Sink, SumProduct};
 
-/// Kernels as tests run them, on each instruction set.
 #[cfg(test)]
-pub(in crate::kernels) mod testing {
-    pub(in crate::kernels) use super::backward::{BackwardRows, DivideByPrediction};
-    pub(in crate::kernels) use super::chain::{ChainBackward, ChainDecode, ChainForward};
-    pub(in crate::kernels) use super::forward::{ForwardRows, Normalize};
-    pub(in crate::kernels) use super::largest::Largest;
-    pub(in crate::kernels) use super::log2::Log2;
-    pub(in crate::kernels) use super::max_product::AddScores;
-    pub(in crate::kernels) use super::packing::{Pack, Unpack, UnpackRows};
-    pub(in crate::kernels) use super::product::{ProductRows, SparseRows, StoreProduct};
-    pub(in crate::kernels) use super::segments::{
-        DecodeSegments, FilterSegments, MultiplySegments, SmoothSegments,
-    };
-}
+pub(in crate::kernels) use {
+    forward::{ForwardRows, Normalize},
+    product::SparseRows,
+};

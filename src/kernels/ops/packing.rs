@@ -1,8 +1,8 @@
 //! Packing of vectors of eight chains side by side, and back.
 
-use super::forward::is_tiny;
+use super::semiring::is_small;
 use crate::kernels::layout::Packed;
-use crate::kernels::simd::{Eight, LANES, Simd, WithSimd, row_block, run, store};
+use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block, store};
 use crate::range::TINY;
 
 /// Range of the packed values of each lane.
@@ -15,45 +15,50 @@ pub(crate) struct PackedRange {
     pub(crate) tiny: [bool; LANES],
 }
 
-/// Packs rows of the length of `out`: value i of lane l is `rows[l][i]`.
-pub(in crate::kernels) struct Pack<'a> {
-    pub(in crate::kernels) rows: [&'a [f64]; LANES],
-    pub(in crate::kernels) out: &'a mut [Packed],
+kernels! {
+    /// Packs rows of the length of `out`, or more: value i of lane l is `rows[l][i]`.
+    pub(crate) fn pack = pack_rows<'a>(
+        rows: [&'a [f64]; LANES], out: &'a mut [Packed],
+    ) -> PackedRange;
+
+    /// Unpacks values into a row for each lane. Rows beyond the length of `from` stay as they are.
+    pub(crate) fn unpack = unpack_lanes<'a>(from: &'a [Packed], rows: [&'a mut [f64]; LANES]) -> ();
+
+    /// Unpacks a sequence of vectors into rows of whole blocks, of any number each; with `stream`,
+    /// past the caches.
+    pub(crate) fn unpack_rows = unpack_blocks<'a>(
+        from: &'a [Packed], rows: [&'a mut [Eight]; LANES], stream: bool,
+    ) -> ();
 }
 
-impl WithSimd for Pack<'_> {
-    type Output = PackedRange;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) -> PackedRange {
-        let Self { rows, out } = self;
-        let zero = s.splat(0.0);
-        let (mut least, mut largest) = (s.splat(f64::INFINITY), zero);
-        let mut blocks = [(&[][..], &[][..]); LANES];
-        for l in 0..LANES {
-            blocks[l] = rows[l][..out.len()].as_chunks::<LANES>();
-        }
-        for (number, out) in out.chunks_mut(LANES).enumerate() {
-            let mut eight = [zero; LANES];
-            for l in 0..LANES {
-                eight[l] = row_block(s, blocks[l], number);
-            }
-            for (packed, out) in s.transpose(eight).into_iter().zip(out) {
-                least = s.min(packed, least);
-                largest = s.max(packed, largest);
-                s.store(packed, out);
-            }
-        }
-        let mut tiny = s.lt(zero, zero);
-        // Zeros are below, too: rarely there is more to find.
-        if s.any(s.lt(least, s.splat(TINY))) {
-            for packed in &*out {
-                tiny = s.or(tiny, is_tiny(s, s.load(packed)));
-            }
-        }
-        let (least, largest) = (s.to_array(least), s.to_array(largest));
-        PackedRange { least, largest, tiny: flags(s.bits(tiny)) }
+#[inline(always)]
+fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> PackedRange {
+    let zero = s.splat(0.0);
+    let (mut least, mut largest) = (s.splat(f64::INFINITY), zero);
+    let mut blocks = [(&[][..], &[][..]); LANES];
+    for l in 0..LANES {
+        blocks[l] = rows[l][..out.len()].as_chunks::<LANES>();
     }
+    for (number, out) in out.chunks_mut(LANES).enumerate() {
+        let mut eight = [zero; LANES];
+        for l in 0..LANES {
+            eight[l] = row_block(s, blocks[l], number);
+        }
+        for (packed, out) in s.transpose(eight).into_iter().zip(out) {
+            least = s.min(packed, least);
+            largest = s.max(packed, largest);
+            s.store(packed, out);
+        }
+    }
+    let mut tiny = s.lt(zero, zero);
+    // Zeros are below, too: rarely there is more to find.
+    if s.any(s.lt(least, s.splat(TINY))) {
+        for packed in &*out {
+            tiny = s.or(tiny, is_small(s, s.load(packed), TINY));
+        }
+    }
+    let (least, largest) = (s.to_array(least), s.to_array(largest));
+    PackedRange { least, largest, tiny: flags(s.bits(tiny)) }
 }
 
 /// Bits of a mask, one for each lane.
@@ -66,78 +71,40 @@ pub(super) fn flags(bits: u8) -> [bool; LANES] {
     flags
 }
 
-/// Unpacks values into a row for each lane. Rows beyond the length of `from` stay as they are.
-pub(in crate::kernels) struct Unpack<'a> {
-    pub(in crate::kernels) from: &'a [Packed],
-    pub(in crate::kernels) rows: [&'a mut [f64]; LANES],
-}
-
-impl WithSimd for Unpack<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { from, rows } = self;
-        let mut outs = rows.map(|row| row[..from.len()].as_chunks_mut::<LANES>());
-        for (number, from) in from.chunks(LANES).enumerate() {
-            let mut eight = [s.splat(0.0); LANES];
-            for (packed, from) in eight.iter_mut().zip(from) {
-                *packed = s.load(from);
-            }
-            let lanes = s.transpose(eight);
-            for l in 0..LANES {
-                store(s, &mut outs[l], number, lanes[l]);
-            }
+#[inline(always)]
+fn unpack_lanes<S: Simd>(s: S, from: &[Packed], rows: [&mut [f64]; LANES]) {
+    let mut outs = rows.map(|row| row[..from.len()].as_chunks_mut::<LANES>());
+    for (number, from) in from.chunks(LANES).enumerate() {
+        let mut eight = [s.splat(0.0); LANES];
+        for (packed, from) in eight.iter_mut().zip(from) {
+            *packed = s.load(from);
+        }
+        let lanes = s.transpose(eight);
+        for l in 0..LANES {
+            store(s, &mut outs[l], number, lanes[l]);
         }
     }
 }
 
-/// Unpacks a sequence of vectors into rows of whole blocks, of any number each.
-pub(in crate::kernels) struct UnpackRows<'a> {
-    pub(in crate::kernels) from: &'a [Packed],
-    pub(in crate::kernels) rows: [&'a mut [Eight]; LANES],
-    /// True to write past the caches.
-    pub(in crate::kernels) stream: bool,
-}
-
-impl WithSimd for UnpackRows<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, s: S) {
-        let Self { from, rows, stream } = self;
-        for (number, from) in from.as_chunks::<LANES>().0.iter().enumerate() {
-            let mut eight = [s.splat(0.0); LANES];
-            for r in 0..LANES {
-                eight[r] = s.load(&from[r]);
-            }
-            let lanes = s.transpose(eight);
-            for l in 0..LANES {
-                let Some(out) = rows[l].get_mut(number) else { continue };
-                if stream {
-                    s.stream(lanes[l], out);
-                } else {
-                    s.store(lanes[l], out);
-                }
-            }
+#[inline(always)]
+fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], stream: bool) {
+    let mut rows = rows.map(<[Eight]>::iter_mut);
+    for from in from.as_chunks::<LANES>().0 {
+        let mut eight = [s.splat(0.0); LANES];
+        for r in 0..LANES {
+            eight[r] = s.load(&from[r]);
         }
-        if stream {
-            s.fence();
+        let lanes = s.transpose(eight);
+        for (row, lane) in rows.iter_mut().zip(lanes) {
+            let Some(out) = row.next() else { continue };
+            if stream {
+                s.stream(lane, out);
+            } else {
+                s.store(lane, out);
+            }
         }
     }
-}
-
-/// Runs [`Pack`].
-pub(crate) fn pack(rows: [&[f64]; LANES], out: &mut [Packed]) -> PackedRange {
-    run(Pack { rows, out })
-}
-
-/// Runs [`Unpack`].
-pub(crate) fn unpack(from: &[Packed], rows: [&mut [f64]; LANES]) {
-    run(Unpack { from, rows });
-}
-
-/// Runs [`UnpackRows`].
-pub(crate) fn unpack_rows(from: &[Packed], rows: [&mut [Eight]; LANES], stream: bool) {
-    run(UnpackRows { from, rows, stream });
+    if stream {
+        s.fence();
+    }
 }

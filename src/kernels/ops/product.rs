@@ -98,9 +98,9 @@ impl Sliced {
 }
 
 /// `out` = a product.
-pub(in crate::kernels) struct StoreProduct<'a, P> {
-    pub(in crate::kernels) product: P,
-    pub(in crate::kernels) out: &'a mut [f64],
+struct StoreProduct<'a, P> {
+    product: P,
+    out: &'a mut [f64],
 }
 
 impl<P: ProductRows> WithSimd for StoreProduct<'_, P> {

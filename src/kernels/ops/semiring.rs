@@ -8,11 +8,34 @@ use crate::range::{LEAST_IN_CHAIN, LEAST_SCORE, SCALES, power};
 /// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;
 
+/// Lanes above 0 and below a limit.
+#[inline(always)]
+pub(super) fn is_small<S: Simd>(s: S, v: S::V, limit: f64) -> S::M {
+    s.and(s.lt(v, s.splat(limit)), s.lt(s.splat(0.0), v))
+}
+
 /// Rounds numbers below 2^51 to whole ones.
 #[inline(always)]
 fn round<S: Simd>(s: S, x: S::V) -> S::V {
     let whole = s.splat(1.5 * (1_u64 << 52) as f64);
     s.sub(s.add(x, whole), whole)
+}
+
+/// A semiring, in lanes.
+pub(crate) trait Ring: Copy {
+    /// Neutral elements of sums and of products.
+    const ZERO: f64;
+    const ONE: f64;
+
+    fn times<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V;
+    fn plus<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V;
+
+    /// Returns true if all values between these are in the middle range, as most often.
+    fn is_near<S: Simd>(self, s: S, least: S::V, largest: S::V) -> bool;
+
+    /// Brings vectors back to a middle range, and adds what is taken out to their exponents.
+    /// Returns false if values of a vector are too far apart.
+    fn rescale<S: Simd>(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool;
 }
 
 /// A semiring, as running sums over the entries of eight rows at a time.
@@ -23,20 +46,6 @@ pub(crate) trait Semiring<S: Simd>: Copy {
     type Sum: Copy;
     /// Sum of one row.
     type Row: Copy;
-
-    /// Neutral elements of sums and of products.
-    const ZERO: f64;
-    const ONE: f64;
-
-    fn times(self, s: S, a: S::V, b: S::V) -> S::V;
-    fn plus(self, s: S, a: S::V, b: S::V) -> S::V;
-
-    /// Returns true if all values between these are in the middle range, as most often.
-    fn is_near(self, s: S, least: S::V, largest: S::V) -> bool;
-
-    /// Brings vectors back to a middle range, and adds what is taken out to their exponents.
-    /// Returns false if values of a vector are too far apart.
-    fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool;
 
     fn zero(self, s: S) -> Self::Sum;
 
@@ -60,32 +69,29 @@ pub(crate) trait Semiring<S: Simd>: Copy {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SumProduct;
 
-impl<S: Simd> Semiring<S> for SumProduct {
-    type Sum = S::V;
-    type Row = f64;
-
+impl Ring for SumProduct {
     const ZERO: f64 = 0.0;
     const ONE: f64 = 1.0;
 
     #[inline(always)]
-    fn times(self, s: S, a: S::V, b: S::V) -> S::V {
+    fn times<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V {
         s.mul(a, b)
     }
 
     #[inline(always)]
-    fn plus(self, s: S, a: S::V, b: S::V) -> S::V {
+    fn plus<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V {
         s.add(a, b)
     }
 
     #[inline(always)]
-    fn is_near(self, s: S, least: S::V, largest: S::V) -> bool {
+    fn is_near<S: Simd>(self, s: S, least: S::V, largest: S::V) -> bool {
         let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
         !s.any(s.or(s.lt(least, low), s.lt(high, largest)))
     }
 
     /// By powers of two, which is exact.
     #[inline(always)]
-    fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
+    fn rescale<S: Simd>(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
         let mut largest = x[0];
         for x in &x[1..] {
             largest = s.max(*x, largest);
@@ -110,10 +116,15 @@ impl<S: Simd> Semiring<S> for SumProduct {
         }
         let mut lost = s.lt(zero, zero);
         for &x in &*x {
-            lost = s.or(lost, s.and(s.lt(x, s.splat(LEAST_IN_CHAIN)), s.lt(zero, x)));
+            lost = s.or(lost, is_small(s, x, LEAST_IN_CHAIN));
         }
         !s.any(lost)
     }
+}
+
+impl<S: Simd> Semiring<S> for SumProduct {
+    type Sum = S::V;
+    type Row = f64;
 
     #[inline(always)]
     fn zero(self, s: S) -> S::V {
@@ -162,31 +173,28 @@ pub(crate) struct Maxima<S: Simd> {
     pub(crate) index: S::I,
 }
 
-impl<S: Simd> Semiring<S> for MaxPlus {
-    type Sum = Maxima<S>;
-    type Row = (f64, u32);
-
+impl Ring for MaxPlus {
     const ZERO: f64 = f64::NEG_INFINITY;
     const ONE: f64 = 0.0;
 
     #[inline(always)]
-    fn times(self, s: S, a: S::V, b: S::V) -> S::V {
+    fn times<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V {
         s.add(a, b)
     }
 
     #[inline(always)]
-    fn plus(self, s: S, a: S::V, b: S::V) -> S::V {
+    fn plus<S: Simd>(self, s: S, a: S::V, b: S::V) -> S::V {
         s.max(a, b)
     }
 
     #[inline(always)]
-    fn is_near(self, _: S, _: S::V, _: S::V) -> bool {
+    fn is_near<S: Simd>(self, _: S, _: S::V, _: S::V) -> bool {
         false // scores fall at every step
     }
 
     /// By whole numbers, which is exact.
     #[inline(always)]
-    fn rescale(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
+    fn rescale<S: Simd>(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool {
         let (none, zero) = (s.splat(f64::NEG_INFINITY), s.splat(0.0));
         let mut largest = x[0];
         for x in &x[1..] {
@@ -202,6 +210,11 @@ impl<S: Simd> Semiring<S> for MaxPlus {
         }
         !s.any(lost)
     }
+}
+
+impl<S: Simd> Semiring<S> for MaxPlus {
+    type Sum = Maxima<S>;
+    type Row = (f64, u32);
 
     #[inline(always)]
     fn zero(self, s: S) -> Maxima<S> {

@@ -59,6 +59,10 @@ impl Isa {
     #[inline(always)]
     pub(crate) fn chosen() -> Self {
         static CHOSEN: OnceLock<Isa> = OnceLock::new();
+        #[cfg(test)]
+        if let Some(isa) = TESTED.get() {
+            return isa;
+        }
         *CHOSEN.get_or_init(|| {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
@@ -85,12 +89,50 @@ pub(crate) fn run<K: WithSimd>(kernel: K) -> K::Output {
     unsafe { run_unchecked(Isa::chosen(), kernel) }
 }
 
-/// Runs a kernel with these instructions, or portably if the processor lacks them.
+/// Defines functions with the arguments of generic ones, but for the first, `s: impl Simd`, that
+/// run these with the chosen instructions. The generic ones are `#[inline(always)]`.
+macro_rules! kernels {
+    ($(
+        $(#[$doc:meta])*
+        $vis:vis fn $name:ident = $generic:ident<
+            $a:lifetime $(, type $r:ident: $bound:path)? $(, const $n:ident)?
+        >($($arg:ident: $type:ty),* $(,)?) -> $out:ty;
+    )*) => {$(
+        $(#[$doc])*
+        $vis fn $name<$a $(, $r: $bound)? $(, const $n: usize)?>($($arg: $type),*) -> $out {
+            struct Kernel<$a $(, $r)? $(, const $n: usize)?> {
+                $($arg: $type),*
+            }
+            impl<$a $(, $r: $bound)? $(, const $n: usize)?> $crate::kernels::simd::WithSimd
+                for Kernel<$a $(, $r)? $(, $n)?>
+            {
+                type Output = $out;
+
+                #[inline(always)]
+                fn run<S: $crate::kernels::simd::Simd>(self, s: S) -> $out {
+                    $generic(s, $(self.$arg),*)
+                }
+            }
+            $crate::kernels::simd::run(Kernel { $($arg),* })
+        }
+    )*};
+}
+pub(in crate::kernels) use kernels;
+
 #[cfg(test)]
-pub(crate) fn run_on<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
-    let isa = if isa.is_here() { isa } else { Isa::Portable };
-    // SAFETY: detected in the line above.
-    unsafe { run_unchecked(isa, kernel) }
+thread_local! {
+    /// Instructions of kernels on this thread, instead of the chosen ones.
+    static TESTED: std::cell::Cell<Option<Isa>> = const { std::cell::Cell::new(None) };
+}
+
+/// Calls with kernels of this thread on these instructions, which must be here.
+#[cfg(test)]
+pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
+    assert!(isa.is_here());
+    TESTED.set(Some(isa));
+    let result = call();
+    TESTED.set(None);
+    result
 }
 
 /// Kernels are passed by address: a copy of one that has just been written would wait for the

@@ -15,6 +15,7 @@ pub(crate) struct Layout {
 
 impl Layout {
     /// Cuts edges of these lengths into the number of cells that is nearest to their length.
+    #[expect(clippy::cast_sign_loss, reason = "lengths and the spacing are above 0")]
     pub(super) fn new(
         lengths: impl Iterator<Item = f64> + Clone,
         spacing: f64,

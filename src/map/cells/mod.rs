@@ -163,6 +163,7 @@ impl<P> RoadCells<P> {
     ///
     /// If there is no such edge.
     #[must_use]
+    #[expect(clippy::cast_sign_loss, reason = "below 0 is the first cell")]
     pub fn cell_at(&self, edge: usize, metres: f64) -> usize {
         let (cells, length) = (self.cells(edge), self.network.edges()[edge].metres);
         let number = (metres / length * cells.len() as f64) as usize;

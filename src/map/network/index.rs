@@ -48,6 +48,10 @@ pub struct NearEdge {
 
 impl EdgeIndex {
     /// Builds the index of a network.
+    ///
+    /// # Panics
+    ///
+    /// Never: each piece of a line has one box.
     #[must_use]
     pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
         let mut pieces = Vec::new();

@@ -144,6 +144,7 @@ impl CellTransition {
     }
 
     /// Edges that nothing may follow, in ascending order.
+    #[must_use]
     pub fn ends(&self) -> impl ExactSizeIterator<Item = usize> {
         self.ends.iter().map(|&edge| edge as usize)
     }

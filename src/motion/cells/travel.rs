@@ -69,6 +69,7 @@ impl Travel {
 
     /// Creates a distance with this mean and variance, in cells: the variance at least that of
     /// lying between two whole numbers. Both are at least 0 (or NaN).
+    #[expect(clippy::cast_sign_loss, reason = "both were just compared with 0")]
     pub(super) fn measured(mean: f64, variance: f64) -> Result<Self, TransitionError> {
         let deviation = variance.sqrt();
         if !(0.0..=MOST).contains(&mean) {
@@ -177,6 +178,7 @@ fn too_far(what: &str, value: f64) -> TransitionError {
 ///
 /// By the ratios of successive Bessel functions, I_k / I_{k−1} = 1 / (2 k / v + I_{k+1} / I_k),
 /// from far out, where any ratio will do, inwards.
+#[expect(clippy::cast_sign_loss, reason = "a variance is at least 0")]
 fn skellam(variance: f64) -> Vec<f64> {
     let far = (12.0 * variance.sqrt()) as usize + 20;
     let mut ratios = vec![0.0; far + 1];

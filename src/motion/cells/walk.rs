@@ -9,14 +9,14 @@ use super::{CellTransition, Travel};
 /// Of two in a heap, that of fewer cells is the greater.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
-    /// Below 0 on the edge where the walk starts.
-    distance: i64,
+    /// From the nearest cell of the edge where the walk starts.
+    distance: usize,
     edge: u32,
     p: f64,
 }
 
 impl Arrival {
-    fn key(&self) -> (i64, u32) {
+    fn key(&self) -> (usize, u32) {
         (self.distance, self.edge)
     }
 }
@@ -78,14 +78,15 @@ impl CellTransition {
     /// Walks over the edges in order of distance, so that all arrivals at an edge after as many
     /// cells are one. Lists the cells reached, each once, in ascending order.
     fn walk(&self, travel: &Travel, start: usize, ahead: bool) -> Vec<(usize, f64)> {
-        let (first, last) = (travel.first() as i64, travel.last() as i64);
         let edge = self.layout.edge(start);
         let before =
             if ahead { start - self.layout.first(edge) } else { self.layout.last(edge) - start };
         // A vehicle that stays at an end of the network has driven at least so far.
         let into_end = !ahead && before == 0 && self.stays_at_end(edge);
+        let first = before + if into_end { 0 } else { travel.first() };
+        let last = before + travel.last();
         let mut heap = BinaryHeap::new();
-        heap.push(Arrival { distance: -(before as i64), edge: edge as u32, p: 1.0 });
+        heap.push(Arrival { distance: 0, edge: edge as u32, p: 1.0 });
         let mut found = Vec::new();
         while let Some(Arrival { distance, edge, mut p }) = heap.pop() {
             while let Some(same) = heap.peek().filter(|other| other.key() == (distance, edge)) {
@@ -94,26 +95,23 @@ impl CellTransition {
             }
             let edge = edge as usize;
             let cells = self.layout.cells(edge);
-            let count = cells.len() as i64;
-            let at = |number: i64| {
-                let number = number as usize;
-                if ahead { cells.start + number } else { cells.end - 1 - number }
-            };
             let out_of_end = ahead && self.stays_at_end(edge);
-            let least = if into_end { 0 } else { first };
-            let nearest = (least - distance).max(0);
-            let farthest = (last - distance).min(count - 1 - i64::from(out_of_end));
-            for number in nearest..=farthest {
-                let driven = (distance + number) as usize;
-                let weight =
-                    if into_end { travel.at_least(driven) } else { travel.exactly(driven) };
-                found.push((at(number), p * weight));
+            let farthest = (last + 1 - distance).min(cells.len());
+            for number in first.saturating_sub(distance)..farthest {
+                let driven = distance + number - before;
+                let is_end = out_of_end && number + 1 == cells.len();
+                if !is_end {
+                    let cell = if ahead { cells.start + number } else { cells.end - 1 - number };
+                    let weight =
+                        if into_end { travel.at_least(driven) } else { travel.exactly(driven) };
+                    found.push((cell, p * weight));
+                }
             }
-            if out_of_end && distance + count - 1 <= last {
-                let driven = (distance + count - 1) as usize;
-                found.push((at(count - 1), p * travel.at_least(driven)));
+            if out_of_end && farthest == cells.len() {
+                let driven = (distance + cells.len() - 1).saturating_sub(before);
+                found.push((cells.end - 1, p * travel.at_least(driven)));
             }
-            let distance = distance + count;
+            let distance = distance + cells.len();
             if distance <= last {
                 let turns = if ahead { self.next.of(edge) } else { self.before.of(edge) };
                 let arrivals = turns.iter().map(|turn| (turn.0, p * turn.1));

@@ -16,6 +16,7 @@ pub(super) struct Grid {
 
 impl Grid {
     /// Sorts points into squares of at least this side. O(points log points).
+    #[expect(clippy::cast_sign_loss, reason = "no point is below the lowest")]
     pub(super) fn new(points: &[[f64; 2]], side: f64) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for point in points {
@@ -37,6 +38,7 @@ impl Grid {
     }
 
     /// Passes on all points within a distance of a point, and others nearby.
+    #[expect(clippy::cast_sign_loss, reason = "squares are counted from the lowest, 0")]
     pub(super) fn near(&self, [x, y]: [f64; 2], distance: f64, mut take: impl FnMut(usize)) {
         let range = |axis: usize, x: f64| {
             let square = |x: f64| (x - self.low[axis]) / self.side;

@@ -6,7 +6,7 @@ use crate::transition::TransitionEntries;
 /// Active set and candidates. A dense array replaces hashing: 4 bytes a state, and a bit a state
 /// for the candidates.
 #[derive(Debug, Clone)]
-pub(super) struct Frontier {
+pub(super) struct ActiveSet {
     /// One more than the position of a state in the active set, or 0.
     places: Vec<u32>,
     /// A bit for each candidate that the step reaches; those that are only wanted have none.
@@ -14,7 +14,7 @@ pub(super) struct Frontier {
     candidates: Vec<usize>,
 }
 
-impl Frontier {
+impl ActiveSet {
     pub(super) fn new(states: usize) -> Self {
         let reached = vec![0; states.div_ceil(64)];
         Self { places: vec![0; states], reached, candidates: Vec::new() }

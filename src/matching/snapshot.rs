@@ -1,0 +1,135 @@
+//! Vehicles as bytes.
+
+use super::candidates::{Candidate, OFF_ROAD};
+use super::{TracePoint, Vehicle};
+use crate::error::SnapshotError;
+use crate::inference::Trellis;
+use crate::inference::bytes::{Kind, Reader, Writer, contents};
+use crate::map::Coordinates;
+
+impl<P: Coordinates> Vehicle<P> {
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 80 for each state of
+    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut writer = Writer::new(Kind::Vehicle);
+        writer.integer(self.lag);
+        writer.integer(self.points);
+        let TracePoint { time, position, accuracy, heading, speed } = self.point;
+        writer.double(time);
+        position.values().into_iter().for_each(|value| writer.double(value));
+        [accuracy, heading, speed].into_iter().for_each(|value| optional(&mut writer, value));
+        writer.double(self.speed);
+        writer.log_sum(self.log_likelihood);
+        writer.double(self.last);
+        writer.integer(self.window.len());
+        for (step, states) in (1..).zip(&self.window) {
+            writer.integer(states.len());
+            for (number, state) in states.iter().enumerate() {
+                let Candidate { edge, along, point, across, inlier, log_likelihood } = *state;
+                writer.integer(edge as usize);
+                writer.double(along);
+                point.into_iter().for_each(|value| writer.double(value));
+                optional(&mut writer, across);
+                writer.double(inlier);
+                writer.double(log_likelihood);
+                writer.double(self.trellis.log_likelihood(step, number));
+                writer.integer(self.trellis.moves(step, number).count());
+                for (from, weight) in self.trellis.moves(step, number) {
+                    writer.integer(from);
+                    writer.double(weight);
+                }
+            }
+        }
+        self.log_filtered.iter().for_each(|log| writer.double(*log));
+        writer.finish()
+    }
+
+    /// Reads a state from bytes. O(length). [`Matcher::step`](super::Matcher::step) gives an error
+    /// if it is on an edge that the network does not have.
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of a vehicle.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        let mut reader = Reader::new(bytes, Kind::Vehicle)?;
+        let (lag, points) = (reader.integer()?, reader.integer()?);
+        let time = reader.double()?;
+        let position = P::from_values([reader.double()?, reader.double()?]);
+        let accuracy = read_optional(&mut reader)?;
+        let heading = read_optional(&mut reader)?;
+        let speed = read_optional(&mut reader)?;
+        let point = TracePoint { time, position, accuracy, heading, speed };
+        point.check().map_err(|error| contents(error.to_string()))?;
+        let speed = reader.double()?;
+        if !(speed >= 0.0 && speed.is_finite()) {
+            return Err(contents(format!("the speed is {speed}, expected at least 0")));
+        }
+        let (log_likelihood, last) = (reader.log_sum()?, reader.double()?);
+        let (mut trellis, mut window) = (Trellis::new(), Vec::new());
+        let steps = reader.integer()?;
+        if steps == 0 || lag.checked_add(1).is_none_or(|most| steps > most) {
+            return Err(contents(format!(
+                "{steps} points in the window, expected up to {lag} + 1"
+            )));
+        }
+        for _ in 0..steps {
+            trellis.begin_step();
+            let mut states = Vec::new();
+            let count = reader.integer()?;
+            for number in 0..count {
+                let edge = u32::try_from(reader.integer()?)
+                    .map_err(|_| contents(String::from("the number of an edge is too large")))?;
+                if (edge == OFF_ROAD) != (number + 1 == count) {
+                    return Err(contents(String::from("the last state must be off the road")));
+                }
+                states.push(Candidate {
+                    edge,
+                    along: reader.double()?,
+                    point: [reader.double()?, reader.double()?],
+                    across: read_optional(&mut reader)?,
+                    inlier: reader.double()?,
+                    log_likelihood: reader.double()?,
+                });
+                let log_likelihood = reader.double()?;
+                let mut moves = Vec::new();
+                for _ in 0..reader.integer()? {
+                    moves.push((reader.integer()?, reader.double()?));
+                }
+                let added = trellis.state(log_likelihood, moves);
+                added.map_err(|error| contents(error.to_string()))?;
+            }
+            if states.is_empty() {
+                return Err(contents(String::from("a point without states")));
+            }
+            window.push(states);
+        }
+        let mut log_filtered = Vec::new();
+        for _ in 0..window.last().map_or(0, Vec::len) {
+            log_filtered.push(reader.double()?);
+        }
+        reader.finish()?;
+        if !log_filtered.iter().all(|log| *log <= 1e-9) {
+            return Err(contents(String::from("a probability is above 1")));
+        }
+        let numbers = window
+            .iter()
+            .flatten()
+            .flat_map(|state| [state.along, state.point[0], state.point[1], state.log_likelihood]);
+        if let Some(value) = numbers.clone().find(|value| !value.is_finite()) {
+            return Err(contents(format!("a state has {value}, expected a finite number")));
+        }
+        Ok(Self { lag, points, point, speed, log_likelihood, last, trellis, window, log_filtered })
+    }
+}
+
+/// Writes a number that may be missing, which is NaN.
+fn optional(writer: &mut Writer, value: Option<f64>) {
+    writer.double(value.unwrap_or(f64::NAN));
+}
+
+fn read_optional(reader: &mut Reader<'_>) -> Result<Option<f64>, SnapshotError> {
+    let value = reader.double()?;
+    Ok((!value.is_nan()).then_some(value))
+}
