@@ -1,0 +1,11 @@
+//! Map matching, and the parts of road networks that it stands on.
+
+mod calibration;
+mod city;
+mod drives;
+mod garbage;
+mod index;
+mod learn;
+mod routes;
+mod shapes;
+mod vehicles;
