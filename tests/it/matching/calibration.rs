@@ -21,7 +21,8 @@ fn calibration(matcher: &Matcher<PlanePosition>, drives: &[Drive]) -> [(f64, f64
     answers.map(|answers| {
         let mut bins = [(0.0_f64, 0.0_f64, 0.0_f64); 10];
         for &(p, right) in &answers {
-            let bin = &mut bins[((10.0 * p) as usize).min(9)];
+            let number = (1..10).take_while(|edge| p >= 0.1 * f64::from(*edge)).count();
+            let bin = &mut bins[number];
             *bin = (bin.0 + 1.0, bin.1 + p, bin.2 + f64::from(right));
         }
         let count = answers.len() as f64;
@@ -49,7 +50,7 @@ fn of_the_right_noise() {
         (15.0, 1.0, 0.82, 0.12),
         (8.0, 20.0, 0.86, 0.13),
     ] {
-        let habits = Habits { sigma, seconds, ..Habits::default() };
+        let habits = Habits { seconds, sigma, ..Habits::default() };
         let model = MatchModel { noise: sigma, ..MatchModel::default() };
         let matcher = Matcher::new(network.clone()).with_model(model).unwrap();
         let [live, late, smoothed] = calibration(&matcher, &drives(&network, &habits, 100));

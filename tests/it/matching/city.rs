@@ -77,8 +77,8 @@ pub(crate) struct Drive {
     pub(crate) points: Vec<Point>,
     /// Edge at each point.
     pub(crate) edges: Vec<usize>,
+    /// Number of points since the one before which the vehicle stood.
     pub(crate) stood: usize,
-    pub(crate) bad: usize,
 }
 
 pub(crate) fn normal(rng: &mut impl Rng) -> f64 {
@@ -93,7 +93,7 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
     let (mut speed, mut standing): (f64, f64) = (rng.random_range(8.0..16.0), 0.0);
     let mut stop: Option<f64> = None;
     let mut heading_to = rng.random_range(0..network.nodes().len());
-    let mut drive = Drive { points: Vec::new(), edges: Vec::new(), stood: 0, bad: 0 };
+    let mut drive = Drive { points: Vec::new(), edges: Vec::new(), stood: 0 };
     for number in 0..habits.points {
         if number > 0 {
             let mut seconds = habits.seconds;
@@ -121,15 +121,13 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
             drive.stood += usize::from(moved == 0.0);
         }
         let place = network.position_along(edge, along);
-        let off = |rng: &mut ChaCha8Rng, bad: bool| match bad {
-            true => rng.random_range(-150.0..150.0),
-            false => habits.sigma * normal(rng),
+        let off = |rng: &mut ChaCha8Rng, bad: bool| {
+            if bad { rng.random_range(-150.0..150.0) } else { habits.sigma * normal(rng) }
         };
         let bad = rng.random_bool(habits.outliers);
         let position = at(place.x + off(&mut rng, bad), place.y + off(&mut rng, bad));
         drive.points.push(TracePoint::new(number as f64 * habits.seconds, position));
         drive.edges.push(edge);
-        drive.bad += usize::from(bad);
     }
     drive
 }
