@@ -69,11 +69,12 @@
 //! |---|---|
 //! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
 //! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
-//! | [`inference`] | options and results of the methods above |
+//! | [`inference`] | options and results of the methods above; trellises |
 //! | [`map`] | places and roads, the transitions derived from them, positions along roads |
 //! | [`motion`] | vehicles: speeds along a route, odometry, metres along roads or on a map, off the map |
 //! | [`observation`] | images by their descriptors or distances, measured positions, tags, sensors that confuse neighbouring places |
 //! | [`recognition`] | place recognition by images, from references and queries to answers, live and afterwards |
+//! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
 //! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), [from hmmlearn](guide::from_hmmlearn) |
@@ -133,10 +134,11 @@
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
 //! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them.
+//! - **`matching`**: the module `matching`, which places positions of vehicles on road networks.
 //! - **`osm`**: `RoadNetwork::from_osm_file` reads OpenStreetMap extracts (`.osm.pbf`).
 //! - **`rayon`**: many sequences, and the rows of large sparse matrices, in parallel, with
 //!   identical results.
-//! - **`roads`**: `csv`, `geojson` and `osm`.
+//! - **`roads`**: `csv`, `geojson`, `osm` and `matching`.
 //! - **`serde`**: models and snapshots as JSON or in any other format of
 //!   [serde](https://serde.rs), exact to the bit; see the module `persistence`.
 //!

@@ -1,6 +1,7 @@
 //! Answers for one point of a drive.
 
 use super::candidates::{Candidate, OFF_ROAD};
+use crate::map::RoadNetwork;
 
 /// The road that a vehicle was on at a point of its drive, with its probability.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,4 +55,50 @@ impl RoadAnswer {
         let edge = (edge != OFF_ROAD).then_some(edge as usize);
         Self { edge, metres_along, probability, entropy, off_road }
     }
+}
+
+/// Part of an edge where the vehicle may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CredibleStretch {
+    /// Index of the edge.
+    pub edge: usize,
+    /// Metres from the start of the edge to both ends of the part.
+    pub metres: [f64; 2],
+    /// Probability of the edge.
+    pub probability: f64,
+}
+
+/// Stretches of roads that hold the vehicle with a probability of at least `mass`, if it is not
+/// more probable that it is off the road: those of the most probable states, each as long as the
+/// noise along the road asks. Empty where the roads hold less.
+pub(super) fn credible<P>(
+    network: &RoadNetwork<P>,
+    states: &[Candidate],
+    probabilities: &[f64],
+    sigma: f64,
+    mass: f64,
+) -> Vec<CredibleStretch> {
+    // Half of the doubt is about the road, half about the place along it.
+    let share = mass.clamp(0.0, 0.999_999).sqrt();
+    let half = sigma * ((1.0 + share) / (1.0 - share)).ln() / 1.702;
+    let mut order: Vec<usize> = (0..states.len()).filter(|&i| !states[i].is_off_road()).collect();
+    order.sort_by(|&a, &b| probabilities[b].total_cmp(&probabilities[a]));
+    let (mut found, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
+    for i in order {
+        if sum >= share {
+            return found;
+        }
+        let (edge, probability) = (states[i].edge as usize, probabilities[i]);
+        sum += probability;
+        let most = network.edges()[edge].metres;
+        let metres = [(states[i].along - half).max(0.0), (states[i].along + half).min(most)];
+        match found.iter_mut().find(|part| part.edge == edge) {
+            Some(part) => {
+                part.metres = [part.metres[0].min(metres[0]), part.metres[1].max(metres[1])];
+                part.probability += probability;
+            }
+            None => found.push(CredibleStretch { edge, metres, probability }),
+        }
+    }
+    if sum >= share { found } else { Vec::new() }
 }

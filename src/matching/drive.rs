@@ -1,6 +1,6 @@
 //! A whole drive: smoothed answers, and the route.
 
-use super::answer::RoadAnswer;
+use super::answer::{CredibleStretch, RoadAnswer, credible};
 use super::candidates::{Candidate, deviation, metres_between};
 use super::matcher::Before;
 use super::moves::{Interval, Move, Ways};
@@ -238,6 +238,15 @@ impl<P: Coordinates> MatchedDrive<P> {
     #[must_use]
     pub fn smoothed(&self, point: usize) -> RoadAnswer {
         RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
+    }
+
+    /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
+    /// by all points of the drive; empty where none do, as off the road.
+    #[must_use]
+    pub fn credible(&self, matcher: &Matcher<P>, point: usize, mass: f64) -> Vec<CredibleStretch> {
+        let sigma = deviation(&matcher.model, &self.points[point]);
+        let probabilities = self.smoothed.smoothed(point + 1);
+        credible(&matcher.network, &self.states[point], probabilities, sigma, mass)
     }
 
     /// ln p(point | all before), as a density in metres.

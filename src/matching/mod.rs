@@ -78,7 +78,7 @@ mod routes;
 mod snapshot;
 mod vehicle;
 
-pub use answer::RoadAnswer;
+pub use answer::{CredibleStretch, RoadAnswer};
 pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]

@@ -1,7 +1,7 @@
 //! Live matching: the state of a vehicle, point by point.
 
-use super::answer::RoadAnswer;
-use super::candidates::{Candidate, metres_between};
+use super::answer::{CredibleStretch, RoadAnswer, credible};
+use super::candidates::{Candidate, deviation, metres_between};
 use super::matcher::Before;
 use super::{MatchError, MatchMemory, Matcher, TracePoint};
 use crate::inference::{LogSum, Trellis};
@@ -167,6 +167,16 @@ impl<P: Coordinates> Vehicle<P> {
         }
         let smoothed = self.trellis.smooth().ok()?;
         Some(RoadAnswer::new(&self.window[index], smoothed.smoothed(index + 1)))
+    }
+
+    /// Stretches of roads that hold the vehicle now with a probability of at least `mass`; empty
+    /// where none do, as off the road.
+    #[must_use]
+    pub fn credible(&self, matcher: &Matcher<P>, mass: f64) -> Vec<CredibleStretch> {
+        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
+        let states = self.window.last().map_or(&[][..], |states| states);
+        let sigma = deviation(&matcher.model, &self.point);
+        credible(&matcher.network, states, &probabilities, sigma, mass)
     }
 
     /// Number of points that the late answer is behind the last point.
