@@ -6,6 +6,7 @@ mod drives;
 mod garbage;
 mod index;
 mod learn;
+mod ranked;
 mod routes;
 mod shapes;
 mod vehicles;
