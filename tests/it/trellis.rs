@@ -316,8 +316,7 @@ proptest! {
             found.log_probability() - second.log_probability()
         });
         if margin > 1e-6 {
-            let states = path.states().iter().map(|&state| state as usize);
-            prop_assert!(found.states().iter().copied().eq(states));
+            prop_assert_eq!(found.states(), path.states());
         }
     }
 

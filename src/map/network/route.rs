@@ -14,7 +14,7 @@ pub struct TurnCosts {
 }
 
 /// Search for the shortest routes from an edge to others by Dijkstra's algorithm (1959) over
-/// edges, so that forbidden turns and costs of U-turns are respected. Keeps its memory, 40 bytes
+/// edges, so that forbidden turns and costs of U-turns are respected. Keeps its memory, 60 bytes
 /// an edge of the network, from one search to the next.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {

@@ -74,3 +74,49 @@ fn of_twice_the_noise_after_learning() {
     let after = calibration(&matcher.with_model(fitted.model).unwrap(), &others);
     assert!(after.iter().all(|(error, _)| *error <= 0.05), "{before:?} {after:?}");
 }
+
+/// Credible stretches of 0.9 hold the vehicle at nine points of ten or more, where there are some.
+#[test]
+fn credible_stretches_hold_the_vehicle() {
+    let network = network();
+    for (sigma, seconds) in [(5.0, 5.0), (15.0, 5.0), (8.0, 20.0)] {
+        let habits = Habits { seconds, sigma, ..Habits::default() };
+        let model = MatchModel { noise: sigma, ..MatchModel::default() };
+        let matcher = Matcher::new(network.clone()).with_model(model).unwrap();
+        let mut memory = MatchMemory::default();
+        for mass in [0.5, 0.9, 0.99] {
+            let (mut held, mut given, mut points) = ([0_u32; 2], [0_u32; 2], 0_u32);
+            for drive in &drives(&network, &habits, 400)[..8] {
+                let found = matcher.match_drive(&drive.points, &mut memory).unwrap();
+                let mut vehicle = matcher.start(&drive.points[0], 0, &mut memory).unwrap();
+                for (number, point) in drive.points.iter().enumerate() {
+                    if number > 0 {
+                        matcher.step(&mut vehicle, point, &mut memory).unwrap();
+                    }
+                    let (edge, along) = (drive.edges[number], drive.along[number]);
+                    let parts =
+                        [vehicle.credible(&matcher, mass), found.credible(&matcher, number, mass)];
+                    for ((held, given), parts) in held.iter_mut().zip(&mut given).zip(&parts) {
+                        *given += u32::from(!parts.is_empty());
+                        *held += u32::from(parts.iter().any(|part| {
+                            let [start, end] = part.metres;
+                            part.edge == edge && (start..=end).contains(&along)
+                        }));
+                        for part in parts {
+                            let [start, end] = part.metres;
+                            let length = network.edges()[part.edge].metres;
+                            assert!(0.0 <= start && start <= end && end <= length, "{part:?}");
+                        }
+                    }
+                    points += 1;
+                }
+            }
+            for (held, given) in held.into_iter().zip(given) {
+                let share = f64::from(held) / f64::from(given);
+                assert!(share >= mass - 0.03, "{sigma}, {seconds}, {mass}: {share}");
+                let given = f64::from(given) / f64::from(points);
+                assert!(given >= 0.6, "{sigma}, {seconds}, {mass}: {given}");
+            }
+        }
+    }
+}

@@ -77,6 +77,8 @@ pub(crate) struct Drive {
     pub(crate) points: Vec<Point>,
     /// Edge at each point.
     pub(crate) edges: Vec<usize>,
+    /// Metres from the start of the edge.
+    pub(crate) along: Vec<f64>,
     /// Number of points since the one before which the vehicle stood.
     pub(crate) stood: usize,
 }
@@ -93,7 +95,7 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
     let (mut speed, mut standing): (f64, f64) = (rng.random_range(8.0..16.0), 0.0);
     let mut stop: Option<f64> = None;
     let mut heading_to = rng.random_range(0..network.nodes().len());
-    let mut drive = Drive { points: Vec::new(), edges: Vec::new(), stood: 0 };
+    let mut drive = Drive { points: Vec::new(), edges: Vec::new(), along: Vec::new(), stood: 0 };
     for number in 0..habits.points {
         if number > 0 {
             let mut seconds = habits.seconds;
@@ -128,6 +130,7 @@ pub(crate) fn drive(network: &Network, habits: &Habits, seed: u64) -> Drive {
         let position = at(place.x + off(&mut rng, bad), place.y + off(&mut rng, bad));
         drive.points.push(TracePoint::new(number as f64 * habits.seconds, position));
         drive.edges.push(edge);
+        drive.along.push(along);
     }
     drive
 }
