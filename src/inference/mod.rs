@@ -12,7 +12,7 @@
 //! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with [`Pairs`] | three products |
 //! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
-//! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`TrellisPath`] | the moves between the states of two steps |
+//! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
@@ -103,7 +103,7 @@ pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
 #[cfg(feature = "matching")]
 pub(crate) use trellis::log_sum;
-pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs, TrellisPath};
+pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
 pub use viterbi::ViterbiPath;
 
 /// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.

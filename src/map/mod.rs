@@ -52,6 +52,8 @@ pub(crate) use cells::Layout;
 pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
+#[cfg(all(feature = "geojson", feature = "matching"))]
+pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
 pub use network::{Cleaning, CleaningOperation, CleaningStep};

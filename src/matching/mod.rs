@@ -69,6 +69,8 @@ mod drive;
 mod error;
 #[cfg(feature = "csv")]
 mod files;
+#[cfg(feature = "geojson")]
+mod geojson;
 mod learn;
 mod matcher;
 mod model;

@@ -2,27 +2,7 @@
 
 use super::Trellis;
 use crate::error::InferenceError;
-
-/// A sequence of states of a [`Trellis`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct TrellisPath {
-    pub(super) states: Vec<usize>,
-    pub(super) log_probability: f64,
-}
-
-impl TrellisPath {
-    /// State of each step, by its number in the step.
-    #[must_use]
-    pub fn states(&self) -> &[usize] {
-        &self.states
-    }
-
-    /// ln p(x_1 … x_T, y_1 … y_T).
-    #[must_use]
-    pub fn log_probability(&self) -> f64 {
-        self.log_probability
-    }
-}
+use crate::inference::ViterbiPath;
 
 /// A path to a state: its score, the state before, and the rank of the path there that it extends.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +20,7 @@ impl Trellis {
     /// # Errors
     ///
     /// As [`viterbi`](Self::viterbi).
-    pub fn k_best(&self, count: usize) -> Result<Vec<TrellisPath>, InferenceError> {
+    pub fn k_best(&self, count: usize) -> Result<Vec<ViterbiPath>, InferenceError> {
         let mut lists: Vec<Vec<Way>> = Vec::with_capacity(self.log_likelihoods.len());
         let start = [Way { score: 0.0, from: 0, rank: 0 }];
         for step in 1..=self.steps() {
@@ -87,13 +67,13 @@ impl Trellis {
     }
 
     /// Path that ends with a way.
-    fn follow(&self, lists: &[Vec<Way>], end: Way) -> TrellisPath {
+    fn follow(&self, lists: &[Vec<Way>], end: Way) -> ViterbiPath {
         let (mut states, mut way) = (vec![0; self.steps()], end);
         for step in (1..=self.steps()).rev() {
             states[step - 1] = way.from as usize;
             way = lists[self.range(step).start + way.from as usize][way.rank as usize];
         }
-        TrellisPath { states, log_probability: end.score }
+        ViterbiPath { states, log_probability: end.score }
     }
 }
 

@@ -7,7 +7,6 @@ mod viterbi;
 #[cfg(feature = "matching")]
 mod window;
 
-pub use k_best::TrellisPath;
 pub use smooth::{SmoothedTrellis, TrellisPairs};
 
 use crate::error::InferenceError;

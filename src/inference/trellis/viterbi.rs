@@ -1,7 +1,8 @@
 //! Viterbi on a trellis.
 
-use super::{Trellis, TrellisPath};
+use super::Trellis;
 use crate::error::InferenceError;
+use crate::inference::ViterbiPath;
 
 impl Trellis {
     /// Most probable sequence of states. Ties go to the lowest state. O(moves) time; 4 bytes a
@@ -10,7 +11,7 @@ impl Trellis {
     /// # Errors
     ///
     /// [`InferenceError::Impossible`] with the first step at which no state is possible.
-    pub fn viterbi(&self) -> Result<TrellisPath, InferenceError> {
+    pub fn viterbi(&self) -> Result<ViterbiPath, InferenceError> {
         let mut back = Vec::with_capacity(self.log_likelihoods.len());
         let (mut scores, mut next) = (vec![0.0], Vec::new());
         for step in 1..=self.steps() {
@@ -38,6 +39,6 @@ impl Trellis {
             states[step - 1] = state;
             state = back[self.range(step).start + state] as usize;
         }
-        Ok(TrellisPath { states, log_probability })
+        Ok(ViterbiPath { states, log_probability })
     }
 }

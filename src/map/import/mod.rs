@@ -19,6 +19,8 @@ mod write;
 
 pub use options::ImportOptions;
 pub use report::{ImportNote, ImportReport};
+#[cfg(all(feature = "geojson", feature = "matching"))]
+pub(crate) use write::line_string;
 
 use std::fs::File;
 use std::path::Path;

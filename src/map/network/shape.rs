@@ -79,4 +79,31 @@ impl<P: Coordinates> RoadNetwork<P> {
         }
         self.nodes()[self.edges()[edge].to].position
     }
+
+    /// Points of the line of an edge from one distance along it to another, with both ends, in
+    /// metres; `to` is at least `from`. O(points of the edge).
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
+    #[must_use]
+    pub fn line_between(&self, edge: usize, from: f64, to: f64) -> Vec<P> {
+        let points = self.shape(edge);
+        let length = |pair: &[P]| {
+            let [a, b] = [pair[0].to_plane(), pair[1].to_plane()];
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        };
+        let total: f64 = points.windows(2).map(length).sum();
+        let scale = if total > 0.0 { self.edges()[edge].metres / total } else { 0.0 };
+        let mut line = vec![self.position_along(edge, from)];
+        let mut along = 0.0;
+        for pair in points.windows(2).take(points.len().saturating_sub(2)) {
+            along += length(pair) * scale;
+            if from < along && along < to {
+                line.push(pair[1]);
+            }
+        }
+        line.push(self.position_along(edge, to));
+        line
+    }
 }
