@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::inference::{Trellis, TrellisPath};
+use wayfix::inference::{Trellis, ViterbiPath};
 use wayfix::{Controlled, InferenceError};
 
 use crate::kit::{Kind, NEVER, all_close, cases, close, close_logs, log_sum, models};
@@ -133,7 +133,7 @@ fn sorted(mut paths: Vec<(Vec<usize>, f64)>) -> Vec<(Vec<usize>, f64)> {
     paths
 }
 
-fn same_path(found: &TrellisPath, expected: &(Vec<usize>, f64)) -> bool {
+fn same_path(found: &ViterbiPath, expected: &(Vec<usize>, f64)) -> bool {
     found.states() == expected.0 && found.log_probability() == expected.1
 }
 
