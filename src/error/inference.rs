@@ -101,7 +101,7 @@ pub enum InferenceError {
         expected: usize,
     },
     /// A log-likelihood, or the log weight of a move, of a [`Trellis`](crate::inference::Trellis)
-    /// is NaN or +∞.
+    /// is NaN, or finite and beyond ±1e300, or +∞.
     TrellisValue {
         /// The step, from 1.
         step: usize,
@@ -117,6 +117,8 @@ pub enum InferenceError {
         /// Number of states of the step before.
         states: usize,
     },
+    /// A state was added to a [`Trellis`](crate::inference::Trellis) before its first step.
+    TrellisStep,
 }
 
 impl fmt::Display for InferenceError {
@@ -168,12 +170,15 @@ impl fmt::Display for InferenceError {
             }
             Self::TrellisValue { step, value } => write!(
                 f,
-                "step {step} of the trellis has the logarithm {value}, expected a value below +inf"
+                "step {step} of the trellis has the logarithm {value}, expected a value from -1e300 to 1e300, or -inf"
             ),
             Self::TrellisState { step, from, states } => write!(
                 f,
                 "step {step} of the trellis has a move from state {from}, expected one of the {states} of the step before"
             ),
+            Self::TrellisStep => {
+                write!(f, "the trellis has no step yet, expected one before the first state")
+            }
         }
     }
 }

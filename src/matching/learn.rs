@@ -45,7 +45,7 @@ const PRIOR_SECONDS: f64 = 20_000.0;
 impl<P: Coordinates> Matcher<P> {
     /// Learns noise, share of outliers, detours, stops, and how often vehicles leave the road and
     /// come back, from drives without labels, and returns them. The model of the matcher is where
-    /// it starts; it counts as much as ten points, and a thousand seconds. Noise is learned from
+    /// it starts; it counts as much as ten points, and 20,000 seconds on the road. Noise is learned from
     /// points without an accuracy.
     ///
     /// Start with more noise than there is: the search for roads reaches four deviations. At most

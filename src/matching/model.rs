@@ -11,12 +11,12 @@ use super::MatchError;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MatchModel {
-    /// Standard deviation of a position in each direction, in metres; above 0.
+    /// Standard deviation of a position in each direction, in metres; from 1e-6 to 1e9.
     pub noise: f64,
     /// Share of positions that say nothing of the place; above 0 and below 1.
     pub outliers: f64,
     /// Mean detour of a route against the straight line, in metres for each second between two
-    /// positions; above 0.
+    /// positions; from 1e-6 to 1e9.
     pub deviation: f64,
     /// Share of steps at which the vehicle stands; above 0 and below 1.
     pub stop: f64,
@@ -46,8 +46,8 @@ impl MatchModel {
     pub(super) fn check(&self) -> Result<(), MatchError> {
         let positive = [("noise", self.noise), ("deviation", self.deviation)];
         for (what, value) in positive {
-            if !(value > 0.0 && value.is_finite()) {
-                let expected = "a finite value above 0";
+            if !(1e-6..=1e9).contains(&value) {
+                let expected = "metres from 1e-6 to 1e9";
                 return Err(MatchError::Parameter { what, value, expected });
             }
         }

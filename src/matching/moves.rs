@@ -137,8 +137,11 @@ impl<P: Coordinates> Ways<'_, P> {
         interval: &Interval,
     ) {
         let left = self.network.edges()[from.edge as usize].metres - from.along;
-        let targets = to.iter().filter(|to| !to.is_off_road()).map(|to| to.edge as usize);
-        let others = targets.filter(|edge| *edge != from.edge as usize);
+        // Far behind on the same edge: around the block.
+        let behind = |to: &Candidate| to.along - from.along < -6.0 * interval.jitter;
+        let others = to.iter().filter(|to| !to.is_off_road());
+        let others = others.filter(|to| to.edge != from.edge || behind(to));
+        let others = others.map(|to| to.edge as usize);
         let most = interval.longest() - left;
         let costs = Self::costs(model, interval);
         self.search.run(self.network, self.chords, from.edge as usize, others, most, costs);

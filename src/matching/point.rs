@@ -6,16 +6,16 @@ use crate::map::{Coordinates, Position};
 /// A position of a vehicle at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TracePoint<P = Position> {
-    /// Seconds since any moment.
+    /// Seconds since any moment, from −1e20 to 1e20.
     pub time: f64,
     /// Position that was measured.
     pub position: P,
-    /// Standard deviation of this position in each direction in metres, if the receiver tells
-    /// it; else that of the [model](super::MatchModel).
+    /// Standard deviation of this position in each direction in metres, from 1e-6 to 1e9, if the
+    /// receiver tells it; else that of the [model](super::MatchModel).
     pub accuracy: Option<f64>,
     /// Direction of travel in degrees clockwise from north, if the receiver tells it.
     pub heading: Option<f64>,
-    /// Speed in metres per second, if the receiver tells it.
+    /// Speed in metres per second, from 0 to 1e9, if the receiver tells it.
     pub speed: Option<f64>,
 }
 
@@ -36,17 +36,19 @@ impl<P: Coordinates> TracePoint<P> {
         let finite = |what, value: f64, valid: bool, expected| {
             if valid { Ok(()) } else { Err(MatchError::Point { what, value, expected }) }
         };
-        finite("time", self.time, self.time.is_finite(), "finite seconds")?;
+        // Far beyond what is measured, sums and densities would overflow.
+        let valid = self.time.abs() <= 1e20;
+        finite("time", self.time, valid, "seconds from -1e20 to 1e20")?;
         if let Some(value) = self.accuracy {
-            let valid = value > 0.0 && value.is_finite();
-            finite("accuracy", value, valid, "finite metres above 0")?;
+            let valid = (1e-6..=1e9).contains(&value);
+            finite("accuracy", value, valid, "metres from 1e-6 to 1e9")?;
         }
         if let Some(value) = self.heading {
             finite("heading", value, value.is_finite(), "finite degrees")?;
         }
         if let Some(value) = self.speed {
-            let valid = value >= 0.0 && value.is_finite();
-            finite("speed", value, valid, "finite metres per second of at least 0")?;
+            let valid = (0.0..=1e9).contains(&value);
+            finite("speed", value, valid, "metres per second from 0 to 1e9")?;
         }
         Ok(())
     }

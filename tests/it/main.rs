@@ -27,6 +27,8 @@ mod long_sequences;
 mod many;
 mod map;
 mod map_files;
+#[cfg(feature = "matching")]
+mod matching;
 mod motion;
 mod network_cleaning;
 mod no_control;
@@ -48,4 +50,5 @@ mod small;
 mod snapshots;
 mod steps_in_logs;
 mod streams;
+mod trellis;
 mod wide_range;

@@ -32,13 +32,17 @@ impl Trellis {
                     let to_extend =
                         if step == 1 { &start[..] } else { &lists[before.start + from][..] };
                     for (rank, way) in to_extend.iter().enumerate() {
-                        let score = way.score + weight + self.log_likelihoods[state];
-                        if score > f64::NEG_INFINITY {
+                        let score = way.score + weight;
+                        if score > f64::NEG_INFINITY
+                            && self.log_likelihoods[state] > f64::NEG_INFINITY
+                        {
                             ways.push(Way { score, from: from as u32, rank: rank as u32 });
                         }
                     }
                 }
+                // Sorted before the likelihood is added, whose size may hide small differences.
                 keep_best(&mut ways, count);
+                ways.iter_mut().for_each(|way| way.score += self.log_likelihoods[state]);
                 lists.push(ways);
             }
             if count > 0 && lists[range].iter().all(Vec::is_empty) {

@@ -43,7 +43,7 @@ use crate::error::InferenceError;
 /// assert!((path.log_probability() - 0.1575_f64.ln()).abs() < 1e-12);
 /// # Ok::<(), wayfix::InferenceError>(())
 /// ```
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Trellis {
     /// First state of each step, and the number of states at the end.
     steps: Vec<usize>,
@@ -54,11 +54,19 @@ pub struct Trellis {
     log_weights: Vec<f64>,
 }
 
+impl Default for Trellis {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Trellis {
     /// Creates a trellis without steps.
     #[must_use]
     pub fn new() -> Self {
-        Self { moves: vec![0], ..Self::default() }
+        let (steps, from) = (Vec::new(), Vec::new());
+        let (log_likelihoods, log_weights) = (Vec::new(), Vec::new());
+        Self { steps, log_likelihoods, moves: vec![0], from, log_weights }
     }
 
     /// Removes all steps, and keeps the memory.
@@ -78,7 +86,7 @@ impl Trellis {
 
     /// Adds a state to the last step, with the moves into it from states of the step before, by
     /// their number there, from 0. In the first step the only state before is 0, the start.
-    /// Moves should come in ascending order: ties go to the first.
+    /// Moves should come in ascending order, at most one from each state: ties go to the first.
     ///
     /// # Panics
     ///
@@ -86,19 +94,25 @@ impl Trellis {
     ///
     /// # Errors
     ///
-    /// [`InferenceError::TrellisValue`] for a log-likelihood or a weight that is NaN or +∞, and
-    /// [`InferenceError::TrellisState`] for a move from a state that does not exist; the trellis
-    /// is then as before.
+    /// [`InferenceError::TrellisValue`] for a log-likelihood or a weight that is neither −∞ nor
+    /// from −1e300 to 1e300, [`InferenceError::TrellisState`] for a move from a state that does
+    /// not exist, and [`InferenceError::TrellisStep`] before the first step; the trellis is then
+    /// as before.
     pub fn state(
         &mut self,
         log_likelihood: f64,
         moves: impl IntoIterator<Item = (usize, f64)>,
     ) -> Result<(), InferenceError> {
         let step = self.steps.len();
+        if step == 0 {
+            return Err(InferenceError::TrellisStep);
+        }
         let before = if step > 1 { self.steps[step - 1] - self.steps[step - 2] } else { step };
         let valid = |value: f64| {
             let error = InferenceError::TrellisValue { step, value };
-            if value < f64::INFINITY { Ok(()) } else { Err(error) }
+            // Sums of larger ones would overflow.
+            let is_valid = value.abs() <= 1e300 || value == f64::NEG_INFINITY;
+            if is_valid { Ok(()) } else { Err(error) }
         };
         let kept = self.from.len();
         let checked = valid(log_likelihood).and_then(|()| {
@@ -178,11 +192,15 @@ impl Trellis {
             let terms = self.moves_into(state).map(|(j, log)| before[j] + log);
             self.log_likelihoods[state] + log_sum(terms)
         }));
-        let sum = log_sum(out.iter().copied());
-        if sum > f64::NEG_INFINITY {
-            out.iter_mut().for_each(|x| *x -= sum);
+        let largest = out.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if largest == f64::NEG_INFINITY {
+            return largest;
         }
-        sum
+        // In two steps: a sum of large logarithms is rounded more than their differences.
+        out.iter_mut().for_each(|x| *x -= largest);
+        let sum = log_sum(out.iter().copied());
+        out.iter_mut().for_each(|x| *x -= sum);
+        largest + sum
     }
 }
 

@@ -107,10 +107,10 @@ impl SmoothedTrellis {
     }
 
     /// Distribution p(X_k | y_1 … y_{k + lag}) over the states of a step, or of all that were
-    /// observed, if these are fewer. O(moves of `lag` steps).
+    /// observed, if these are fewer. `trellis` is the one that was smoothed. O(moves of `lag` steps).
     #[must_use]
     pub fn lagged(&self, trellis: &Trellis, step: usize, lag: usize) -> Vec<f64> {
-        let last = (step + lag).min(self.steps.len() - 1);
+        let last = step.saturating_add(lag).min(self.steps.len() - 1);
         let mut later = vec![0.0; self.range(last).len()];
         for k in (step + 1..=last).rev() {
             let mut earlier = vec![0.0; self.range(k - 1).len()];
@@ -138,7 +138,7 @@ impl SmoothedTrellis {
     }
 
     /// Moves into the states of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T),
-    /// which sum to one.
+    /// which sum to one. `trellis` is the one that was smoothed.
     #[must_use]
     pub fn pairs<'a>(&'a self, trellis: &'a Trellis, step: usize) -> TrellisPairs<'a> {
         TrellisPairs { smoothed: self, trellis, step }

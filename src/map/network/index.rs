@@ -11,6 +11,8 @@ use crate::map::Coordinates;
 pub struct EdgeIndex {
     tree: StaticAABB2DIndex<f64>,
     pieces: Vec<Piece>,
+    /// True for edges without pieces: their points are those of the reverse, backwards.
+    is_mirrored: Vec<bool>,
 }
 
 /// Piece of the line of an edge, in the plane.
@@ -55,9 +57,17 @@ impl EdgeIndex {
     #[must_use]
     pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
         let mut pieces = Vec::new();
+        // A reverse edge has the same points as a rule: found together with the first. Not so two
+        // carriageways between the same nodes.
+        let mirrored = |edge: usize| {
+            let reverse = network.reverse(edge).filter(|reverse| *reverse < edge);
+            reverse.is_some_and(|other| {
+                network.shape(edge).iter().eq(network.shape(other).iter().rev())
+            })
+        };
+        let is_mirrored: Vec<bool> = (0..network.edges().len()).map(mirrored).collect();
         for (edge, road) in network.edges().iter().enumerate() {
-            // A reverse edge has the same points: found together with the first.
-            if network.reverse(edge).is_some_and(|reverse| reverse < edge) {
+            if is_mirrored[edge] {
                 continue;
             }
             let points: Vec<_> = network.shape(edge).iter().map(|p| p.to_plane()).collect();
@@ -77,7 +87,7 @@ impl EdgeIndex {
             builder.add(a[0].min(b[0]), a[1].min(b[1]), a[0].max(b[0]), a[1].max(b[1]));
         }
         let tree = builder.build().expect("one box was added per piece, with ordered corners");
-        Self { tree, pieces }
+        Self { tree, pieces, is_mirrored }
     }
 
     /// Finds the edges within so many metres of a position, in ascending order; both directions of
@@ -96,8 +106,12 @@ impl EdgeIndex {
         let ([x, y], pieces) = (point, &self.pieces);
         let mut visit = |number: usize| {
             let near = pieces[number].nearest(point, scale);
+            // The scale at the position says nothing of places far from it, as from a pole.
             if near.metres_off <= metres {
-                out.push(near);
+                let near = pieces[number].nearest(point, P::scale(near.point));
+                if near.metres_off <= metres {
+                    out.push(near);
+                }
             }
         };
         self.tree.visit_query(x - reach, y - reach, x + reach, y + reach, &mut visit);
@@ -108,9 +122,11 @@ impl EdgeIndex {
         });
         out.dedup_by_key(|near| near.edge);
         for number in 0..out.len() {
-            if let Some(reverse) = network.reverse(out[number].edge) {
-                let near = out[number];
-                out.push(near.reversed(reverse, network.edges()[reverse].metres));
+            let near = out[number];
+            let reverse = network.reverse(near.edge).filter(|reverse| self.is_mirrored[*reverse]);
+            if let Some(reverse) = reverse {
+                let lengths = [near.edge, reverse].map(|edge| network.edges()[edge].metres);
+                out.push(near.reversed(reverse, lengths));
             }
         }
         out.sort_unstable_by_key(|near| near.edge);
@@ -151,9 +167,9 @@ impl Piece {
 }
 
 impl NearEdge {
-    /// The same point of the reverse edge.
-    fn reversed(self, edge: usize, metres: f64) -> Self {
-        let metres_along = (metres - self.metres_along).max(0.0);
+    /// The same point of the reverse edge; with the lengths of both.
+    fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
+        let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);
         let direction = self.direction.map(|x| -x);
         Self { edge, metres_along, beyond: -self.beyond, direction, ..self }
     }

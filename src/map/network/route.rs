@@ -8,12 +8,13 @@ use super::RoadNetwork;
 /// Costs of turns in a [`RouteSearch`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TurnCosts {
-    /// Metres that a U-turn counts as, beside its own length, where another way goes on.
+    /// Metres that a U-turn counts as, beside its own length, where another way goes on; at
+    /// least 0.
     pub u_turn: f64,
 }
 
 /// Search for the shortest routes from an edge to others by Dijkstra's algorithm (1959) over
-/// edges, so that forbidden turns and costs of U-turns are respected. Keeps its memory, 40 bytes
+/// edges, so that forbidden turns and costs of U-turns are respected. Keeps its memory, 60 bytes
 /// an edge of the network, from one search to the next.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {
@@ -50,8 +51,9 @@ pub struct Reached {
 
 impl RouteSearch {
     /// Finds the shortest routes from the end of an edge to the starts of the edges in `targets`,
-    /// up to `most` metres. `chords` has the straight distance between the ends of each edge.
-    /// Stops when all are found. O(edges within `most` metres, log).
+    /// up to `most` metres, in which U-turns count as their costs; below 0, as 0. `chords` has the
+    /// straight distance between the ends of each edge. Stops when all are found. O(edges within
+    /// `most` metres, log).
     ///
     /// # Panics
     ///
@@ -79,7 +81,11 @@ impl RouteSearch {
             self.wanted[target] = self.search;
         }
         self.queue.clear();
-        self.extend(network, from, Reached::default(), 0.0, costs);
+        if left == 0 {
+            return;
+        }
+        let most = most.max(0.0);
+        self.extend(network, from, Reached::default(), [0.0, most], costs);
         while let Some(Reverse((_, edge))) = self.queue.pop() {
             let edge = edge as usize;
             let label = &mut self.labels[edge];
@@ -98,7 +104,7 @@ impl RouteSearch {
             if cost + metres <= most {
                 let chords = reached.chords + chords[edge];
                 let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, edge, after, cost + metres, costs);
+                self.extend(network, edge, after, [cost + metres, most], costs);
             }
         }
     }
@@ -109,7 +115,7 @@ impl RouteSearch {
         network: &RoadNetwork<P>,
         edge: usize,
         after: Reached,
-        cost: f64,
+        [cost, most]: [f64; 2],
         costs: TurnCosts,
     ) {
         let reverse = network.reverse(edge);
@@ -118,6 +124,9 @@ impl RouteSearch {
         for next in network.next(edge) {
             let turns_back = ways > 0 && Some(next) == reverse;
             let cost = cost + if turns_back { costs.u_turn } else { 0.0 };
+            if cost > most {
+                continue;
+            }
             let label = &mut self.labels[next];
             if label.search == self.search && (label.is_settled || label.cost <= cost) {
                 continue;

@@ -1,0 +1,175 @@
+//! Edges near a position against the projection on all edges.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::map::{
+    Coordinates, EdgeIndex, EdgeOptions, NearEdge, NetworkBuilder, Position, RoadClass, RoadNetwork,
+};
+use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+
+use super::city::at;
+use crate::kit::cases;
+
+/// Up to 8 nodes and 12 edges, bent, in one or both directions, in a square that `place` maps to
+/// positions.
+fn any_network<P: Coordinates + 'static>(
+    place: impl Fn((f64, f64)) -> P + Clone + 'static,
+) -> impl Strategy<Value = RoadNetwork<P>> {
+    let point = || (0.0..1.0, 0.0..1.0);
+    let edges = vec((0..8_usize, 0..8_usize, any::<bool>(), vec(point(), 0..4)), 1..12);
+    (vec(point(), 8), edges).prop_map(move |(nodes, edges)| {
+        let mut builder = NetworkBuilder::new();
+        for (&node, id) in nodes.iter().zip(0..) {
+            builder.node(id, place(node)).unwrap();
+        }
+        for (from, to, both, between) in edges {
+            if from == to && between.is_empty() {
+                continue;
+            }
+            let mut between: Vec<P> = between.into_iter().map(&place).collect();
+            let ends = [from as u64, to as u64];
+            let options =
+                |between: Vec<P>| EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+            let there = builder.edge(ends[0], ends[1], options(between.clone())).unwrap();
+            if both {
+                between.reverse();
+                let back = builder.edge(ends[1], ends[0], options(between)).unwrap();
+                builder.pair(there, back);
+            }
+        }
+        builder.build().unwrap()
+    })
+}
+
+/// The index finds what projections find, but for edges as far as the limit to this part.
+fn check<P: Coordinates>(
+    network: &RoadNetwork<P>,
+    position: P,
+    metres: f64,
+    tolerance: f64,
+) -> Result<(), TestCaseError> {
+    let index = EdgeIndex::new(network);
+    let mut found = vec![];
+    index.near(network, position, metres, &mut found);
+    prop_assert!(found.windows(2).all(|pair| pair[0].edge < pair[1].edge), "{found:?}");
+    for edge in 0..network.edges().len() {
+        let expected = network.project(edge, position);
+        let near: Option<&NearEdge> = found.iter().find(|near| near.edge == edge);
+        let margin = tolerance * metres + 1e-7;
+        match near {
+            None => prop_assert!(
+                expected.metres_off > metres - margin,
+                "{edge} is missing: {expected:?}"
+            ),
+            Some(near) => {
+                prop_assert!(near.metres_off <= metres);
+                prop_assert!(
+                    (near.metres_off - expected.metres_off).abs() <= margin,
+                    "{near:?} {expected:?}"
+                );
+                let length = network.edges()[edge].metres;
+                prop_assert!((0.0..=length * (1.0 + 1e-12)).contains(&near.metres_along));
+                // The place is as near as the nearest, if not the same.
+                let place = network.position_along(edge, near.metres_along);
+                let off = place.metres_to(position);
+                prop_assert!(
+                    (off - expected.metres_off).abs() <= margin + 2.0 * tolerance * length,
+                    "{near:?} {expected:?}"
+                );
+                let split = near.across.hypot(near.beyond);
+                prop_assert!((split - near.metres_off).abs() <= 1e-6, "{near:?}");
+                prop_assert!(near.across >= 0.0);
+                let margin = 1e-9 * length;
+                if near.beyond > 1e-9 {
+                    prop_assert!(near.metres_along >= length - margin);
+                } else if near.beyond < -1e-9 {
+                    prop_assert!(near.metres_along <= margin);
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn equal_brute_force_in_a_plane(
+        network in any_network(|(x, y)| at(1000.0 * x, 1000.0 * y)),
+        x in -200.0..1200.0, y in -200.0..1200.0, metres in 0.0..600.0,
+    ) {
+        check(&network, at(x, y), metres, 1e-12)?;
+    }
+
+    /// Squares of 500 to 900 m at the equator, in Canberra, and near 80°.
+    #[test]
+    fn equal_brute_force_on_earth(
+        (network, latitude) in proptest::sample::select(&[0.0, -35.0, 69.6, 80.0][..]).prop_flat_map(|latitude| {
+            let place = move |(x, y): (f64, f64)| Position {
+                latitude: latitude + 0.005 * y,
+                longitude: 20.0 + 0.008 * x / f64::to_radians(latitude).cos(),
+            };
+            (any_network(place), Just(latitude))
+        }),
+        x in -0.2..1.2, y in -0.2..1.2, metres in 0.0..400.0,
+    ) {
+        let longitude = 20.0 + 0.008 * x / f64::to_radians(latitude).cos();
+        let position = Position { latitude: latitude + 0.005 * y, longitude };
+        // The scale of the projection changes by a part of 1e-3 over such a square near 80°.
+        check(&network, position, metres, 2e-3)?;
+    }
+}
+
+/// Two carriageways around a square, of the same length between the same nodes: each has its own
+/// line.
+#[test]
+fn both_directions_have_their_own_lines() {
+    let mut builder = NetworkBuilder::new();
+    builder.node(0, at(0.0, 0.0)).unwrap();
+    builder.node(1, at(200.0, 0.0)).unwrap();
+    for (from, to, y) in [(0, 1, -60.0), (1, 0, 60.0)] {
+        let between =
+            if from == 0 { vec![at(0.0, y), at(200.0, y)] } else { vec![at(200.0, y), at(0.0, y)] };
+        let options = EdgeOptions { between, ..EdgeOptions::of(RoadClass::Street) };
+        builder.edge(from, to, options).unwrap();
+    }
+    let network = builder.build().unwrap();
+    let back = network.edge_between(1, 0).unwrap();
+    let mut near = Vec::new();
+    EdgeIndex::new(&network).near(&network, at(100.0, 60.0), 10.0, &mut near);
+    let edges: Vec<_> = near.iter().map(|near| (near.edge, near.metres_off)).collect();
+    assert_eq!(edges, [(back, 0.0)]);
+}
+
+#[test]
+fn a_network_without_edges() {
+    let mut builder = NetworkBuilder::new();
+    builder.node(0, at(0.0, 0.0)).unwrap();
+    let network = builder.build().unwrap();
+    let mut near = Vec::new();
+    EdgeIndex::new(&network).near(&network, at(0.0, 0.0), 1e6, &mut near);
+    assert!(near.is_empty());
+    let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    let points = [0.0, 1.0, 2.0].map(|time| TracePoint::new(time, at(5.0 * time, 0.0)));
+    let drive = matcher.match_drive(&points, &mut memory).unwrap();
+    assert_eq!(drive.smoothed(1).edge, None);
+    assert_eq!(drive.smoothed(1).off_road, 1.0);
+    assert_eq!(drive.metres(), 0.0);
+}
+
+/// The projection stretches without end towards the poles.
+#[test]
+fn nothing_is_near_a_pole() {
+    let mut builder: NetworkBuilder = NetworkBuilder::new();
+    builder.node(0, Position { latitude: -35.0, longitude: 149.0 }).unwrap();
+    builder.node(1, Position { latitude: -35.0, longitude: 149.01 }).unwrap();
+    builder.both_ways(0, 1, RoadClass::Street).unwrap();
+    let network = builder.build().unwrap();
+    let index = EdgeIndex::new(&network);
+    for latitude in [90.0, -90.0, 89.999_99, -89.999_99] {
+        let mut near = Vec::new();
+        index.near(&network, Position { latitude, longitude: 149.0 }, 1000.0, &mut near);
+        assert!(near.is_empty(), "{latitude}: {near:?}");
+    }
+}

@@ -1,0 +1,12 @@
+//! Map matching, and the parts of road networks that it stands on.
+
+mod calibration;
+mod city;
+mod drives;
+mod garbage;
+mod index;
+mod learn;
+mod ranked;
+mod routes;
+mod shapes;
+mod vehicles;

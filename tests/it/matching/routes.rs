@@ -1,0 +1,142 @@
+//! Searches for routes against brute force.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteSearch, TurnCosts};
+
+use super::city::{Network, at};
+use crate::kit::cases;
+
+/// Up to 6 nodes with loops, parallel edges, dead ends, one-way streets and forbidden turns.
+fn any_network() -> impl Strategy<Value = Network> {
+    let edges = vec((0..6_u64, 0..6_u64, any::<bool>(), 1..20_u32), 1..12);
+    let turns = vec((0..100_usize, 0..100_usize), 0..5);
+    (1..=6_u64, edges, turns).prop_map(|(nodes, edges, turns)| {
+        let mut builder = NetworkBuilder::new();
+        (0..nodes).for_each(|n| {
+            builder.node(n, at(n as f64, 0.0)).unwrap();
+        });
+        let mut ends = Vec::new();
+        for (from, to, both, metres) in edges {
+            let (from, to) = (from % nodes, to % nodes);
+            let options = || EdgeOptions {
+                metres: Some(metres.into()),
+                ..EdgeOptions::of(RoadClass::Street)
+            };
+            let there = builder.edge(from, to, options()).unwrap();
+            ends.push((from, to));
+            if both && from != to {
+                let back = builder.edge(to, from, options()).unwrap();
+                ends.push((to, from));
+                builder.pair(there, back);
+            }
+        }
+        for (edge, next) in turns {
+            let edge = edge % ends.len();
+            let onward: Vec<usize> =
+                (0..ends.len()).filter(|&e| ends[e].0 == ends[edge].1).collect();
+            if !onward.is_empty() {
+                builder.forbid(edge, onward[next % onward.len()]);
+            }
+        }
+        builder.build().unwrap()
+    })
+}
+
+/// Cost of the turn from an edge to the next, where a U-turn costs where another way goes on.
+fn turn(network: &Network, edge: usize, next: usize, u_turn: f64) -> f64 {
+    let back = network.reverse(edge);
+    let goes_on = network.next(edge).any(|next| Some(next) != back);
+    if goes_on && Some(next) == back { u_turn } else { 0.0 }
+}
+
+/// Least cost from the end of an edge to the start of each, by Bellman and Ford.
+fn costs(network: &Network, from: usize, u_turn: f64) -> Vec<f64> {
+    let edges = network.edges();
+    let mut cost = vec![f64::INFINITY; edges.len()];
+    for next in network.next(from) {
+        cost[next] = cost[next].min(turn(network, from, next, u_turn));
+    }
+    for _ in 0..=edges.len() {
+        for edge in 0..edges.len() {
+            for next in network.next(edge) {
+                let through = cost[edge] + edges[edge].metres + turn(network, edge, next, u_turn);
+                cost[next] = cost[next].min(through);
+            }
+        }
+    }
+    cost
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn equal_brute_force(
+        network in any_network(),
+        searches in vec((0..100_usize, vec(0..100_usize, 1..6), 0..60_u32, 0..30_u32), 1..4),
+    ) {
+        let n = network.edges().len();
+        let chords: Vec<f64> = (0..n).map(|e| network.edges()[e].metres * 0.5).collect();
+        // One memory for all searches.
+        let mut search = RouteSearch::default();
+        for (from, targets, most, u_turn) in searches {
+            let (from, most, u_turn) = (from % n, f64::from(most), f64::from(u_turn));
+            let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
+            search.run(&network, &chords, from, targets.iter().copied(), most, TurnCosts { u_turn });
+            let expected = costs(&network, from, u_turn);
+            for &target in &targets {
+                let found = search.reached(target);
+                let turns = |found: wayfix::map::Reached| f64::from(found.u_turns) * u_turn;
+                let cost = found.map_or(f64::INFINITY, |found| found.metres + turns(found));
+                let within = if expected[target] <= most { expected[target] } else { f64::INFINITY };
+                prop_assert_eq!(cost, within, "from {} to {}", from, target);
+                let route = search.route(from, target);
+                let Some(found) = found else {
+                    prop_assert!(route.is_empty());
+                    continue;
+                };
+                prop_assert!(route.len() >= 2);
+                prop_assert_eq!([route[0], route[route.len() - 1]], [from, target]);
+                for pair in route.windows(2) {
+                    prop_assert!(network.next(pair[0]).any(|next| next == pair[1]), "{route:?}");
+                }
+                let inner = &route[1..route.len() - 1];
+                let sum = |values: &dyn Fn(usize) -> f64| inner.iter().map(|&e| values(e)).sum::<f64>();
+                prop_assert_eq!(sum(&|e| network.edges()[e].metres), found.metres);
+                prop_assert_eq!(sum(&|e| chords[e]), found.chords);
+                let counts = route.windows(2).map(|pair| turn(&network, pair[0], pair[1], 1.0));
+                prop_assert_eq!(counts.sum::<f64>(), f64::from(found.u_turns));
+                let choices: f64 = route[..route.len() - 1].iter().map(|&edge| {
+                    let back = network.reverse(edge);
+                    let ways = network.next(edge).filter(|next| Some(*next) != back).count();
+                    (ways.max(1) as f64).ln()
+                }).sum();
+                prop_assert!((choices - found.log_choices).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_is_beyond_the_bound() {
+    let mut builder = NetworkBuilder::new();
+    (0..5).for_each(|n| {
+        builder.node(n, at(100.0 * n as f64, 0.0)).unwrap();
+    });
+    (0..4).for_each(|n| {
+        builder.one_way(n, n + 1, RoadClass::Street).unwrap();
+    });
+    let network = builder.build().unwrap();
+    let mut search = RouteSearch::default();
+    let costs = TurnCosts { u_turn: 10.0 };
+    search.run(&network, &[100.0; 4], 0, [3], 199.0, costs);
+    assert_eq!(search.reached(3), None);
+    search.run(&network, &[100.0; 4], 0, [3], 200.0, costs);
+    assert_eq!(search.reached(3).unwrap().metres, 200.0);
+    assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
+    assert_eq!(search.reached(99), None);
+    // Without targets there is nothing to look for.
+    search.run(&network, &[100.0; 4], 0, [], 1e9, costs);
+    assert_eq!(search.reached(3), None);
+}
