@@ -4,6 +4,7 @@
 use std::error::Error;
 use std::fmt;
 
+use super::FlowError;
 use crate::error::TransitionError;
 
 /// Places and roads that do not form a map, or a file that cannot be read.
@@ -209,6 +210,17 @@ pub enum TurningError {
         /// Sum found.
         sum: f64,
     },
+    /// Moves were counted where there is no road.
+    Moved {
+        /// Id of the place that is left.
+        from: u64,
+        /// Id of the place that is reached.
+        to: u64,
+        /// Number of moves.
+        count: f64,
+    },
+    /// Counts of traffic are not those of a flow.
+    Flow(FlowError),
     /// The probabilities do not form a transition operator.
     Transition(TransitionError),
 }
@@ -226,6 +238,11 @@ impl fmt::Display for TurningError {
             Self::Sum { id, sum } => {
                 write!(f, "the turning probabilities of place {id} sum to {sum}, expected 1")
             }
+            Self::Moved { from, to, count } => write!(
+                f,
+                "no road leads from place {from} to place {to}, but the number of moves is {count}"
+            ),
+            Self::Flow(error) => fmt::Display::fmt(error, f),
             Self::Transition(error) => fmt::Display::fmt(error, f),
         }
     }
@@ -234,6 +251,7 @@ impl fmt::Display for TurningError {
 impl Error for TurningError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
+            Self::Flow(error) => error.source(),
             Self::Transition(error) => error.source(),
             _ => None,
         }

@@ -5,7 +5,9 @@
 //! Places are on Earth (a [`Position`] in degrees) or in a plane (a [`PlanePosition`] in metres,
 //! for a warehouse). Raw data with duplicate roads or loops can be [cleaned](RoadMap::cleaned),
 //! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
-//! Φ, and these give the transition operator A = Φ'.
+//! Φ, and these give the transition operator A = Φ'. They are also learned: from moves of drives, or
+//! from counts of traffic ([`TurningProbabilities::from_counts`] and
+//! [`from_road_counts`](TurningProbabilities::from_road_counts)).
 //!
 //! Where the position along a road counts, a [`RoadNetwork`] of directed edges with their lines is
 //! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
@@ -39,9 +41,11 @@ mod cleaning;
 #[cfg(feature = "csv")]
 mod csv;
 mod error;
+mod flow;
 mod graph;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 mod import;
+mod learned_turning;
 mod network;
 mod position;
 mod road_map;
@@ -52,10 +56,12 @@ pub(crate) use cells::Layout;
 pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
+pub use flow::FlowError;
 #[cfg(all(feature = "geojson", feature = "matching"))]
 pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
+pub use learned_turning::{LearnedTurn, LearnedTurning, TurningPrior};
 pub use network::{Cleaning, CleaningOperation, CleaningStep};
 pub use network::{
     Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteSearch,

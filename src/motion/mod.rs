@@ -20,7 +20,7 @@ mod route;
 mod speeds;
 mod window;
 
-pub use cells::{CellTransition, Odometer, Travel, TurnWeights};
+pub use cells::{CellTransition, EdgeTurn, EdgeTurns, Odometer, Travel, TurnWeights};
 pub use distance::{DistanceTransition, OdometryReading};
 pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;

@@ -21,6 +21,7 @@ mod faer;
 mod invariants;
 mod large;
 mod layers;
+mod learned_turning;
 mod learning;
 mod lockstep;
 mod long_sequences;

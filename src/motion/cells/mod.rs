@@ -1,5 +1,6 @@
 //! Motion on the cells of roads, by metres driven.
 
+mod edge_turns;
 mod odometer;
 mod products;
 mod travel;
@@ -8,6 +9,7 @@ mod walk;
 
 use std::sync::Arc;
 
+pub use edge_turns::{EdgeTurn, EdgeTurns};
 pub use odometer::Odometer;
 pub use travel::Travel;
 pub use turns::TurnWeights;
@@ -128,13 +130,16 @@ impl CellTransition {
     /// [`TransitionError::Parameter`] for a weight out of its range, or
     /// [`TransitionError::TooMany`] for more turns than 32-bit indices address.
     pub fn new<P>(cells: &RoadCells<P>, weights: &TurnWeights) -> Result<Self, TransitionError> {
-        let next = Turns::new(cells.network(), weights)?;
+        Ok(Self::of_turns(cells, Turns::new(cells.network(), weights)?))
+    }
+
+    fn of_turns<P>(cells: &RoadCells<P>, next: Turns) -> Self {
         let before = next.reversed();
         let layout = cells.layout().clone();
         let edges = (0..).zip(0..layout.edge_count());
         let ends = edges.filter(|edge| next.of(edge.1).is_empty()).map(|edge| edge.0).collect();
         let (mean_metres, rounding) = (cells.mean_metres(), cells.rounding());
-        Ok(Self { layout, next, before, ends, stay: true, mean_metres, rounding })
+        Self { layout, next, before, ends, stay: true, mean_metres, rounding }
     }
 
     /// Makes it impossible to stay at an end of the network when metres are driven.

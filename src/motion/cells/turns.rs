@@ -90,8 +90,8 @@ impl TurnWeights {
 /// Turns of each edge with their probabilities, by the edge before or by the edge after.
 #[derive(Debug, Clone)]
 pub(super) struct Turns {
-    starts: Vec<u32>,
-    turns: Vec<(u32, f64)>,
+    pub(super) starts: Vec<u32>,
+    pub(super) turns: Vec<(u32, f64)>,
 }
 
 impl Turns {

@@ -1,0 +1,231 @@
+//! Consistent flows from counts of traffic on roads.
+
+use std::error::Error;
+use std::fmt;
+
+use super::{RoadMap, RoadNetwork};
+use crate::error::TransitionError;
+
+/// Largest difference between what enters and what leaves a node, relative to both.
+const TOLERANCE: f64 = 1e-9;
+/// Rounds after which balancing gives up.
+const ROUNDS: usize = 100_000;
+
+/// Counts of traffic on roads that are no flow, or don't fit the turns. Nodes and places are named
+/// by their ids.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum FlowError {
+    /// There is not one count per road.
+    Length {
+        /// Number of counts.
+        found: usize,
+        /// Number of roads.
+        expected: usize,
+    },
+    /// A count is NaN, negative or infinite, or beyond 1e150.
+    Count {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// Value found.
+        value: f64,
+    },
+    /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
+    NoWayBack {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// The count.
+        value: f64,
+    },
+    /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
+    /// did not converge there.
+    Unbalanced {
+        /// Id of the node.
+        id: u64,
+        /// Largest relative error that is left.
+        error: f64,
+    },
+    /// The weights of turns are invalid.
+    Transition(TransitionError),
+}
+
+impl fmt::Display for FlowError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Length { found, expected } => {
+                write!(f, "{found} counts for {expected} roads, expected one each")
+            }
+            Self::Count { from, to, value } => write!(
+                f,
+                "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
+            ),
+            Self::NoWayBack { from, to, value } => write!(
+                f,
+                "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
+            ),
+            Self::Unbalanced { id, error } => write!(
+                f,
+                "no flow through the turns of place {id} was found, a relative error of {error} is left"
+            ),
+            Self::Transition(error) => fmt::Display::fmt(error, f),
+        }
+    }
+}
+
+impl Error for FlowError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        match self {
+            Self::Transition(error) => error.source(),
+            _ => None,
+        }
+    }
+}
+
+impl From<TransitionError> for FlowError {
+    fn from(source: TransitionError) -> Self {
+        Self::Transition(source)
+    }
+}
+
+impl<P> RoadMap<P> {
+    /// Flow nearest to counts of traffic, one per road, in the order of [`roads`](Self::roads): at
+    /// each place, as much enters as leaves.
+    ///
+    /// Counts of different days and detectors don't add up at junctions. Of all flows x ≥ 0 that
+    /// do, this is the one with the smallest relative entropy Σ x ln(x / c) − x + c to the counts
+    /// c: each count, times a factor of the place where the road ends, divided by one of the place
+    /// where it starts. Roads without traffic stay without. O(rounds × roads); far apart
+    /// imbalances on large maps need many rounds.
+    ///
+    /// ```
+    /// use wayfix::canberra;
+    ///
+    /// let map = canberra::map();
+    /// let flow = map.consistent_flow(&vec![100.0; map.roads().len()])?;
+    /// let into: f64 = map.roads().iter().zip(&flow).filter(|x| x.0.to == 5).map(|x| x.1).sum();
+    /// let out: f64 = map.roads().iter().zip(&flow).filter(|x| x.0.from == 5).map(|x| x.1).sum();
+    /// assert!((into / out - 1.0).abs() < 1e-8);
+    /// # Ok::<(), wayfix::map::FlowError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`FlowError::Length`] and [`FlowError::Count`] for counts that are none;
+    /// [`FlowError::NoWayBack`] where there is no flow; [`FlowError::Unbalanced`] after 100,000
+    /// rounds.
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, FlowError> {
+        let ends = (0..self.places.len())
+            .flat_map(|from| self.roads_from(from).map(move |(to, _)| [from, to]));
+        balance(self.places.len(), &ends.collect::<Vec<_>>(), counts, |i| self.places[i].id)
+    }
+}
+
+impl<P> RoadNetwork<P> {
+    /// Flow nearest to counts of traffic, one per edge: at each node, as much enters as leaves.
+    /// See [`RoadMap::consistent_flow`].
+    ///
+    /// # Errors
+    ///
+    /// As [`RoadMap::consistent_flow`].
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, FlowError> {
+        let ends: Vec<_> = self.edges().iter().map(|edge| [edge.from, edge.to]).collect();
+        balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)
+    }
+}
+
+/// Scales counts until in- and outflow of each node are equal, node by node.
+fn balance(
+    nodes: usize,
+    ends: &[[usize; 2]],
+    counts: &[f64],
+    id: impl Fn(usize) -> u64,
+) -> Result<Vec<f64>, FlowError> {
+    let (found, expected) = (counts.len(), ends.len());
+    if found != expected {
+        return Err(FlowError::Length { found, expected });
+    }
+    for (&[from, to], &value) in ends.iter().zip(counts) {
+        if !(0.0..=1e150).contains(&value) {
+            return Err(FlowError::Count { from: id(from), to: id(to), value });
+        }
+    }
+    // Scaled: squares and sums of the smallest and the largest counts stay in range.
+    let largest = counts.iter().copied().fold(0.0, f64::max);
+    let mut flow: Vec<f64> =
+        counts.iter().map(|c| if *c > 0.0 { c / largest } else { 0.0 }).collect();
+    let mut roads = [vec![Vec::new(); nodes], vec![Vec::new(); nodes]];
+    for (road, &[from, to]) in ends.iter().enumerate().filter(|road| flow[road.0] > 0.0) {
+        // A loop enters and leaves as often, whatever its flow.
+        if from != to {
+            roads[0][to].push(road);
+            roads[1][from].push(road);
+        }
+    }
+    let part = strong_parts(ends, &roads);
+    for (&[from, to], &value) in ends.iter().zip(counts) {
+        if value > 0.0 && part[from] != part[to] {
+            return Err(FlowError::NoWayBack { from: id(from), to: id(to), value });
+        }
+    }
+    let [into, out] = &roads;
+    let mut worst = (0.0, 0);
+    for _ in 0..ROUNDS {
+        worst = (0.0, 0);
+        for (node, (arrivals, departures)) in into.iter().zip(out).enumerate() {
+            let [into, out] =
+                [arrivals, departures].map(|roads| roads.iter().map(|&r| flow[r]).sum::<f64>());
+            let error = if into == out { 0.0 } else { (into - out).abs() / (into + out) };
+            if error > worst.0 {
+                worst = (error, node);
+            }
+            let factor = (out / into).sqrt();
+            if into != out && factor > 0.0 && factor.is_finite() {
+                arrivals.iter().for_each(|&road| flow[road] *= factor);
+                departures.iter().for_each(|&road| flow[road] /= factor);
+            }
+        }
+        if worst.0 <= TOLERANCE {
+            flow.iter_mut().for_each(|flow| *flow *= largest);
+            return Ok(flow);
+        }
+    }
+    Err(FlowError::Unbalanced { id: id(worst.1), error: worst.0 })
+}
+
+/// Strongly connected part of each node, by Kosaraju's two searches, without recursion. `roads`
+/// are those into and those out of each node.
+fn strong_parts(ends: &[[usize; 2]], [into, out]: &[Vec<Vec<usize>>; 2]) -> Vec<usize> {
+    let nodes = into.len();
+    let (mut finished, mut seen) = (Vec::with_capacity(nodes), vec![false; nodes]);
+    for root in 0..nodes {
+        let mut path = if seen[root] { vec![] } else { vec![(root, 0)] };
+        seen[root] = true;
+        while let Some((node, next)) = path.last_mut() {
+            if let Some(&road) = out[*node].get(*next) {
+                *next += 1;
+                let to = ends[road][1];
+                if !std::mem::replace(&mut seen[to], true) {
+                    path.push((to, 0));
+                }
+            } else {
+                finished.push(*node);
+                path.pop();
+            }
+        }
+    }
+    let mut part = vec![usize::MAX; nodes];
+    for &root in finished.iter().rev() {
+        let mut open = if part[root] == usize::MAX { vec![root] } else { vec![] };
+        while let Some(node) = open.pop() {
+            if part[node] == usize::MAX {
+                part[node] = root;
+                open.extend(into[node].iter().map(|&road| ends[road][0]));
+            }
+        }
+    }
+    part
+}
