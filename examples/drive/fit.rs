@@ -8,7 +8,7 @@ use wayfix::matching::{FittedModel, MatchError, MatchMemory, MatchModel, Matcher
 use super::{Drive, roads};
 
 /// Most points to learn from, and most in a row.
-const MOST_POINTS: usize = 20_000;
+const MOST_POINTS: usize = 5_000;
 const PIECE: usize = 500;
 /// Fewest points to learn from.
 const FEWEST_POINTS: usize = 30;

@@ -18,7 +18,8 @@ pub struct RoadAnswer {
     pub off_road: f64,
 }
 
-/// Probabilities of edges, in ascending order, and off the road last.
+/// Probabilities of edges, and off the road: (edge, probability, metres along at the most probable
+/// state, probability of that state).
 pub(super) fn by_edge(states: &[Candidate], probabilities: &[f64]) -> Vec<(u32, f64, f64, f64)> {
     let mut edges: Vec<(u32, f64, f64, f64)> = Vec::with_capacity(states.len());
     for (state, &p) in states.iter().zip(probabilities) {
@@ -68,8 +69,7 @@ pub struct CredibleStretch {
     pub probability: f64,
 }
 
-/// Stretches of roads that hold the vehicle with a probability of at least `mass`, if it is not
-/// more probable that it is off the road: those of the most probable states, each as long as the
+/// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the most probable states, each as long as the
 /// noise along the road asks. Empty where the roads hold less.
 pub(super) fn credible<P>(
     network: &RoadNetwork<P>,
@@ -78,10 +78,14 @@ pub(super) fn credible<P>(
     sigma: f64,
     mass: f64,
 ) -> Vec<CredibleStretch> {
-    // Half of the doubt is about the road, half about the place along it.
-    let share = mass.clamp(0.0, 0.999_999).sqrt();
-    let half = sigma * ((1.0 + share) / (1.0 - share)).ln() / 1.702;
     let mut order: Vec<usize> = (0..states.len()).filter(|&i| !states[i].is_off_road()).collect();
+    let (mass, on_road) = (mass.max(0.0), order.iter().map(|&i| probabilities[i]).sum::<f64>());
+    if mass >= on_road {
+        return Vec::new();
+    }
+    // Half of the doubt is about the road, half about the place along it.
+    let (share, along) = ((mass * on_road).sqrt(), (mass / on_road).sqrt());
+    let half = sigma * ((1.0 + along) / (1.0 - along)).ln() / 1.702;
     order.sort_by(|&a, &b| probabilities[b].total_cmp(&probabilities[a]));
     let (mut found, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
     for i in order {
@@ -100,5 +104,5 @@ pub(super) fn credible<P>(
             None => found.push(CredibleStretch { edge, metres, probability }),
         }
     }
-    if sum >= share { found } else { Vec::new() }
+    found
 }

@@ -38,7 +38,7 @@ pub struct Stretch<P = Position> {
 impl<P: Coordinates> Matcher<P> {
     /// Matches a whole drive. Points must be in the order of time, each later than the one before.
     ///
-    /// O(points · (candidates² + edges searched)) time; some 30 bytes a pair of candidates.
+    /// O(points · (candidates² + edges searched)) time; some 44 bytes a pair of candidates.
     ///
     /// # Errors
     ///
@@ -274,7 +274,7 @@ impl<P: Coordinates> MatchedDrive<P> {
         on_road.map(|stretch| stretch.exit - stretch.enter).sum()
     }
 
-    /// Mean number of candidates at a point, off the road not counted.
+    /// Mean number of states on roads at a point, those that go on unseen included.
     #[must_use]
     pub fn candidates(&self) -> f64 {
         let states: usize = self.states.iter().map(|states| states.len() - 1).sum();

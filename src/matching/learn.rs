@@ -48,6 +48,9 @@ impl<P: Coordinates> Matcher<P> {
     /// it starts; it counts as much as ten points, and 20,000 seconds on the road. Noise is learned from
     /// points without an accuracy.
     ///
+    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` up to a half,
+    /// `deviation` from 1 m a second, `leave_road` up to 0.005, and `return_to_road` up to 0.1.
+    ///
     /// Start with more noise than there is: the search for roads reaches four deviations. At most
     /// `iterations` passes over the drives, each as long as
     /// [`match_drive`](Self::match_drive).

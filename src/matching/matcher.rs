@@ -19,7 +19,7 @@ pub struct Matcher<P = Position> {
     pub(super) model: MatchModel,
 }
 
-/// Memory of a thread for the search of roads and routes: some 50 bytes an edge of the network.
+/// Memory of a thread for the search of roads and routes: some 70 bytes an edge of the network.
 #[derive(Debug, Clone, Default)]
 pub struct MatchMemory {
     pub(super) search: RouteSearch,
@@ -29,6 +29,8 @@ pub struct MatchMemory {
     pub(super) moves: Vec<Move>,
 }
 
+/// Most edges near a point, the nearest: moves grow with their square.
+const MOST_CANDIDATES: usize = 64;
 /// Logarithm of the share of the belief below which the way from a state is not looked for.
 const NEGLIGIBLE: f64 = -20.0;
 /// Logarithm of the weight below which a move is left out.
@@ -113,6 +115,14 @@ impl<P: Coordinates> Matcher<P> {
     ) -> Vec<Candidate> {
         let reach = 4.0 * deviation(model, point) + 10.0;
         self.index.near(&self.network, point.position, reach, &mut memory.near);
+        if memory.near.len() > MOST_CANDIDATES {
+            let nearer = |a: &NearEdge, b: &NearEdge| {
+                a.metres_off.total_cmp(&b.metres_off).then(a.edge.cmp(&b.edge))
+            };
+            memory.near.sort_unstable_by(nearer);
+            memory.near.truncate(MOST_CANDIDATES);
+            memory.near.sort_unstable_by_key(|near| near.edge);
+        }
         let state =
             |near: &NearEdge| on_edge(near, self.network.edges()[near.edge].metres, model, point);
         memory.near.iter().map(state).collect()

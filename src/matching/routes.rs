@@ -25,7 +25,8 @@ impl<P: Coordinates> Matcher<P> {
     /// first. Their probabilities add up all ways to place the points along the same edges.
     ///
     /// Routes are those of the 32 · `count` most probable paths, so that for a long drive with many
-    /// doubts a route may be missing; each probability is exact. O(points · candidates² · count).
+    /// doubts a route may be missing. Ways between two points are known by their length: of two of
+    /// equal length, each probability may count both. O(points · candidates² · count).
     ///
     /// # Errors
     ///

@@ -18,7 +18,7 @@ pub struct SmoothedTrellis {
 }
 
 impl Trellis {
-    /// Computes the filtered and smoothed distributions of all steps. O(moves) time; 40 bytes a
+    /// Computes the filtered and smoothed distributions of all steps. O(moves) time; 32 bytes a
     /// state.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use static_aabb2d_index::{StaticAABB2DIndex, StaticAABB2DIndexBuilder};
 use super::RoadNetwork;
 use crate::map::Coordinates;
 
-/// Spatial index of the edges of a network. Building takes O(points log), 130 bytes a
+/// Spatial index of the edges of a network. Edges across the antimeridian are not found. Building takes O(points log), 130 bytes a
 /// piece of a line.
 #[derive(Debug, Clone)]
 pub struct EdgeIndex {
