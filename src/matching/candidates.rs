@@ -24,7 +24,7 @@ pub(super) struct Candidate {
 /// those off the road. With these, one bad position is an outlier, and several in a row are a
 /// stretch off the road.
 const OUTLIER_SPREAD: f64 = 30.0;
-const OFF_ROAD_SPREAD: f64 = 300.0;
+const OFF_ROAD_SPREAD: f64 = 450.0;
 
 /// Edge of the state off the road.
 pub(super) const OFF_ROAD: u32 = u32::MAX;

@@ -49,7 +49,7 @@ impl<P: Coordinates> Matcher<P> {
     /// points without an accuracy.
     ///
     /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` up to a half,
-    /// `deviation` from 1 m a second, `leave_road` up to 0.005, and `return_to_road` up to 0.1.
+    /// `deviation` from 1.5 m a second, `leave_road` up to 0.005, and `return_to_road` up to 0.1.
     ///
     /// Start with more noise than there is: the search for roads reaches four deviations. At most
     /// `iterations` passes over the drives, each as long as
@@ -154,7 +154,7 @@ impl Counts {
         MatchModel {
             noise: variance.sqrt().clamp(0.1, 1000.0),
             outliers: ((self.outliers + n * prior.outliers) / (self.on_road + n)).clamp(1e-4, 0.5),
-            deviation: ((self.detour + n * prior.deviation) / (self.moves + n)).clamp(1.0, 100.0),
+            deviation: ((self.detour + n * prior.deviation) / (self.moves + n)).clamp(1.5, 100.0),
             stop: ((self.stood + n * prior.stop) / (self.moves + n)).clamp(1e-3, 0.95),
             leave_road: rate(self.left, self.seconds_on_road, prior.leave_road),
             return_to_road: {
