@@ -12,6 +12,8 @@ const CHOICES: f64 = 0.7;
 /// Most that the choices of one move weigh: a driver who wants to get somewhere makes few on the
 /// way.
 const MOST_CHOICES: f64 = 3.0;
+/// Seconds for which a detour is possible at least, however short the time between two positions.
+const LEAST_SECONDS: f64 = 0.2;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
 
@@ -63,7 +65,7 @@ impl Interval {
 
     /// Scale of detours.
     pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
-        model.deviation * self.seconds.max(0.2)
+        model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
     /// Weight of a way between two states on roads, without the share that leaves the road:
@@ -100,7 +102,7 @@ impl Interval {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }
         let share = (short + 0.1 * long) / (short + long).max(1e-300);
-        let detour = share * way.detour / self.seconds;
+        let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
         (log, Move::Along { metres: way.metres, stood: stands / (stands + moves), detour })
     }
 }
