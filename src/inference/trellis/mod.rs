@@ -36,7 +36,7 @@ use crate::error::InferenceError;
 /// trellis.state(ln(0.5), [])?; // not to be reached
 ///
 /// let smoothed = trellis.smooth()?;
-/// assert!((smoothed.log_likelihood() - 0.1950_f64.ln()).abs() < 1e-12);
+/// assert!((smoothed.log_likelihood() - 0.1930_f64.ln()).abs() < 1e-12);
 /// assert_eq!(smoothed.filtered(2)[2], 0.0);
 /// let path = trellis.viterbi()?;
 /// assert_eq!(path.states(), [0, 0]);
