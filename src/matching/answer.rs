@@ -69,8 +69,9 @@ pub struct CredibleStretch {
     pub probability: f64,
 }
 
-/// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the most probable states, each as long as the
-/// noise along the road asks. Empty where the roads hold less.
+/// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the
+/// most probable states, each as long as the noise along the road asks. Empty where the roads hold
+/// less.
 pub(super) fn credible<P>(
     network: &RoadNetwork<P>,
     states: &[Candidate],

@@ -69,7 +69,7 @@ pub(super) fn on_edge<P: Coordinates>(
     let at = near.metres_along + near.beyond;
     let share = share_below((metres - at) / sigma) - share_below(-at / sigma);
     let across = near.across / sigma;
-    let inlier = (1.0 - model.outliers) * share.max(1e-300) * (-0.5 * across * across).exp()
+    let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
     let outlier = model.outliers / (OUTLIER_SPREAD * sigma);
     let likelihood = inlier + outlier;

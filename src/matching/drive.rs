@@ -1,10 +1,10 @@
 //! A whole drive: smoothed answers, and the route.
 
 use super::answer::{CredibleStretch, RoadAnswer, credible};
-use super::candidates::{Candidate, deviation, metres_between};
+use super::candidates::{Candidate, deviation};
 use super::matcher::Before;
 use super::moves::{Interval, Move, Ways};
-use super::vehicle::mode;
+use super::vehicle::{mode, speed_after};
 use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
 use crate::inference::{SmoothedTrellis, Trellis};
 use crate::map::{Coordinates, Position};
@@ -80,16 +80,11 @@ impl<P: Coordinates> Matcher<P> {
             moves.extend_from_slice(&memory.moves);
             trellis.forward_step(step + 2, &log_filtered, &mut next);
             let modes = mode(&log_filtered).zip(mode(&next));
-            if let Some((before, now)) = modes.map(|(a, b)| (all[step][a], states[b]))
-                && !before.is_off_road()
-                && !now.is_off_road()
-                && now.inlier > 0.5
-            {
-                let metres = metres_between::<P>(before.point, now.point);
-                let measured = (metres / (pair[1].time - pair[0].time)).min(50.0);
-                speed = 0.5 * (speed + measured);
-            }
-            speed = pair[1].speed.unwrap_or(speed);
+            let modes = modes.map(|(a, b)| (all[step][a], states[b]));
+            let seconds = pair[1].time - pair[0].time;
+            speed = pair[1].speed.unwrap_or_else(|| {
+                modes.map_or(speed, |modes| speed_after::<P>(speed, modes, seconds))
+            });
             std::mem::swap(&mut log_filtered, &mut next);
             all.push(states);
         }

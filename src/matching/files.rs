@@ -159,7 +159,7 @@ impl<W: Write> RouteWriter<W> {
     ///
     /// # Errors
     ///
-    /// Those of the writer, as for all methods here.
+    /// An error of the writer, as for all methods here.
     pub fn new(writer: W) -> Result<Self, csv::Error> {
         let mut writer = Writer::from_writer(writer);
         writer.write_record(["trace", "seq", "from", "to", "enter_m", "exit_m", "off_road"])?;
@@ -219,7 +219,7 @@ impl<W: Write> PointWriter<W> {
     ///
     /// # Errors
     ///
-    /// Those of the writer, as for all methods here.
+    /// An error of the writer, as for all methods here.
     pub fn new(writer: W) -> Result<Self, csv::Error> {
         let mut writer = Writer::from_writer(writer);
         writer.write_record([

@@ -144,7 +144,7 @@ impl Counts {
     fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
         let n = PRIOR_POINTS;
         let variance = self.squares / self.beside.max(1e-300);
-        // What is known of the noise grows with the points; the first few change it little.
+        // The first few points change the noise little.
         let share = self.beside / (self.beside + n);
         let variance = share * variance + (1.0 - share) * now.noise * now.noise;
         let rate = |events: f64, seconds: f64, prior: f64| {

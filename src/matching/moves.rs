@@ -14,10 +14,12 @@ const CHOICES: f64 = 0.7;
 const MOST_CHOICES: f64 = 3.0;
 /// Seconds for which a detour is possible at least, however short the time between two positions.
 const LEAST_SECONDS: f64 = 0.2;
+/// Relative density of distances that neither speed nor noise explains.
+const ANY_DISTANCE: f64 = 1e-9;
 /// Share of detours from a distribution ten times as wide.
 const LONG_DETOURS: f64 = 0.05;
 
-/// What lies between two points of a drive.
+/// Time and distance between two points of a drive.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Interval {
     pub(super) seconds: f64,
@@ -40,10 +42,10 @@ pub(super) struct Way {
     log_choices: f64,
 }
 
-/// What a move was, beside its weight.
+/// Kind of a move, beside its weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Move {
-    /// Of a vehicle that comes onto the road, leaves it, or is off it.
+    /// The vehicle comes onto the road, leaves it, or is off it.
     OffRoad,
     /// Along roads.
     Along {
@@ -70,7 +72,7 @@ impl Interval {
 
     /// Weight of a way between two states on roads, without the share that leaves the road:
     /// density of the distance, relative to an even one up to the fastest speed, the detour, the
-    /// choices at junctions, and U-turns.
+    /// choices at junctions, and U-turns. Its logarithm may be −∞, and the rest is then unused.
     pub(super) fn weight(&self, model: &MatchModel, way: &Way, fastest: f64) -> (f64, Move) {
         let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
         let stands =
@@ -88,7 +90,7 @@ impl Interval {
                     + 0.95 * most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
             }
         };
-        let moves = (1.0 - model.stop) * moves.max(1e-9);
+        let moves = (1.0 - model.stop) * moves.max(ANY_DISTANCE);
         let scaled = way.detour / self.detour_scale(model);
         let [short, long] = match scaled {
             0.0 => [1.0 - LONG_DETOURS, 0.1 * LONG_DETOURS],
@@ -97,11 +99,11 @@ impl Interval {
             }
         };
         let total = (stands + moves) * (short + long);
-        let mut log = total.max(1e-300).ln() - (CHOICES * way.log_choices).min(MOST_CHOICES);
+        let mut log = total.ln() - (CHOICES * way.log_choices).min(MOST_CHOICES);
         if way.u_turns > 0 {
             log += f64::from(way.u_turns) * model.u_turn.ln();
         }
-        let share = (short + 0.1 * long) / (short + long).max(1e-300);
+        let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
         (log, Move::Along { metres: way.metres, stood: stands / (stands + moves), detour })
     }

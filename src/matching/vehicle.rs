@@ -97,20 +97,31 @@ impl<P: Coordinates> Matcher<P> {
         if vehicle.window.len() > vehicle.lag + 1 {
             vehicle.forget();
         }
-        vehicle.speed = match (point.speed, before, now) {
-            (Some(speed), ..) => speed,
-            (_, Some(before), Some(now))
-                if !before.is_off_road() && !now.is_off_road() && now.inlier > 0.5 =>
-            {
-                let speed = metres_between::<P>(before.point, now.point) / seconds;
-                0.5 * (vehicle.speed + speed.min(50.0))
-            }
-            _ => vehicle.speed,
-        };
+        vehicle.speed = point.speed.unwrap_or_else(|| {
+            before
+                .zip(now)
+                .map_or(vehicle.speed, |modes| speed_after::<P>(vehicle.speed, modes, seconds))
+        });
         vehicle.point = *point;
         vehicle.points += 1;
         Ok(vehicle.last)
     }
+}
+
+/// Speed by which a vehicle goes on unseen, from the most probable states before and after a step;
+/// that of before, if a position says nothing of it.
+pub(super) fn speed_after<P: Coordinates>(
+    speed: f64,
+    (before, now): (Candidate, Candidate),
+    seconds: f64,
+) -> f64 {
+    /// Largest speed in metres per second that two positions may show.
+    const LARGEST: f64 = 50.0;
+    if before.is_off_road() || now.is_off_road() || now.inlier <= 0.5 {
+        return speed;
+    }
+    let shown = metres_between::<P>(before.point, now.point) / seconds;
+    0.5 * (speed + shown.min(LARGEST))
 }
 
 /// Most probable state.

@@ -35,7 +35,7 @@ pub(crate) enum Kind {
     FixedLag = 2,
     Pruned = 3,
     OnlineViterbi = 4,
-    /// Of `matching`.
+    /// State of a vehicle, in the module `matching`.
     Vehicle = 5,
 }
 

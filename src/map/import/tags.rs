@@ -4,7 +4,7 @@ use super::words::{directions, speed_of};
 use super::{ImportNote, ImportOptions, ImportReport};
 use crate::map::RoadClass;
 
-/// What tags say of a drivable road.
+/// Properties of a drivable road, by its tags.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RoadTags {
     pub(super) class: RoadClass,

@@ -78,7 +78,7 @@ pub enum CleaningOperation {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CleaningStep {
-    /// What was done.
+    /// Operation of the step.
     pub operation: CleaningOperation,
     /// Numbers of nodes before and after.
     pub nodes: [usize; 2],

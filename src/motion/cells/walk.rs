@@ -6,7 +6,7 @@ use std::collections::BinaryHeap;
 use super::{CellTransition, Travel};
 
 /// Arrival of a walk at an edge: cells of the walk before its nearest cell, and the probability.
-/// Of two in a heap, that of fewer cells is the greater.
+/// Ordered for a heap: fewer cells come first.
 #[derive(Debug, Clone, Copy)]
 struct Arrival {
     /// From the nearest cell of the edge where the walk starts.
