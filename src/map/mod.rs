@@ -64,8 +64,8 @@ pub use import::{ImportNote, ImportOptions, ImportReport};
 pub use learned_turning::{LearnedTurn, LearnedTurning, TurningPrior};
 pub use network::{Cleaning, CleaningOperation, CleaningStep};
 pub use network::{
-    Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteSearch,
-    TurnCosts,
+    Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteMeasures,
+    RouteSearch, TurnCosts,
 };
 #[cfg(feature = "matching")]
 pub use network::{EdgeIndex, NearEdge};

@@ -1,6 +1,5 @@
 //! States of a step: points of roads near a position.
 
-use super::moves::FASTEST;
 use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, NearEdge};
 
@@ -23,7 +22,7 @@ pub(super) struct Candidate {
 /// Widths, in standard deviations of a position, over which positions that say nothing spread, and
 /// those off the road. With these, one bad position is an outlier, and several in a row are a
 /// stretch off the road.
-const OUTLIER_SPREAD: f64 = 30.0;
+pub(super) const OUTLIER_SPREAD: f64 = 30.0;
 const OFF_ROAD_SPREAD: f64 = 450.0;
 
 /// Edge of the state off the road.
@@ -35,14 +34,9 @@ impl Candidate {
     }
 
     /// The state off the road, at a position.
-    pub(super) fn off_road<P: Coordinates>(
-        point: &TracePoint<P>,
-        model: &MatchModel,
-        seconds: f64,
-    ) -> Self {
+    pub(super) fn off_road<P: Coordinates>(point: &TracePoint<P>, model: &MatchModel) -> Self {
         let (sigma, point) = (deviation(model, point), point.position.to_plane());
-        let width = (OFF_ROAD_SPREAD * sigma).max(std::f64::consts::PI * FASTEST * seconds);
-        let log_likelihood = -width.ln();
+        let log_likelihood = -(OFF_ROAD_SPREAD * sigma).ln();
         Self { edge: OFF_ROAD, along: 0.0, point, across: None, inlier: 0.0, log_likelihood }
     }
 }
@@ -50,6 +44,12 @@ impl Candidate {
 /// Standard deviation of a point.
 pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
     point.accuracy.unwrap_or(model.noise)
+}
+
+/// Factor of the density at a relative distance from its middle, as Cauchy's in two dimensions:
+/// nothing is impossible, however far.
+pub(super) fn far(distance: f64) -> f64 {
+    (1.0 + distance * distance).powf(-1.5)
 }
 
 /// Sigmoid near the distribution function of a normal variable, with heavier tails.
@@ -71,7 +71,10 @@ pub(super) fn on_edge<P: Coordinates>(
     let across = near.across / sigma;
     let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
-    let outlier = model.outliers / (OUTLIER_SPREAD * sigma);
+    // The largest share that the edge could have: a short one holds few positions that say nothing.
+    let most = 2.0 * share_below(0.5 * metres / sigma) - 1.0;
+    let spread = OUTLIER_SPREAD * sigma;
+    let outlier = model.outliers * most * far(near.metres_off / spread) / spread;
     let likelihood = inlier + outlier;
     Candidate {
         edge: near.edge as u32,

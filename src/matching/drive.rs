@@ -116,8 +116,8 @@ impl<P: Coordinates> Matcher<P> {
                     let metres = a.position.metres_to(b.position);
                     let seconds = b.time - a.time;
                     let interval = Interval { seconds, metres, jitter, speed: None };
-                    let Self { network, chords, .. } = self;
-                    let mut ways = Ways { network, chords, search: &mut memory.search };
+                    let Self { network, measures, .. } = self;
+                    let mut ways = Ways { network, measures, search: &mut memory.search };
                     ways.from(from, std::slice::from_ref(to), &self.model, &interval);
                     route.go_on(from, to, &interval, memory);
                 }

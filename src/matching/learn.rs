@@ -105,7 +105,9 @@ impl<P: Coordinates> Matcher<P> {
                     continue;
                 }
                 counts.on_road += p;
-                counts.outliers += p * (1.0 - state.inlier);
+                if number == 0 {
+                    counts.outliers += p * (1.0 - state.inlier);
+                }
                 if let Some(across) = state.across.filter(|_| point.accuracy.is_none()) {
                     counts.beside += p * state.inlier;
                     counts.squares += p * state.inlier * across * across;
@@ -127,8 +129,12 @@ impl<P: Coordinates> Matcher<P> {
                         counts.seconds_on_road += seconds;
                         counts.left += if off_road[1] { p } else { 0.0 };
                     }
-                    if let Move::Along { stood, detour, .. } = moved {
+                    if off_road == [true, false] {
+                        counts.outliers += p * (1.0 - state.inlier);
+                    }
+                    if let Move::Along { stood, outlier, detour, .. } = moved {
                         counts.moves += p;
+                        counts.outliers += p * outlier;
                         counts.stood += p * stood;
                         counts.detour += p * detour;
                     }

@@ -4,7 +4,10 @@ use super::candidates::{Candidate, deviation, metres_between, on_edge};
 use super::moves::{Interval, Move, Ways, speed_of};
 use super::{MatchError, MatchModel, TracePoint};
 use crate::inference::Trellis;
-use crate::map::{Coordinates, EdgeIndex, NearEdge, Position, RoadNetwork, RouteSearch};
+use crate::map::{
+    Coordinates, EdgeIndex, NearEdge, Position, RoadNetwork, RouteMeasures, RouteSearch,
+};
+use crate::motion::{EdgeTurns, TurnWeights};
 
 /// Places positions of vehicles on a road network.
 ///
@@ -14,8 +17,7 @@ use crate::map::{Coordinates, EdgeIndex, NearEdge, Position, RoadNetwork, RouteS
 pub struct Matcher<P = Position> {
     pub(super) network: RoadNetwork<P>,
     pub(super) index: EdgeIndex,
-    /// Straight distance between the ends of each edge.
-    pub(super) chords: Vec<f64>,
+    pub(super) measures: RouteMeasures,
     pub(super) model: MatchModel,
 }
 
@@ -47,12 +49,10 @@ impl<P: Coordinates> Matcher<P> {
     #[must_use]
     pub fn new(network: RoadNetwork<P>) -> Self {
         let index = EdgeIndex::new(&network);
-        let straight = |edge: &crate::map::Edge| {
-            let [a, b] = [edge.from, edge.to].map(|node| network.nodes()[node].position);
-            a.metres_to(b).min(edge.metres)
-        };
-        let chords = network.edges().iter().map(straight).collect();
-        Self { network, index, chords, model: MatchModel::default() }
+        let prior = TurnWeights::default();
+        let measures =
+            RouteMeasures::with_turns(&network, |edge, next| prior.weight_of(&network, edge, next));
+        Self { network, index, measures, model: MatchModel::default() }
     }
 
     /// Replaces the model.
@@ -63,6 +63,19 @@ impl<P: Coordinates> Matcher<P> {
     pub fn with_model(self, model: MatchModel) -> Result<Self, MatchError> {
         model.check()?;
         Ok(Self { model, ..self })
+    }
+
+    /// Replaces the weights of turns at junctions, by class of road by default, by those learned
+    /// from drives or from traffic.
+    ///
+    /// # Panics
+    ///
+    /// If the turns are those of another network.
+    #[must_use]
+    pub fn with_turns(mut self, turns: &EdgeTurns) -> Self {
+        let probability = |edge, next| turns.turn(edge, next);
+        self.measures = RouteMeasures::with_turns(&self.network, probability);
+        self
     }
 
     /// The network.
@@ -95,7 +108,7 @@ impl<P: Coordinates> Matcher<P> {
     ) -> Result<Vec<Candidate>, MatchError> {
         point.check()?;
         let mut states = self.candidates(model, point, memory);
-        states.push(Candidate::off_road(point, model, 1.0));
+        states.push(Candidate::off_road(point, model));
         trellis.begin_step();
         let leaves = model.leaves(1.0) / model.returns(1.0);
         let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
@@ -145,33 +158,37 @@ impl<P: Coordinates> Matcher<P> {
         let interval = Self::interval(model, before.point, point);
         let mut states = self.candidates(model, point, memory);
         self.carry(model, before, &interval, point, &mut states);
-        states.push(Candidate::off_road(point, model, interval.seconds));
+        states.push(Candidate::off_road(point, model));
 
         let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         memory.entries.resize_with(memory.entries.len().max(states.len()), Vec::new);
         memory.entries.iter_mut().for_each(Vec::clear);
-        let off_road = states.len() - 1;
+        let (off_road, by_speed) = (states.len() - 1, interval.off_road().ln());
         for (number, (from, log)) in before.states.iter().zip(before.log_filtered).enumerate() {
             if from.is_off_road() {
-                let on_road = returns.ln();
+                let on_road = returns.ln() + by_speed;
                 memory.entries[..off_road]
                     .iter_mut()
                     .for_each(|list| list.push((number, on_road, Move::OffRoad)));
-                memory.entries[off_road].push((number, (-returns).ln_1p(), Move::OffRoad));
+                memory.entries[off_road].push((
+                    number,
+                    (-returns).ln_1p() + by_speed,
+                    Move::OffRoad,
+                ));
                 continue;
             }
             if *log < NEGLIGIBLE {
                 continue;
             }
-            memory.entries[off_road].push((number, leaves.ln(), Move::OffRoad));
-            let Self { network, chords, .. } = self;
-            let mut ways = Ways { network, chords, search: &mut memory.search };
+            memory.entries[off_road].push((number, leaves.ln() + by_speed, Move::OffRoad));
+            let Self { network, measures, .. } = self;
+            let mut ways = Ways { network, measures, search: &mut memory.search };
             ways.from(from, &states, model, &interval);
             let stays = (-leaves).ln_1p();
             for (to, list) in states[..off_road].iter().zip(&mut memory.entries) {
                 let Some(way) = ways.way(from, to, interval.jitter) else { continue };
                 let fastest = self.speed(from).max(self.speed(to));
-                let (log, moved) = interval.weight(model, &way, fastest);
+                let (log, moved) = interval.weight(model, &way, fastest, to.inlier);
                 if log > LEAST_WEIGHT {
                     list.push((number, stays + log, moved));
                 }

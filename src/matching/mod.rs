@@ -46,13 +46,14 @@
 //!
 //! **The model.** For a position at a distance d across a road, with noise σ, the likelihood is
 //! N(d; σ) times the share of the road's length near the position, plus a share of
-//! [outliers](MatchModel::outliers); for the state off the road it is a constant. A move weighs
-//! what was measured on the way, and is not normalised away: the density of its length, for a
-//! vehicle that stands or that goes at up to some 1.3 times the speed of the road (positions behind
-//! the last are noise); its detour against the straight line, exponential in time; choices at
-//! junctions and U-turns. Where positions are far off, states go on along their roads at the last
-//! speed, so that a bad position or a gap does not break a drive; leaving the road and coming back
-//! cost their probabilities.
+//! [outliers](MatchModel::outliers), which spread over some 30 σ and, more and more thinly, beyond;
+//! for the state off the road it is a constant. A move weighs what was measured on the way, and is
+//! not normalised away: the density of its length, for a vehicle that stands or that goes at up to
+//! some 1.3 times the speed of the road, one in ten at any speed (positions behind the last are
+//! noise); its detour against the straight line, exponential in time; the
+//! [turns](Matcher::with_turns) at junctions, and U-turns. Where positions are far off, states go
+//! on along their roads at the last speed, so that a bad position or a gap does not break a drive,
+//! and no length counts as measured; leaving the road and coming back cost their probabilities.
 //!
 //! **The parameters** of a [`MatchModel`] can be [learned](Matcher::fit) from drives without
 //! labels. The others, such as widths of outliers and the weight of choices, are constants that

@@ -74,7 +74,8 @@ impl MatchModel {
 
     /// Probability of coming back within a time.
     pub(super) fn returns(&self, seconds: f64) -> f64 {
-        within(self.return_to_road, seconds)
+        // Some stretches off the road last long.
+        within(self.return_to_road, seconds).min(0.5)
     }
 }
 

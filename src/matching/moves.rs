@@ -1,19 +1,27 @@
 //! Weights of moves between states of two steps.
 
 use super::MatchModel;
-use super::candidates::{Candidate, metres_between, share_below};
-use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteSearch, TurnCosts};
+use super::candidates::{Candidate, OUTLIER_SPREAD, far, metres_between, share_below};
+use crate::map::{
+    Coordinates, Reached, RoadClass, RoadNetwork, RouteMeasures, RouteSearch, TurnCosts,
+};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
 pub(super) const FASTEST: f64 = 40.0;
-/// Weight of the choices at junctions, where 1 would be drivers who choose evenly: those who want
-/// to get somewhere choose less.
+/// Weight of the choices at junctions, where 1 would be drivers who choose by the traffic alone:
+/// those who want to get somewhere choose less.
 const CHOICES: f64 = 0.7;
 /// Most that the choices of one move weigh: a driver who wants to get somewhere makes few on the
 /// way.
 const MOST_CHOICES: f64 = 3.0;
 /// Seconds for which a detour is possible at least, however short the time between two positions.
 const LEAST_SECONDS: f64 = 0.2;
+/// Share of the fastest speed of a road up to which slower speeds are rarer.
+const SLOW: f64 = 0.3;
+/// Fastest speed off the road that is not rare, in metres per second.
+const FASTEST_OFF_ROAD: f64 = 20.0;
+/// Share of moves at a speed that the road does not tell.
+const ANY_SPEED: f64 = 0.1;
 /// Relative density of distances that neither speed nor noise explains.
 const ANY_DISTANCE: f64 = 1e-9;
 /// Share of detours from a distribution ten times as wide.
@@ -52,6 +60,8 @@ pub(super) enum Move {
         metres: f64,
         /// Probability that the vehicle stood.
         stood: f64,
+        /// Probability that the position after the move says nothing.
+        outlier: f64,
         /// Expected detour in metres a second, with long ones scaled down.
         detour: f64,
     },
@@ -65,32 +75,55 @@ impl Interval {
         by_time.min(by_detour) + 4.0 * self.jitter
     }
 
+    /// Mean of what a distance that is measured with noise exceeds 0.
+    fn above(&self, metres: f64) -> f64 {
+        let z = metres / self.jitter;
+        self.jitter * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() + metres * share_below(z)
+    }
+
+    /// Weight of a move that begins or ends off the road, by its speed.
+    pub(super) fn off_road(&self) -> f64 {
+        let limit = FASTEST_OFF_ROAD * self.seconds;
+        let spread = FASTEST * self.seconds + OUTLIER_SPREAD * self.jitter;
+        ANY_SPEED * far(self.metres / spread)
+            + (1.0 - ANY_SPEED) * share_below((limit - self.metres) / self.jitter)
+    }
+
     /// Scale of detours.
     pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
         model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
-    /// Weight of a way between two states on roads, without the share that leaves the road:
-    /// density of the distance, relative to an even one up to the fastest speed, the detour, the
-    /// choices at junctions, and U-turns. Its logarithm may be −∞, and the rest is then unused.
-    pub(super) fn weight(&self, model: &MatchModel, way: &Way, fastest: f64) -> (f64, Move) {
+    /// Weight of a way to a state on a road, without the share that leaves the road: density of
+    /// the distance, relative to an even one up to the fastest speed, the detour, the choices at
+    /// junctions, and U-turns. `inlier` is the probability that the position there belongs to the
+    /// road; where it does not, nothing was measured of the distance, and a move weighs at most its
+    /// probability. The logarithm may be −∞, and the rest is then unused.
+    pub(super) fn weight(
+        &self,
+        model: &MatchModel,
+        way: &Way,
+        fastest: f64,
+        inlier: f64,
+    ) -> (f64, Move) {
         let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
-        let stands =
-            model.stop * most / (self.jitter * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp();
+        let peak = most / (self.jitter * std::f64::consts::TAU.sqrt());
+        let bell = (-0.5 * z * z).exp();
         let moves = match self.speed {
-            None => {
-                let limit = 1.3 * fastest * self.seconds + self.jitter;
-                share_below(z) * share_below((limit - way.metres) / self.jitter)
-            }
+            None => self.by_limit(way.metres, 1.3 * fastest * self.seconds + self.jitter),
             Some(speed) => {
                 // A receiver's speed is that of a moment.
                 let sigma = self.jitter.hypot(1.0 + 0.3 * speed * self.seconds);
                 let z = (way.metres - speed * self.seconds) / sigma;
-                0.05 * share_below(way.metres / self.jitter)
-                    + 0.95 * most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
+                most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
             }
         };
-        let moves = (1.0 - model.stop) * moves.max(ANY_DISTANCE);
+        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * share_below(z);
+        let moves = moves.max(ANY_DISTANCE);
+        let stands = model.stop * bell * (inlier * peak + (1.0 - inlier) * peak.min(1.0));
+        let unseen = (1.0 - inlier)
+            * (model.stop * bell * peak.min(1.0) + (1.0 - model.stop) * moves.min(1.0));
+        let moves = (1.0 - model.stop) * (inlier * moves + (1.0 - inlier) * moves.min(1.0));
         let scaled = way.detour / self.detour_scale(model);
         let [short, long] = match scaled {
             0.0 => [1.0 - LONG_DETOURS, 0.1 * LONG_DETOURS],
@@ -105,7 +138,18 @@ impl Interval {
         }
         let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
-        (log, Move::Along { metres: way.metres, stood: stands / (stands + moves), detour })
+        let [stood, outlier] = [stands, unseen].map(|part| part / (stands + moves));
+        (log, Move::Along { metres: way.metres, stood, outlier, detour })
+    }
+
+    /// Relative density of the distance of a vehicle that moves, up to a limit. Few go slowly: the
+    /// density grows up to a part of the limit, blurred by the noise of positions.
+    fn by_limit(&self, metres: f64, limit: f64) -> f64 {
+        let slow = SLOW * limit;
+        let ramp = self.above(metres) - self.above(metres - slow);
+        let below = share_below((limit - metres) / self.jitter);
+        let most = FASTEST * self.seconds + self.jitter;
+        (ramp / slow).max(0.0) * below * most / ((1.0 - 0.5 * SLOW) * limit)
     }
 }
 
@@ -122,7 +166,7 @@ pub(super) fn speed_of(class: RoadClass) -> f64 {
 /// Finds the ways from one state to others.
 pub(super) struct Ways<'a, P> {
     pub(super) network: &'a RoadNetwork<P>,
-    pub(super) chords: &'a [f64],
+    pub(super) measures: &'a RouteMeasures,
     pub(super) search: &'a mut RouteSearch,
 }
 
@@ -148,7 +192,7 @@ impl<P: Coordinates> Ways<'_, P> {
         let others = others.map(|to| to.edge as usize);
         let most = interval.longest() - left;
         let costs = Self::costs(model, interval);
-        self.search.run(self.network, self.chords, from.edge as usize, others, most, costs);
+        self.search.run(self.network, self.measures, from.edge as usize, others, most, costs);
     }
 
     /// Way between two states on roads after [`from`](Self::from); `None` if there is none.
@@ -185,7 +229,8 @@ impl<P: Coordinates> Ways<'_, P> {
         let done = to.along / length(next);
         let metres = left * length(edge) + reached.metres + to.along;
         // Bends of a road are no choice of the driver: a detour is one of straight pieces.
-        let chords = left * self.chords[edge] + reached.chords + done * self.chords[next];
+        let straight_of = |edge| self.measures.straight_metres(edge);
+        let chords = left * straight_of(edge) + reached.chords + done * straight_of(next);
         Way {
             metres,
             detour: (chords - straight).max(0.0),

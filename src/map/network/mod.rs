@@ -17,7 +17,7 @@ pub use builder::{EdgeOptions, NetworkBuilder};
 pub use cleaning::{Cleaning, CleaningOperation, CleaningStep};
 #[cfg(feature = "matching")]
 pub use index::{EdgeIndex, NearEdge};
-pub use route::{Reached, RouteSearch, TurnCosts};
+pub use route::{Reached, RouteMeasures, RouteSearch, TurnCosts};
 pub use shape::Projection;
 
 use std::collections::HashMap;

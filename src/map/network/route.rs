@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-use super::RoadNetwork;
+use super::{Coordinates, RoadNetwork};
 
 /// Costs of turns in a [`RouteSearch`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,6 +11,63 @@ pub struct TurnCosts {
     /// Metres that a U-turn counts as, beside its own length, where another way goes on; at
     /// least 0.
     pub u_turn: f64,
+}
+
+/// Measures that a [`RouteSearch`] adds up along a route: straight lengths of edges, and choices
+/// at junctions.
+///
+/// Memory: 8 bytes an edge for each, and 4 bytes a turn.
+#[derive(Debug, Clone)]
+pub struct RouteMeasures {
+    /// Straight distance between the ends of each edge, in metres; at most its length.
+    chords: Vec<f64>,
+    /// −ln p of the turns out of each edge, in the order of [`RoadNetwork::next`].
+    choices: Vec<f32>,
+    starts: Vec<usize>,
+}
+
+impl RouteMeasures {
+    /// Measures of a network where vehicles take all ways on alike. O(turns).
+    #[must_use]
+    pub fn new<P: Coordinates>(network: &RoadNetwork<P>) -> Self {
+        Self::with_turns(network, |_, _| 1.0)
+    }
+
+    /// Measures of a network where an edge is followed by another in proportion to a weight, at
+    /// least 0. U-turns are no choice: their cost is that of the search. O(turns).
+    #[must_use]
+    pub fn with_turns<P: Coordinates>(
+        network: &RoadNetwork<P>,
+        weight: impl Fn(usize, usize) -> f64,
+    ) -> Self {
+        let straight = |edge: &super::Edge| {
+            let [a, b] = [edge.from, edge.to].map(|node| network.nodes()[node].position);
+            a.metres_to(b).min(edge.metres)
+        };
+        let chords = network.edges().iter().map(straight).collect();
+        let (mut choices, mut starts) = (Vec::new(), vec![0]);
+        for edge in 0..network.edges().len() {
+            let reverse = network.reverse(edge);
+            let ways = network.next(edge).filter(|next| Some(*next) != reverse);
+            let sum: f64 = ways.map(|next| weight(edge, next)).sum();
+            choices.extend(network.next(edge).map(|next| {
+                let turns_back = Some(next) == reverse;
+                if turns_back || sum == 0.0 { 0.0 } else { (sum / weight(edge, next)).ln() as f32 }
+            }));
+            starts.push(choices.len());
+        }
+        Self { chords, choices, starts }
+    }
+
+    /// Straight distance between the ends of an edge in metres; at most its length.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
+    #[must_use]
+    pub fn straight_metres(&self, edge: usize) -> f64 {
+        self.chords[edge]
+    }
 }
 
 /// Search for the shortest routes from an edge to others by Dijkstra's algorithm (1959) over
@@ -43,7 +100,7 @@ pub struct Reached {
     pub metres: f64,
     /// Number of U-turns where another way went on.
     pub u_turns: u32,
-    /// Number of choices at junctions, as the logarithm of the number of ways to go on.
+    /// Choices at junctions: the sum of −ln p(turn), without U-turns.
     pub log_choices: f64,
     /// Sum of the straight distances between the ends of the edges, in metres.
     pub chords: f64,
@@ -51,17 +108,16 @@ pub struct Reached {
 
 impl RouteSearch {
     /// Finds the shortest routes from the end of an edge to the starts of the edges in `targets`,
-    /// up to `most` metres, in which U-turns count as their costs; below 0, as 0. `chords` has the
-    /// straight distance between the ends of each edge. Stops when all are found. O(edges within
-    /// `most` metres, log).
+    /// up to `most` metres, in which U-turns count as their costs; below 0, as 0. Stops when all are
+    /// found. O(edges within `most` metres, log).
     ///
     /// # Panics
     ///
-    /// If an edge does not exist, or `chords` has another length than the edges.
+    /// If an edge does not exist, or the measures are those of another network.
     pub fn run<P>(
         &mut self,
         network: &RoadNetwork<P>,
-        chords: &[f64],
+        measures: &RouteMeasures,
         from: usize,
         targets: impl IntoIterator<Item = usize>,
         most: f64,
@@ -85,7 +141,7 @@ impl RouteSearch {
             return;
         }
         let most = most.max(0.0);
-        self.extend(network, from, Reached::default(), [0.0, most], costs);
+        self.extend(network, measures, from, Reached::default(), [0.0, most], costs);
         while let Some(Reverse((_, edge))) = self.queue.pop() {
             let edge = edge as usize;
             let label = &mut self.labels[edge];
@@ -102,9 +158,9 @@ impl RouteSearch {
             }
             let metres = network.edges()[edge].metres;
             if cost + metres <= most {
-                let chords = reached.chords + chords[edge];
+                let chords = reached.chords + measures.chords[edge];
                 let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, edge, after, [cost + metres, most], costs);
+                self.extend(network, measures, edge, after, [cost + metres, most], costs);
             }
         }
     }
@@ -113,16 +169,19 @@ impl RouteSearch {
     fn extend<P>(
         &mut self,
         network: &RoadNetwork<P>,
+        measures: &RouteMeasures,
         edge: usize,
         after: Reached,
         [cost, most]: [f64; 2],
         costs: TurnCosts,
     ) {
         let reverse = network.reverse(edge);
-        let ways = network.next(edge).filter(|next| Some(*next) != reverse).count();
-        let log_choices = after.log_choices + if ways > 1 { (ways as f64).ln() } else { 0.0 };
-        for next in network.next(edge) {
-            let turns_back = ways > 0 && Some(next) == reverse;
+        let choices = &measures.choices[measures.starts[edge]..measures.starts[edge + 1]];
+        // At a dead end, the way back is no U-turn.
+        let goes_on = choices.len() > 1;
+        for (next, &choice) in network.next(edge).zip(choices) {
+            let turns_back = goes_on && Some(next) == reverse;
+            let log_choices = after.log_choices + f64::from(choice);
             let cost = cost + if turns_back { costs.u_turn } else { 0.0 };
             if cost > most {
                 continue;

@@ -58,17 +58,21 @@ impl TurnWeights {
         Ok(())
     }
 
-    /// Adds the turns out of an edge, with their probabilities.
-    fn turns<P>(&self, network: &RoadNetwork<P>, edge: usize, out: &mut Vec<(u32, f64)>) {
+    /// Weight of the turn from an edge to one that follows it.
+    pub(crate) fn weight_of<P>(&self, network: &RoadNetwork<P>, edge: usize, next: usize) -> f64 {
         let edges = network.edges();
         let main = |edge: usize| edges[edge].class == crate::map::RoadClass::Main;
-        let weight = |next: usize| {
-            let straight_on = if main(edge) && main(next) { self.straight_on } else { 1.0 };
-            let u_turn = if network.reverse(edge) == Some(next) { self.u_turn } else { 1.0 };
-            self.weight.of(edges[next].class) * straight_on * u_turn
-        };
+        let straight_on = if main(edge) && main(next) { self.straight_on } else { 1.0 };
+        let u_turn = if network.reverse(edge) == Some(next) { self.u_turn } else { 1.0 };
+        self.weight.of(edges[next].class) * straight_on * u_turn
+    }
+
+    /// Adds the turns out of an edge, with their probabilities.
+    fn turns<P>(&self, network: &RoadNetwork<P>, edge: usize, out: &mut Vec<(u32, f64)>) {
         let start = out.len();
-        out.extend(network.next(edge).map(|next| (next as u32, weight(next))));
+        out.extend(
+            network.next(edge).map(|next| (next as u32, self.weight_of(network, edge, next))),
+        );
         let turns = &mut out[start..];
         let sum: f64 = turns.iter().map(|turn| turn.1).sum();
         let count = turns.len() as f64;

@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteSearch, TurnCosts};
+use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteMeasures, RouteSearch, TurnCosts};
 
 use super::city::{Network, at};
 use crate::kit::cases;
@@ -77,13 +77,15 @@ proptest! {
         searches in vec((0..100_usize, vec(0..100_usize, 1..6), 0..60_u32, 0..30_u32), 1..4),
     ) {
         let n = network.edges().len();
-        let chords: Vec<f64> = (0..n).map(|e| network.edges()[e].metres * 0.5).collect();
+        let weight = |edge: usize, next: usize| 1.0 + ((3 * edge + next) % 4) as f64;
+        let measures = RouteMeasures::with_turns(&network, weight);
         // One memory for all searches.
         let mut search = RouteSearch::default();
         for (from, targets, most, u_turn) in searches {
             let (from, most, u_turn) = (from % n, f64::from(most), f64::from(u_turn));
             let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
-            search.run(&network, &chords, from, targets.iter().copied(), most, TurnCosts { u_turn });
+            let costs_of_turns = TurnCosts { u_turn };
+            search.run(&network, &measures, from, targets.iter().copied(), most, costs_of_turns);
             let expected = costs(&network, from, u_turn);
             for &target in &targets {
                 let found = search.reached(target);
@@ -104,15 +106,17 @@ proptest! {
                 let inner = &route[1..route.len() - 1];
                 let sum = |values: &dyn Fn(usize) -> f64| inner.iter().map(|&e| values(e)).sum::<f64>();
                 prop_assert_eq!(sum(&|e| network.edges()[e].metres), found.metres);
-                prop_assert_eq!(sum(&|e| chords[e]), found.chords);
+                prop_assert_eq!(sum(&|e| measures.straight_metres(e)), found.chords);
                 let counts = route.windows(2).map(|pair| turn(&network, pair[0], pair[1], 1.0));
                 prop_assert_eq!(counts.sum::<f64>(), f64::from(found.u_turns));
-                let choices: f64 = route[..route.len() - 1].iter().map(|&edge| {
+                let choices: f64 = route.windows(2).map(|pair| {
+                    let [edge, taken] = [pair[0], pair[1]];
                     let back = network.reverse(edge);
-                    let ways = network.next(edge).filter(|next| Some(*next) != back).count();
-                    (ways.max(1) as f64).ln()
+                    let ways = network.next(edge).filter(|next| Some(*next) != back);
+                    let sum: f64 = ways.map(|next| weight(edge, next)).sum();
+                    if Some(taken) == back { 0.0 } else { (sum / weight(edge, taken)).ln() }
                 }).sum();
-                prop_assert!((choices - found.log_choices).abs() < 1e-9);
+                prop_assert!((choices - found.log_choices).abs() < 1e-5);
             }
         }
     }
@@ -129,14 +133,15 @@ fn nothing_is_beyond_the_bound() {
     });
     let network = builder.build().unwrap();
     let mut search = RouteSearch::default();
+    let measures = RouteMeasures::new(&network);
     let costs = TurnCosts { u_turn: 10.0 };
-    search.run(&network, &[100.0; 4], 0, [3], 199.0, costs);
+    search.run(&network, &measures, 0, [3], 199.0, costs);
     assert_eq!(search.reached(3), None);
-    search.run(&network, &[100.0; 4], 0, [3], 200.0, costs);
+    search.run(&network, &measures, 0, [3], 200.0, costs);
     assert_eq!(search.reached(3).unwrap().metres, 200.0);
     assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
     assert_eq!(search.reached(99), None);
     // Without targets there is nothing to look for.
-    search.run(&network, &[100.0; 4], 0, [], 1e9, costs);
+    search.run(&network, &measures, 0, [], 1e9, costs);
     assert_eq!(search.reached(3), None);
 }
