@@ -1,6 +1,6 @@
 //! Settings, points and bytes that nobody should give, but somebody will.
 
-use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+use wayfix::map::{EdgeOptions, NetworkBuilder, PlanePosition, RoadClass};
 use wayfix::matching::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle};
 
 use super::city::{Network, Point, at, city};
@@ -11,7 +11,7 @@ fn town() -> Matcher<PlanePosition> {
 
 /// East along the lowest street.
 fn points() -> Vec<Point> {
-    (0..6).map(|k| TracePoint::new(5.0 * f64::from(k), at(50.0 * f64::from(k), 2.0))).collect()
+    (0..6).map(f64::from).map(|k| TracePoint::new(5.0 * k, at(20.0 + 50.0 * k, 2.0))).collect()
 }
 
 #[test]
@@ -81,20 +81,20 @@ fn a_point_a_thousand_kilometres_off() {
 fn lengths_and_speeds_of_networks_are_bounded() {
     let two = || {
         let mut builder = NetworkBuilder::new();
-        (0..3).for_each(|id| drop(builder.node(id, at(id as f64, 0.0)).unwrap()));
+        for id in 0..3 {
+            builder.node(id, at(id as f64, 0.0)).unwrap();
+        }
         builder
     };
-    let options = wayfix::map::EdgeOptions::of(RoadClass::Main);
+    let options = EdgeOptions::of(RoadClass::Main);
     for metres in [1.1e12, 1e308, f64::INFINITY] {
-        let error =
-            two().edge(0, 1, wayfix::map::EdgeOptions { metres: Some(metres), ..options.clone() });
+        let error = two().edge(0, 1, EdgeOptions { metres: Some(metres), ..options.clone() });
         assert!(
             error.unwrap_err().to_string().ends_with("expected metres above 0 and at most 1e12")
         );
     }
     for speed in [0.0, -1.0, f64::NAN, 1e10] {
-        let error =
-            two().edge(0, 1, wayfix::map::EdgeOptions { speed: Some(speed), ..options.clone() });
+        let error = two().edge(0, 1, EdgeOptions { speed: Some(speed), ..options.clone() });
         assert_eq!(
             error.unwrap_err().to_string(),
             format!(
@@ -107,7 +107,7 @@ fn lengths_and_speeds_of_networks_are_bounded() {
     let mut builder = two();
     for (from, to) in [(0, 1), (1, 2)] {
         let metres = Some(1e12);
-        builder.edge(from, to, wayfix::map::EdgeOptions { metres, ..options.clone() }).unwrap();
+        builder.edge(from, to, EdgeOptions { metres, ..options.clone() }).unwrap();
     }
     let (network, _): (Network, _) = builder.build().unwrap().contracted();
     assert_eq!(network.edges()[0].metres, 2e12);
@@ -117,7 +117,9 @@ fn lengths_and_speeds_of_networks_are_bounded() {
 #[should_panic(expected = "edges 0 and 1 are not opposite")]
 fn only_opposite_edges_are_pairs() {
     let mut builder = NetworkBuilder::new();
-    (0..3).for_each(|id| drop(builder.node(id, at(id as f64, 0.0)).unwrap()));
+    for id in 0..3 {
+        builder.node(id, at(id as f64, 0.0)).unwrap();
+    }
     builder.one_way(0, 1, RoadClass::Main).unwrap();
     builder.one_way(1, 2, RoadClass::Main).unwrap();
     builder.pair(0, 1);

@@ -3,6 +3,7 @@
 mod calibration;
 mod city;
 mod drives;
+#[cfg(feature = "csv")]
 mod files;
 mod garbage;
 mod hostile;
