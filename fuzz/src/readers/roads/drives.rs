@@ -134,7 +134,7 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
         vec![TracePoint::new(0.0, Position { latitude: corner[0], longitude: corner[1] })];
     let lag = draw.pick(&[0, 2, usize::MAX]);
     let mut vehicle = matcher.start(&points[0], lag, &mut memory).expect("a good point");
-    for _ in 0..1 + draw.below(10) {
+    for _ in 0..=draw.below(10) {
         let point = point(draw, corner, before);
         counts.note(|| format!("{point:?} {:?}", matcher.model()));
         let (was, drive) = (vehicle.clone(), [points[points.len() - 1], point]);

@@ -46,7 +46,7 @@ fn show(counts: &Counts, what: &str, bytes: &[u8]) {
 fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
     let mut text = String::from("trace,time,longitude,latitude,accuracy,heading,speed\n");
     let corner = draw.pick(&CORNERS);
-    for trace in 0..1 + draw.below(3) {
+    for trace in 0..=draw.below(3) {
         for step in 0..draw.below(6) {
             let [latitude, longitude] = place(corner, draw.below(9));
             let time = draw.pick(&["", "0.5", "-0", "1e18"]);
