@@ -76,13 +76,19 @@ pub(super) fn on_edge<P: Coordinates>(
     let spread = OUTLIER_SPREAD * sigma;
     let outlier = model.outliers * most * far(near.metres_off / spread) / spread;
     let likelihood = inlier + outlier;
+    let (inlier, log_likelihood) = if likelihood >= f64::MIN_POSITIVE {
+        (inlier / likelihood, likelihood.ln())
+    } else {
+        // Next to no outliers, and a position far off.
+        (0.0, model.outliers.ln() - (OUTLIER_SPREAD * sigma).ln())
+    };
     Candidate {
         edge: near.edge as u32,
         along: near.metres_along,
         point: near.point,
         across: (near.beyond == 0.0).then_some(near.across),
-        inlier: inlier / likelihood,
-        log_likelihood: likelihood.ln() + heading(near, point),
+        inlier,
+        log_likelihood: log_likelihood + heading(near, point),
     }
 }
 

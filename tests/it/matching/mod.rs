@@ -3,7 +3,10 @@
 mod calibration;
 mod city;
 mod drives;
+#[cfg(feature = "csv")]
+mod files;
 mod garbage;
+mod hostile;
 mod index;
 mod learn;
 mod ranked;
