@@ -56,9 +56,17 @@ const FEWEST_SEQUENCES: usize = 4;
 const FEWEST_TO_LEARN: usize = 2;
 /// Most bytes that a group of eight sequences may keep for its steps.
 const MOST_KEPT: usize = 64 << 20;
-/// Most numbers of results that share their memory, 32 MB: large pieces cost less than many small
-/// ones, and one result that is kept keeps no more than that.
-pub(super) const MOST_SHARED: usize = (32 << 20) / size_of::<f64>();
+/// Most sequences of a chunk, the work of one thread at a time: enough to find groups of nearly the
+/// same length among them.
+const MOST_IN_CHUNK: usize = 64;
+/// Numbers, one for each state and step, that make a chunk in lanes: its results are 2 MB, which
+/// stay in the second cache until they are visited.
+const ENOUGH_IN_LANES: usize = (2 << 20) / size_of::<f64>();
+/// The same one by one: so much work that handing it to a thread costs nothing beside.
+const ENOUGH: usize = 1 << 15;
+/// Chunks for each thread that are under way or wait to be visited. With fewer, a long sequence
+/// would let the other threads wait.
+pub(super) const CHUNKS_AHEAD: usize = 4;
 /// Fewest numbers of results that are written past the caches: they would not stay there.
 pub(super) const STREAMED: usize = (8 << 20) / size_of::<f64>();
 
@@ -99,6 +107,31 @@ fn take(left: &mut Range<usize>, count: usize) -> Range<usize> {
 pub(super) fn for_sequences(sequences: usize, states: usize) -> Engine {
     let lanes = sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES;
     if lanes { Engine::Lanes } else { Engine::Steps }
+}
+
+/// Sequences of a chunk.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ChunkSize {
+    sequences: usize,
+    steps: usize,
+    longest: usize,
+}
+
+impl ChunkSize {
+    pub(super) fn add(&mut self, steps: usize) {
+        self.sequences += 1;
+        self.steps = self.steps.saturating_add(steps + 1);
+        self.longest = self.longest.max(steps);
+    }
+}
+
+/// Returns true if a chunk takes no further sequence. Chunks in lanes are of whole groups.
+pub(super) fn is_full(chunk: ChunkSize, states: usize, lanes: bool) -> bool {
+    let ChunkSize { sequences, steps, longest } = chunk;
+    let lanes = lanes && for_group(Engine::Lanes, states, longest) == Engine::Lanes;
+    let enough = if lanes { ENOUGH_IN_LANES } else { ENOUGH };
+    sequences == MOST_IN_CHUNK
+        || (states.saturating_mul(steps) >= enough && (!lanes || sequences.is_multiple_of(LANES)))
 }
 
 /// Engine of learning from so many sequences, for a model with a stored matrix.
