@@ -78,17 +78,9 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         visit: impl FnMut(usize, Result<FilteredSequence, SequenceError>) -> ControlFlow<T>,
     ) -> ControlFlow<T>
     where
-        S: Sequence<A::Control, B::Observation> + Send,
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        let routine = Routine {
-            room: Room::Rows,
-            together: batch::filter,
-            finish: |(logs, log): (Vec<f64>, f64), rows| {
-                FilteredSequence::new(Posteriors::from_part(self.states(), rows), logs, log)
-            },
-            single: |sequence: &S| self.forward(sequence),
-        };
-        batch::each(self, sequences.into_iter(), &routine, visit)
+        self.forward_chunks(sequences.into_iter(), false, visit)
     }
 
     /// Runs [`smooth`](Self::smooth) on each sequence, and visits the results in order, each
@@ -99,36 +91,22 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         visit: impl FnMut(usize, Result<SmoothedSequence, SequenceError>) -> ControlFlow<T>,
     ) -> ControlFlow<T>
     where
-        S: Sequence<A::Control, B::Observation> + Send,
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        let routine = Routine {
-            room: Room::Rows,
-            together: batch::smooth,
-            finish: |log: f64, rows| {
-                SmoothedSequence::new(Posteriors::from_part(self.states(), rows), log)
-            },
-            single: |sequence: &S| self.smooth(sequence),
-        };
-        batch::each(self, sequences.into_iter(), &routine, visit)
+        self.smooth_chunks(sequences.into_iter(), false, visit)
     }
 
-    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence, and visits the results in order, each
-    /// with the index of its sequence, until the visitor breaks.
+    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence, and visits the results in
+    /// order, each with the index of its sequence, until the visitor breaks.
     pub fn log_likelihood_map_all<S, T>(
         &self,
         sequences: impl IntoIterator<Item = S>,
         visit: impl FnMut(usize, Result<f64, SequenceError>) -> ControlFlow<T>,
     ) -> ControlFlow<T>
     where
-        S: Sequence<A::Control, B::Observation> + Send,
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        let routine = Routine {
-            room: Room::Nothing,
-            together: batch::log_likelihood,
-            finish: |log, _| log,
-            single: |sequence: &S| self.log_likelihood(sequence),
-        };
-        batch::each(self, sequences.into_iter(), &routine, visit)
+        self.log_likelihood_chunks(sequences.into_iter(), false, visit)
     }
 
     /// Runs [`viterbi`](Self::viterbi) on each sequence, and visits the results in order, each
@@ -140,48 +118,130 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     ) -> ControlFlow<T>
     where
         A: TransitionEntries,
-        S: Sequence<A::Control, B::Observation> + Send,
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        let routine = Routine {
-            room: Room::Nothing,
-            together: batch::viterbi,
-            finish: |path, _| path,
-            single: |sequence: &S| self.viterbi(sequence),
-        };
-        batch::each(self, sequences.into_iter(), &routine, visit)
+        self.viterbi_chunks(sequences.into_iter(), false, visit)
     }
 
-    /// Runs [`forward`](Self::forward) on each sequence. The result at index i is that of sequence i.
+    /// Runs [`forward`](Self::forward) on each sequence. The result at index i is that of
+    /// sequence i.
     pub fn forward_all<S>(&self, sequences: &[S]) -> Vec<Result<FilteredSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.forward_map_all(ordered, collect))
+        by_length(sequences, |ordered, collect| self.forward_chunks(ordered, true, collect))
     }
 
-    /// Runs [`smooth`](Self::smooth) on each sequence. The result at index i is that of sequence i.
+    /// Runs [`smooth`](Self::smooth) on each sequence. The result at index i is that of
+    /// sequence i.
     pub fn smooth_all<S>(&self, sequences: &[S]) -> Vec<Result<SmoothedSequence, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.smooth_map_all(ordered, collect))
+        by_length(sequences, |ordered, collect| self.smooth_chunks(ordered, true, collect))
     }
 
-    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is that of sequence i.
+    /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is that of
+    /// sequence i.
     pub fn log_likelihood_all<S>(&self, sequences: &[S]) -> Vec<Result<f64, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.log_likelihood_map_all(ordered, collect))
+        by_length(sequences, |ordered, collect| self.log_likelihood_chunks(ordered, true, collect))
     }
 
-    /// Runs [`viterbi`](Self::viterbi) on each sequence. The result at index i is that of sequence i.
+    /// Runs [`viterbi`](Self::viterbi) on each sequence. The result at index i is that of
+    /// sequence i.
     pub fn viterbi_all<S>(&self, sequences: &[S]) -> Vec<Result<ViterbiPath, SequenceError>>
     where
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.viterbi_map_all(ordered, collect))
+        by_length(sequences, |ordered, collect| self.viterbi_chunks(ordered, true, collect))
+    }
+}
+
+/// Each routine for sequences in chunks.
+impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
+    fn forward_chunks<S, T>(
+        &self,
+        sequences: impl Iterator<Item = S>,
+        kept: bool,
+        visit: impl FnMut(usize, Result<FilteredSequence, SequenceError>) -> ControlFlow<T>,
+    ) -> ControlFlow<T>
+    where
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
+    {
+        let routine = Routine {
+            room: Room::Rows,
+            kept,
+            together: batch::filter,
+            finish: |(logs, log): (Vec<f64>, f64), rows| {
+                FilteredSequence::new(Posteriors::from_part(self.states(), rows), logs, log)
+            },
+            single: |sequence: &S| self.forward(sequence),
+        };
+        batch::each(self, sequences, &routine, visit)
+    }
+
+    fn smooth_chunks<S, T>(
+        &self,
+        sequences: impl Iterator<Item = S>,
+        kept: bool,
+        visit: impl FnMut(usize, Result<SmoothedSequence, SequenceError>) -> ControlFlow<T>,
+    ) -> ControlFlow<T>
+    where
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
+    {
+        let routine = Routine {
+            room: Room::Rows,
+            kept,
+            together: batch::smooth,
+            finish: |log: f64, rows| {
+                SmoothedSequence::new(Posteriors::from_part(self.states(), rows), log)
+            },
+            single: |sequence: &S| self.smooth(sequence),
+        };
+        batch::each(self, sequences, &routine, visit)
+    }
+
+    fn log_likelihood_chunks<S, T>(
+        &self,
+        sequences: impl Iterator<Item = S>,
+        kept: bool,
+        visit: impl FnMut(usize, Result<f64, SequenceError>) -> ControlFlow<T>,
+    ) -> ControlFlow<T>
+    where
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
+    {
+        let routine = Routine {
+            room: Room::Nothing,
+            kept,
+            together: batch::log_likelihood,
+            finish: |log, _| log,
+            single: |sequence: &S| self.log_likelihood(sequence),
+        };
+        batch::each(self, sequences, &routine, visit)
+    }
+
+    fn viterbi_chunks<S, T>(
+        &self,
+        sequences: impl Iterator<Item = S>,
+        kept: bool,
+        visit: impl FnMut(usize, Result<ViterbiPath, SequenceError>) -> ControlFlow<T>,
+    ) -> ControlFlow<T>
+    where
+        A: TransitionEntries,
+        S: Sequence<A::Control, B::Observation> + Send + Sync,
+    {
+        let routine = Routine {
+            room: Room::Nothing,
+            kept,
+            together: batch::viterbi,
+            finish: |path, _| path,
+            single: |sequence: &S| self.viterbi(sequence),
+        };
+        batch::each(self, sequences, &routine, visit)
     }
 }
 
@@ -192,13 +252,13 @@ type Collect<'a, R> = &'a mut dyn FnMut(usize, Result<R, SequenceError>) -> Cont
 /// length, and collects the results in the order of the sequences.
 fn by_length<U, Y: ?Sized, S: Sequence<U, Y>, R>(
     sequences: &[S],
-    map_all: impl FnOnce(Vec<&S>, Collect<'_, R>) -> ControlFlow<Infallible>,
+    chunks: impl FnOnce(std::vec::IntoIter<&S>, Collect<'_, R>) -> ControlFlow<Infallible>,
 ) -> Vec<Result<R, SequenceError>> {
     let mut order: Vec<usize> = (0..sequences.len()).collect();
     order.sort_by_key(|&sequence| sequences[sequence].steps());
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
-    let ordered = order.iter().map(|&sequence| &sequences[sequence]).collect();
-    let ControlFlow::Continue(()) = map_all(ordered, &mut |index, result| {
+    let ordered: Vec<_> = order.iter().map(|&sequence| &sequences[sequence]).collect();
+    let ControlFlow::Continue(()) = chunks(ordered.into_iter(), &mut |index, result| {
         let sequence = order[index];
         results[sequence] = Some(result.map_err(|error| SequenceError { sequence, ..error }));
         ControlFlow::Continue(())

@@ -8,7 +8,7 @@ use super::{BatchMemory, BatchModel, Group, Outcome};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
 use crate::inference::in_parallel::{self, Spare};
-use crate::inference::plan::{self, CHUNKS_AHEAD, ChunkSize, Engine, STREAMED};
+use crate::inference::plan::{self, CHUNKS_AHEAD, ChunkSize, Engine, GroupSize, STREAMED};
 use crate::inference::posteriors::Part;
 use crate::kernels::{self, Aligned, Eight, LANES, Packed};
 use crate::likelihood::Likelihood;
@@ -58,6 +58,8 @@ impl GroupRows<'_> {
 /// of its lane; `single` is the routine for a sequence by itself.
 pub(in super::super) struct Routine<Together, Finish, Single> {
     pub(in super::super) room: Room,
+    /// True if the results of all sequences are kept.
+    pub(in super::super) kept: bool,
     pub(in super::super) together: Together,
     pub(in super::super) finish: Finish,
     pub(in super::super) single: Single,
@@ -66,8 +68,8 @@ pub(in super::super) struct Routine<Together, Finish, Single> {
 /// Applies a routine to all sequences, in groups where the model allows it, else, and where a
 /// group fails, one by one; and visits the results in order.
 ///
-/// Chunks of consecutive sequences are the work of one thread. Neither they nor the groups in them
-/// depend on how many threads there are.
+/// Chunks of consecutive sequences are the work of one thread, and of others that have nothing to
+/// do. Neither they nor the groups in them depend on how many threads there are.
 pub(in super::super) fn each<A, B, S, P, R, Stop>(
     hmm: &Hmm<A, B>,
     sequences: impl Iterator<Item = S>,
@@ -82,25 +84,23 @@ pub(in super::super) fn each<A, B, S, P, R, Stop>(
 where
     A: Transition + Sync,
     B: Likelihood + Sync,
-    S: Sequence<A::Control, B::Observation> + Send,
+    S: Sequence<A::Control, B::Observation> + Send + Sync,
+    P: Send,
     R: Send,
 {
     let (states, most) = (hmm.states(), sequences.size_hint().1.unwrap_or(usize::MAX));
     let lanes = plan::for_sequences(most, states) == Engine::Lanes;
     let model = lanes.then(|| BatchModel::new(hmm)).flatten();
     let (memories, blocks) = (Spare::default(), Spare::default());
+    let size = model.as_ref().map(|model| model.group_size(routine.room));
     let work = |sequences: Vec<S>| match &model {
-        Some(model) => {
-            let mut memory = memories.pop().unwrap_or_default();
-            let done = in_groups(model, &sequences, routine, &mut memory, blocks.pop());
-            memories.push(memory);
-            done
-        }
+        Some(model) => in_groups(model, &sequences, routine, &memories, blocks.pop()),
         None => Done {
             results: sequences.iter().map(&routine.single).collect(),
             block: Arc::new(Aligned::new(0, 0.0)),
         },
     };
+    let is_full = |chunk: ChunkSize| chunk.is_full(size.as_ref(), states, routine.kept);
     let mut sequence = 0;
     let take = |Done { results, block }| {
         for result in results {
@@ -111,7 +111,7 @@ where
         Arc::into_inner(block).into_iter().for_each(|block| blocks.push(block));
         ControlFlow::Continue(())
     };
-    in_parallel::in_order(chunks(sequences, states, model.is_some()), CHUNKS_AHEAD, work, take)
+    in_parallel::in_order(chunks(sequences, is_full), CHUNKS_AHEAD, work, take)
 }
 
 /// Results of a chunk, and the memory that they share.
@@ -123,8 +123,7 @@ struct Done<R> {
 /// Takes sequences off an iterator, a chunk at a time.
 fn chunks<S, U, Y>(
     sequences: impl Iterator<Item = S>,
-    states: usize,
-    lanes: bool,
+    is_full: impl Fn(ChunkSize) -> bool,
 ) -> impl Iterator<Item = Vec<S>>
 where
     S: Sequence<U, Y>,
@@ -133,7 +132,7 @@ where
     let mut sequences = sequences.fuse();
     iter::from_fn(move || {
         let (mut chunk, mut size) = (Vec::new(), ChunkSize::default());
-        while !plan::is_full(size, states, lanes)
+        while !is_full(size)
             && let Some(sequence) = sequences.next()
         {
             size.add(sequence.steps());
@@ -149,22 +148,28 @@ fn in_groups<A, B, S, P, R>(
     model: &BatchModel<'_, A, B>,
     sequences: &[S],
     routine: &Routine<
-        impl Fn(&BatchModel<'_, A, B>, &Group<'_, S>, &mut BatchMemory, GroupRows<'_>) -> Outcome<P>,
-        impl Fn(P, Part) -> R,
-        impl Fn(&S) -> Result<R, InferenceError>,
+        impl Fn(&BatchModel<'_, A, B>, &Group<'_, S>, &mut BatchMemory, GroupRows<'_>) -> Outcome<P>
+        + Sync,
+        impl Fn(P, Part) -> R + Sync,
+        impl Fn(&S) -> Result<R, InferenceError> + Sync,
     >,
-    memory: &mut BatchMemory,
+    memories: &Spare<BatchMemory>,
     block: Option<Aligned>,
 ) -> Done<R>
 where
-    A: Transition,
-    B: Likelihood,
-    S: Sequence<A::Control, B::Observation>,
+    A: Transition + Sync,
+    B: Likelihood + Sync,
+    S: Sequence<A::Control, B::Observation> + Sync,
+    P: Send,
+    R: Send,
 {
-    let states = model.ones.len();
+    let (states, size) = (model.ones.len(), model.group_size(routine.room));
     let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
     order.sort_by_key(|(_, sequence)| sequence.steps());
-    let in_lanes = |group: &Group<'_, S>| group.is_in_lanes(states, plan::for_sequences);
+    let in_lanes = |group: &Group<'_, S>| {
+        plan::for_sequences(group.sequences.len(), states) == Engine::Lanes
+            && size.engine(group.longest) == Engine::Lanes
+    };
     let count = |group: &Group<'_, S>| match routine.room {
         Room::Rows if in_lanes(group) => {
             let steps = group.steps[..group.sequences.len()].iter();
@@ -172,41 +177,63 @@ where
         }
         Room::Rows | Room::Nothing => 0,
     };
-    let groups = || order.chunks(LANES).map(Group::new);
-    let numbers = groups().map(|group| count(&group) * LANES).sum();
+    let groups: Vec<_> = order.chunks(LANES).map(Group::new).collect();
+    let numbers = groups.iter().map(|group| count(group) * LANES).sum();
     let mut block = match block {
         Some(block) if block.len() >= numbers => block,
         _ => Aligned::new(numbers, 0.0),
     };
     let streamed = numbers > STREAMED;
     let mut left = block.as_chunks_mut().0;
-    let mut outcomes = Vec::with_capacity(sequences.len());
-    for group in groups() {
-        let (eights, others) = left.split_at_mut(count(&group));
+    let mut items = Vec::with_capacity(groups.len());
+    for group in &groups {
+        let (eights, others) = left.split_at_mut(count(group));
+        items.push((group, GroupRows { states, eights, streamed }));
         left = others;
-        if in_lanes(&group) {
-            let rows = GroupRows { states, eights, streamed };
-            let outcome = (routine.together)(model, &group, memory, rows);
-            outcomes.extend(outcome.into_iter().take(group.sequences.len()));
-        } else {
-            outcomes.extend(group.sequences.iter().map(|_| None));
-        }
     }
+    let done = in_parallel::map(items, |(group, rows), (): &mut ()| {
+        let outcome = if in_lanes(group) {
+            let mut memory = memories.pop().unwrap_or_default();
+            let outcome = (routine.together)(model, group, &mut memory, rows);
+            memories.push(memory);
+            outcome
+        } else {
+            [const { None }; LANES]
+        };
+        let one = |(&(_, s), outcome): (&(usize, &S), Option<P>)| match outcome {
+            Some(p) => Lane::Together(p),
+            None => Lane::Alone((routine.single)(s)),
+        };
+        group.sequences.iter().zip(outcome).map(one).collect::<Vec<_>>()
+    });
     let block = Arc::new(block);
     let mut results: Vec<_> = sequences.iter().map(|_| None).collect();
-    let mut outcomes = outcomes.into_iter();
     let mut start = 0;
-    for group in groups() {
-        let rows = count(&group) > 0;
-        for &(sequence, s) in group.sequences {
+    for (group, lanes) in groups.iter().zip(done) {
+        let rows = count(group) > 0;
+        for (&(sequence, s), lane) in group.sequences.iter().zip(lanes) {
             let steps = if rows { s.steps() } else { 0 };
             let range = start..start + states * (steps + 1);
             start += if rows { eights(states, steps) * LANES } else { 0 };
-            results[sequence] = Some(match outcomes.next().flatten() {
-                Some(p) => Ok((routine.finish)(p, Part { all: block.clone(), range })),
-                None => (routine.single)(s),
+            results[sequence] = Some(match lane {
+                Lane::Together(p) => Ok((routine.finish)(p, Part { all: block.clone(), range })),
+                Lane::Alone(result) => result,
             });
         }
     }
     Done { results: results.into_iter().flatten().collect(), block }
+}
+
+/// Result of a sequence, in a group or by itself.
+enum Lane<P, R> {
+    Together(P),
+    Alone(Result<R, InferenceError>),
+}
+
+impl<A, B> BatchModel<'_, A, B> {
+    /// Size of a step of a group of eight sequences.
+    fn group_size(&self, room: Room) -> GroupSize {
+        let (states, entries) = (self.ones.len(), self.rows.values().len());
+        GroupSize { states, entries, keeps: room == Room::Rows }
+    }
 }
