@@ -54,19 +54,19 @@ use crate::transition::{Transition, TransitionEntries};
 ///
 /// // A million drives, as they are read, with a word on progress.
 /// let source = (0..1_000_000).map(|k| vec![4; 1 + k % 3]);
-/// let mut at_4 = 0;
+/// let mut steps = 0;
 /// let stopped = hmm.smooth_map_all(source, |index, smoothed| {
 ///     match smoothed {
-///         Ok(smoothed) => at_4 += usize::from(smoothed.posteriors().modes()[0] == 4),
+///         Ok(smoothed) => steps += smoothed.posteriors().steps(),
 ///         Err(error) => eprintln!("{error}"),
 ///     }
 ///     if index % 100 == 99 {
-///         println!("{} drives, {at_4} of them from place 4", index + 1);
+///         println!("{} drives, {steps} steps", index + 1);
 ///     }
 ///     if index < 499 { ControlFlow::Continue(()) } else { ControlFlow::Break(index) }
 /// });
 /// assert_eq!(stopped, ControlFlow::Break(499));
-/// # assert_eq!(at_4, 500);
+/// # assert_eq!(steps, 999);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
