@@ -57,9 +57,11 @@
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
 //! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a maximum-likelihood model, from sequences without or with labels |
 //!
-//! [`Hmm::forward_all`], [`Hmm::smooth_all`], [`Hmm::log_likelihood_all`] and
-//! [`Hmm::viterbi_all`] process many sequences at once; [`Hmm::simulate`] and
-//! [`Filter::simulate`] sample from the model. Methods of a stream whose names end in `_with`
+//! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
+//! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
+//! and pass each result to a visitor; [`Hmm::forward_all`], [`Hmm::smooth_all`],
+//! [`Hmm::log_likelihood_all`] and [`Hmm::viterbi_all`] return the results of a slice.
+//! [`Hmm::simulate`] and [`Filter::simulate`] sample from the model. Methods of a stream whose names end in `_with`
 //! take a control.
 //!
 //! The root holds the names that nearly every program needs. Everything else is in a module,

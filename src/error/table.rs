@@ -32,6 +32,29 @@ pub enum TableError {
         /// Value found.
         value: f64,
     },
+    /// The likelihood of the states that a symbol does not list is NaN, negative or infinite.
+    Elsewhere {
+        /// The symbol, from 0.
+        symbol: usize,
+        /// Value found.
+        value: f64,
+    },
+    /// A symbol lists a state twice.
+    Twice {
+        /// The symbol, from 0.
+        symbol: usize,
+        /// The state, from 0.
+        state: usize,
+    },
+    /// A symbol lists a state that does not exist.
+    Listed {
+        /// The symbol, from 0.
+        symbol: usize,
+        /// The state.
+        state: usize,
+        /// Number of states.
+        states: usize,
+    },
     /// The probabilities of a state's symbols do not sum to one.
     RowSum {
         /// The state, from 0.
@@ -55,6 +78,18 @@ impl fmt::Display for TableError {
             Self::Entry { state, symbol, value } => write!(
                 f,
                 "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
+            ),
+            Self::Elsewhere { symbol, value } => write!(
+                f,
+                "states that symbol {symbol} does not list show it with probability {value}, expected a finite value of at least 0"
+            ),
+            Self::Twice { symbol, state } => {
+                write!(f, "symbol {symbol} lists state {state} twice")
+            }
+            Self::Listed { symbol, state, states } => write!(
+                f,
+                "symbol {symbol} lists state {state}, but there are {states} states (0 to {})",
+                states.saturating_sub(1)
             ),
             Self::RowSum { state, sum } => {
                 write!(f, "the probabilities of what state {state} shows sum to {sum}, expected 1")

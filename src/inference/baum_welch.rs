@@ -265,14 +265,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                         self.expect_together(batch, group, memory)
                     })
                 }
-                None => in_parallel::each(some, |(_, sequence)| self.expect_one(*sequence))
-                    .into_iter()
-                    .zip(some)
-                    .map(|(result, (sequence, _))| {
-                        let sequence = *sequence;
-                        vec![result.map_err(|error| SequenceError { sequence, ..error })]
-                    })
-                    .collect(),
+                None => in_parallel::map(some.to_vec(), |(sequence, s), (): &mut ()| {
+                    vec![self.expect_one(s).map_err(|source| SequenceError { sequence, source })]
+                }),
             };
             for result in results.into_iter().flatten() {
                 match result {

@@ -14,6 +14,8 @@
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
 //! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
 //! | [`Hmm::path_sampler`](crate::Hmm::path_sampler) | [`PathSampler`] | a product |
+//! | [`Hmm::smooth_map_all`](crate::Hmm::smooth_map_all) and the like | the results of many sequences, to a visitor | that of one sequence, or less |
+//! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
 //! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | one count |

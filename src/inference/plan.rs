@@ -5,7 +5,7 @@
 //! | a step of a stream | any | [`Engine::Steps`] |
 //! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
-//! | 4 sequences or more in an `_all` | a stored matrix without small entries, more than 8 states | [`Engine::Lanes`] |
+//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | [`Engine::Lanes`] |
 //! | 2 sequences or more to learn from | the same, any number of states | [`Engine::Lanes`] |
 //! | all others | any | [`Engine::Steps`] |
 //!
@@ -56,9 +56,31 @@ const FEWEST_SEQUENCES: usize = 4;
 const FEWEST_TO_LEARN: usize = 2;
 /// Most bytes that a group of eight sequences may keep for its steps.
 const MOST_KEPT: usize = 64 << 20;
-/// Most numbers of results that share their memory, 32 MB: large pieces cost less than many small
-/// ones, and one result that is kept keeps no more than that.
-pub(super) const MOST_SHARED: usize = (32 << 20) / size_of::<f64>();
+/// Entries of a column from which on lanes always pay: each is read once for eight sequences, and
+/// needs no gather, which saves more time than vectors of eight take from beyond the second cache.
+/// With 8 entries and 8,000 states lanes take 0.8 of the time, with 64 entries 0.4 to 0.5.
+const MANY_ENTRIES: usize = 8;
+/// With fewer entries, most bytes of the vectors that a step of a group goes over, three of eight
+/// doubles a state: half of a second cache, as the matrix and other vectors need room, too. At
+/// 4,500 states lanes take 0.9 to 1.2 of the time, at 20,000 they take 1.2 to 2.
+const MOST_IN_STEP: usize = 1 << 20;
+/// With fewer entries, most bytes that a group may keep: with the results, some two second caches.
+/// At 3 MB lanes take 0.9 of the time, at 13 MB 1.1.
+const MOST_CACHED: usize = 4 << 20;
+/// Most sequences of a chunk whose results are visited: enough to find groups of nearly the same
+/// length among them.
+const MOST_IN_CHUNK: usize = 64;
+/// Numbers, one for each state and step, that make such a chunk in lanes: its results are 2 MB,
+/// which stay in the second cache until they are visited.
+const ENOUGH_IN_LANES: usize = (2 << 20) / size_of::<f64>();
+/// The same one by one: so much work that handing it to a thread costs nothing beside.
+const ENOUGH: usize = 1 << 15;
+/// Numbers that make a chunk in lanes whose results are all kept, in a block of 32 MB: large blocks
+/// cost less than many small ones, and one result that is kept keeps no more than that.
+const ENOUGH_TO_KEEP: usize = (32 << 20) / size_of::<f64>();
+/// Chunks for each thread that are under way or wait to be visited. With fewer, a long sequence
+/// would let the other threads wait.
+pub(super) const CHUNKS_AHEAD: usize = 4;
 /// Fewest numbers of results that are written past the caches: they would not stay there.
 pub(super) const STREAMED: usize = (8 << 20) / size_of::<f64>();
 
@@ -99,6 +121,58 @@ fn take(left: &mut Range<usize>, count: usize) -> Range<usize> {
 pub(super) fn for_sequences(sequences: usize, states: usize) -> Engine {
     let lanes = sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES;
     if lanes { Engine::Lanes } else { Engine::Steps }
+}
+
+/// Sequences of a chunk.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ChunkSize {
+    sequences: usize,
+    steps: usize,
+    longest: usize,
+}
+
+impl ChunkSize {
+    pub(super) fn add(&mut self, steps: usize) {
+        self.sequences += 1;
+        self.steps = self.steps.saturating_add(steps + 1);
+        self.longest = self.longest.max(steps);
+    }
+
+    /// Returns true if the chunk takes no further sequence. Chunks in lanes are of whole groups.
+    pub(super) fn is_full(self, group: Option<&GroupSize>, states: usize, kept: bool) -> bool {
+        let numbers = states.saturating_mul(self.steps);
+        let lanes = group.is_some_and(|group| group.engine(self.longest) == Engine::Lanes);
+        if !lanes {
+            return self.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
+        }
+        let enough = if kept { ENOUGH_TO_KEEP } else { ENOUGH_IN_LANES };
+        (self.sequences >= MOST_IN_CHUNK && !kept || numbers >= enough)
+            && self.sequences.is_multiple_of(LANES)
+    }
+}
+
+/// Size of a step of a group of eight sequences.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroupSize {
+    pub(super) states: usize,
+    pub(super) entries: usize,
+    /// True if the steps are kept.
+    pub(super) keeps: bool,
+}
+
+impl GroupSize {
+    /// Engine of a group in a routine for many sequences, the longest of so many steps.
+    pub(super) fn engine(self, steps: usize) -> Engine {
+        let Self { states, entries, keeps } = self;
+        let eights = |vectors: usize| states.saturating_mul(vectors * size_of::<Packed>());
+        let cached =
+            eights(3) <= MOST_IN_STEP && (!keeps || eights(2).saturating_mul(steps) <= MOST_CACHED);
+        if cached || entries / MANY_ENTRIES >= states {
+            for_group(Engine::Lanes, states, steps)
+        } else {
+            Engine::Steps
+        }
+    }
 }
 
 /// Engine of learning from so many sequences, for a model with a stored matrix.

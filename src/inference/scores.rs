@@ -132,6 +132,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let scratch = &mut work.scratch;
         let likelihoods = match observation {
             Some(observation) => {
+                scratch.ask_for_log2();
                 let (diagonal, largest) = self.diagonal(observation, scratch)?;
                 let scores = likelihood_scores(&diagonal, largest, taken_out);
                 Some(scores.ok_or(InferenceError::Impossible { step: self.number })?)
@@ -163,6 +164,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
         let scratch = &mut work.scratch;
+        scratch.ask_for_log2();
         let (diagonal, largest) = self.diagonal(observation, scratch)?;
         let likelihoods = likelihood_scores(&diagonal, largest, taken_out)
             .ok_or(InferenceError::Impossible { step: self.number })?;

@@ -1,5 +1,6 @@
 //! Diagonals: the likelihoods of one observation.
 
+use super::sparse::{SparseDiagonal, SparseObservation};
 use crate::error::LikelihoodError;
 use crate::kernels::{self, Valid};
 use crate::range;
@@ -128,6 +129,9 @@ pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
 pub struct Scratch {
     values: Vec<f64>,
     parts: Vec<Scratch>,
+    sparse: SparseDiagonal,
+    /// True if diagonals are for a decoder, which takes logarithms to base 2.
+    with_log2: bool,
 }
 
 impl Scratch {
@@ -145,5 +149,26 @@ impl Scratch {
         self.values.resize(count, 0.0);
         self.parts.resize_with(parts.max(self.parts.len()), Scratch::default);
         (&mut self.values, &mut self.parts[..parts])
+    }
+
+    /// Asks for logarithms to base 2 with diagonals for which they cost nothing.
+    pub(crate) fn ask_for_log2(&mut self) {
+        self.with_log2 = true;
+    }
+
+    /// True if logarithms to base 2 are asked for.
+    pub(super) fn takes_log2(&self) -> bool {
+        self.with_log2
+    }
+
+    /// Returns the diagonal of an observation that lists some of so many states, all of which
+    /// exist.
+    pub(super) fn sparse(&mut self, states: usize, seen: &SparseObservation) -> Diagonal<'_> {
+        self.sparse.write(states, &seen.listed, seen.elsewhere, self.with_log2)
+    }
+
+    /// Returns the diagonal of ones for so many states.
+    pub(super) fn ones(&mut self, states: usize) -> Diagonal<'_> {
+        self.sparse.write(states, &[], 1.0, self.with_log2)
     }
 }

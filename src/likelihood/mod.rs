@@ -9,6 +9,7 @@
 //! | symbols, such as the place that a classifier names | [`TableLikelihood`] |
 //! | likelihoods, or their logarithms, computed elsewhere | [`LikelihoodVector`] |
 //! | likelihoods of a few states among many | [`SparseLikelihood`], with [`SparseObservation`] |
+//! | symbols that each speak for a few states among many, such as tags | [`SparseTableLikelihood`] |
 //! | a function of observation and state | [`LogLikelihoodFn`] |
 //! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
@@ -30,6 +31,7 @@ mod pooled;
 mod reestimate;
 mod shared;
 mod sparse;
+mod sparse_table;
 mod table;
 mod vector;
 
@@ -45,6 +47,7 @@ pub use local::{LocalLikelihood, Unlisted};
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
 pub use sparse::{SparseLikelihood, SparseObservation};
+pub use sparse_table::SparseTableLikelihood;
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
 

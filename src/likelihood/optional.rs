@@ -60,6 +60,10 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         if let Some(observation) = observation {
             return self.sensor.diagonal(observation, scratch);
         }
+        // Decoders need not compute n logarithms of 1.
+        if scratch.takes_log2() {
+            return Ok(scratch.ones(self.ones.len()));
+        }
         Ok(Diagonal::checked(&self.ones, 1.0, None))
     }
 

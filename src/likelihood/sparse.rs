@@ -2,13 +2,16 @@
 
 use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::error::LikelihoodError;
-use crate::kernels::Valid;
+use crate::kernels::{self, Valid};
 
 /// A sensor whose observation lists a few states with their likelihoods, and one value for all
 /// others. For maps of millions of places, with a sensor that names candidates: the best matches
 /// of an image retrieval, the roads near a position fix.
 ///
-/// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step.
+/// As a [`LocalLikelihood`], it costs O(states asked + states listed) a step. Elsewhere, a step
+/// writes the states listed, now and at the step before, into memory that is kept; all n only
+/// where the value for the others changes. Observations that repeat can be named once, in a
+/// [`SparseTableLikelihood`](super::SparseTableLikelihood).
 ///
 /// ```
 /// use wayfix::likelihood::SparseObservation;
@@ -32,8 +35,15 @@ pub struct SparseLikelihood {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseObservation {
     /// Pairs (state, likelihood), in ascending order of the states.
-    listed: Vec<(usize, f64)>,
-    elsewhere: f64,
+    pub(super) listed: Vec<(usize, f64)>,
+    pub(super) elsewhere: f64,
+}
+
+/// A defect of a list of likelihoods.
+pub(super) enum ListError {
+    Value { state: usize, value: f64 },
+    Elsewhere { value: f64 },
+    Twice { state: usize },
 }
 
 impl SparseObservation {
@@ -44,18 +54,29 @@ impl SparseObservation {
     ///
     /// [`LikelihoodError`] if a likelihood is NaN, negative or infinite, or a
     /// state is listed twice.
-    pub fn new(mut listed: Vec<(usize, f64)>, elsewhere: f64) -> Result<Self, LikelihoodError> {
+    pub fn new(listed: Vec<(usize, f64)>, elsewhere: f64) -> Result<Self, LikelihoodError> {
         let valid = Valid::Likelihoods;
         let (kind, expected) = (valid.kind(), valid.expected());
+        Self::of(listed, elsewhere).map_err(|error| match error {
+            ListError::Value { state, value } => {
+                LikelihoodError::Value { state, kind, value, expected }
+            }
+            ListError::Elsewhere { value } => LikelihoodError::Bound { kind, value, expected },
+            ListError::Twice { state } => LikelihoodError::Twice { state },
+        })
+    }
+
+    pub(super) fn of(mut listed: Vec<(usize, f64)>, elsewhere: f64) -> Result<Self, ListError> {
+        let valid = Valid::Likelihoods;
         if let Some(&(state, value)) = listed.iter().find(|(_, b)| !valid.is(*b)) {
-            return Err(LikelihoodError::Value { state, kind, value, expected });
+            return Err(ListError::Value { state, value });
         }
         if !valid.is(elsewhere) {
-            return Err(LikelihoodError::Bound { kind, value: elsewhere, expected });
+            return Err(ListError::Elsewhere { value: elsewhere });
         }
         listed.sort_unstable_by_key(|entry| entry.0);
         if let Some(twice) = listed.windows(2).find(|pair| pair[0].0 == pair[1].0) {
-            return Err(LikelihoodError::Twice { state: twice[0].0 });
+            return Err(ListError::Twice { state: twice[0].0 });
         }
         Ok(Self { listed, elsewhere })
     }
@@ -105,6 +126,74 @@ impl SparseObservation {
             _ => Ok(()),
         }
     }
+
+    /// [`LocalLikelihood::local`], for states that exist.
+    pub(super) fn local(&self, all: usize, states: &[usize], out: &mut [f64]) -> Unlisted {
+        let mut next = self.listed.iter().peekable();
+        let mut others = if states.len() < all { self.elsewhere } else { 0.0 };
+        for (&state, b) in states.iter().zip(out) {
+            // Listed in the observation, but not asked for.
+            while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
+                others = others.max(passed);
+            }
+            *b = next.next_if(|entry| entry.0 == state).map_or(self.elsewhere, |entry| entry.1);
+        }
+        Unlisted::at_most(next.fold(others, |others, entry| others.max(entry.1)))
+    }
+
+    /// [`LocalLikelihood::standing_out`].
+    pub(super) fn standing_out(&self, all: usize, states: &mut Vec<usize>) {
+        let above = self.listed.iter().filter(|entry| entry.1 > self.elsewhere);
+        states.extend(above.map(|entry| entry.0).filter(|&state| state < all));
+    }
+}
+
+/// Diagonal of a sparse observation, and memory for the next one.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SparseDiagonal {
+    linear: Vec<f64>,
+    /// Logarithms to base 2, if they have been asked for.
+    log2: Vec<f64>,
+    elsewhere: f64,
+    /// States with other values than `elsewhere`.
+    written: Vec<usize>,
+}
+
+impl SparseDiagonal {
+    /// Writes a diagonal of valid likelihoods, of states that exist and differ, over the last one.
+    pub(super) fn write(
+        &mut self,
+        states: usize,
+        listed: &[(usize, f64)],
+        elsewhere: f64,
+        with_log2: bool,
+    ) -> Diagonal<'_> {
+        let Self { linear, log2, written, .. } = self;
+        let (wanted, log2_elsewhere) =
+            if with_log2 { (states, kernels::log2(elsewhere)) } else { (0, 0.0) };
+        let same = self.elsewhere.to_bits() == elsewhere.to_bits();
+        if same && linear.len() == states && log2.len() == wanted {
+            written.iter().for_each(|&state| linear[state] = elsewhere);
+            if with_log2 {
+                written.iter().for_each(|&state| log2[state] = log2_elsewhere);
+            }
+        } else {
+            self.elsewhere = elsewhere;
+            linear.clear();
+            linear.resize(states, elsewhere);
+            log2.clear();
+            log2.resize(wanted, log2_elsewhere);
+        }
+        written.clear();
+        written.extend(listed.iter().map(|entry| entry.0));
+        listed.iter().for_each(|&(state, b)| linear[state] = b);
+        if with_log2 {
+            listed.iter().for_each(|&(state, b)| log2[state] = kernels::log2(b));
+        }
+        let others = if listed.len() < states { elsewhere } else { 0.0 };
+        let largest = listed.iter().fold(others, |largest, entry| largest.max(entry.1));
+        Diagonal::checked(linear, largest, with_log2.then_some(log2))
+    }
 }
 
 impl SparseLikelihood {
@@ -131,10 +220,11 @@ impl Likelihood for SparseLikelihood {
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         observation.check(self.states)?;
-        let values = scratch.values(self.states);
-        values.fill(observation.elsewhere);
-        observation.listed.iter().for_each(|&(state, b)| values[state] = b);
-        Ok(Diagonal::linear(values))
+        Ok(scratch.sparse(self.states, observation))
+    }
+
+    fn is_at_hand(&self) -> bool {
+        true
     }
 }
 
@@ -150,22 +240,11 @@ impl LocalLikelihood for SparseLikelihood {
         _: &mut Scratch,
     ) -> Result<Unlisted, LikelihoodError> {
         observation.check(self.states)?;
-        let SparseObservation { listed, elsewhere } = observation;
-        let mut next = listed.iter().peekable();
-        let mut others = if states.len() < self.states { *elsewhere } else { 0.0 };
-        for (&state, b) in states.iter().zip(out) {
-            // Listed in the observation, but not asked for.
-            while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
-                others = others.max(passed);
-            }
-            *b = next.next_if(|entry| entry.0 == state).map_or(*elsewhere, |entry| entry.1);
-        }
-        Ok(Unlisted::at_most(next.fold(others, |others, entry| others.max(entry.1))))
+        Ok(observation.local(self.states, states, out))
     }
 
     fn standing_out(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
-        let above = observation.listed.iter().filter(|entry| entry.1 > observation.elsewhere);
-        states.extend(above.map(|entry| entry.0).filter(|&state| state < self.states));
+        observation.standing_out(self.states, states);
     }
 }
 

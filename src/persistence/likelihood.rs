@@ -38,6 +38,11 @@ stored! {
         states: usize = sparse.states,
     } => Ok::<_, Infallible>(Self::new(states));
 
+    [] SparseTableLikelihood in likelihood: [], |table| {
+        states: usize = table.states,
+        symbols: Vec<(Vec<(usize, f64)>, f64)> = table.to_lists(),
+    } => Self::from_lists(states, &symbols);
+
     [B: Likelihood<Observation: Sized>] OptionalLikelihood<B>: [B], |optional| {
         sensor: B = optional.sensor,
     } => optional(sensor);

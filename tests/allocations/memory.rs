@@ -1,5 +1,7 @@
 //! Memory beyond the inputs, at its peak.
 
+use std::ops::ControlFlow;
+
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::inference::Order;
 use wayfix::observation::Confusion;
@@ -79,4 +81,47 @@ fn a_confusion_takes_what_its_entries_do() {
     let mut filter = hmm.filter();
     filter.step(&7).unwrap();
     assert_eq!(allocations(|| drop(filter.step(&8))), 0);
+}
+
+/// Work in a pool of this one thread, if there are pools: the counters count for each thread.
+fn in_a_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    #[cfg(feature = "rayon")]
+    return rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(work);
+    #[cfg(not(feature = "rayon"))]
+    work()
+}
+
+#[test]
+fn visits_of_many_sequences_take_memory_for_some() {
+    let hmm = canberra::hmm(5, 1.0).unwrap();
+    let drive = hmm.simulate(50, &mut ChaCha8Rng::seed_from_u64(2)).observations().to_vec();
+    let drives = |count| std::iter::repeat_n(&drive, count);
+    let [few, many] = [1000, 5000].map(|count| {
+        in_a_pool(|| {
+            let mut visits = 0;
+            let peak = peak(|| {
+                hmm.smooth_map_all(drives(count), |_, smoothed| {
+                    visits += usize::from(smoothed.is_ok());
+                    ControlFlow::<()>::Continue(())
+                })
+            });
+            assert_eq!(visits, count);
+            peak
+        })
+    });
+    // Chunks of 56 or 64 drives, of 2.7 MB: four and one more; not 42 and 210 MB.
+    assert!(few < 20 << 20 && many < few + (1 << 20), "{few} {many}");
+
+    // A few vectors for each chunk of 64, and no more for each sequence.
+    let count = 6400;
+    let found = in_a_pool(|| {
+        allocations(|| {
+            let flow = hmm.log_likelihood_map_all(drives(count), |_, log| match log {
+                Ok(_) => ControlFlow::Continue(()),
+                Err(error) => ControlFlow::Break(error),
+            });
+            assert!(flow.is_continue());
+        })
+    });
+    assert!(found < count, "{found} allocations for {count} sequences");
 }

@@ -1,7 +1,7 @@
 //! After it is made, a filter allocates nothing.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::likelihood::LogLikelihoodFn;
+use wayfix::likelihood::{LogLikelihoodFn, SparseTableLikelihood};
 use wayfix::{Filter, FusedLikelihood, Hmm, LikelihoodVector, OptionalLikelihood, canberra};
 
 use crate::allocations;
@@ -92,6 +92,19 @@ fn a_step_allocates_nothing() {
         }
     });
     assert_eq!(found, 0, "fused sensors, after the first step");
+
+    // One that lists a few states has it once it has seen the longest list.
+    let lists: Vec<_> = (0..n).map(|i| (vec![(i, 0.9), ((i + 7) % n, 0.1)], 1e-3)).collect();
+    let tags = SparseTableLikelihood::from_lists(n, &lists).unwrap();
+    let hmm = Hmm::new(plain.prior().clone(), canberra::turning().into_transition(), tags).unwrap();
+    let mut filter = hmm.filter();
+    filter.step(&4).unwrap();
+    let found = allocations(|| {
+        for y in 0..200 {
+            filter.step(&(y % n)).unwrap();
+        }
+    });
+    assert_eq!(found, 0, "a sparse table, after the first step");
 
     // A position sensor far off: beliefs that are kept in logarithms.
     let metres = LogLikelihoodFn::new(n, |&y: &f64, i| -(y - i as f64).powi(2) * 10.0);

@@ -9,7 +9,7 @@ use wayfix::{
     SparseTransition, TableLikelihood, TransitionEntries,
 };
 
-use crate::kit::{Sensor, all_close, cases_of, close, prior, rng, same_results, weighted};
+use crate::kit::{Sensor, all_close, cases_of, close, prior, rng, same_results, visited, weighted};
 
 type Drive = Vec<Option<Vec<f64>>>;
 
@@ -114,6 +114,22 @@ where
     B: Likelihood<Observation = Option<Vec<f64>>> + Sync,
 {
     let filtered = hmm.forward_all(drives);
+    // The groups are the same, since there are no more than a chunk.
+    let passed = visited(|visit| hmm.forward_map_all(drives, visit));
+    same_results(
+        &passed,
+        filtered.len(),
+        |i| filtered[i].clone().map_err(|e| e.source),
+        PartialEq::eq,
+    )?;
+    let smoothed = hmm.smooth_all(drives);
+    let passed = visited(|visit| hmm.smooth_map_all(drives.to_vec(), visit));
+    same_results(
+        &passed,
+        smoothed.len(),
+        |i| smoothed[i].clone().map_err(|e| e.source),
+        PartialEq::eq,
+    )?;
     same_results(
         &filtered,
         drives.len(),
@@ -128,7 +144,7 @@ where
         },
     )?;
     same_results(
-        &hmm.smooth_all(drives),
+        &smoothed,
         drives.len(),
         |i| hmm.smooth(&drives[i]),
         |found, expected| {

@@ -52,4 +52,5 @@ mod snapshots;
 mod steps_in_logs;
 mod streams;
 mod trellis;
+mod visited;
 mod wide_range;

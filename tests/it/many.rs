@@ -6,7 +6,7 @@ use wayfix::inference::LearningOptions;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{Belief, Fixed, Hmm, Prior, SparseTransition, TableLikelihood, canberra, evaluate};
 
-use crate::kit::{Kind, Model, cases, models, rng, same_results};
+use crate::kit::{Kind, Model, cases, models, rng, same_results, visited};
 
 proptest! {
     #![proptest_config(cases())]
@@ -26,6 +26,15 @@ proptest! {
         same_results(&hmm.smooth_all(&drives), drives.len(), |i| hmm.smooth(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.log_likelihood_all(&drives), drives.len(), |i| hmm.log_likelihood(&drives[i]), PartialEq::eq)?;
         same_results(&hmm.viterbi_all(&drives), drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
+
+        let passed = visited(|visit| hmm.forward_map_all(&drives, visit));
+        same_results(&passed, drives.len(), |i| hmm.forward(&drives[i]), PartialEq::eq)?;
+        let passed = visited(|visit| hmm.smooth_map_all(drives.iter().cloned(), visit));
+        same_results(&passed, drives.len(), |i| hmm.smooth(&drives[i]), PartialEq::eq)?;
+        let passed = visited(|visit| hmm.log_likelihood_map_all(&drives, visit));
+        same_results(&passed, drives.len(), |i| hmm.log_likelihood(&drives[i]), PartialEq::eq)?;
+        let passed = visited(|visit| hmm.viterbi_map_all(drives.iter().cloned(), visit));
+        same_results(&passed, drives.len(), |i| hmm.viterbi(&drives[i]), PartialEq::eq)?;
     }
 
     /// Under controls, from any point, from extremes too: what a filter would

@@ -1,12 +1,14 @@
-//! Groups of sequences, and the memory that their results share.
+//! Sequences in chunks, groups of eight in a chunk, and the memory that results of a chunk share.
 
+use std::iter;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use super::{BatchMemory, BatchModel, Group, Outcome};
 use crate::error::{InferenceError, SequenceError};
 use crate::hmm::Hmm;
-use crate::inference::in_parallel::{self, Results};
-use crate::inference::plan::{self, Engine, MOST_SHARED, STREAMED};
+use crate::inference::in_parallel::{self, Spare};
+use crate::inference::plan::{self, CHUNKS_AHEAD, ChunkSize, Engine, GroupSize, STREAMED};
 use crate::inference::posteriors::Part;
 use crate::kernels::{self, Aligned, Eight, LANES, Packed};
 use crate::likelihood::Likelihood;
@@ -50,26 +52,110 @@ impl GroupRows<'_> {
     }
 }
 
-/// Applies a routine to all sequences: in groups where the model allows it, else,
-/// and where a group fails, one by one. The groups do not depend on how many
-/// threads there are.
+/// A routine for many sequences.
 ///
-/// `together` gets room for the rows of a group; `finish` puts what it returns
-/// together with those of its lane.
-pub(in super::super) fn each<A, B, S, P, R>(
+/// `together` gets room for the rows of a group; `finish` puts what it returns together with those
+/// of its lane; `single` is the routine for a sequence by itself.
+pub(in super::super) struct Routine<Together, Finish, Single> {
+    pub(in super::super) room: Room,
+    /// True if the results of all sequences are kept.
+    pub(in super::super) kept: bool,
+    pub(in super::super) together: Together,
+    pub(in super::super) finish: Finish,
+    pub(in super::super) single: Single,
+}
+
+/// Applies a routine to all sequences, in groups where the model allows it, else, and where a
+/// group fails, one by one; and visits the results in order.
+///
+/// Chunks of consecutive sequences are the work of one thread, and of others that have nothing to
+/// do. Neither they nor the groups in them depend on how many threads there are.
+pub(in super::super) fn each<A, B, S, P, R, Stop>(
     hmm: &Hmm<A, B>,
+    sequences: impl Iterator<Item = S>,
+    routine: &Routine<
+        impl Fn(&BatchModel<'_, A, B>, &Group<'_, S>, &mut BatchMemory, GroupRows<'_>) -> Outcome<P>
+        + Sync,
+        impl Fn(P, Part) -> R + Sync,
+        impl Fn(&S) -> Result<R, InferenceError> + Sync,
+    >,
+    mut visit: impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Stop>,
+) -> ControlFlow<Stop>
+where
+    A: Transition + Sync,
+    B: Likelihood + Sync,
+    S: Sequence<A::Control, B::Observation> + Send + Sync,
+    P: Send,
+    R: Send,
+{
+    let (states, most) = (hmm.states(), sequences.size_hint().1.unwrap_or(usize::MAX));
+    let lanes = plan::for_sequences(most, states) == Engine::Lanes;
+    let model = lanes.then(|| BatchModel::new(hmm)).flatten();
+    let (memories, blocks) = (Spare::default(), Spare::default());
+    let size = model.as_ref().map(|model| model.group_size(routine.room));
+    let work = |sequences: Vec<S>| match &model {
+        Some(model) => in_groups(model, &sequences, routine, &memories, blocks.pop()),
+        None => Done {
+            results: sequences.iter().map(&routine.single).collect(),
+            block: Arc::new(Aligned::new(0, 0.0)),
+        },
+    };
+    let is_full = |chunk: ChunkSize| chunk.is_full(size.as_ref(), states, routine.kept);
+    let mut sequence = 0;
+    let take = |Done { results, block }| {
+        for result in results {
+            visit(sequence, result.map_err(|source| SequenceError { sequence, source }))?;
+            sequence += 1;
+        }
+        // Unless the visitor has kept a result.
+        Arc::into_inner(block).into_iter().for_each(|block| blocks.push(block));
+        ControlFlow::Continue(())
+    };
+    in_parallel::in_order(chunks(sequences, is_full), CHUNKS_AHEAD, work, take)
+}
+
+/// Results of a chunk, and the memory that they share.
+struct Done<R> {
+    results: Vec<Result<R, InferenceError>>,
+    block: Arc<Aligned>,
+}
+
+/// Takes sequences off an iterator, a chunk at a time.
+fn chunks<S, U, Y>(
+    sequences: impl Iterator<Item = S>,
+    is_full: impl Fn(ChunkSize) -> bool,
+) -> impl Iterator<Item = Vec<S>>
+where
+    S: Sequence<U, Y>,
+    Y: ?Sized,
+{
+    let mut sequences = sequences.fuse();
+    iter::from_fn(move || {
+        let (mut chunk, mut size) = (Vec::new(), ChunkSize::default());
+        while !is_full(size)
+            && let Some(sequence) = sequences.next()
+        {
+            size.add(sequence.steps());
+            chunk.push(sequence);
+        }
+        (!chunk.is_empty()).then_some(chunk)
+    })
+}
+
+/// Applies a routine to the sequences of a chunk, in groups of nearly the same length. `block` is
+/// memory to use again.
+fn in_groups<A, B, S, P, R>(
+    model: &BatchModel<'_, A, B>,
     sequences: &[S],
-    room: Room,
-    together: impl Fn(
-        &BatchModel<'_, A, B>,
-        &Group<'_, S>,
-        &mut BatchMemory,
-        GroupRows<'_>,
-    ) -> Outcome<P>
-    + Sync,
-    finish: impl Fn(P, Part) -> R,
-    single: impl Fn(&S) -> Result<R, InferenceError> + Sync,
-) -> Results<R>
+    routine: &Routine<
+        impl Fn(&BatchModel<'_, A, B>, &Group<'_, S>, &mut BatchMemory, GroupRows<'_>) -> Outcome<P>
+        + Sync,
+        impl Fn(P, Part) -> R + Sync,
+        impl Fn(&S) -> Result<R, InferenceError> + Sync,
+    >,
+    memories: &Spare<BatchMemory>,
+    block: Option<Aligned>,
+) -> Done<R>
 where
     A: Transition + Sync,
     B: Likelihood + Sync,
@@ -77,96 +163,77 @@ where
     P: Send,
     R: Send,
 {
-    let lanes = plan::for_sequences(sequences.len(), hmm.states()) == Engine::Lanes;
-    let Some(model) = lanes.then(|| BatchModel::new(hmm)).flatten() else {
-        return in_parallel::each(sequences, single);
-    };
+    let (states, size) = (model.ones.len(), model.group_size(routine.room));
     let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
     order.sort_by_key(|(_, sequence)| sequence.steps());
-    let states = hmm.states();
-    let count = |group: &Group<'_, S>| match room {
-        Room::Rows if group.is_in_lanes(states, plan::for_sequences) => {
+    let in_lanes = |group: &Group<'_, S>| {
+        plan::for_sequences(group.sequences.len(), states) == Engine::Lanes
+            && size.engine(group.longest) == Engine::Lanes
+    };
+    let count = |group: &Group<'_, S>| match routine.room {
+        Room::Rows if in_lanes(group) => {
             let steps = group.steps[..group.sequences.len()].iter();
             steps.map(|steps| eights(states, *steps)).sum()
         }
         Room::Rows | Room::Nothing => 0,
     };
-    let mut shared = share(order.chunks(LANES).map(Group::new), count);
-    let mut items = Vec::with_capacity(order.len().div_ceil(LANES));
-    for Shared { groups, numbers } in &mut shared {
-        let streamed = numbers.len() > STREAMED;
-        let mut left = numbers.as_chunks_mut().0;
-        for group in &*groups {
-            let (eights, others) = left.split_at_mut(count(group));
-            items.push((group, GroupRows { states, eights, streamed }));
-            left = others;
-        }
+    let groups: Vec<_> = order.chunks(LANES).map(Group::new).collect();
+    let numbers = groups.iter().map(|group| count(group) * LANES).sum();
+    let mut block = match block {
+        Some(block) if block.len() >= numbers => block,
+        _ => Aligned::new(numbers, 0.0),
+    };
+    let streamed = numbers > STREAMED;
+    let mut left = block.as_chunks_mut().0;
+    let mut items = Vec::with_capacity(groups.len());
+    for group in &groups {
+        let (eights, others) = left.split_at_mut(count(group));
+        items.push((group, GroupRows { states, eights, streamed }));
+        left = others;
     }
-    let done = in_parallel::map(items, |(group, rows), memory: &mut BatchMemory| {
-        let outcome = if group.is_in_lanes(states, plan::for_sequences) {
-            together(&model, group, memory, rows)
+    let done = in_parallel::map(items, |(group, rows), (): &mut ()| {
+        let outcome = if in_lanes(group) {
+            let mut memory = memories.pop().unwrap_or_default();
+            let outcome = (routine.together)(model, group, &mut memory, rows);
+            memories.push(memory);
+            outcome
         } else {
             [const { None }; LANES]
         };
-        let one = |(&(_, s), outcome): (&(usize, &S), Option<P>)| {
-            outcome.map_or_else(|| Done::Alone(single(s)), Done::Together)
+        let one = |(&(_, s), outcome): (&(usize, &S), Option<P>)| match outcome {
+            Some(p) => Lane::Together(p),
+            None => Lane::Alone((routine.single)(s)),
         };
         group.sequences.iter().zip(outcome).map(one).collect::<Vec<_>>()
     });
-    let mut done = done.into_iter().flatten();
-    let mut results = Vec::with_capacity(sequences.len());
-    for Shared { groups, numbers } in shared {
-        let (all, mut next) = (Arc::new(numbers), 0);
-        for group in groups {
-            let states = if count(&group) > 0 { states } else { 0 };
-            for (&(sequence, s), steps) in group.sequences.iter().zip(group.steps) {
-                let start = next;
-                next += eights(states, steps) * LANES;
-                let range = start..start + states * (steps + 1);
-                let result = match done.next() {
-                    Some(Done::Together(p)) => Ok(finish(p, Part { all: all.clone(), range })),
-                    Some(Done::Alone(result)) => result,
-                    None => single(s), // does not happen
-                };
-                results.push((sequence, result));
-            }
+    let block = Arc::new(block);
+    let mut results: Vec<_> = sequences.iter().map(|_| None).collect();
+    let mut start = 0;
+    for (group, lanes) in groups.iter().zip(done) {
+        let rows = count(group) > 0;
+        for (&(sequence, s), lane) in group.sequences.iter().zip(lanes) {
+            let steps = if rows { s.steps() } else { 0 };
+            let range = start..start + states * (steps + 1);
+            start += if rows { eights(states, steps) * LANES } else { 0 };
+            results[sequence] = Some(match lane {
+                Lane::Together(p) => Ok((routine.finish)(p, Part { all: block.clone(), range })),
+                Lane::Alone(result) => result,
+            });
         }
     }
-    results.sort_unstable_by_key(|(sequence, _)| *sequence);
-    let named = |(sequence, result): (usize, Result<R, InferenceError>)| {
-        result.map_err(|source| SequenceError { sequence, source })
-    };
-    results.into_iter().map(named).collect()
+    Done { results: results.into_iter().flatten().collect(), block }
 }
 
 /// Result of a sequence, in a group or by itself.
-enum Done<P, R> {
+enum Lane<P, R> {
     Together(P),
     Alone(Result<R, InferenceError>),
 }
 
-/// Groups whose results share their memory.
-struct Shared<'s, S> {
-    groups: Vec<Group<'s, S>>,
-    numbers: Aligned,
-}
-
-/// Joins groups in order; each needs room for some eights.
-fn share<'s, S>(
-    groups: impl Iterator<Item = Group<'s, S>>,
-    count: impl Fn(&Group<'s, S>) -> usize,
-) -> Vec<Shared<'s, S>> {
-    let mut all: Vec<(Vec<_>, usize)> = Vec::new();
-    for group in groups {
-        let more = count(&group) * LANES;
-        match all.last_mut() {
-            Some((groups, numbers)) if *numbers + more <= MOST_SHARED => {
-                groups.push(group);
-                *numbers += more;
-            }
-            _ => all.push((vec![group], more)),
-        }
+impl<A, B> BatchModel<'_, A, B> {
+    /// Size of a step of a group of eight sequences.
+    fn group_size(&self, room: Room) -> GroupSize {
+        let (states, entries) = (self.ones.len(), self.rows.values().len());
+        GroupSize { states, entries, keeps: room == Room::Rows }
     }
-    let room = |(groups, numbers)| Shared { groups, numbers: Aligned::new(numbers, 0.0) };
-    all.into_iter().map(room).collect()
 }

@@ -22,7 +22,7 @@ use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 pub(super) use backward::smooth;
-pub(super) use each::{GroupRows, Room, each};
+pub(super) use each::{GroupRows, Room, Routine, each};
 pub(super) use forward::{filter, log_likelihood};
 pub(super) use learn::expect;
 pub(super) use viterbi::viterbi;

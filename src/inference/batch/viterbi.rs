@@ -98,6 +98,7 @@ impl<A: TransitionEntries, B: Likelihood> BatchModel<'_, A, B> {
     ) -> Option<(&'a [f64], f64)> {
         let n = self.ones.len();
         let Lane { scratch, values } = lane;
+        scratch.ask_for_log2();
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
         let largest = diagonal.check(n).ok()?;
         let scores = likelihood_scores(&diagonal, largest, taken_out)?;

@@ -17,7 +17,9 @@ mod random_models;
 mod threads;
 
 pub(crate) use cases::{cases, cases_of, rng};
-pub(crate) use compare::{all_close, bits, close, close_logs, log_add, log_sum, same_results};
+pub(crate) use compare::{
+    all_close, bits, close, close_logs, log_add, log_sum, same_results, visited,
+};
 pub(crate) use draw::{
     any_distribution, any_stochastic, distribution, normalized, rate, stochastic, transposed,
     weighted,

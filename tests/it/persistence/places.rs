@@ -1,6 +1,6 @@
 //! Operators of places and their sensors come back to the bit, and say what is wrong.
 
-use wayfix::likelihood::{Groups, PooledLikelihood};
+use wayfix::likelihood::{Groups, PooledLikelihood, SparseTableLikelihood};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
 use wayfix::{Belief, SparseLikelihood, SparseTransition, TransitionEntries};
 
@@ -94,4 +94,24 @@ fn values_are_the_same_to_the_bit() {
         a.incoming(&(), i).map(|(j, p)| (j, p.to_bits())).collect::<Vec<_>>()
     };
     assert!((0..3).all(|i| row(&a, i) == row(&b, i)));
+}
+
+#[test]
+fn sparse_tables() {
+    let lists = [(vec![(2, 0.9), (0, 0.25)], 0.0), (vec![], 0.125)];
+    let table = SparseTableLikelihood::from_lists(3, &lists).unwrap();
+    let back = stored(&table);
+    assert_eq!(back, table);
+    let text = json(&back);
+    assert_eq!(text, r#"{"version":1,"states":3,"symbols":[[[[0,0.25],[2,0.9]],0.0],[[],0.125]]}"#);
+    let bad = |from: &str, to: &str, expected: &str| {
+        refuses::<SparseTableLikelihood>(&text.replace(from, to), expected);
+    };
+    bad("[2,", "[3,", "symbol 0 lists state 3, but there are 3 states (0 to 2)");
+    bad("[2,", "[0,", "symbol 0 lists state 0 twice");
+    bad(
+        "0.125",
+        "-1",
+        "states that symbol 1 does not list show it with probability -1, expected a finite value of at least 0",
+    );
 }
