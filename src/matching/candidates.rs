@@ -49,7 +49,7 @@ pub(super) fn deviation<P>(model: &MatchModel, point: &TracePoint<P>) -> f64 {
 /// Factor of the density at a relative distance from its middle, as Cauchy's in two dimensions:
 /// nothing is impossible, however far.
 pub(super) fn far(distance: f64) -> f64 {
-    (1.0 + distance * distance).powf(-1.5)
+    distance.hypot(1.0).powi(-3)
 }
 
 /// Sigmoid near the distribution function of a normal variable, with heavier tails.
@@ -72,7 +72,7 @@ pub(super) fn on_edge<P: Coordinates>(
     let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
     // The largest share that the edge could have: a short one holds few positions that say nothing.
-    let most = 2.0 * share_below(0.5 * metres / sigma) - 1.0;
+    let most = (0.25 * 1.702 * metres / sigma).tanh();
     let spread = OUTLIER_SPREAD * sigma;
     let outlier = model.outliers * most * far(near.metres_off / spread) / spread;
     let likelihood = inlier + outlier;
@@ -80,7 +80,8 @@ pub(super) fn on_edge<P: Coordinates>(
         (inlier / likelihood, likelihood.ln())
     } else {
         // Next to no outliers, and a position far off.
-        (0.0, model.outliers.ln() - (OUTLIER_SPREAD * sigma).ln())
+        let far = -3.0 * (near.metres_off / spread).hypot(1.0).ln();
+        (0.0, model.outliers.ln() + most.ln() + far - spread.ln())
     };
     Candidate {
         edge: near.edge as u32,
