@@ -25,6 +25,10 @@ pub(super) struct Candidate {
 pub(super) const OUTLIER_SPREAD: f64 = 30.0;
 const OFF_ROAD_SPREAD: f64 = 450.0;
 
+/// Weight of a position's distance across a road, where 1 would be errors that are independent
+/// from point to point: those of a receiver last.
+const WITNESS: f64 = 0.8;
+
 /// Edge of the state off the road.
 pub(super) const OFF_ROAD: u32 = u32::MAX;
 
@@ -69,7 +73,7 @@ pub(super) fn on_edge<P: Coordinates>(
     let at = near.metres_along + near.beyond;
     let share = share_below((metres - at) / sigma) - share_below(-at / sigma);
     let across = near.across / sigma;
-    let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * across * across).exp()
+    let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * WITNESS * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
     // The largest share that the edge could have: a short one holds few positions that say nothing.
     let most = (0.25 * 1.702 * metres / sigma).tanh();

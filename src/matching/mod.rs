@@ -62,7 +62,8 @@
 //! **Limits.** Roads are looked for within four deviations of a position, and 10 m, the nearest 64
 //! edges of them; routes up to
 //! some 1.3 times the straight distance and 1.2 times the way at 40 m/s. Errors of positions count
-//! as independent: receivers that smooth, at several points a second, make answers too sure. States
+//! as nearly independent (their squares for four fifths): receivers that smooth, at several points a
+//! second, make answers too sure. States
 //! below 2e-9 of the belief have no successors.
 
 mod answer;
