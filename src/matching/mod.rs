@@ -72,13 +72,17 @@ mod error;
 mod files;
 #[cfg(feature = "geojson")]
 mod geojson;
+mod lattice;
 mod learn;
 mod matcher;
 mod model;
 mod moves;
 mod point;
+mod route_bounds;
+mod route_search;
 mod routes;
 mod snapshot;
+mod stretches;
 mod vehicle;
 
 pub use answer::{CredibleStretch, RoadAnswer};
@@ -90,5 +94,5 @@ pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;
-pub use routes::RankedRoute;
+pub use routes::{RankedRoute, RankedRoutes};
 pub use vehicle::Vehicle;
