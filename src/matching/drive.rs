@@ -21,8 +21,10 @@ pub struct MatchedDrive<P = Position> {
     pub(super) route: Vec<Stretch<P>>,
 }
 
-/// Part of a route: an edge, or a stretch off the road. On a road it is longer than 0 m, but for a
-/// vehicle that stood all the time, or between two stretches off the road.
+/// Part of a route: an edge, or a stretch off the road.
+///
+/// On a road it is longer than 0 m, with two exceptions: a vehicle that stood all the time, whose
+/// route is one edge, and an edge with its reverse where going on without them is forbidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch<P = Position> {
     /// The edge; `None` off the road.

@@ -80,6 +80,8 @@ mod moves;
 mod point;
 mod route_bounds;
 mod route_search;
+#[cfg(test)]
+mod route_tests;
 mod routes;
 mod snapshot;
 mod stretches;

@@ -6,10 +6,6 @@ use std::collections::BinaryHeap;
 use super::lattice::{END, Lattice, Share};
 use super::route_bounds::RouteBounds;
 
-/// Arcs that the search looks at, beside those of the shortest way to a route, before it goes
-/// straight to the nearest routes.
-const MOST_ARCS: usize = 2_000_000;
-
 /// Routes as their words, and their probabilities.
 pub(super) struct Found {
     pub(super) routes: Vec<(Vec<u32>, f64)>,
@@ -51,8 +47,9 @@ impl<'a> RouteSearcher<'a> {
     }
 
     /// Finds the most probable routes, the best first: a prefix whose bound is the highest is the
-    /// best route if it is a whole one, for which the bound is exact.
-    pub(super) fn find(mut self, count: usize) -> Found {
+    /// best route if it is a whole one, for which the bound is exact. After so many arcs it goes
+    /// straight to likely routes.
+    pub(super) fn find(mut self, count: usize, most_arcs: usize) -> Found {
         let (mut routes, mut is_exact) = (Vec::new(), true);
         while routes.len() < count
             && let Some((bound, Reverse(prefix))) = self.open.pop()
@@ -64,7 +61,7 @@ impl<'a> RouteSearcher<'a> {
                     break;
                 }
                 let mut children = self.expand(prefix);
-                if self.arcs >= MOST_ARCS {
+                if self.arcs >= most_arcs {
                     // Too many to prove an order: straight to the best route of this prefix.
                     is_exact = false;
                     let best = (0..children.len()).max_by_key(|child| children[*child]);
@@ -93,7 +90,10 @@ impl<'a> RouteSearcher<'a> {
                 *at += share.probability;
             } else {
                 let [word, end] = share.words;
-                next.push((lattice.words[word as usize], Share { words: [word + 1, end], ..share }));
+                next.push((
+                    lattice.words[word as usize],
+                    Share { words: [word + 1, end], ..share },
+                ));
             }
         };
         for share in std::mem::take(&mut self.prefixes[prefix as usize].shares) {

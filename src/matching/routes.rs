@@ -32,6 +32,11 @@ pub struct RankedRoutes<P> {
     pub is_exact: bool,
 }
 
+/// Moves that the search looks at, and more for each route, before it goes straight to likely
+/// ones.
+const MOST_MOVES: usize = 1_000_000;
+const MOVES_A_ROUTE: usize = 20_000;
+
 impl<P: Coordinates> Matcher<P> {
     /// Finds the `count` most probable distinct routes of a drive that this matcher matched, in
     /// descending order; fewer if there are fewer. The probability of a route is that of all ways
@@ -42,7 +47,7 @@ impl<P: Coordinates> Matcher<P> {
     /// A best-first search over the first edges of routes, with a bound on the best that may
     /// follow. Time is that of the match again, and O(edges of a route) for each route where the
     /// doubts are few. For drives with very many doubts of even odds it grows exponentially; after
-    /// two million moves it goes straight to likely routes, and
+    /// 1,000,000 + 20,000 · `count` moves it goes straight to likely routes, and
     /// [`is_exact`](RankedRoutes::is_exact) is false.
     ///
     /// ```
@@ -86,7 +91,8 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
     ) -> Result<RankedRoutes<P>, MatchError> {
         let lattice = Lattice::new(self, drive, memory)?;
-        let found = RouteSearcher::new(&lattice).find(count);
+        let most = MOVES_A_ROUTE.saturating_mul(count).saturating_add(MOST_MOVES);
+        let found = RouteSearcher::new(&lattice).find(count, most);
         let sum: f64 = found.routes.iter().map(|route| route.1).sum();
         let ranked = |(words, probability): (Vec<u32>, f64)| {
             let states: Vec<Candidate> = (lattice.best_states(&words).iter())

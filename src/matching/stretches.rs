@@ -16,7 +16,7 @@ pub(super) enum Mode {
     /// The last stretch is on the edge, or off the road.
     Driven,
     /// No metre was driven on a road yet, since the start or the last stretch off the road.
-    Fresh,
+    Fresh { after_off_road: bool },
     /// The last stretch is on the edge `after`, and no metre was driven on that of the state. If
     /// `turned`, the vehicle came onto the reverse edge and turned there at once.
     Waiting { after: u32, turned: bool },
@@ -44,7 +44,7 @@ pub(super) struct Part {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Added {
     extend: Option<f64>,
-    /// True for a move from off the road, whose stretch ends at the second point.
+    /// True if the last stretch is off the road, and ends at the second point.
     from_off_road: bool,
     pub(super) parts: Vec<Part>,
 }
@@ -86,15 +86,15 @@ impl<P: Coordinates> Rules<'_, P> {
     /// Begins a route.
     pub(super) fn start(state: &Candidate, added: &mut Added) -> Mode {
         if !state.is_off_road() {
-            return Mode::Fresh;
+            return Mode::Fresh { after_off_road: false };
         }
         added.off_road();
         Mode::Driven
     }
 
-    /// Ends a route: a drive that stood has a stretch without length.
+    /// Ends a route. That of a vehicle that stood all the time has a stretch without length.
     pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut Added) {
-        if mode == Mode::Fresh {
+        if mode == (Mode::Fresh { after_off_road: false }) {
             added.push(state.edge as usize, state.along, state.along);
         }
     }
@@ -110,10 +110,14 @@ impl<P: Coordinates> Rules<'_, P> {
         added.from_off_road = from.is_off_road();
         match (from.is_off_road(), to.is_off_road()) {
             (true, true) => Mode::Driven,
-            (true, false) => Mode::Fresh,
+            (true, false) => Mode::Fresh { after_off_road: true },
             (false, true) => {
-                Self::finish(mode, from, added);
-                added.off_road();
+                // A point on a road between two off the road is no part of its own.
+                if mode == (Mode::Fresh { after_off_road: true }) {
+                    added.from_off_road = true;
+                } else {
+                    added.off_road();
+                }
                 Mode::Driven
             }
             (false, false) => match link {
@@ -137,7 +141,9 @@ impl<P: Coordinates> Rules<'_, P> {
         let edge = from.edge as usize;
         match mode {
             Mode::Driven => added.extend = Some(to.along),
-            Mode::Fresh | Mode::Waiting { turned: false, .. } if to.along > from.along + LEAST => {
+            Mode::Fresh { .. } | Mode::Waiting { turned: false, .. }
+                if to.along > from.along + LEAST =>
+            {
                 let at_start =
                     matches!(mode, Mode::Waiting { after, .. } if !self.is_back(edge, after));
                 added.push(edge, if at_start { 0.0 } else { from.along }, to.along);
@@ -149,14 +155,14 @@ impl<P: Coordinates> Rules<'_, P> {
             Mode::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
                 return self.into_reverse(to, added);
             }
-            Mode::Fresh | Mode::Waiting { .. } => {}
+            Mode::Fresh { .. } | Mode::Waiting { .. } => {}
         }
         mode
     }
 
     /// The vehicle went some way into the reverse edge of a state, and turned.
     fn into_reverse(&self, to: &Candidate, added: &mut Added) -> Mode {
-        let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Fresh };
+        let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
         Mode::Waiting { after: reverse as u32, turned: false }
     }
@@ -166,12 +172,12 @@ impl<P: Coordinates> Rules<'_, P> {
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
         match mode {
-            Mode::Driven | Mode::Fresh if moves => added.push(next, here, to.along),
+            Mode::Driven | Mode::Fresh { .. } if moves => added.push(next, here, to.along),
             Mode::Driven => {
                 added.extend = Some(self.length(edge) - to.along);
                 return Mode::Waiting { after: from.edge, turned: false };
             }
-            Mode::Fresh => return Mode::Fresh,
+            Mode::Fresh { .. } => return mode,
             Mode::Waiting { after, turned: false } if after == to.edge => {
                 added.extend = Some(to.along);
             }
@@ -202,8 +208,8 @@ impl<P: Coordinates> Rules<'_, P> {
         let mut last = Some(from.edge);
         match mode {
             Mode::Driven => added.extend = Some(length),
-            Mode::Fresh if at_end => last = None,
-            Mode::Fresh => added.push(edge, from.along, length),
+            Mode::Fresh { .. } if at_end => last = None,
+            Mode::Fresh { .. } => added.push(edge, from.along, length),
             Mode::Waiting { after, turned: false } if self.is_back(edge, after) => {
                 added.push(edge, from.along, length);
             }
@@ -227,7 +233,7 @@ impl<P: Coordinates> Rules<'_, P> {
             added.push(*next, 0.0, to.along);
             return Mode::Driven;
         }
-        last.map_or(Mode::Fresh, |after| Mode::Waiting { after, turned: false })
+        last.map_or(mode, |after| Mode::Waiting { after, turned: false })
     }
 
     fn connects(&self, edge: usize, next: usize) -> bool {
@@ -264,12 +270,13 @@ impl<P: Coordinates> Rules<'_, P> {
             }
             let edge = edge as usize;
             // Back from where the stretch before ends.
-            if let Some(last) = route.last()
-                && last.edge.is_some_and(|before| {
-                    self.0.reverse(edge) == Some(before) && last.exit < self.length(before)
-                })
+            if let Some((before, end)) =
+                route.last().and_then(|last| last.edge.zip(Some(last.exit)))
+                && self.0.reverse(edge) == Some(before)
             {
-                enter = (self.length(edge) - last.exit).max(0.0).min(exit);
+                let at_end = end >= self.length(before);
+                let turn = if at_end { 0.0 } else { (self.length(edge) - end).max(0.0) };
+                enter = turn.min(exit);
             }
             let ends = [enter, exit].map(|along| self.0.position_along(edge, along));
             route.push(Stretch { edge: Some(edge), enter, exit, ends });
