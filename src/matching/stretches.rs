@@ -153,7 +153,7 @@ impl<P: Coordinates> Rules<'_, P> {
                 added.extend = Some(self.length(after as usize) - to.along);
             }
             Mode::Waiting { turned: true, .. } if to.along < self.length(edge) - LEAST => {
-                return self.into_reverse(to, added);
+                return self.turned_later(to, added);
             }
             Mode::Fresh { .. } | Mode::Waiting { .. } => {}
         }
@@ -161,7 +161,7 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// The vehicle went some way into the reverse edge of a state, and turned.
-    fn into_reverse(&self, to: &Candidate, added: &mut Added) -> Mode {
+    fn turned_later(&self, to: &Candidate, added: &mut Added) -> Mode {
         let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
         Mode::Waiting { after: reverse as u32, turned: false }
@@ -186,7 +186,7 @@ impl<P: Coordinates> Rules<'_, P> {
             }
             Mode::Waiting { after, turned: true } => return Mode::Waiting { after, turned: false },
             Mode::Waiting { .. } if to.along < self.length(next) - LEAST => {
-                return self.into_reverse(to, added);
+                return self.turned_later(to, added);
             }
             Mode::Waiting { after, .. } => return Mode::Waiting { after, turned: true },
         }
