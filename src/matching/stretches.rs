@@ -241,6 +241,12 @@ impl<P: Coordinates> Rules<'_, P> {
         edges[edge].to == edges[next].from && self.0.may_turn(edge, next)
     }
 
+    /// Place on an edge; its end, if that is as near as makes no stretch.
+    fn up_to_end(&self, edge: usize, along: f64) -> f64 {
+        let length = self.length(edge);
+        if along >= length - LEAST { length } else { along }
+    }
+
     /// Adds to a route what a move between two points adds.
     pub(super) fn extend(
         &self,
@@ -255,13 +261,13 @@ impl<P: Coordinates> Rules<'_, P> {
                     last.exit = last.ends[0].metres_to(to.position);
                 }
                 (Some(edge), Some(exit)) => {
-                    last.exit = last.exit.max(exit.min(self.length(edge)));
+                    last.exit = last.exit.max(self.up_to_end(edge, exit));
                     last.ends[1] = self.0.position_along(edge, last.exit);
                 }
                 _ => {}
             }
         }
-        for &Part { edge, mut enter, exit } in &added.parts {
+        for &Part { edge, mut enter, mut exit } in &added.parts {
             if edge == OFF_ROAD {
                 let metres = from.position.metres_to(to.position);
                 let ends = [from.position, to.position];
@@ -269,6 +275,9 @@ impl<P: Coordinates> Rules<'_, P> {
                 continue;
             }
             let edge = edge as usize;
+            if exit > enter {
+                exit = self.up_to_end(edge, exit);
+            }
             // Back from where the stretch before ends.
             if let Some((before, end)) =
                 route.last().and_then(|last| last.edge.zip(Some(last.exit)))
