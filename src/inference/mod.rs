@@ -103,8 +103,6 @@ pub use sampler::PathSampler;
 pub(crate) use scores::TakenOut;
 pub use simulate::Simulation;
 pub use smoother::SmoothedSequence;
-#[cfg(feature = "matching")]
-pub(crate) use trellis::log_sum;
 pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
 pub use viterbi::ViterbiPath;
 

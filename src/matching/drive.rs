@@ -4,6 +4,7 @@ use super::answer::{CredibleStretch, RoadAnswer, credible};
 use super::candidates::{Candidate, deviation};
 use super::matcher::Before;
 use super::moves::{Interval, Move, Ways};
+use super::stretches::{Added, Link, Rules};
 use super::vehicle::{mode, speed_after};
 use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
 use crate::inference::{SmoothedTrellis, Trellis};
@@ -15,14 +16,15 @@ use crate::map::{Coordinates, Position};
 pub struct MatchedDrive<P = Position> {
     pub(super) points: Vec<TracePoint<P>>,
     pub(super) states: Vec<Vec<Candidate>>,
-    /// Moves into the states of all steps, in the order of the trellis; none in the first.
-    pub(super) moves: Vec<Move>,
     pub(super) trellis: Trellis,
     pub(super) smoothed: SmoothedTrellis,
     pub(super) route: Vec<Stretch<P>>,
 }
 
 /// Part of a route: an edge, or a stretch off the road.
+///
+/// On a road it is longer than 0 m, with two exceptions: a vehicle that stood all the time, whose
+/// route is one edge, and an edge with its reverse where going on without them is forbidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch<P = Position> {
     /// The edge; `None` off the road.
@@ -38,7 +40,7 @@ pub struct Stretch<P = Position> {
 impl<P: Coordinates> Matcher<P> {
     /// Matches a whole drive. Points must be in the order of time, each later than the one before.
     ///
-    /// O(points · (candidates² + edges searched)) time; some 44 bytes a pair of candidates.
+    /// O(points · (candidates² + edges searched)) time; some 12 bytes a pair of candidates.
     ///
     /// # Errors
     ///
@@ -49,14 +51,14 @@ impl<P: Coordinates> Matcher<P> {
         points: &[TracePoint<P>],
         memory: &mut MatchMemory,
     ) -> Result<MatchedDrive<P>, MatchError> {
-        let Built { states, trellis, moves } = self.trellis(&self.model, points, memory)?;
+        let Built { states, trellis, .. } = self.trellis(&self.model, points, memory)?;
         let smoothed = trellis.smooth()?;
         let path = trellis.viterbi()?;
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
         let route = self.route(points, &on_path, memory);
         let points = points.to_vec();
-        Ok(MatchedDrive { points, states, moves, trellis, smoothed, route })
+        Ok(MatchedDrive { points, states, trellis, smoothed, route })
     }
 
     /// Builds the trellis of a drive, with its states.
@@ -98,35 +100,43 @@ impl<P: Coordinates> Matcher<P> {
         path: &[Candidate],
         memory: &mut MatchMemory,
     ) -> Vec<Stretch<P>> {
-        let mut route = Route { matcher: self, stretches: Vec::new() };
-        let mut start = 0;
-        route.enter(&path[0]);
-        for (step, pair) in path.windows(2).enumerate() {
+        let (rules, mut route, mut added) = (Rules(&self.network), Vec::new(), Added::default());
+        let mut mode = Rules::<P>::start(&path[0], &mut added);
+        rules.extend(&mut route, [&points[0]; 2], &added);
+        for (pair, points) in path.windows(2).zip(points.windows(2)) {
             let (from, to) = (&pair[0], &pair[1]);
-            match (from.is_off_road(), to.is_off_road()) {
-                (true, true) => {}
-                (false, true) => start = step,
-                (true, false) => {
-                    route.off_road(points[start].position, points[step + 1].position);
-                    route.enter(to);
-                }
-                (false, false) => {
-                    let (a, b) = (&points[step], &points[step + 1]);
-                    let jitter = deviation(&self.model, a).hypot(deviation(&self.model, b));
-                    let metres = a.position.metres_to(b.position);
-                    let seconds = b.time - a.time;
-                    let interval = Interval { seconds, metres, jitter, speed: None };
-                    let Self { network, measures, .. } = self;
-                    let mut ways = Ways { network, measures, search: &mut memory.search };
-                    ways.from(from, std::slice::from_ref(to), &self.model, &interval);
-                    route.go_on(from, to, &interval, memory);
-                }
+            let mut link = Link::SameEdge;
+            if !from.is_off_road() && !to.is_off_road() {
+                let interval = self.search_from(from, std::slice::from_ref(to), points, memory);
+                link = rules.link(from, to, interval.jitter, &memory.search);
             }
+            added = Added::default();
+            mode = rules.go(mode, [from, to], &link, &mut added);
+            rules.extend(&mut route, [&points[0], &points[1]], &added);
         }
-        if path.last().is_some_and(Candidate::is_off_road) {
-            route.off_road(points[start].position, points[points.len() - 1].position);
-        }
-        route.stretches
+        added = Added::default();
+        Rules::<P>::finish(mode, &path[path.len() - 1], &mut added);
+        let last = &points[points.len() - 1];
+        rules.extend(&mut route, [last; 2], &added);
+        route
+    }
+
+    /// Searches for the ways from a state to those of the next point.
+    pub(super) fn search_from(
+        &self,
+        from: &Candidate,
+        to: &[Candidate],
+        points: &[TracePoint<P>],
+        memory: &mut MatchMemory,
+    ) -> Interval {
+        let (a, b) = (&points[0], &points[1]);
+        let jitter = deviation(&self.model, a).hypot(deviation(&self.model, b));
+        let metres = a.position.metres_to(b.position);
+        let interval = Interval { seconds: b.time - a.time, metres, jitter, speed: None };
+        let Self { network, measures, .. } = self;
+        let mut ways = Ways { network, measures, search: &mut memory.search };
+        ways.from(from, to, &self.model, &interval);
+        interval
     }
 }
 
@@ -135,74 +145,6 @@ pub(super) struct Built {
     pub(super) states: Vec<Vec<Candidate>>,
     pub(super) trellis: Trellis,
     pub(super) moves: Vec<Move>,
-}
-
-/// A route that grows.
-struct Route<'a, P> {
-    matcher: &'a Matcher<P>,
-    stretches: Vec<Stretch<P>>,
-}
-
-impl<P: Coordinates> Route<'_, P> {
-    fn length(&self, edge: usize) -> f64 {
-        self.matcher.network.edges()[edge].metres
-    }
-
-    fn push(&mut self, edge: usize, enter: f64, exit: f64) {
-        let network = &self.matcher.network;
-        let ends = [network.position_along(edge, enter), network.position_along(edge, exit)];
-        self.stretches.push(Stretch { edge: Some(edge), enter, exit, ends });
-    }
-
-    fn enter(&mut self, state: &Candidate) {
-        if !state.is_off_road() {
-            self.push(state.edge as usize, state.along, state.along);
-        }
-    }
-
-    fn off_road(&mut self, from: P, to: P) {
-        let (edge, enter, exit) = (None, 0.0, from.metres_to(to));
-        self.stretches.push(Stretch { edge, enter, exit, ends: [from, to] });
-    }
-
-    /// Moves the end of the route along its last edge.
-    fn extend_to(&mut self, along: f64) {
-        let Some(last) = self.stretches.last_mut() else { return };
-        if let Some(edge) = last.edge
-            && along > last.exit
-        {
-            last.exit = along;
-            last.ends[1] = self.matcher.network.position_along(edge, along);
-        }
-    }
-
-    /// Goes on to the next state, by the route of the last search.
-    fn go_on(
-        &mut self,
-        from: &Candidate,
-        to: &Candidate,
-        interval: &Interval,
-        memory: &MatchMemory,
-    ) {
-        let [edge, next] = [from.edge as usize, to.edge as usize];
-        if edge == next && to.along - from.along >= -6.0 * interval.jitter {
-            return self.extend_to(to.along);
-        }
-        let reached = memory.search.reached(next);
-        let turns_on_the_way = self.matcher.network.reverse(edge) == Some(next)
-            && reached.is_none_or(|reached| reached.u_turns > 0);
-        if turns_on_the_way {
-            let here = self.stretches.last().map_or(from.along, |last| last.exit);
-            let enter = (self.length(next) - here).max(0.0).min(to.along);
-            return self.push(next, enter, to.along);
-        }
-        let route = memory.search.route(edge, next);
-        self.extend_to(self.length(edge));
-        for &edge in route.iter().skip(1) {
-            let exit = if edge == next { to.along } else { self.length(edge) };
-            self.push(edge, 0.0, exit);
-        }
-    }
 }
 
 impl<P: Coordinates> MatchedDrive<P> {
@@ -266,7 +208,8 @@ impl<P: Coordinates> MatchedDrive<P> {
     #[must_use]
     pub fn metres(&self) -> f64 {
         let on_road = self.route.iter().filter(|stretch| stretch.edge.is_some());
-        on_road.map(|stretch| stretch.exit - stretch.enter).sum()
+        // The sum of nothing would be -0.
+        on_road.fold(0.0, |sum, stretch| sum + (stretch.exit - stretch.enter))
     }
 
     /// Mean number of states on roads at a point, those that go on unseen included.

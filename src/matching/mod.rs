@@ -74,13 +74,19 @@ mod error;
 mod files;
 #[cfg(feature = "geojson")]
 mod geojson;
+mod lattice;
 mod learn;
 mod matcher;
 mod model;
 mod moves;
 mod point;
+mod route_bounds;
+mod route_search;
+#[cfg(test)]
+mod route_tests;
 mod routes;
 mod snapshot;
+mod stretches;
 mod vehicle;
 #[cfg(feature = "csv")]
 mod writers;
@@ -94,7 +100,7 @@ pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;
-pub use routes::RankedRoute;
+pub use routes::{RankedRoute, RankedRoutes};
 pub use vehicle::Vehicle;
 #[cfg(feature = "csv")]
 pub use writers::{PointWriter, RouteWriter};

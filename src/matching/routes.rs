@@ -1,139 +1,150 @@
 //! Distinct routes of a drive, with their probabilities.
 
+use std::collections::BTreeMap;
+
 use super::candidates::Candidate;
 use super::drive::{MatchedDrive, Stretch};
-use super::moves::Move;
+use super::lattice::{END, Lattice};
+use super::route_search::RouteSearcher;
 use super::{MatchError, MatchMemory, Matcher};
-use crate::inference::log_sum;
 use crate::map::Coordinates;
 
 /// A route of a whole drive, with its probability.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedRoute<P> {
-    /// Edges in order, and stretches off the road.
+    /// Edges in order, and stretches off the road. They begin and end where the most probable
+    /// points along these edges do.
     pub stretches: Vec<Stretch<P>>,
     /// Probability of this sequence of edges, whatever the points along them.
     pub probability: f64,
 }
 
-/// Paths that are looked at for each route that is wanted: many differ in a point near a junction
-/// alone.
-const PATHS: usize = 32;
+/// Most probable routes of a drive.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RankedRoutes<P> {
+    /// Distinct routes, the most probable first.
+    pub routes: Vec<RankedRoute<P>>,
+    /// Probability of all other routes together.
+    pub remaining: f64,
+    /// True if these are the most probable routes, proven: as many as were asked for, or all there
+    /// are. False if the search would have taken too long, and more probable ones may be missing;
+    /// the probability of each is exact all the same.
+    pub is_exact: bool,
+}
+
+/// Moves that the search looks at, and more for each route, before it goes straight to likely
+/// ones.
+const MOST_MOVES: usize = 1_000_000;
+const MOVES_A_ROUTE: usize = 20_000;
 
 impl<P: Coordinates> Matcher<P> {
-    /// Finds up to `count` distinct routes of a drive that this matcher matched, the most probable
-    /// first. Their probabilities add up all ways to place the points along the same edges.
+    /// Finds the `count` most probable distinct routes of a drive that this matcher matched, in
+    /// descending order; fewer if there are fewer. The probability of a route is that of all ways
+    /// to place the points along the same edges, exactly, but for moves below 1e-30, which are left
+    /// out. Between two points, a vehicle takes the way of least cost, so that of two ways of
+    /// equal length one alone is found.
     ///
-    /// Routes are those of the 32 · `count` most probable paths, so that for a long drive with many
-    /// doubts a route may be missing. Ways between two points are known by their length: of two of
-    /// equal length, each probability may count both. O(points · candidates² · count).
+    /// A best-first search over the first edges of routes, with a bound on the best that may
+    /// follow. Time is that of the match again, and O(edges of a route) for each route where the
+    /// doubts are few. For drives with very many doubts of even odds it grows exponentially; after
+    /// 1,000,000 + 20,000 · `count` moves it goes straight to likely routes, and
+    /// [`is_exact`](RankedRoutes::is_exact) is false.
+    ///
+    /// ```
+    /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    ///
+    /// // Two ways around a block, and a point on either side of it.
+    /// let at = |x, y| PlanePosition { x, y };
+    /// let mut builder = NetworkBuilder::new();
+    /// for (id, x, y) in [(1, 0.0, 0.0), (2, 100.0, 0.0), (3, 200.0, 30.0), (4, 200.0, -30.0),
+    ///                    (5, 300.0, 0.0), (6, 400.0, 0.0)] {
+    ///     builder.node(id, at(x, y))?;
+    /// }
+    /// for (from, to) in [(1, 2), (2, 3), (2, 4), (3, 5), (4, 5), (5, 6)] {
+    ///     builder.one_way(from, to, RoadClass::Street)?;
+    /// }
+    /// let matcher = Matcher::new(builder.build()?);
+    /// let points = [(0.0, 50.0, 0.0), (15.0, 200.0, 3.0), (30.0, 350.0, 0.0)]
+    ///     .map(|(time, x, y)| TracePoint::new(time, at(x, y)));
+    ///
+    /// let mut memory = MatchMemory::default();
+    /// let drive = matcher.match_drive(&points, &mut memory)?;
+    /// let found = matcher.routes(&drive, 2, &mut memory)?;
+    /// let edges = |route: usize| -> Vec<_> {
+    ///     found.routes[route].stretches.iter().map(|stretch| stretch.edge).collect()
+    /// };
+    /// assert_eq!(edges(0), [Some(0), Some(1), Some(3), Some(5)]);
+    /// assert_eq!(edges(1), [Some(0), Some(2), Some(4), Some(5)]);
+    /// assert!(found.routes[0].probability > found.routes[1].probability);
+    /// assert!(found.is_exact && found.remaining < 0.1);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     ///
     /// # Errors
     ///
-    /// [`MatchError::Vehicle`] for a drive on an edge that this matcher's network does not have.
+    /// [`MatchError::Vehicle`] if the drive is on an edge that the network does not have.
     pub fn routes(
         &self,
         drive: &MatchedDrive<P>,
         count: usize,
         memory: &mut MatchMemory,
-    ) -> Result<Vec<RankedRoute<P>>, MatchError> {
-        self.check(drive.states.iter().flatten())?;
-        let paths = drive.trellis.k_best(PATHS.saturating_mul(count))?;
-        let mut routes: Vec<RankedRoute<P>> = Vec::new();
-        for path in paths {
-            let states: Vec<Candidate> =
-                path.states().iter().zip(&drive.states).map(|(s, states)| states[*s]).collect();
+    ) -> Result<RankedRoutes<P>, MatchError> {
+        let lattice = Lattice::new(self, drive, memory)?;
+        let most = MOVES_A_ROUTE.saturating_mul(count).saturating_add(MOST_MOVES);
+        let found = RouteSearcher::new(&lattice).find(count, most);
+        let sum: f64 = found.routes.iter().map(|route| route.1).sum();
+        let ranked = |(words, probability): (Vec<u32>, f64)| {
+            let states: Vec<Candidate> = (lattice.best_states(&words).iter())
+                .zip(&drive.states)
+                .map(|(state, states)| states[*state as usize])
+                .collect();
             let stretches = self.route(&drive.points, &states, memory);
-            if routes.iter().any(|known| edges(&known.stretches).eq(edges(&stretches))) {
-                continue;
-            }
-            let edges: Vec<Option<usize>> = edges(&stretches).collect();
-            let probability = self.probability(drive, &edges);
-            routes.push(RankedRoute { stretches, probability });
-        }
-        routes.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        routes.truncate(count);
-        Ok(routes)
-    }
-
-    /// Probability of a sequence of edges: a forward pass over the states on it.
-    fn probability(&self, drive: &MatchedDrive<P>, route: &[Option<usize>]) -> f64 {
-        // Metres from the start of the route to the start of each of its parts.
-        let mut starts = vec![0.0];
-        for edge in route {
-            let metres = edge.map_or(0.0, |edge| self.network.edges()[edge].metres);
-            starts.push(starts[starts.len() - 1] + metres);
-        }
-        let places = |state: &Candidate| {
-            let edge = (!state.is_off_road()).then_some(state.edge as usize);
-            (0..route.len()).filter(move |&at| route[at] == edge)
+            RankedRoute { stretches, probability: probability.min(1.0) }
         };
-        // For each state, the places of the route on its edge, with ln p.
-        let mut before: Vec<Vec<(usize, f64)>> = Vec::new();
-        let mut moves = drive.moves.iter();
-        for (number, states) in drive.states.iter().enumerate() {
-            let mut now: Vec<Vec<(usize, f64)>> = Vec::with_capacity(states.len());
-            for (to, state) in states.iter().enumerate() {
-                let log_likelihood = drive.trellis.log_likelihood(number + 1, to);
-                let entries: Vec<_> = drive.trellis.moves(number + 1, to).collect();
-                let moved: Vec<Option<&Move>> = match number {
-                    0 => vec![None],
-                    _ => entries.iter().map(|_| moves.next()).collect(),
-                };
-                let at_place = |at: usize| {
-                    let mut terms = Vec::new();
-                    for ((from, weight), moved) in entries.iter().zip(&moved) {
-                        let Some(moved) = moved else {
-                            let first = if at == 0 { *weight } else { f64::NEG_INFINITY };
-                            terms.push(first);
-                            continue;
-                        };
-                        let from_state = &drive.states[number - 1][*from];
-                        for &(start, log) in &before[*from] {
-                            let parts = &route[start..=at.max(start)];
-                            let between = starts[at] - starts[start];
-                            if at >= start
-                                && self.follows(moved, [from_state, state], parts, between)
-                            {
-                                terms.push(log + weight);
-                            }
-                        }
-                    }
-                    (at, log_sum(terms.into_iter()) + log_likelihood)
-                };
-                let reached = places(state).map(at_place);
-                now.push(reached.filter(|(_, log)| *log > f64::NEG_INFINITY).collect());
-            }
-            before = now;
-        }
-        let ends = before.iter().flatten().filter(|(at, _)| *at + 1 == route.len());
-        let all: Vec<f64> = ends.map(|end| end.1).collect();
-        (log_sum(all.into_iter()) - drive.log_likelihood()).exp().min(1.0)
-    }
-
-    /// True if a move goes along these parts of a route, the first and the last of which are those
-    /// of the two states, so many metres apart.
-    fn follows(
-        &self,
-        moved: &Move,
-        [from, to]: [&Candidate; 2],
-        parts: &[Option<usize>],
-        between: f64,
-    ) -> bool {
-        match moved {
-            // Off the road, or one part on.
-            Move::OffRoad => parts.len() == 1 + usize::from(from.edge != to.edge),
-            Move::Along { metres, .. } => {
-                let same = (metres - (between + to.along - from.along)).abs() < 0.1;
-                // A U-turn on the way leaves out the rest of the edge.
-                let reverse = self.network.reverse(from.edge as usize);
-                let turned = parts.len() == 2 && reverse == Some(to.edge as usize);
-                parts.iter().all(Option::is_some) && (same || turned)
-            }
-        }
+        let routes = found.routes.into_iter().map(ranked).collect();
+        Ok(RankedRoutes { routes, remaining: (1.0 - sum).max(0.0), is_exact: found.is_exact })
     }
 }
 
-fn edges<P>(stretches: &[Stretch<P>]) -> impl Iterator<Item = Option<usize>> {
-    stretches.iter().map(|stretch| stretch.edge)
+impl Lattice {
+    /// Most probable states of a route, one a step, by its words. Ties go to the lowest node.
+    fn best_states(&self, route: &[u32]) -> Vec<u32> {
+        let mut words = route.to_vec();
+        words.push(END);
+        // For each step, the best way to each node and number of words.
+        let mut steps = vec![BTreeMap::from([((0_u32, 0_usize), (1.0_f64, (0_u32, 0_usize)))])];
+        let end = ((self.states.len() - 1) as u32, words.len());
+        while steps.last().is_some_and(|step| !step.is_empty() && !step.contains_key(&end)) {
+            let mut next = BTreeMap::new();
+            let before = &steps[steps.len() - 1];
+            let scale = before.values().map(|way| way.0).fold(0.0, f64::max);
+            for (&(node, done), way) in before {
+                for arc in self.arcs(node) {
+                    let said = &self.words[arc.words[0] as usize..arc.words[1] as usize];
+                    if !words[done..].starts_with(said) {
+                        continue;
+                    }
+                    let probability = way.0 / scale * arc.probability;
+                    let best =
+                        next.entry((arc.to, done + said.len())).or_insert((0.0, (node, done)));
+                    if probability > best.0 {
+                        *best = (probability, (node, done));
+                    }
+                }
+            }
+            next.retain(|_, way| way.0 > 0.0);
+            steps.push(next);
+        }
+        let (mut states, mut at) = (Vec::new(), end);
+        for step in steps.iter().skip(1).rev() {
+            let Some(way) = step.get(&at) else { break };
+            at = way.1;
+            states.push(self.states[at.0 as usize]);
+        }
+        // The last is the start.
+        states.pop();
+        states.reverse();
+        states
+    }
 }

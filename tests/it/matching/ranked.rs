@@ -22,13 +22,39 @@ proptest! {
         let mut memory = MatchMemory::default();
         let matched = matcher.match_drive(&points, &mut memory).unwrap();
         let all = matcher.routes(&matched, 2000, &mut memory).unwrap();
-        let sum: f64 = all.iter().map(|route| route.probability).sum();
-        // A way of the same length by other edges counts too: blocks are equal here.
-        prop_assert!((sum - 1.0).abs() < 0.02, "{sum}: {all:?}");
-        prop_assert!(all.windows(2).all(|pair| pair[0].probability >= pair[1].probability));
+        prop_assert!(all.is_exact);
+        let sum: f64 = all.routes.iter().map(|route| route.probability).sum();
+        prop_assert!((sum + all.remaining - 1.0).abs() < 1e-9, "{sum}: {all:?}");
+        prop_assert!(all.remaining < 1e-6, "{}", all.remaining);
         let few = matcher.routes(&matched, 3, &mut memory).unwrap();
-        prop_assert_eq!(few.len(), all.len().min(3));
-        prop_assert!(matcher.routes(&matched, 0, &mut memory).unwrap().is_empty());
+        prop_assert!(few.is_exact);
+        prop_assert_eq!(few.routes.len(), all.routes.len().min(3));
+        let none = matcher.routes(&matched, 0, &mut memory).unwrap();
+        prop_assert_eq!((none.routes.len(), none.remaining), (0, 1.0));
+    }
+
+    /// As many distinct routes as asked for, without stretches of no length.
+    #[test]
+    fn routes_of_drives(seed in any::<u64>(), seconds in 1.0..20.0, sigma in 2.0..15.0) {
+        let network = city(8, 8, 120.0, |_, _| false);
+        let habits = Habits { points: 60, seconds, sigma, ..Habits::default() };
+        let points = drive(&network, &habits, seed).points;
+        let matcher = Matcher::new(network);
+        let mut memory = MatchMemory::default();
+        let matched = matcher.match_drive(&points, &mut memory).unwrap();
+        let found = matcher.routes(&matched, 5, &mut memory).unwrap();
+        prop_assert!(found.is_exact);
+        prop_assert_eq!(found.routes.len(), 5);
+        prop_assert!(found.routes.is_sorted_by(|a, b| a.probability >= b.probability));
+        let mut distinct = std::collections::BTreeSet::new();
+        for stretches in found.routes.iter().map(|route| &route.stretches[..]).chain([matched.route()]) {
+            distinct.insert(stretches.iter().map(|stretch| stretch.edge).collect::<Vec<_>>());
+            for stretch in stretches {
+                let is_short = stretch.edge.is_some() && stretch.exit <= stretch.enter;
+                prop_assert!(!is_short || stretches.len() == 1, "{stretches:?}");
+            }
+        }
+        prop_assert!(distinct.len() == 5 || distinct.len() == 6);
     }
 
     /// Stored at any point, a vehicle goes on to the bit; damaged bytes are an error, or a vehicle
