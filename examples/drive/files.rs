@@ -21,17 +21,12 @@ impl Lines {
         late: usize,
     ) -> Result<Self, csv::Error> {
         let mut route = Vec::new();
-        RouteWriter::new(&mut route)?.write(name, matcher, drive)?;
+        RouteWriter::without_header(&mut route).write(name, matcher, drive)?;
         let mut points = Vec::new();
-        PointWriter::new(&mut points)?.write(name, matcher, drive, late)?;
+        PointWriter::without_header(&mut points).write(name, matcher, drive, late)?;
         let features = features(name, matcher, drive).into_bytes();
-        Ok(Self([without_header(&route), without_header(&points), features]))
+        Ok(Self([route, points, features]))
     }
-}
-
-fn without_header(text: &[u8]) -> Vec<u8> {
-    let end = text.iter().position(|&byte| byte == b'\n').map_or(0, |end| end + 1);
-    text[end..].to_vec()
 }
 
 /// GeoJSON features of the parts of a route, each on a line that ends with a comma.

@@ -19,16 +19,17 @@ mod reference;
 
 pub use counts::Counts;
 pub use differential::differential;
-pub use readers::{csv, json_models, json_snapshots};
+pub use readers::{csv, json_models, json_snapshots, roads};
 
 /// A target: makes an input of bytes, checks what the library does with it, and
 /// counts what was checked.
 pub type Target = fn(&[u8], &mut Counts);
 
 /// All targets with their names, and how many bytes at most they make use of.
-pub const TARGETS: [(&str, Target, usize); 4] = [
+pub const TARGETS: [(&str, Target, usize); 5] = [
     ("differential", differential, 6000),
     ("csv", csv, 800),
     ("json_models", json_models, 1500),
     ("json_snapshots", json_snapshots, 4000),
+    ("roads", roads, 1500),
 ];

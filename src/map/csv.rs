@@ -1,6 +1,5 @@
 //! Maps from CSV files.
 
-use std::borrow::Cow;
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
@@ -8,12 +7,12 @@ use std::path::Path;
 use csv::{ReaderBuilder, StringRecord, Trim};
 
 use super::builder::Builder;
+use super::excerpt::excerpt;
+use super::fields::{Line, csv_error};
 use super::{CleaningReport, Coordinates, MapError, Place, PlanePosition, Road, RoadMap};
 
-/// Most characters of a field that an error message quotes.
-const LONGEST: usize = 60;
-
 const ROADS: [&str; 4] = ["from", "to", "class", "length_m"];
+const IN_ORDER: [Option<usize>; 4] = [Some(0), Some(1), Some(2), Some(3)];
 
 impl RoadMap {
     /// Reads a map from two CSV files with headers.
@@ -26,7 +25,7 @@ impl RoadMap {
     ///
     /// [`MapError::Line`] with file and line for everything that [`RoadMap::new`] refuses, and
     /// for a missing or wrong header, a wrong number of columns, or a value that can't be parsed;
-    /// [`MapError::Read`] if a file can't be opened.
+    /// [`MapError::Read`] if a file can't be opened or read.
     pub fn from_csv_files(
         places: impl AsRef<Path>,
         roads: impl AsRef<Path>,
@@ -200,43 +199,6 @@ fn read<P: Coordinates>(
     builder.build()
 }
 
-/// A line of a file with known columns.
-struct Line<'a> {
-    columns: [&'static str; 4],
-    record: &'a StringRecord,
-}
-
-impl Line<'_> {
-    fn text(&self, column: usize) -> &str {
-        self.record.get(column).unwrap_or_default()
-    }
-
-    fn id(&self, column: usize) -> Result<u64, String> {
-        self.parse(column, "a whole number from 0")
-    }
-
-    fn number(&self, column: usize) -> Result<f64, String> {
-        self.parse(column, "a number")
-    }
-
-    fn parse<T: std::str::FromStr>(&self, column: usize, expected: &str) -> Result<T, String> {
-        let found = self.text(column);
-        let name = self.columns[column];
-        found.parse().map_err(|_| {
-            let found = excerpt(found);
-            format!("{name} is {found:?}, expected {expected}")
-        })
-    }
-}
-
-/// Returns a field, cut to the length that error messages quote.
-pub(super) fn excerpt(field: &str) -> Cow<'_, str> {
-    match field.char_indices().nth(LONGEST) {
-        Some((end, _)) => Cow::Owned(format!("{}…", &field[..end])),
-        None => Cow::Borrowed(field),
-    }
-}
-
 /// Calls `take` with each line after the header, and adds file and line to its errors.
 fn each_line(
     (file, reader): (&str, impl Read),
@@ -250,10 +212,8 @@ fn each_line(
     let mut header_seen = false;
     loop {
         let line = reader.position().line();
-        let more = reader.read_record(&mut record).map_err(|error| {
-            let line = error.position().map_or(line, csv::Position::line);
-            at(line, error.to_string())
-        })?;
+        let more =
+            reader.read_record(&mut record).map_err(|error| csv_error(file, line, &error))?;
         if !more {
             break;
         }
@@ -276,7 +236,8 @@ fn each_line(
             let problem = format!("{found} columns, expected {expected} ({names})");
             return Err(at(line, problem));
         }
-        take(Line { columns, record: &record }).map_err(|problem| at(line, problem))?;
+        let row = Line { record: &record, places: &IN_ORDER, names: &columns };
+        take(row).map_err(|problem| at(line, problem))?;
     }
     if !header_seen {
         let expected = columns.join(",");

@@ -52,7 +52,8 @@ pub enum MapError {
         /// Id of the place.
         id: u64,
     },
-    /// A road's length is NaN, infinite, zero or negative.
+    /// A road's length is NaN, infinite, zero or negative, or that of an edge of a network is above
+    /// 1e12.
     Length {
         /// Id of the place where the road starts.
         from: u64,
@@ -60,6 +61,15 @@ pub enum MapError {
         to: u64,
         /// Value found, in metres.
         length: f64,
+    },
+    /// The posted speed of an edge is not above 0, or is above 1e9.
+    Speed {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where the road ends.
+        to: u64,
+        /// Value found, in metres per second.
+        speed: f64,
     },
     /// There are no roads to cut into cells.
     NoRoads,
@@ -149,9 +159,16 @@ impl fmt::Display for MapError {
                 f,
                 "the road from place {id} leads to itself; staying is the turning rule's matter"
             ),
-            Self::Length { from, to, length } => write!(
+            Self::Length { from, to, length } => {
+                let most = if *length > 1e12 { " and at most 1e12" } else { "" };
+                write!(
+                    f,
+                    "the road from place {from} to place {to} has length {length}, expected metres above 0{most}"
+                )
+            }
+            Self::Speed { from, to, speed } => write!(
                 f,
-                "the road from place {from} to place {to} has length {length}, expected metres above 0"
+                "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9"
             ),
             Self::NoRoads => write!(f, "cells need at least one road, found none"),
             Self::Spacing { spacing } => {

@@ -41,6 +41,10 @@ mod cleaning;
 #[cfg(feature = "csv")]
 mod csv;
 mod error;
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+mod excerpt;
+#[cfg(feature = "csv")]
+mod fields;
 mod flow;
 mod graph;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
@@ -56,12 +60,20 @@ pub(crate) use cells::Layout;
 pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
 pub use error::{MapError, TurningError};
+#[cfg(all(feature = "csv", feature = "matching"))]
+pub(crate) use excerpt::excerpt;
+#[cfg(all(feature = "csv", feature = "matching"))]
+pub(crate) use fields::{Line, csv_error};
 pub use flow::FlowError;
 #[cfg(all(feature = "geojson", feature = "matching"))]
 pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
 pub use learned_turning::{LearnedTurn, LearnedTurning, TurningPrior};
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+use network::FASTEST_ROAD;
+#[cfg(feature = "geojson")]
+use network::LONGEST_ROAD;
 pub use network::{Cleaning, CleaningOperation, CleaningStep};
 pub use network::{
     Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteSearch,

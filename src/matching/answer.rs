@@ -79,14 +79,16 @@ pub(super) fn credible<P>(
     sigma: f64,
     mass: f64,
 ) -> Vec<CredibleStretch> {
-    let mut order: Vec<usize> = (0..states.len()).filter(|&i| !states[i].is_off_road()).collect();
+    // A saved vehicle may be of another network.
+    let known = |state: &Candidate| (state.edge as usize) < network.edges().len();
+    let mut order: Vec<usize> = (0..states.len()).filter(|&i| known(&states[i])).collect();
     let (mass, on_road) = (mass.max(0.0), order.iter().map(|&i| probabilities[i]).sum::<f64>());
     if mass >= on_road {
         return Vec::new();
     }
     // Half of the doubt is about the road, half about the place along it.
-    let (share, along) = ((mass * on_road).sqrt(), (mass / on_road).sqrt());
-    let half = sigma * ((1.0 + along) / (1.0 - along)).ln() / 1.702;
+    let (share, mass_along) = ((mass * on_road).sqrt(), (mass / on_road).sqrt());
+    let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
     order.sort_by(|&a, &b| probabilities[b].total_cmp(&probabilities[a]));
     let (mut found, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
     for i in order {
@@ -96,7 +98,8 @@ pub(super) fn credible<P>(
         let (edge, probability) = (states[i].edge as usize, probabilities[i]);
         sum += probability;
         let most = network.edges()[edge].metres;
-        let metres = [(states[i].along - half).max(0.0), (states[i].along + half).min(most)];
+        let along = states[i].along.min(most);
+        let metres = [(along - half).max(0.0), (along + half).min(most)];
         match found.iter_mut().find(|part| part.edge == edge) {
             Some(part) => {
                 part.metres = [part.metres[0].min(metres[0]), part.metres[1].max(metres[1])];

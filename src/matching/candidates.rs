@@ -73,13 +73,19 @@ pub(super) fn on_edge<P: Coordinates>(
         / (sigma * std::f64::consts::TAU.sqrt());
     let outlier = model.outliers / (OUTLIER_SPREAD * sigma);
     let likelihood = inlier + outlier;
+    let (inlier, log_likelihood) = if likelihood >= f64::MIN_POSITIVE {
+        (inlier / likelihood, likelihood.ln())
+    } else {
+        // Next to no outliers, and a position far off.
+        (0.0, model.outliers.ln() - (OUTLIER_SPREAD * sigma).ln())
+    };
     Candidate {
         edge: near.edge as u32,
         along: near.metres_along,
         point: near.point,
         across: (near.beyond == 0.0).then_some(near.across),
-        inlier: inlier / likelihood,
-        log_likelihood: likelihood.ln() + heading(near, point),
+        inlier,
+        log_likelihood: log_likelihood + heading(near, point),
     }
 }
 

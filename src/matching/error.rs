@@ -36,7 +36,7 @@ pub enum MatchError {
     },
     /// There are no points.
     Empty,
-    /// A saved vehicle does not belong to this network.
+    /// A saved vehicle, or a drive, does not belong to this network.
     Vehicle {
         /// An edge of the vehicle.
         edge: usize,

@@ -80,15 +80,19 @@ mod point;
 mod routes;
 mod snapshot;
 mod vehicle;
+#[cfg(feature = "csv")]
+mod writers;
 
 pub use answer::{CredibleStretch, RoadAnswer};
 pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]
-pub use files::{PointWriter, RouteWriter, SkippedPoints, Trace, read_traces, read_traces_from};
+pub use files::{SkippedPoints, Trace, read_traces, read_traces_from};
 pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;
 pub use routes::RankedRoute;
 pub use vehicle::Vehicle;
+#[cfg(feature = "csv")]
+pub use writers::{PointWriter, RouteWriter};

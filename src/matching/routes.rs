@@ -30,14 +30,15 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Inference`] if the drive is not one of this matcher.
+    /// [`MatchError::Vehicle`] for a drive on an edge that this matcher's network does not have.
     pub fn routes(
         &self,
         drive: &MatchedDrive<P>,
         count: usize,
         memory: &mut MatchMemory,
     ) -> Result<Vec<RankedRoute<P>>, MatchError> {
-        let paths = drive.trellis.k_best(PATHS * count)?;
+        self.check(drive.states.iter().flatten())?;
+        let paths = drive.trellis.k_best(PATHS.saturating_mul(count))?;
         let mut routes: Vec<RankedRoute<P>> = Vec::new();
         for path in paths {
             let states: Vec<Candidate> =

@@ -63,16 +63,23 @@ impl<P: Coordinates> Vehicle<P> {
         let point = TracePoint { time, position, accuracy, heading, speed };
         point.check().map_err(|error| contents(error.to_string()))?;
         let speed = reader.double()?;
-        if !(speed >= 0.0 && speed.is_finite()) {
-            return Err(contents(format!("the speed is {speed}, expected at least 0")));
+        if !(0.0..=1e9).contains(&speed) {
+            return Err(contents(format!("the speed is {speed}, expected 0 to 1e9")));
         }
         let (log_likelihood, last) = (reader.log_sum()?, reader.double()?);
+        if let Some(value) = [log_likelihood.value(), last].iter().find(|v| !v.is_finite()) {
+            let problem = format!("a log-likelihood is {value}, expected a finite number");
+            return Err(contents(problem));
+        }
         let (mut trellis, mut window) = (Trellis::new(), Vec::new());
         let steps = reader.integer()?;
         if steps == 0 || lag.checked_add(1).is_none_or(|most| steps > most) {
             return Err(contents(format!(
                 "{steps} points in the window, expected up to {lag} + 1"
             )));
+        }
+        if points < steps {
+            return Err(contents(format!("{points} points, but {steps} in the window")));
         }
         for _ in 0..steps {
             trellis.begin_step();
@@ -110,18 +117,36 @@ impl<P: Coordinates> Vehicle<P> {
             log_filtered.push(reader.double()?);
         }
         reader.finish()?;
-        if !log_filtered.iter().all(|log| *log <= 1e-9) {
-            return Err(contents(String::from("a probability is above 1")));
+        let sum: f64 = log_filtered.iter().map(|log| log.exp()).sum();
+        if !(1.0 - 1e-9..=1.0 + 1e-9).contains(&sum) {
+            return Err(contents(format!("probabilities sum to {sum}, expected 1")));
         }
-        let numbers = window
-            .iter()
-            .flatten()
-            .flat_map(|state| [state.along, state.point[0], state.point[1], state.log_likelihood]);
-        if let Some(value) = numbers.clone().find(|value| !value.is_finite()) {
-            return Err(contents(format!("a state has {value}, expected a finite number")));
-        }
+        window.iter().flatten().try_for_each(check)?;
+        trellis.smooth().map_err(|error| contents(error.to_string()))?;
         Ok(Self { lag, points, point, speed, log_likelihood, last, trellis, window, log_filtered })
     }
+}
+
+/// Checks the numbers of a state. Which edges there are, the network says.
+fn check(state: &Candidate) -> Result<(), SnapshotError> {
+    /// More than any coordinate of the plane, or any length of an edge.
+    const LARGEST: f64 = 1e12;
+    let Candidate { edge: _, along, point, across, inlier, log_likelihood } = *state;
+    let range = -LARGEST..=LARGEST;
+    for (value, range) in [
+        (along, 0.0..=LARGEST),
+        (point[0], range.clone()),
+        (point[1], range.clone()),
+        (across.unwrap_or(0.0), range),
+        (inlier, 0.0..=1.0),
+        (log_likelihood, -1e300..=1e300),
+    ] {
+        if !range.contains(&value) {
+            let problem = format!("a state has {value}, expected {range:?}");
+            return Err(contents(problem));
+        }
+    }
+    Ok(())
 }
 
 /// Writes a number that may be missing, which is NaN.

@@ -71,12 +71,8 @@ impl<P: Coordinates> Matcher<P> {
         point: &TracePoint<P>,
         memory: &mut MatchMemory,
     ) -> Result<f64, MatchError> {
-        let edges = self.network.edges().len();
         let states = vehicle.window.last().map_or(&[][..], |states| states);
-        let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
-        if let Some(state) = states.iter().find(unknown) {
-            return Err(MatchError::Vehicle { edge: state.edge as usize, edges });
-        }
+        self.check(states)?;
         let before = Before {
             point: &vehicle.point,
             states,
@@ -94,7 +90,7 @@ impl<P: Coordinates> Matcher<P> {
         let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);
         vehicle.window.push(states);
         vehicle.window.last_mut().into_iter().for_each(Vec::shrink_to_fit);
-        if vehicle.window.len() > vehicle.lag + 1 {
+        if vehicle.window.len() - 1 > vehicle.lag {
             vehicle.forget();
         }
         vehicle.speed = point.speed.unwrap_or_else(|| {
@@ -103,8 +99,23 @@ impl<P: Coordinates> Matcher<P> {
                 .map_or(vehicle.speed, |modes| speed_after::<P>(vehicle.speed, modes, seconds))
         });
         vehicle.point = *point;
-        vehicle.points += 1;
+        vehicle.points = vehicle.points.saturating_add(1);
         Ok(vehicle.last)
+    }
+}
+
+impl<P> Matcher<P> {
+    /// Checks that states are on edges of the network, or off the road.
+    pub(super) fn check<'a>(
+        &self,
+        states: impl IntoIterator<Item = &'a Candidate>,
+    ) -> Result<(), MatchError> {
+        let edges = self.network.edges().len();
+        let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
+        match states.into_iter().find(unknown) {
+            Some(state) => Err(MatchError::Vehicle { edge: state.edge as usize, edges }),
+            None => Ok(()),
+        }
     }
 }
 

@@ -6,10 +6,12 @@ mod json_models;
 mod json_recognition;
 mod json_snapshots;
 mod map;
+mod roads;
 
 pub use json_models::json_models;
 pub use json_snapshots::json_snapshots;
 pub use map::csv;
+pub use roads::roads;
 
 use std::error::Error;
 

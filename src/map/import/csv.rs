@@ -10,7 +10,8 @@ use super::words::{class_of, directions, speed_of};
 use super::{
     ImportNote, ImportOptions, ImportReport, LEAST_METRES, finish, open, position_problem,
 };
-use crate::map::csv::excerpt;
+use crate::map::excerpt::excerpt;
+use crate::map::fields::{Line, csv_error};
 use crate::map::{EdgeOptions, MapError, NetworkBuilder, Position, RoadNetwork};
 
 /// Names of a column, and whether a file must have it.
@@ -50,7 +51,7 @@ impl RoadNetwork {
     /// [`MapError::Line`] with file and line for a missing column, a value that can't be parsed, a
     /// node given twice or not on Earth (which says so if latitude and longitude seem swapped), and
     /// an edge of a node that is missing or with a negative length; [`MapError::Read`] if a file
-    /// can't be opened; and those of [`cleaned`](Self::cleaned).
+    /// can't be opened or read; and those of [`cleaned`](Self::cleaned).
     pub fn from_csv_files(
         nodes: impl AsRef<Path>,
         edges: impl AsRef<Path>,
@@ -116,7 +117,7 @@ fn read(
 
 /// Adds the edge of a row, or both.
 fn edge(
-    row: &Row<'_>,
+    row: &Line<'_>,
     builder: &mut NetworkBuilder,
     report: &mut ImportReport,
 ) -> Result<(), String> {
@@ -131,7 +132,7 @@ fn edge(
             }
         }
     }
-    let [forward, backward] = match row.columns[4] {
+    let [forward, backward] = match row.places[4] {
         None => [true, false],
         Some(_) => directions(row.text(4)).ok_or_else(|| {
             format!("oneway is {:?}, expected yes, no or -1", excerpt(row.text(4)))
@@ -164,53 +165,24 @@ fn edge(
     Ok(())
 }
 
-/// A line of a file, with the place of each column.
-struct Row<'a> {
-    columns: &'a [Option<usize>],
-    names: &'a [Column],
-    record: &'a StringRecord,
-}
-
-impl Row<'_> {
-    fn text(&self, column: usize) -> &str {
-        self.columns[column].and_then(|place| self.record.get(place)).unwrap_or_default()
-    }
-
-    fn id(&self, column: usize) -> Result<u64, String> {
-        self.parse(column, "a whole number from 0")
-    }
-
-    fn number(&self, column: usize) -> Result<f64, String> {
-        self.parse(column, "a number")
-    }
-
-    fn parse<T: std::str::FromStr>(&self, column: usize, expected: &str) -> Result<T, String> {
-        let found = self.text(column);
-        found.parse().map_err(|_| {
-            let name = self.names[column].0[0];
-            format!("{name} is {:?}, expected {expected}", excerpt(found))
-        })
-    }
-}
-
 /// Calls `take` with each line after the header, and adds file and line to its errors. Returns the
 /// columns that are not known.
 fn each_row<const N: usize>(
     (file, reader): (&str, impl Read),
     names: [Column; N],
-    mut take: impl FnMut(Row<'_>) -> Result<(), String>,
+    mut take: impl FnMut(Line<'_>) -> Result<(), String>,
 ) -> Result<Vec<String>, MapError> {
     let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
     let mut reader =
         ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(reader);
     let mut record = StringRecord::new();
+    let first_names = names.map(|(names, _)| names[0]);
     let mut header: Option<([Option<usize>; N], usize)> = None;
     let mut ignored = Vec::new();
     loop {
         let line = reader.position().line();
-        let more = reader.read_record(&mut record).map_err(|error| {
-            at(error.position().map_or(line, csv::Position::line), error.to_string())
-        })?;
+        let more =
+            reader.read_record(&mut record).map_err(|error| csv_error(file, line, &error))?;
         let line = record.position().map_or(line, csv::Position::line);
         let Some((columns, width)) = &header else {
             let columns =
@@ -244,7 +216,7 @@ fn each_row<const N: usize>(
                 format!("{} columns, expected {width} as in the header", record.len()),
             ));
         }
-        take(Row { columns, names: &names, record: &record })
-            .map_err(|problem| at(line, problem))?;
+        let row = Line { record: &record, places: columns, names: &first_names };
+        take(row).map_err(|problem| at(line, problem))?;
     }
 }

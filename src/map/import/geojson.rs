@@ -10,7 +10,11 @@ use super::lines::Lines;
 use super::tags::{RoadTags, road_of};
 use super::words::{class_of, directions, speed_of};
 use super::{ImportNote, ImportOptions, ImportReport, finish, open, position_problem};
-use crate::map::{MapError, NetworkBuilder, Position, RoadNetwork};
+use crate::map::excerpt::{excerpt, shortened};
+use crate::map::{LONGEST_ROAD, MapError, NetworkBuilder, Position, RoadNetwork};
+
+/// Most characters of what the parser says, which quotes the text.
+const LONGEST_PROBLEM: usize = 300;
 
 impl RoadNetwork {
     /// Reads a network from a GeoJSON file: lines (`LineString`, `MultiLineString`), alone, in
@@ -77,8 +81,11 @@ fn read(
     }
     let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
     let parsed: GeoJson = text.parse().map_err(|error: Error| match &error {
-        Error::MalformedGeoJson(json) => at(json.line().max(1) as u64, json.to_string()),
-        _ => at(1, error.to_string()),
+        Error::MalformedGeoJson(json) => {
+            let problem = shortened(&json.to_string(), LONGEST_PROBLEM).into_owned();
+            at(json.line().max(1) as u64, problem)
+        }
+        _ => at(1, shortened(&error.to_string(), LONGEST_PROBLEM).into_owned()),
     })?;
     drop(text);
     let mut roads = Roads {
@@ -87,20 +94,24 @@ fn read(
         report: ImportReport::default(),
     };
     let none = JsonObject::new();
-    let mut take = |feature: usize, value: &GeometryValue, properties: Option<&JsonObject>| {
-        roads
-            .take(value, properties.unwrap_or(&none), options)
-            .map_err(|problem| MapError::Feature { file: file.to_owned(), feature, problem })
+    let at = |feature, problem| MapError::Feature { file: file.to_owned(), feature, problem };
+    let mut take = |number: usize, feature: &Feature| {
+        let Some(geometry) = &feature.geometry else {
+            roads.report.note(ImportNote::OtherGeometry);
+            return Ok(());
+        };
+        let properties = feature.properties.as_ref().unwrap_or(&none);
+        let taken = roads.take(&geometry.value, properties, options);
+        taken.map_err(|problem| at(number, problem))
     };
     match &parsed {
-        GeoJson::Geometry(geometry) => take(1, &geometry.value, None)?,
-        GeoJson::Feature(Feature { geometry, properties, .. }) => {
-            geometry.iter().try_for_each(|g| take(1, &g.value, properties.as_ref()))?;
+        GeoJson::Geometry(geometry) => {
+            roads.take(&geometry.value, &none, options).map_err(|problem| at(1, problem))?;
         }
+        GeoJson::Feature(feature) => take(1, feature)?,
         GeoJson::FeatureCollection(collection) => {
             for (feature, number) in collection.features.iter().zip(1..) {
-                let Feature { geometry, properties, .. } = feature;
-                geometry.iter().try_for_each(|g| take(number, &g.value, properties.as_ref()))?;
+                take(number, feature)?;
             }
         }
     }
@@ -165,8 +176,11 @@ impl Roads {
                     self.report.note(ImportNote::ZeroLength);
                     None
                 }
-                Ok(metres) if metres > 0.0 && metres.is_finite() => Some(metres),
-                _ => return Err(format!("length_m is {text:?}, expected metres from 0")),
+                Ok(metres) if metres > 0.0 && metres <= LONGEST_ROAD => Some(metres),
+                _ => {
+                    let text = excerpt(text);
+                    return Err(format!("length_m is {text:?}, expected metres from 0 to 1e12"));
+                }
             },
         };
         let points = line.iter().map(|point| self.point(point.as_slice()));
@@ -200,15 +214,18 @@ fn road<'a>(
     options: &ImportOptions,
     report: &mut ImportReport,
 ) -> Result<Result<RoadTags, ImportNote>, String> {
-    let own_speed = tag("speed_kmh").and_then(speed_of);
     if let (None, Some(_)) = (tag("class"), tag("highway")) {
+        let own_speed = tag("speed_kmh").and_then(speed_of);
         let road = road_of(tag, options, report);
+        if road.is_ok() && tag("speed_kmh").is_some() && own_speed.is_none() {
+            report.note(ImportNote::UnknownSpeed);
+        }
         return Ok(road.map(|road| RoadTags { speed: own_speed.or(road.speed), ..road }));
     }
-    let class = class_of(tag("class").unwrap_or_default())?;
+    let class = class_of(&excerpt(tag("class").unwrap_or_default()))?;
     let oneway = tag("oneway").unwrap_or_default();
     let [forward, backward] = directions(oneway)
-        .ok_or_else(|| format!("oneway is {oneway:?}, expected yes, no or -1"))?;
+        .ok_or_else(|| format!("oneway is {:?}, expected yes, no or -1", excerpt(oneway)))?;
     let given = tag("speed_kmh").or(tag("maxspeed"));
     let speed = given.and_then(speed_of);
     if given.is_some() && speed.is_none() {

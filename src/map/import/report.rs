@@ -37,7 +37,7 @@ pub enum ImportNote {
     MissingNode,
     /// A line of fewer than two points: skipped.
     NoLine,
-    /// A geometry that is no line: skipped.
+    /// A geometry that is no line, or a feature without a geometry: skipped.
     OtherGeometry,
     /// A loop without a length: skipped.
     LoopWithoutLength,
@@ -45,7 +45,8 @@ pub enum ImportNote {
     ZeroLength,
     /// A straight line of less than 0.1 m: its length replaced by 0.1 m.
     ShortLine,
-    /// A speed that is not a number, such as `CH:urban`, or not above 0: none taken.
+    /// A speed that is not a number, such as `CH:urban`, or not above 0 and up to 1e9 m/s: none
+    /// taken.
     UnknownSpeed,
     /// A road whose direction changes by the hour: taken as two-way.
     Reversible,
@@ -68,11 +69,11 @@ impl fmt::Display for ImportNote {
             Self::Area => "areas, skipped",
             Self::MissingNode => "roads cut at nodes that the file does not hold",
             Self::NoLine => "lines of fewer than two points, skipped",
-            Self::OtherGeometry => "geometries that are no lines, skipped",
+            Self::OtherGeometry => "geometries that are missing or no lines, skipped",
             Self::LoopWithoutLength => "loops without length, skipped",
             Self::ZeroLength => "lengths of 0, replaced by the straight line's",
             Self::ShortLine => "lengths below 0.1 m, replaced by it",
-            Self::UnknownSpeed => "speeds that are no number above 0, not taken",
+            Self::UnknownSpeed => "speeds that are no number in range, not taken",
             Self::Reversible => "reversible roads, taken as two-way",
             Self::RestrictionThroughWay => "turn restrictions through a way, not used",
             Self::RestrictionForOthers => "turn restrictions not for cars, not used",

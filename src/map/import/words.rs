@@ -1,5 +1,6 @@
 //! Words and numbers of roads.
 
+use crate::map::FASTEST_ROAD;
 #[cfg(any(feature = "csv", feature = "geojson"))]
 use crate::map::RoadClass;
 
@@ -25,7 +26,7 @@ pub(super) fn directions(text: &str) -> Option<[bool; 2]> {
     })
 }
 
-/// Speed in metres per second, or `None` for words and for numbers not above 0.
+/// Speed in metres per second, or `None` for words and for numbers not above 0 or beyond 1e9.
 pub(super) fn speed_of(text: &str) -> Option<f64> {
     let (number, unit) = match text.trim() {
         "walk" => ("5", 3.6),
@@ -35,5 +36,5 @@ pub(super) fn speed_of(text: &str) -> Option<f64> {
         },
     };
     let speed = number.trim().parse::<f64>().ok()? / unit;
-    (speed > 0.0 && speed.is_finite()).then_some(speed)
+    (speed > 0.0 && speed <= FASTEST_ROAD).then_some(speed)
 }

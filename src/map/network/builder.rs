@@ -7,6 +7,11 @@ use super::{Edge, NONE, Node, RoadNetwork};
 use crate::map::builder::check_position;
 use crate::map::{Coordinates, MapError, Position, RoadClass};
 
+/// Longest edge in metres: sums of all edges stay finite.
+pub(in crate::map) const LONGEST_ROAD: f64 = 1e12;
+/// Highest posted speed in metres per second.
+pub(in crate::map) const FASTEST_ROAD: f64 = 1e9;
+
 /// Builder of a [`RoadNetwork`]: nodes, then edges, then forbidden turns. Each is checked as it is
 /// added, so that a reader of files can name the line.
 #[derive(Debug, Clone)]
@@ -84,8 +89,9 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// # Errors
     ///
     /// [`MapError::UnknownPlace`] for a node that was not added, [`MapError::Coordinate`] for a
-    /// point that is not on Earth (or in the plane), and [`MapError::Length`] for a length that is
-    /// not above 0 and finite, or a speed.
+    /// point that is not on Earth (or in the plane), [`MapError::Length`] for a length that is not
+    /// above 0 or is above 1e12, and [`MapError::Speed`] for a speed that is not above 0 or is above
+    /// 1e9.
     pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
         let ends = self.ends(from, to)?;
         options.between.iter().try_for_each(|&point| check_position(from, point))?;
@@ -95,11 +101,13 @@ impl<P: Coordinates> NetworkBuilder<P> {
             let between = options.between.iter().copied().chain([end]);
             between.map(|point| std::mem::replace(&mut before, point).metres_to(point)).sum()
         });
-        let speed = options.speed.unwrap_or(1.0);
-        for value in [metres, speed] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(MapError::Length { from, to, length: value });
-            }
+        if !(metres > 0.0 && metres <= LONGEST_ROAD) {
+            return Err(MapError::Length { from, to, length: metres });
+        }
+        if let Some(speed) = options.speed
+            && !(speed > 0.0 && speed <= FASTEST_ROAD)
+        {
+            return Err(MapError::Speed { from, to, speed });
         }
         Ok(self.checked_edge(ends, metres, options))
     }
@@ -125,13 +133,29 @@ impl<P: Coordinates> NetworkBuilder<P> {
 
     /// Declares two edges to be the same road in either direction. Without it,
     /// [`build`](Self::build) pairs edges of opposite ends whose lengths differ by at most 1%.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge, or if the two don't lead between the same nodes in opposite
+    /// directions.
     pub fn pair(&mut self, edge: usize, back: usize) {
+        let [there, other] = [edge, back].map(|edge| self.edges[edge].edge);
+        let opposite = (there.from, there.to) == (other.to, other.from);
+        assert!(opposite, "edges {edge} and {back} are not opposite");
+        let before = [edge, back].map(|edge| self.edges[edge].reverse);
+        before.into_iter().flatten().for_each(|old| self.edges[old].reverse = None);
         self.edges[edge].reverse = Some(back);
         self.edges[back].reverse = Some(edge);
     }
 
     /// Forbids the turn from one edge to the next, by their numbers.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such edge.
     pub fn forbid(&mut self, edge: usize, next: usize) {
+        let edges = self.edges.len();
+        assert!(edge < edges && next < edges, "no turn from {edge} to {next} of {edges} edges");
         self.forbidden.push((edge, next));
     }
 

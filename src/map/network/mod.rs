@@ -13,6 +13,10 @@ mod rebuild;
 mod route;
 mod shape;
 
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+pub(super) use builder::FASTEST_ROAD;
+#[cfg(feature = "geojson")]
+pub(super) use builder::LONGEST_ROAD;
 pub use builder::{EdgeOptions, NetworkBuilder};
 pub use cleaning::{Cleaning, CleaningOperation, CleaningStep};
 #[cfg(feature = "matching")]

@@ -3,7 +3,9 @@
 mod calibration;
 mod city;
 mod drives;
+mod files;
 mod garbage;
+mod hostile;
 mod index;
 mod learn;
 mod ranked;

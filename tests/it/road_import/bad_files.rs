@@ -1,6 +1,6 @@
 //! Files that are no networks.
 
-use wayfix::map::{Cleaning, ImportOptions, MapError, Position, RoadNetwork};
+use wayfix::map::{Cleaning, ImportNote, ImportOptions, MapError, Position, RoadNetwork};
 
 use super::pbf::{Extract, header};
 use super::{Read, csv, geojson, osm};
@@ -39,7 +39,10 @@ fn csv_errors_name_file_and_line() {
         ("-1,2,,,,", "from is \"-1\", expected a whole number from 0"),
         ("1,2,path,,,", "class \"path\", expected main, arterial, collector or street, or 0 to 3"),
         ("1,2,,-5,,", "the road from place 1 to place 2 has length -5, expected metres above 0"),
-        ("1,2,,inf,,", "the road from place 1 to place 2 has length inf, expected metres above 0"),
+        (
+            "1,2,,inf,,",
+            "the road from place 1 to place 2 has length inf, expected metres above 0 and at most 1e12",
+        ),
         ("1,2,,long,,", "length_m is \"long\", expected a number"),
         ("1,2,,,perhaps,", "oneway is \"perhaps\", expected yes, no or -1"),
     ] {
@@ -79,13 +82,87 @@ fn geojson_errors_name_line_or_feature() {
             "class \"path\", expected main, arterial, collector or street, or 0 to 3",
         ),
         (r#""oneway": "perhaps""#, line, "oneway is \"perhaps\", expected yes, no or -1"),
-        (r#""length_m": -1"#, line, "length_m is \"-1\", expected metres from 0"),
+        (r#""length_m": -1"#, line, "length_m is \"-1\", expected metres from 0 to 1e12"),
+        (r#""length_m": "1e13""#, line, "length_m is \"1e13\", expected metres from 0 to 1e12"),
     ] {
         let error = feature(properties, line).unwrap_err().to_string();
         let problem = problem.replace("1e300", &format!("{}", 1e300));
         assert_eq!(error, format!("features, feature 2: {problem}"));
     }
     says(feature("", "[]"), "a map needs at least one place, found none");
+}
+
+#[test]
+fn messages_are_short() {
+    let long = "x".repeat(3_000_000);
+    let feature = |properties: String| {
+        format!(
+            r#"{{"type": "Feature", "properties": {{{properties}}}, "geometry": {{"type": "LineString", "coordinates": [[1, 2], [3, 4]]}}}}"#
+        )
+    };
+    for text in [
+        feature(format!(r#""class": "{long}""#)),
+        feature(format!(r#""oneway": "{long}""#)),
+        feature(format!(r#""length_m": "{long}""#)),
+        format!(r#"{{"type": "{long}"}}"#),
+    ] {
+        let text = geojson(&text).unwrap_err().to_string();
+        assert!(text.starts_with("features, ") && text.len() < 1000, "{} bytes", text.len());
+    }
+    for text in [
+        csv(&long, "from,to\n"),
+        csv(NODES, &format!("from,to\n{long},2\n")),
+        csv(NODES, &format!("from,to,class\n1,2,{long}\n")),
+        csv(NODES, &format!("from,to,oneway\n1,2,{long}\n")),
+        osm(&header(&[&long[..60_000]])),
+    ] {
+        let text = text.unwrap_err().to_string();
+        assert!(text.len() < 1000, "{} bytes", text.len());
+    }
+}
+
+#[test]
+fn what_is_not_taken_is_counted() {
+    let text = r#"{"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {"highway": "primary", "speed_kmh": "fast"}, "geometry":
+          {"type": "LineString", "coordinates": [[1, 2], [3, 4]]}},
+        {"type": "Feature", "properties": {"speed_kmh": 1e300}, "geometry":
+          {"type": "LineString", "coordinates": [[1, 2], [3, 5]]}},
+        {"type": "Feature", "properties": null, "geometry": null}]}"#;
+    let (network, report) = geojson(text).unwrap();
+    assert!(network.edges().iter().all(|edge| edge.speed.is_none()));
+    assert_eq!(report.count(ImportNote::UnknownSpeed), 2);
+    assert_eq!(report.count(ImportNote::OtherGeometry), 1);
+}
+
+#[test]
+fn a_file_that_cannot_be_read() {
+    let options = ImportOptions::default();
+    let is_read = |read: Read| matches!(read, Err(MapError::Read { .. }));
+    // A folder opens as a file does, and then can't be read.
+    assert!(is_read(RoadNetwork::from_csv_files(".", ".", &options)));
+    assert!(is_read(RoadNetwork::from_geojson_file(".", &options)));
+    let map = wayfix::map::RoadMap::from_csv_files(".", ".");
+    assert!(matches!(map, Err(MapError::Read { .. })));
+}
+
+#[test]
+fn blocks_that_claim_more_than_there_is() {
+    let claims = |length: [u8; 10], data: &[u8]| {
+        let head = [&[10, 7][..], b"OSMData", &[24], &length].concat();
+        let start = header(&["OsmSchema-V0.6"]);
+        [&start[..], &(head.len() as u32).to_be_bytes(), &head, data].concat()
+    };
+    // The length as a varint: −1, and 2 GiB less 1, padded to ten bytes.
+    let minus_one = [255, 255, 255, 255, 255, 255, 255, 255, 255, 1];
+    let gigabytes = [255, 255, 255, 255, 135, 128, 128, 128, 128, 0];
+    for length in [minus_one, gigabytes] {
+        // Nothing, data of 4 GiB less 1, and compressed data of as much.
+        for data in [&[][..], &[10, 255, 255, 255, 255, 15], &[26, 255, 255, 255, 255, 15]] {
+            let result = osm(&claims(length, data));
+            assert!(matches!(result, Err(MapError::Block { block: 2, .. })), "{result:?}");
+        }
+    }
 }
 
 fn extract() -> Extract<'static> {

@@ -7,6 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use osmpbf::{Blob, BlobDecode, BlobReader, ByteOffset, PrimitiveBlock};
 
 use crate::map::MapError;
+use crate::map::excerpt::excerpt;
 
 /// A file of blocks.
 pub(super) struct Blocks<'a, R: Read + Send> {
@@ -38,7 +39,7 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
         for block in 1.. {
             let byte = self.position(SeekFrom::Current(0))?;
             let place = BlockPlace { block, byte };
-            let Some(blob) = self.reader.next() else {
+            let Some(blob) = unwinding(|| self.reader.next()).transpose() else {
                 // The reader takes a rest of up to three bytes for the end.
                 let end = self.position(SeekFrom::End(0))?;
                 if end > byte || block == 1 {
@@ -48,6 +49,7 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
                 }
                 break;
             };
+            let blob = blob.and_then(|blob| blob.map_err(|error| error.to_string()));
             let blob = blob.map_err(|error| self.error(place, error))?;
             if self.visit(&blob, place, &mut visit)? == Some(true) {
                 wanted.push(place);
@@ -63,7 +65,8 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
         mut visit: impl FnMut(&PrimitiveBlock) -> Result<(), String>,
     ) -> Result<(), MapError> {
         for &place in places {
-            let blob = self.reader.blob_from_offset(ByteOffset(place.byte));
+            let blob = unwinding(|| self.reader.blob_from_offset(ByteOffset(place.byte)));
+            let blob = blob.and_then(|blob| blob.map_err(|error| error.to_string()));
             let blob = blob.map_err(|error| self.error(place, error))?;
             self.visit(&blob, place, &mut visit)?;
         }
@@ -84,8 +87,9 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
                 let mut needed = header.required_features().iter();
                 return match needed.find(|feature| !known.contains(&feature.as_str())) {
                     Some(feature) => {
-                        Err(self
-                            .error(place, format!("{feature:?} is needed, which is not supported")))
+                        let feature = excerpt(feature);
+                        let problem = format!("{feature:?} is needed, which is not supported");
+                        Err(self.error(place, problem))
                     }
                     None => Ok(None),
                 };
@@ -96,10 +100,7 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
             BlobDecode::OsmData(block) => block,
             BlobDecode::Unknown(_) => return Ok(None),
         };
-        // On some damaged numbers `osmpbf` panics: sums that overflow, in builds that check them,
-        // and kinds of members that it doesn't know.
-        let result = catch_unwind(AssertUnwindSafe(|| visit(&block)));
-        let result = result.unwrap_or_else(|_| Err(String::from("numbers out of their range")));
+        let result = unwinding(|| visit(&block)).and_then(|result| result);
         result.map(Some).map_err(|problem| self.error(place, problem))
     }
 
@@ -116,4 +117,11 @@ impl<'a, R: Read + Seek + Send> Blocks<'a, R> {
         }
         MapError::Block { file: self.file.to_owned(), block, byte, problem }
     }
+}
+
+/// Calls `osmpbf`, which panics on some damaged numbers: sums that overflow, in builds that check
+/// them, and kinds of members that it doesn't know.
+fn unwinding<T>(call: impl FnOnce() -> T) -> Result<T, String> {
+    let result = catch_unwind(AssertUnwindSafe(call));
+    result.map_err(|_| String::from("numbers out of their range"))
 }

@@ -1,0 +1,147 @@
+//! Drives from files, and answers to files.
+
+use std::io::{Error, Read, Write};
+
+use wayfix::map::{MapError, NetworkBuilder, Position, RoadClass};
+use wayfix::matching::{
+    MatchMemory, Matcher, PointWriter, RouteWriter, SkippedPoints, TracePoint, read_traces,
+    read_traces_from,
+};
+
+const HEADER: &str = "trace,time,longitude,latitude";
+
+fn problem(text: &str) -> String {
+    let error = read_traces_from("drives", text.as_bytes()).unwrap_err();
+    let text = error.to_string();
+    assert!(text.len() < 400, "{} bytes", text.len());
+    text
+}
+
+#[test]
+fn points_left_out_are_counted_for_each_drive() {
+    let text = format!(
+        "{HEADER}\nA,0,149,-35\nA,0,149,-35\nA,5,149,-35\nA,3,149,-35\nA,5,149,-35\nB,-0,149,-35\n\
+         B,0,149,-35\nB,1,149,-35\nC,7,149,-35\nC,6,149,-35\n"
+    );
+    let (traces, skipped) = read_traces_from("drives", text.as_bytes()).unwrap();
+    let of = |repeated, backwards| SkippedPoints { repeated, backwards };
+    let found: Vec<_> =
+        traces.iter().map(|t| (t.name.as_str(), t.points.len(), t.skipped)).collect();
+    assert_eq!(found, [("A", 2, of(2, 1)), ("B", 2, of(1, 0)), ("C", 1, of(0, 1))]);
+    assert_eq!(skipped, of(3, 2));
+    assert_eq!(skipped.to_string(), "skipped 3 points of the same time and 2 that go back in time");
+}
+
+#[test]
+fn drives_of_a_file_can_be_matched() {
+    // In the total order of numbers, -0 is before 0; they are the same time.
+    let matcher = matcher();
+    for times in ["-0,0", "0,-0", "1e18,1000000000000000001", "-1e20,1e20"] {
+        let lines = times.split(',').map(|time| format!("A,{time},149.13,-35.28\n"));
+        let text = format!("{HEADER}\n{}", lines.collect::<String>());
+        let (traces, _) = read_traces_from("drives", text.as_bytes()).unwrap();
+        matcher.match_drive(&traces[0].points, &mut MatchMemory::default()).unwrap();
+    }
+}
+
+#[test]
+fn errors_name_the_line_in_few_words() {
+    let long = "x".repeat(4_000_000);
+    assert!(problem(&format!("{long},time\n")).starts_with("drives, line 1: the header \"xxx"));
+    assert_eq!(
+        problem(&format!("{HEADER}\nA,0,149,-35\nA,{long},149,-35\n")),
+        format!("drives, line 3: time is \"{}…\", expected a number", &long[..60])
+    );
+    assert!(
+        problem(&format!("{HEADER}\n{long},0,149,-35\nB,0,149,-35\n{long},1,149,-35\n"))
+            .starts_with("drives, line 4: lines of drive \"xxx")
+    );
+    assert_eq!(
+        problem(&format!("{HEADER}\nA,0,-35,149\n")),
+        "drives, line 2: the point has latitude 149, expected a position on Earth, or in the \
+         plane (are longitude and latitude swapped?)"
+    );
+    for (point, expected) in [
+        ("A,NaN,149,-35", "the point has time NaN, expected seconds from -1e20 to 1e20"),
+        ("A,1e21,149,-35", "expected seconds from -1e20 to 1e20"),
+        ("A,0,NaN,-35", "the point has longitude NaN"),
+        ("A,0,149,", "latitude is \"\", expected a number"),
+    ] {
+        let found = problem(&format!("{HEADER}\n{point}\n"));
+        assert!(found.starts_with("drives, line 2: ") && found.contains(expected), "{found}");
+    }
+    for value in ["0", "-1", "1e300"] {
+        let found = problem(&format!("{HEADER},accuracy\nA,0,149,-35,{value}\n"));
+        assert!(found.ends_with("expected metres from 1e-6 to 1e9"), "{found}");
+    }
+}
+
+/// A file on a disk that fails.
+struct Failing;
+
+impl Read for Failing {
+    fn read(&mut self, _: &mut [u8]) -> Result<usize, Error> {
+        Err(Error::other("the disk is on fire"))
+    }
+}
+
+impl Write for Failing {
+    fn write(&mut self, _: &[u8]) -> Result<usize, Error> {
+        Err(Error::other("the disk is full"))
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
+#[test]
+fn files_that_cannot_be_read() {
+    let is_read = |error: MapError| matches!(error, MapError::Read { .. });
+    assert!(is_read(read_traces("no/such/file.csv").unwrap_err()));
+    // A folder opens as a file does, and then can't be read.
+    assert!(is_read(read_traces(".").unwrap_err()));
+    assert_eq!(
+        read_traces_from("drives", Failing).unwrap_err().to_string(),
+        "cannot read drives: the disk is on fire"
+    );
+}
+
+fn matcher() -> Matcher {
+    let mut builder = NetworkBuilder::new();
+    for (id, longitude) in [(1, 149.13), (2, 149.14)] {
+        builder.node(id, Position { latitude: -35.28, longitude }).unwrap();
+    }
+    builder.both_ways(1, 2, RoadClass::Street).unwrap();
+    Matcher::new(builder.build().unwrap())
+}
+
+#[test]
+fn writers_with_and_without_a_header() {
+    let matcher = matcher();
+    let at = |longitude| Position { latitude: -35.28, longitude };
+    let points = [TracePoint::new(0.0, at(149.131)), TracePoint::new(20.0, at(149.133))];
+    let drive = matcher.match_drive(&points, &mut MatchMemory::default()).unwrap();
+    let (mut routes, mut route_lines) = (Vec::new(), Vec::new());
+    RouteWriter::new(&mut routes).unwrap().write("A", &matcher, &drive).unwrap();
+    let mut writer = RouteWriter::without_header(&mut route_lines);
+    writer.write("A", &matcher, &drive).unwrap();
+    drop(writer);
+    let header = b"trace,seq,from,to,enter_m,exit_m,off_road\n";
+    assert_eq!(routes, [&header[..], &route_lines].concat());
+    assert!(route_lines.starts_with(b"A,0,1,2,"));
+
+    let (mut points, mut point_lines) = (Vec::new(), Vec::new());
+    PointWriter::new(&mut points).unwrap().write("A", &matcher, &drive, 1).unwrap();
+    let mut writer = PointWriter::without_header(&mut point_lines);
+    writer.write("A", &matcher, &drive, 1).unwrap();
+    drop(writer);
+    let header = points.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+    assert!(points.starts_with(b"trace,point,time,estimator,"));
+    assert_eq!(points[header..], point_lines);
+
+    // What does not arrive is an error, however short it is.
+    assert!(RouteWriter::new(Failing).is_err() && PointWriter::new(Failing).is_err());
+    assert!(RouteWriter::without_header(Failing).write("A", &matcher, &drive).is_err());
+    assert!(PointWriter::without_header(Failing).write("A", &matcher, &drive, 1).is_err());
+}

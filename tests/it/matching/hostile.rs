@@ -1,0 +1,174 @@
+//! Settings, points and bytes that nobody should give, but somebody will.
+
+use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+use wayfix::matching::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle};
+
+use super::city::{Network, Point, at, city};
+
+fn town() -> Matcher<PlanePosition> {
+    Matcher::new(city(4, 4, 100.0, |_, _| false))
+}
+
+/// East along the lowest street.
+fn points() -> Vec<Point> {
+    (0..6).map(|k| TracePoint::new(5.0 * f64::from(k), at(50.0 * f64::from(k), 2.0))).collect()
+}
+
+#[test]
+fn any_lag_and_any_number_of_routes() {
+    let (matcher, points, mut memory) = (town(), points(), MatchMemory::default());
+    let mut vehicle = matcher.start(&points[0], usize::MAX, &mut memory).unwrap();
+    for point in &points[1..] {
+        matcher.step(&mut vehicle, point, &mut memory).unwrap();
+    }
+    assert_eq!(vehicle.points_late(), 5);
+    let drive = matcher.match_drive(&points[..2], &mut memory).unwrap();
+    assert!(matcher.routes(&drive, 0, &mut memory).unwrap().is_empty());
+    let all = matcher.routes(&drive, usize::MAX, &mut memory).unwrap();
+    let few = matcher.routes(&drive, 1, &mut memory).unwrap();
+    assert_eq!(all[0], few[0]);
+}
+
+#[test]
+fn drives_and_vehicles_of_another_network() {
+    let (large, mut memory) = (town(), MatchMemory::default());
+    let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
+    let points = points();
+    let drive = large.match_drive(&points, &mut memory).unwrap();
+    let result = small.routes(&drive, 2, &mut memory);
+    assert!(matches!(result, Err(MatchError::Vehicle { edges: 2, .. })));
+    let mut vehicle = large.start(&points[5], 2, &mut memory).unwrap();
+    let edge = vehicle.live().edge.unwrap();
+    assert!(edge >= small.network().edges().len());
+    assert!(vehicle.credible(&small, 0.9).is_empty());
+    assert!(drive.credible(&small, 5, 0.9).is_empty());
+    let result = small.step(&mut vehicle, &TracePoint { time: 99.0, ..points[5] }, &mut memory);
+    assert!(matches!(result, Err(MatchError::Vehicle { edges: 2, .. })));
+}
+
+#[test]
+fn next_to_no_outliers() {
+    let mut points = points();
+    points[3].position = at(150.0, 900.0);
+    for outliers in [5e-324, 1e-320, 1e-300, 1e-12, 1.0 - f64::EPSILON / 2.0] {
+        let model = MatchModel { outliers, ..MatchModel::default() };
+        let (matcher, mut memory) = (town().with_model(model).unwrap(), MatchMemory::default());
+        let drive = matcher.match_drive(&points, &mut memory).unwrap();
+        assert!(drive.log_likelihood().is_finite(), "{outliers}");
+        let fitted = matcher.fit(&[&points], 3, &mut memory).unwrap();
+        assert!(fitted.log_likelihood.is_finite(), "{outliers}");
+        matcher.with_model(fitted.model).unwrap();
+    }
+}
+
+#[test]
+fn a_point_a_thousand_kilometres_off() {
+    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let good = points();
+    let mut points = good.clone();
+    points[3].position = at(1e6, -3e5);
+    let drive = matcher.match_drive(&points, &mut memory).unwrap();
+    let expected = matcher.match_drive(&good, &mut memory).unwrap();
+    for point in [0, 1, 2, 4, 5] {
+        assert_eq!(drive.smoothed(point).edge, expected.smoothed(point).edge, "{point}");
+    }
+    assert!((drive.metres() - expected.metres()).abs() < 1.0);
+    // Far less probable, which a caller can see.
+    assert!(drive.log_normalizer(3) < expected.log_normalizer(3) - 3.0);
+}
+
+#[test]
+fn lengths_and_speeds_of_networks_are_bounded() {
+    let two = || {
+        let mut builder = NetworkBuilder::new();
+        (0..3).for_each(|id| drop(builder.node(id, at(id as f64, 0.0)).unwrap()));
+        builder
+    };
+    let options = wayfix::map::EdgeOptions::of(RoadClass::Main);
+    for metres in [1.1e12, 1e308, f64::INFINITY] {
+        let error =
+            two().edge(0, 1, wayfix::map::EdgeOptions { metres: Some(metres), ..options.clone() });
+        assert!(
+            error.unwrap_err().to_string().ends_with("expected metres above 0 and at most 1e12")
+        );
+    }
+    for speed in [0.0, -1.0, f64::NAN, 1e10] {
+        let error =
+            two().edge(0, 1, wayfix::map::EdgeOptions { speed: Some(speed), ..options.clone() });
+        assert_eq!(
+            error.unwrap_err().to_string(),
+            format!(
+                "the road from place 0 to place 1 has speed {speed}, expected metres per second \
+                 above 0 and at most 1e9"
+            )
+        );
+    }
+    // Two lengths that were allowed have an allowed sum.
+    let mut builder = two();
+    for (from, to) in [(0, 1), (1, 2)] {
+        let metres = Some(1e12);
+        builder.edge(from, to, wayfix::map::EdgeOptions { metres, ..options.clone() }).unwrap();
+    }
+    let (network, _): (Network, _) = builder.build().unwrap().contracted();
+    assert_eq!(network.edges()[0].metres, 2e12);
+}
+
+#[test]
+#[should_panic(expected = "edges 0 and 1 are not opposite")]
+fn only_opposite_edges_are_pairs() {
+    let mut builder = NetworkBuilder::new();
+    (0..3).for_each(|id| drop(builder.node(id, at(id as f64, 0.0)).unwrap()));
+    builder.one_way(0, 1, RoadClass::Main).unwrap();
+    builder.one_way(1, 2, RoadClass::Main).unwrap();
+    builder.pair(0, 1);
+}
+
+/// Bytes with another word, and the checksum that belongs to them.
+fn with_word(bytes: &[u8], word: usize, value: u64) -> Vec<u8> {
+    let mut bytes = bytes[..bytes.len() - 8].to_vec();
+    bytes[8 * word..8 * word + 8].copy_from_slice(&value.to_le_bytes());
+    let (words, rest) = bytes.as_chunks::<8>();
+    assert!(rest.is_empty());
+    let words = words.iter().map(|word| u64::from_le_bytes(*word)).chain([0]);
+    let add =
+        |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    let sum = words.fold(bytes.len() as u64, add);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn vehicles_of_any_bytes_give_sane_answers() {
+    let (matcher, points, mut memory) = (town(), points(), MatchMemory::default());
+    let mut vehicle = matcher.start(&points[0], 2, &mut memory).unwrap();
+    matcher.step(&mut vehicle, &points[1], &mut memory).unwrap();
+    let bytes = vehicle.to_bytes();
+    let special = [0.0, -0.0, -1.0, 1e300, -1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+    let words = special.map(f64::to_bits).into_iter().chain([1, 2, u64::MAX, u64::MAX - 1]);
+    let mut accepted = 0;
+    for word in 1..bytes.len() / 8 - 1 {
+        for value in words.clone() {
+            let damaged = with_word(&bytes, word, value);
+            let Ok(mut vehicle) = Vehicle::<PlanePosition>::from_bytes(&damaged) else { continue };
+            accepted += 1;
+            for point in &points[2..] {
+                let answers = [vehicle.live(), vehicle.late()];
+                for answer in answers {
+                    let numbers = [answer.probability, answer.off_road, answer.entropy];
+                    let sane = numbers.iter().all(|number| (-1e-9..10.0).contains(number));
+                    assert!(
+                        sane && answer.metres_along >= 0.0,
+                        "word {word}, {value:x}: {answer:?}"
+                    );
+                }
+                let logs = [vehicle.log_likelihood(), vehicle.log_normalizer()];
+                assert!(logs.iter().all(|log| log.is_finite()), "word {word}, {value:x}: {logs:?}");
+                for part in vehicle.credible(&matcher, 0.5) {
+                    assert!(part.metres[0] <= part.metres[1], "word {word}, {value:x}: {part:?}");
+                }
+                let _ = matcher.step(&mut vehicle, point, &mut memory);
+            }
+        }
+    }
+    assert!(accepted > 100, "{accepted}");
+}
