@@ -1,6 +1,7 @@
 //! The matcher: a network, an index of its edges, and a model of drives.
 
 use super::candidates::{Candidate, deviation, metres_between, on_edge};
+use super::fingerprint::fingerprint;
 use super::moves::{Interval, Move, Ways, speed_of};
 use super::{MatchError, MatchModel, TracePoint};
 use crate::inference::Trellis;
@@ -17,6 +18,8 @@ pub struct Matcher<P = Position> {
     /// Straight distance between the ends of each edge.
     pub(super) chords: Vec<f64>,
     pub(super) model: MatchModel,
+    /// Fingerprint of the network.
+    pub(super) fingerprint: u64,
 }
 
 /// Memory of a thread for the search of roads and routes: some 70 bytes an edge of the network.
@@ -52,7 +55,8 @@ impl<P: Coordinates> Matcher<P> {
             a.metres_to(b).min(edge.metres)
         };
         let chords = network.edges().iter().map(straight).collect();
-        Self { network, index, chords, model: MatchModel::default() }
+        let fingerprint = fingerprint(&network);
+        Self { network, index, chords, model: MatchModel::default(), fingerprint }
     }
 
     /// Replaces the model.
@@ -93,7 +97,6 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
         trellis: &mut Trellis,
     ) -> Result<Vec<Candidate>, MatchError> {
-        point.check()?;
         let mut states = self.candidates(model, point, memory);
         states.push(Candidate::off_road(point, model, 1.0));
         trellis.begin_step();
@@ -138,10 +141,6 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
         trellis: &mut Trellis,
     ) -> Result<Vec<Candidate>, MatchError> {
-        point.check()?;
-        if point.time <= before.point.time {
-            return Err(MatchError::Time { time: point.time, before: before.point.time });
-        }
         let interval = Self::interval(model, before.point, point);
         let mut states = self.candidates(model, point, memory);
         self.carry(model, before, &interval, point, &mut states);

@@ -70,8 +70,10 @@ mod drive;
 mod error;
 #[cfg(feature = "csv")]
 mod files;
+mod fingerprint;
 #[cfg(feature = "geojson")]
 mod geojson;
+mod in_parallel;
 mod learn;
 mod matcher;
 mod model;
@@ -83,11 +85,11 @@ mod vehicle;
 #[cfg(feature = "csv")]
 mod writers;
 
-pub use answer::{CredibleStretch, RoadAnswer};
+pub use answer::{CredibleStretch, CredibleStretches, RoadAnswer};
 pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]
-pub use files::{SkippedPoints, Trace, read_traces, read_traces_from};
+pub use files::{SkippedPoints, Trace, TraceReport, read_traces, read_traces_from};
 pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;

@@ -30,14 +30,14 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Vehicle`] for a drive on an edge that this matcher's network does not have.
+    /// [`MatchError::Network`] for a drive that a matcher of another network matched.
     pub fn routes(
         &self,
         drive: &MatchedDrive<P>,
         count: usize,
         memory: &mut MatchMemory,
     ) -> Result<Vec<RankedRoute<P>>, MatchError> {
-        self.check(drive.states.iter().flatten())?;
+        self.check_network(drive.network)?;
         let paths = drive.trellis.k_best(PATHS.saturating_mul(count))?;
         let mut routes: Vec<RankedRoute<P>> = Vec::new();
         for path in paths {
