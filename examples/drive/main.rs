@@ -108,9 +108,10 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     }
     let mut matcher = Matcher::new(network);
     roads::print(&format!(
-        "read {} drives and built the index in {:.2} s; {read}\n",
+        "read {} drives and built the index in {:.2} s; {read}{}\n",
         drives.len(),
-        start.elapsed().as_secs_f64()
+        start.elapsed().as_secs_f64(),
+        most_skipped(&drives)
     ))?;
     matcher = match arguments.noise {
         Some(noise) => {
@@ -126,6 +127,18 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     total.skipped = read.skipped.repeated + read.skipped.backwards;
     summary::report(&total, out)?;
     Ok(())
+}
+
+/// Drives with the most points left out, in words; empty if there are none.
+fn most_skipped(drives: &[Drive]) -> String {
+    const NAMED: usize = 5;
+    let skipped = |drive: &Drive| drive.trace.skipped.repeated + drive.trace.skipped.backwards;
+    let mut most: Vec<&Drive> = drives.iter().filter(|drive| skipped(drive) > 0).collect();
+    most.sort_by_key(|drive| std::cmp::Reverse(skipped(drive)));
+    let named = most.iter().take(NAMED);
+    let named = named.map(|drive| format!("{} of drive {}", skipped(drive), drive.trace.name));
+    let named: Vec<String> = named.collect();
+    if named.is_empty() { String::new() } else { format!("\nmost skipped: {}", named.join(", ")) }
 }
 
 /// Checks that drives are where the roads are.

@@ -242,10 +242,12 @@ impl<P> RoadNetwork<P> {
                 continue;
             }
             let difference = |&other: &usize| (self.edges[other].metres - metres).abs();
-            let free = |&other: &usize| self.edges[other].to == from && self.reverse[other] == NONE;
-            let nearest = self
-                .edges_from(to)
-                .filter(free)
+            // Sorted, so that a node of many edges is no square of them.
+            let all = self.edges_from(to);
+            let start = all.start + self.edges[all.clone()].partition_point(|e| e.to < from);
+            let nearest = (start..all.end)
+                .take_while(|&other| self.edges[other].to == from)
+                .filter(|&other| self.reverse[other] == NONE)
                 .min_by(|a, b| difference(a).total_cmp(&difference(b)))
                 .filter(|other| difference(other) <= 0.01 * metres);
             if let Some(other) = nearest {

@@ -1,8 +1,10 @@
 //! Map matching, and the parts of road networks that it stands on.
 
+mod answers;
 mod calibration;
 mod city;
 mod drives;
+#[cfg(feature = "csv")]
 mod files;
 mod garbage;
 mod hostile;

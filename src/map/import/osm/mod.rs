@@ -36,7 +36,9 @@ impl RoadNetwork {
     /// A road through nodes that the file does not hold is cut there; what is skipped or replaced
     /// is counted in the report.
     ///
-    /// The file is read twice, so that memory grows with the roads alone. O(bytes + edges log).
+    /// The file is read twice, so that memory grows with the roads alone. A block is decoded as a
+    /// whole: up to 32 MB that may be compressed to a few kilobytes, and a hundred times as much in
+    /// memory in a file made to harm. O(bytes + edges log).
     ///
     /// # Errors
     ///
