@@ -6,7 +6,9 @@
 //! points, routes connect them. This is the model of Newson and Krumm (2009) as a hidden Markov
 //! model with all its answers: the [road now](Vehicle::live), a few [points late](Vehicle::late),
 //! [with all points](MatchedDrive::smoothed), the most probable [route](MatchedDrive::route), and
-//! [distinct routes](Matcher::routes), each with a probability.
+//! [distinct routes](Matcher::routes), each with a probability. The chapter
+//! [`from_gps`](crate::guide::from_gps) leads from files to routes, and says when another model
+//! fits better.
 //!
 //! ```
 //! use wayfix::map::{NetworkBuilder, Position, RoadClass};

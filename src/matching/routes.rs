@@ -28,6 +28,29 @@ impl<P: Coordinates> Matcher<P> {
     /// doubts a route may be missing. Ways between two points are known by their length: of two of
     /// equal length, each probability may count both. O(points · candidates² · count).
     ///
+    /// ```
+    /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// # use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// # let mut builder = NetworkBuilder::new();
+    /// let at = |x, y| PlanePosition { x, y };
+    /// // Two ways from west to east, 20 m apart.
+    /// for (id, x, y) in [(1, 0.0, 0.0), (2, 100.0, 10.0), (3, 100.0, -10.0), (4, 200.0, 0.0), (5, 300.0, 0.0)] {
+    ///     builder.node(id, at(x, y))?;
+    /// }
+    /// for (from, to) in [(1, 2), (2, 4), (1, 3), (3, 4), (4, 5)] {
+    ///     builder.one_way(from, to, RoadClass::Street)?;
+    /// }
+    /// let (matcher, mut memory) = (Matcher::new(builder.build()?), MatchMemory::default());
+    /// let drive = [(0.0, 5.0, 0.0), (10.0, 100.0, 2.0), (20.0, 250.0, 0.0)]
+    ///     .map(|(time, x, y)| TracePoint::new(time, at(x, y)));
+    /// let matched = matcher.match_drive(&drive, &mut memory)?;
+    /// let routes = matcher.routes(&matched, 2, &mut memory)?;
+    /// assert_eq!(routes.len(), 2);
+    /// assert!(routes[0].probability > routes[1].probability && routes[1].probability > 0.1);
+    /// assert_eq!(routes[0].stretches, matched.route());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     ///
     /// [`MatchError::Network`] for a drive that a matcher of another network matched.

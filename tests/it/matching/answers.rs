@@ -202,9 +202,10 @@ fn edges_at_points_of_a_drive() {
 #[test]
 fn lines_of_routes() {
     let (matcher, mut memory) = (town(), MatchMemory::default());
+    let mut off_road = 0;
     for drive in drives(6) {
         let mut points = drive.points;
-        points[10..18].iter_mut().for_each(|point| point.position.x += 4000.0);
+        points[10..].iter_mut().for_each(|point| point.position.x += 4000.0);
         let found = matcher.match_drive(&points, &mut memory).unwrap();
         let mut on_road = 0.0;
         for stretch in found.route() {
@@ -215,8 +216,9 @@ fn lines_of_routes() {
             on_road += if stretch.edge.is_some() { stretch.metres() } else { 0.0 };
         }
         assert!((on_road - found.metres()).abs() < 1e-9);
-        assert!(found.route().iter().any(|stretch| stretch.edge.is_none()));
+        off_road += found.route().iter().filter(|stretch| stretch.edge.is_none()).count();
     }
+    assert!(off_road > 0);
     let mut builder = NetworkBuilder::new();
     builder.node(0, at(0.0, 0.0)).unwrap();
     builder.node(1, at(100.0, 0.0)).unwrap();
