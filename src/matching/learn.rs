@@ -21,8 +21,10 @@ pub struct FittedModel {
     pub points: usize,
 }
 
-/// Limits within which learning keeps each parameter.
-const LIMITS: [(&str, fn(&MatchModel) -> f64, [f64; 2]); 6] = [
+/// Name of a parameter, its value in a model, and the limits within which learning keeps it.
+type Limits = (&'static str, fn(&MatchModel) -> f64, [f64; 2]);
+
+const LIMITS: [Limits; 6] = [
     ("noise", |model| model.noise, [0.1, 1000.0]),
     ("outliers", |model| model.outliers, [1e-4, 0.5]),
     ("deviation", |model| model.deviation, [1.5, 100.0]),
@@ -36,9 +38,7 @@ impl FittedModel {
     /// [`fit`](Matcher::fit) keeps them: the drives call for a value there or beyond.
     #[must_use]
     pub fn at_limits(&self) -> Vec<&'static str> {
-        let at_limit = |(_, value, limits): &&(_, fn(&MatchModel) -> f64, [f64; 2])| {
-            limits.contains(&value(&self.model))
-        };
+        let at_limit = |(_, value, limits): &&Limits| limits.contains(&value(&self.model));
         LIMITS.iter().filter(at_limit).map(|entry| entry.0).collect()
     }
 }
