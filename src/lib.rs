@@ -79,7 +79,7 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
-//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), [from hmmlearn](guide::from_hmmlearn) |
+//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [from hmmlearn](guide::from_hmmlearn) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With
@@ -190,7 +190,7 @@ pub use sequence::{Controlled, Sequence};
 #[doc(inline)]
 pub use transition::{DenseTransition, SparseTransition, Transition, TransitionEntries};
 
-/// Doc test of the README's example.
-#[cfg(doctest)]
+/// Doc test of the README's examples, which need the features of `roads`.
+#[cfg(all(doctest, feature = "roads"))]
 #[doc = include_str!("../README.md")]
 struct Readme;

@@ -55,9 +55,13 @@ pub(crate) fn fit(
             return Ok(first.with_model(default)?);
         }
     };
+    let at_limits = match &fitted.at_limits()[..] {
+        [] => String::new(),
+        names => format!("; at the limit of their ranges: {}", names.join(", ")),
+    };
     let FittedModel { model, iterations, converged, points, .. } = fitted;
     roads::print(&format!(
-        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s\n",
+        "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
         start.elapsed().as_secs_f64(),
         if converged { "converged" } else { "not converged" },
         model.noise,

@@ -97,7 +97,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     let (network, report) = RoadNetwork::from_path(&road_path, &ImportOptions::default())?;
     roads::print(&format!("{report}\n"))?;
-    let (traces, skipped) = read_traces(&trace_path)?;
+    let (traces, read) = read_traces(&trace_path)?;
     check(&traces, &trace_path, &network)?;
     let truths = truth_path.map(|path| Truths::read(&path, &network, &traces)).transpose()?;
     let drives = thinned(traces, truths.unwrap_or_default(), arguments.every);
@@ -108,7 +108,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     }
     let mut matcher = Matcher::new(network);
     roads::print(&format!(
-        "read {} drives and built the index in {:.2} s; {skipped}{}\n",
+        "read {} drives and built the index in {:.2} s; {read}{}\n",
         drives.len(),
         start.elapsed().as_secs_f64(),
         most_skipped(&drives)
@@ -124,7 +124,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let threads = arguments.threads.unwrap_or(cores).min(drives.len());
     let picture = arguments.picture.as_ref().unwrap_or(&drives[0].trace.name);
     let mut total = run::run(&matcher, &drives, [threads, arguments.late], picture, out)?;
-    total.skipped = skipped.repeated + skipped.backwards;
+    total.skipped = read.skipped.repeated + read.skipped.backwards;
     summary::report(&total, out)?;
     Ok(())
 }
@@ -138,15 +138,12 @@ fn most_skipped(drives: &[Drive]) -> String {
     let named = most.iter().take(NAMED);
     let named = named.map(|drive| format!("{} of drive {}", skipped(drive), drive.trace.name));
     let named: Vec<String> = named.collect();
-    if named.is_empty() { String::new() } else { format!(": {}", named.join(", ")) }
+    if named.is_empty() { String::new() } else { format!("\nmost skipped: {}", named.join(", ")) }
 }
 
-/// Checks that there are drives, and that they are where the roads are.
+/// Checks that drives are where the roads are.
 fn check(traces: &[Trace], path: &Path, network: &RoadNetwork) -> Result<(), String> {
     let path = path.display();
-    if traces.is_empty() {
-        return Err(format!("{path}, line 2: there are no points, expected at least one"));
-    }
     let [mut low, mut high] = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
     for position in network.nodes().iter().map(|node| node.position) {
         for (axis, value) in [position.longitude, position.latitude].into_iter().enumerate() {

@@ -1,5 +1,5 @@
-//! Guides: the formulas of every routine, the limits of its speed, and the way from
-//! image descriptors to a position.
+//! Guides: the formulas of every routine, the limits of its speed, and the ways from image
+//! descriptors to a position and from GPS points to a route.
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
@@ -12,3 +12,7 @@ pub mod performance {}
 
 #[doc = include_str!("from_descriptors.md")]
 pub mod from_descriptors {}
+
+#[cfg(feature = "matching")]
+#[doc = include_str!("from_gps.md")]
+pub mod from_gps {}

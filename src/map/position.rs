@@ -7,7 +7,7 @@ const EARTH_RADIUS: f64 = 6_371_008.8;
 
 /// Coordinates of places: [on Earth](Position), or [in a plane](PlanePosition). Sealed: only
 /// these two types implement it.
-pub trait Coordinates: Copy + PartialEq + Debug + axes::Axes {
+pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + axes::Axes {
     /// Straight-line distance in metres; NaN if a coordinate is NaN.
     #[must_use]
     fn metres_to(self, other: Self) -> f64;

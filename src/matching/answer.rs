@@ -1,5 +1,6 @@
 //! Answers for one point of a drive.
 
+use super::MatchError;
 use super::candidates::{Candidate, OFF_ROAD};
 use crate::map::RoadNetwork;
 
@@ -69,44 +70,79 @@ pub struct CredibleStretch {
     pub probability: f64,
 }
 
+/// Stretches of roads that hold a vehicle with a probability.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CredibleStretches {
+    stretches: Vec<CredibleStretch>,
+    probability: f64,
+}
+
+impl CredibleStretches {
+    /// Stretches, one an edge, that of the most probable state first.
+    #[must_use]
+    pub fn stretches(&self) -> &[CredibleStretch] {
+        &self.stretches
+    }
+
+    /// Probability that the vehicle is on one of the stretches: at least the mass that was asked
+    /// for, or, if that is less, the probability that it is on a road at all.
+    #[must_use]
+    pub fn probability(&self) -> f64 {
+        self.probability
+    }
+}
+
 /// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the
-/// most probable states, each as long as the noise along the road asks. Empty where the roads hold
-/// less.
+/// most probable states, each as long as the noise along the road asks. Where the roads hold less,
+/// all of their edges.
 pub(super) fn credible<P>(
     network: &RoadNetwork<P>,
     states: &[Candidate],
     probabilities: &[f64],
     sigma: f64,
     mass: f64,
-) -> Vec<CredibleStretch> {
-    // A saved vehicle may be of another network.
-    let known = |state: &Candidate| (state.edge as usize) < network.edges().len();
-    let mut order: Vec<usize> = (0..states.len()).filter(|&i| known(&states[i])).collect();
-    let (mass, on_road) = (mass.max(0.0), order.iter().map(|&i| probabilities[i]).sum::<f64>());
-    if mass >= on_road {
-        return Vec::new();
+) -> Result<CredibleStretches, MatchError> {
+    if !(mass > 0.0 && mass <= 1.0) {
+        return Err(MatchError::Mass { mass });
     }
-    // Half of the doubt is about the road, half about the place along it.
-    let (share, mass_along) = ((mass * on_road).sqrt(), (mass / on_road).sqrt());
-    let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
+    let is_possible = |&i: &usize| !states[i].is_off_road() && probabilities[i] > 0.0;
+    let mut order: Vec<usize> = (0..states.len()).filter(is_possible).collect();
     order.sort_by(|&a, &b| probabilities[b].total_cmp(&probabilities[a]));
-    let (mut found, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
+    let on_road = order.iter().map(|&i| probabilities[i]).sum::<f64>();
+    let (share, mass_along) = if mass < on_road {
+        // Half of the doubt is about the road, half about the place along it.
+        ((mass * on_road).sqrt(), (mass / on_road).sqrt())
+    } else {
+        (f64::INFINITY, 1.0)
+    };
+    let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
+    let (mut stretches, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
     for i in order {
         if sum >= share {
-            return found;
+            break;
         }
         let (edge, probability) = (states[i].edge as usize, probabilities[i]);
         sum += probability;
         let most = network.edges()[edge].metres;
         let along = states[i].along.min(most);
         let metres = [(along - half).max(0.0), (along + half).min(most)];
-        match found.iter_mut().find(|part| part.edge == edge) {
+        match stretches.iter_mut().find(|part| part.edge == edge) {
             Some(part) => {
                 part.metres = [part.metres[0].min(metres[0]), part.metres[1].max(metres[1])];
                 part.probability += probability;
             }
-            None => found.push(CredibleStretch { edge, metres, probability }),
+            None => stretches.push(CredibleStretch { edge, metres, probability }),
         }
     }
-    found
+    let probability = (sum * mass_along).max(mass.min(on_road)).min(1.0);
+    Ok(CredibleStretches { stretches, probability })
+}
+
+/// Edges with their probabilities, the most probable first, without those off the road.
+pub(super) fn edges(states: &[Candidate], probabilities: &[f64]) -> Vec<(usize, f64)> {
+    let edges = by_edge(states, probabilities);
+    let on_road = edges.iter().filter(|entry| entry.0 != OFF_ROAD);
+    let mut edges: Vec<_> = on_road.map(|entry| (entry.0 as usize, entry.1)).collect();
+    edges.sort_by(|a, b| b.1.total_cmp(&a.1));
+    edges
 }

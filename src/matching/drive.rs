@@ -1,6 +1,6 @@
 //! A whole drive: smoothed answers, and the route.
 
-use super::answer::{CredibleStretch, RoadAnswer, credible};
+use super::answer::{CredibleStretches, RoadAnswer, credible, edges};
 use super::candidates::{Candidate, deviation};
 use super::matcher::Before;
 use super::moves::{Interval, Move, Ways};
@@ -19,6 +19,8 @@ pub struct MatchedDrive<P = Position> {
     pub(super) trellis: Trellis,
     pub(super) smoothed: SmoothedTrellis,
     pub(super) route: Vec<Stretch<P>>,
+    /// Fingerprint of the network.
+    pub(super) network: u64,
 }
 
 /// Part of a route: an edge, or a stretch off the road.
@@ -37,6 +39,14 @@ pub struct Stretch<P = Position> {
     pub ends: [P; 2],
 }
 
+impl<P> Stretch<P> {
+    /// Length in metres; off the road, that of the straight line.
+    #[must_use]
+    pub fn metres(&self) -> f64 {
+        self.exit - self.enter
+    }
+}
+
 impl<P: Coordinates> Matcher<P> {
     /// Matches a whole drive. Points must be in the order of time, each later than the one before.
     ///
@@ -45,7 +55,7 @@ impl<P: Coordinates> Matcher<P> {
     /// # Errors
     ///
     /// [`MatchError::Empty`] without points, [`MatchError::Point`] for a number out of range, and
-    /// [`MatchError::Time`] for times that do not ascend.
+    /// [`MatchError::Time`] for times that do not ascend, each with the index of the point.
     pub fn match_drive(
         &self,
         points: &[TracePoint<P>],
@@ -58,7 +68,43 @@ impl<P: Coordinates> Matcher<P> {
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
         let route = self.route(points, &on_path, memory);
         let points = points.to_vec();
-        Ok(MatchedDrive { points, states, trellis, smoothed, route })
+        let network = self.fingerprint;
+        Ok(MatchedDrive { points, states, trellis, smoothed, route, network })
+    }
+
+    /// Line of a stretch of a [route](MatchedDrive::route): its positions with both ends; off the
+    /// road, the ends alone. O(points of the edge).
+    ///
+    /// ```
+    /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// # let at = |x, y| PlanePosition { x, y };
+    /// # let mut builder = NetworkBuilder::new();
+    /// # [at(0.0, 0.0), at(100.0, 0.0), at(100.0, 80.0)].into_iter().zip(1..).try_for_each(|(p, id)| builder.node(id, p).map(|_| ()))?;
+    /// # builder.both_ways(1, 2, RoadClass::Street)?;
+    /// # builder.both_ways(2, 3, RoadClass::Street)?;
+    /// # let network = builder.build()?;
+    /// # use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// // Along a street of 100 m to the east, and on to the north.
+    /// let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    /// let drive = [(0.0, 20.0, 1.0), (6.0, 80.0, -1.0), (12.0, 101.0, 40.0)]
+    ///     .map(|(time, x, y)| TracePoint::new(time, PlanePosition { x, y }));
+    /// let matched = matcher.match_drive(&drive, &mut memory)?;
+    /// let lines: Vec<_> = matched.route().iter().map(|stretch| matcher.line(stretch)).collect();
+    /// assert_eq!(lines[0], [at(20.0, 0.0), at(100.0, 0.0)]);
+    /// assert_eq!(lines[1], [at(100.0, 0.0), at(100.0, 40.0)]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Panics
+    ///
+    /// If the network has no such edge, as for a route of another network.
+    #[must_use]
+    pub fn line(&self, stretch: &Stretch<P>) -> Vec<P> {
+        let Stretch { edge, enter, exit, ends } = *stretch;
+        match edge {
+            Some(edge) => self.network.line_between(edge, enter, exit),
+            None => ends.to_vec(),
+        }
     }
 
     /// Builds the trellis of a drive, with its states.
@@ -69,6 +115,10 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
     ) -> Result<Built, MatchError> {
         let first = points.first().ok_or(MatchError::Empty)?;
+        first.check(0, None)?;
+        for (number, pair) in (1..).zip(points.windows(2)) {
+            pair[1].check(number, Some(&pair[0]))?;
+        }
         let mut trellis = Trellis::new();
         let (mut all, mut moves) = (Vec::with_capacity(points.len()), Vec::new());
         all.push(self.begin(model, first, memory, &mut trellis)?);
@@ -164,7 +214,8 @@ impl<P: Coordinates> MatchedDrive<P> {
         RoadAnswer::new(&self.states[point], self.smoothed.filtered(point + 1))
     }
 
-    /// Answer for a point by the points up to it and `lag` more.
+    /// Answer for a point by the points up to it and `lag` more; equal to
+    /// [`Vehicle::late`](super::Vehicle::late) up to rounding.
     #[must_use]
     pub fn late(&self, point: usize, lag: usize) -> RoadAnswer {
         let probabilities = self.smoothed.lagged(&self.trellis, point + 1, lag);
@@ -177,10 +228,27 @@ impl<P: Coordinates> MatchedDrive<P> {
         RoadAnswer::new(&self.states[point], self.smoothed.smoothed(point + 1))
     }
 
-    /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
-    /// by all points of the drive; empty where none do, as off the road.
+    /// Edges with their probabilities at a point, by all points of the drive, the most probable
+    /// first; those off the road are missing.
     #[must_use]
-    pub fn credible(&self, matcher: &Matcher<P>, point: usize, mass: f64) -> Vec<CredibleStretch> {
+    pub fn edges(&self, point: usize) -> Vec<(usize, f64)> {
+        edges(&self.states[point], self.smoothed.smoothed(point + 1))
+    }
+
+    /// Stretches of roads that held the vehicle at a point with a probability of at least `mass`,
+    /// by all points of the drive, as [`Vehicle::credible`](super::Vehicle::credible) gives them.
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Mass`] for a mass out of range, and [`MatchError::Network`] for a matcher of
+    /// another network.
+    pub fn credible(
+        &self,
+        matcher: &Matcher<P>,
+        point: usize,
+        mass: f64,
+    ) -> Result<CredibleStretches, MatchError> {
+        matcher.check_network(self.network)?;
         let sigma = deviation(&matcher.model, &self.points[point]);
         let probabilities = self.smoothed.smoothed(point + 1);
         credible(&matcher.network, &self.states[point], probabilities, sigma, mass)

@@ -20,6 +20,8 @@ pub enum MatchError {
     },
     /// A number of a point is out of range.
     Point {
+        /// Index of the point in its drive, from 0.
+        point: usize,
         /// Name of the number.
         what: &'static str,
         /// Value found.
@@ -29,6 +31,8 @@ pub enum MatchError {
     },
     /// A point is not later than the one before.
     Time {
+        /// Index of the point in its drive, from 0.
+        point: usize,
         /// Time of the point.
         time: f64,
         /// Time of the point before.
@@ -36,7 +40,26 @@ pub enum MatchError {
     },
     /// There are no points.
     Empty,
-    /// A saved vehicle, or a drive, does not belong to this network.
+    /// One of several drives cannot be matched.
+    Drive {
+        /// Index of the drive, from 0.
+        drive: usize,
+        /// Error of the drive.
+        source: Box<MatchError>,
+    },
+    /// A probability that roads are to hold is not above 0 and at most 1.
+    Mass {
+        /// Value found.
+        mass: f64,
+    },
+    /// A vehicle, or a drive, was made by a matcher of another network.
+    Network {
+        /// Fingerprint of the network of the vehicle or drive.
+        found: u64,
+        /// Fingerprint of the network of this matcher.
+        expected: u64,
+    },
+    /// A saved vehicle is on an edge that its network does not have: its bytes were changed.
     Vehicle {
         /// An edge of the vehicle.
         edge: usize,
@@ -53,12 +76,20 @@ impl fmt::Display for MatchError {
             Self::Parameter { what, value, expected } => {
                 write!(f, "the parameter {what} is {value}, expected {expected}")
             }
-            Self::Point { what, value, expected } => {
-                write!(f, "the point has {what} {value}, expected {expected}")
+            Self::Point { point, what, value, expected } => {
+                write!(f, "point {point} has {what} {value}, expected {expected}")
             }
-            Self::Time { time, before } => write!(
+            Self::Time { point, time, before } => write!(
                 f,
-                "the point has time {time}, expected one after that of the point before, {before}"
+                "point {point} has time {time}, expected one after that of the point before, {before}"
+            ),
+            Self::Drive { drive, source } => write!(f, "drive {drive}: {source}"),
+            Self::Mass { mass } => {
+                write!(f, "the mass is {mass}, expected a probability above 0 and at most 1")
+            }
+            Self::Network { found, expected } => write!(
+                f,
+                "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"
             ),
             Self::Empty => write!(f, "the drive has no points"),
             Self::Vehicle { edge, edges } => write!(
@@ -75,6 +106,7 @@ impl Error for MatchError {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
         match self {
             Self::Inference(error) => error.source(),
+            Self::Drive { source, .. } => source.source(),
             _ => None,
         }
     }

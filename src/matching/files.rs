@@ -12,7 +12,8 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::TracePoint;
 use crate::map::{Line, MapError, Position, csv_error, excerpt};
 
-/// A drive of a file.
+/// A drive of a file: what [`Matcher::fit`](super::Matcher::fit) takes, and with its `points` what
+/// [`Matcher::match_drive`](super::Matcher::match_drive) does.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {
     /// Name of the drive in the file.
@@ -21,6 +22,43 @@ pub struct Trace {
     pub points: Vec<TracePoint>,
     /// Points of the drive that were left out.
     pub skipped: SkippedPoints,
+}
+
+impl AsRef<[TracePoint]> for Trace {
+    fn as_ref(&self) -> &[TracePoint] {
+        &self.points
+    }
+}
+
+/// Report of a file of drives.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct TraceReport {
+    /// Points of all drives that were left out; each [`Trace`] has its own.
+    pub skipped: SkippedPoints,
+    /// Lines of the first ten points that were left out.
+    pub skipped_lines: Vec<u64>,
+    /// Columns that are not known, and were not read.
+    pub ignored_columns: Vec<String>,
+}
+
+/// Most lines of skipped points that are kept.
+const MOST_LINES: usize = 10;
+
+/// Prints the counts, and a line for each column that is not known.
+impl fmt::Display for TraceReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { skipped, skipped_lines: lines, ignored_columns } = self;
+        write!(f, "{skipped}")?;
+        if !lines.is_empty() {
+            let named: Vec<String> = lines.iter().map(u64::to_string).collect();
+            let more =
+                if lines.len() < skipped.repeated + skipped.backwards { ", …" } else { "" };
+            let word = if lines.len() == 1 { "line" } else { "lines" };
+            write!(f, " ({word} {}{more})", named.join(", "))?;
+        }
+        ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
+    }
 }
 
 /// Points of a drive, or of all drives of a file, that were left out.
@@ -44,16 +82,17 @@ const COLUMNS: [&str; 7] =
 
 /// Reads drives from a CSV file with the header
 /// `trace,time,longitude,latitude[,accuracy,heading,speed]`, in any order of the columns: the name
-/// of the drive, seconds, degrees, and, if known, metres, degrees and metres per second. Lines of
-/// a drive follow each other. Points that are not later than the last one taken are skipped, and
-/// counted for each drive and in all.
+/// of the drive, seconds, degrees, and, if known, metres, degrees clockwise from north (from −180
+/// to 360) and metres per second. Lines of a drive follow each other. Points that are not later
+/// than the last one taken are skipped, and counted for each drive and in all; the report names
+/// the lines of the first ten, and columns that are not known.
 ///
 /// # Errors
 ///
 /// [`MapError::Read`] if the file cannot be opened or read, and [`MapError::Line`] with file and line for
-/// a missing column, a value that cannot be parsed or is out of range, or a drive whose lines are
-/// apart.
-pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, SkippedPoints), MapError> {
+/// a missing column, a value that cannot be parsed or is out of range, a drive whose lines are
+/// apart, or a file without points.
+pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let path = path.as_ref();
     let name = path.display().to_string();
     let file = File::open(path)
@@ -66,12 +105,22 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, SkippedPoints)
 /// ```
 /// use wayfix::matching::read_traces_from;
 ///
+/// let text = "trace,time,longitude,latitude,acuracy\nA,0,149.13,-35.28,5\nA,0,149.13,-35.28,5\n";
+/// let (traces, report) = read_traces_from("drive", text.as_bytes())?;
+/// assert_eq!((traces.len(), traces[0].points.len()), (1, 1));
+/// assert_eq!(
+///     report.to_string(),
+///     "skipped 1 points of the same time and 0 that go back in time (line 3)\n\
+///      column not known: acuracy"
+/// );
+///
 /// let text = "trace,time,longitude,latitude\nA,0,149.13,-35.28\nA,1,149.13,-95\n";
 /// let error = read_traces_from("drive", text.as_bytes()).unwrap_err();
 /// assert_eq!(
 ///     error.to_string(),
-///     "drive, line 3: the point has latitude -95, expected a position on Earth, or in the plane"
+///     "drive, line 3: the point has latitude -95, expected a latitude from -90 to 90 degrees"
 /// );
+/// # Ok::<(), wayfix::map::MapError>(())
 /// ```
 ///
 /// # Errors
@@ -80,7 +129,7 @@ pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, SkippedPoints)
 pub fn read_traces_from(
     name: &str,
     reader: impl Read,
-) -> Result<(Vec<Trace>, SkippedPoints), MapError> {
+) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let at = |line, problem| MapError::Line { file: name.to_owned(), line, problem };
     let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(reader);
     let failed = |error: csv::Error| csv_error(name, 1, &error);
@@ -95,9 +144,12 @@ pub fn read_traces_from(
         );
         return Err(at(1, problem));
     }
+    let known = |place: usize| columns.contains(&Some(place));
+    let unknown = header.iter().enumerate().filter(|&(place, _)| !known(place));
+    let ignored_columns = unknown.map(|(_, name)| excerpt(name).into_owned()).collect();
+    let mut report = TraceReport { ignored_columns, ..TraceReport::default() };
     let mut traces: Vec<Trace> = Vec::new();
     let mut names = HashSet::new();
-    let mut total = SkippedPoints::default();
     let mut record = StringRecord::new();
     while reader.read_record(&mut record).map_err(failed)? {
         let line = record.position().map_or(0, csv::Position::line);
@@ -117,6 +169,7 @@ pub fn read_traces_from(
         }
         let Some(Trace { points, skipped, .. }) = traces.last_mut() else { continue };
         // Not the total order, in which -0 is before 0.
+        let total = &mut report.skipped;
         match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
             Some(Ordering::Equal) => {
                 (skipped.repeated, total.repeated) = (skipped.repeated + 1, total.repeated + 1);
@@ -124,10 +177,19 @@ pub fn read_traces_from(
             Some(Ordering::Less) => {
                 (skipped.backwards, total.backwards) = (skipped.backwards + 1, total.backwards + 1);
             }
-            _ => points.push(point),
+            _ => {
+                points.push(point);
+                continue;
+            }
+        }
+        if report.skipped_lines.len() < MOST_LINES {
+            report.skipped_lines.push(line);
         }
     }
-    Ok((traces, total))
+    if traces.is_empty() {
+        return Err(at(2, String::from("there are no points, expected at least one")));
+    }
+    Ok((traces, report))
 }
 
 fn parse(row: &Line<'_>) -> Result<TracePoint, String> {
@@ -143,12 +205,6 @@ fn parse(row: &Line<'_>) -> Result<TracePoint, String> {
         heading: optional(5)?,
         speed: optional(6)?,
     };
-    let swapped = position.latitude.abs() > 90.0
-        && position.latitude.abs() <= 180.0
-        && position.longitude.abs() <= 90.0;
-    point.check().map_err(|error| {
-        let hint = if swapped { " (are longitude and latitude swapped?)" } else { "" };
-        format!("{error}{hint}")
-    })?;
+    point.numbers().map_err(|problem| problem.to_string())?;
     Ok(point)
 }

@@ -12,20 +12,14 @@ impl Matcher {
     pub fn route_to_geojson(&self, route: &[Stretch]) -> String {
         let mut text = String::from(r#"{"type":"FeatureCollection","features":["#);
         for (number, stretch) in route.iter().enumerate() {
-            let Stretch { edge, enter, exit, ends } = *stretch;
+            let Stretch { edge, enter, exit, .. } = *stretch;
             let separator = if number == 0 { "\n" } else { ",\n" };
-            let (nodes, line) = match edge {
-                Some(e) => {
-                    let edge = &self.network.edges()[e];
-                    let [from, to] = [edge.from, edge.to].map(|node| self.network.nodes()[node].id);
-                    (
-                        format!(r#""from":{from},"to":{to},"#),
-                        self.network.line_between(e, enter, exit),
-                    )
-                }
-                None => (String::new(), ends.to_vec()),
-            };
-            let (line, off_road) = (line_string(line), edge.is_none());
+            let nodes = edge.map_or(String::new(), |edge| {
+                let edge = &self.network.edges()[edge];
+                let [from, to] = [edge.from, edge.to].map(|node| self.network.nodes()[node].id);
+                format!(r#""from":{from},"to":{to},"#)
+            });
+            let (line, off_road) = (line_string(self.line(stretch)), edge.is_none());
             // Writing to a string does not fail.
             let _ = write!(
                 text,

@@ -67,12 +67,7 @@ impl Lattice {
         drive: &MatchedDrive<P>,
         memory: &mut MatchMemory,
     ) -> Result<Self, MatchError> {
-        let edges = matcher.network.edges().len();
-        let on_roads = drive.states.iter().flatten().filter(|state| !state.is_off_road());
-        if let Some(edge) = on_roads.map(|state| state.edge as usize).max().filter(|e| *e >= edges)
-        {
-            return Err(MatchError::Vehicle { edge, edges });
-        }
+        matcher.check_network(drive.network)?;
         let mut lattice = Self::default();
         let start = lattice.node(0);
         let mut nodes: Nodes = vec![BTreeMap::new(); drive.states[0].len()];

@@ -1,6 +1,7 @@
 //! Learning of the model from drives without labels, by expectation maximisation.
 
 use super::drive::Built;
+use super::in_parallel::each;
 use super::moves::Move;
 use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
 use crate::map::Coordinates;
@@ -18,6 +19,28 @@ pub struct FittedModel {
     pub log_likelihood: f64,
     /// Number of points.
     pub points: usize,
+}
+
+/// Name of a parameter, its value in a model, and the limits within which learning keeps it.
+type Limits = (&'static str, fn(&MatchModel) -> f64, [f64; 2]);
+
+const LIMITS: [Limits; 6] = [
+    ("noise", |model| model.noise, [0.1, 1000.0]),
+    ("outliers", |model| model.outliers, [1e-4, 0.5]),
+    ("deviation", |model| model.deviation, [1.5, 100.0]),
+    ("stop", |model| model.stop, [1e-3, 0.95]),
+    ("leave_road", |model| model.leave_road, [1e-7, 0.005]),
+    ("return_to_road", |model| model.return_to_road, [1e-4, 0.1]),
+];
+
+impl FittedModel {
+    /// Names of the learned parameters that are at a limit of the range in which
+    /// [`fit`](Matcher::fit) keeps them: the drives call for a value there or beyond.
+    #[must_use]
+    pub fn at_limits(&self) -> Vec<&'static str> {
+        let at_limit = |(_, value, limits): &&Limits| limits.contains(&value(&self.model));
+        LIMITS.iter().filter(at_limit).map(|entry| entry.0).collect()
+    }
 }
 
 /// Expected counts of drives.
@@ -48,19 +71,54 @@ impl<P: Coordinates> Matcher<P> {
     /// it starts; it counts as much as ten points, and 20,000 seconds on the road. Noise is learned from
     /// points without an accuracy.
     ///
-    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` up to a half,
-    /// `deviation` from 1.5 m a second, `leave_road` up to 0.005, and `return_to_road` up to 0.1.
+    /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` from 1e-4 to 0.5,
+    /// `deviation` from 1.5 to 100 m a second, `stop` from 0.001 to 0.95, `leave_road` from 1e-7 to
+    /// 0.005, and `return_to_road` from 1e-4 to 0.1; [`FittedModel::at_limits`] names those that
+    /// ended at a limit.
     ///
-    /// Start with more noise than there is: the search for roads reaches four deviations. At most
-    /// `iterations` passes over the drives, each as long as
-    /// [`match_drive`](Self::match_drive).
+    /// Drives may be slices, vectors or traces of a file. Start with more noise than there is: the
+    /// search for roads reaches four deviations. At most `iterations` passes over the drives, each
+    /// as long as [`match_drive`](Self::match_drive); with the feature `rayon`, drives run in
+    /// parallel, with the same result to the bit, and each thread takes a memory.
+    ///
+    /// ```
+    /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// # let mut builder = NetworkBuilder::new();
+    /// # builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// # builder.node(2, PlanePosition { x: 2000.0, y: 0.0 })?;
+    /// # builder.both_ways(1, 2, RoadClass::Street)?;
+    /// # let network = builder.build()?;
+    /// use wayfix::matching::{MatchMemory, MatchModel, Matcher, TracePoint};
+    ///
+    /// let mut memory = MatchMemory::default();
+    /// let start = MatchModel { noise: 20.0, ..MatchModel::default() };
+    /// let matcher = Matcher::new(network).with_model(start)?;
+    /// // East at 10 m/s, 5 m to the left and to the right of the street in turn.
+    /// let off = [5.0, -5.0];
+    /// let point = |k: usize| {
+    ///     let position = PlanePosition { x: 10.0 * k as f64, y: off[k % 2] };
+    ///     TracePoint::new(k as f64, position)
+    /// };
+    /// let drives: Vec<Vec<_>> = vec![(0..100).map(point).collect(), (50..150).map(point).collect()];
+    ///
+    /// let fitted = matcher.fit(&drives, 20, &mut memory)?;
+    /// assert!((fitted.model.noise - 5.0).abs() < 0.5);
+    /// if !fitted.at_limits().is_empty() {
+    ///     println!("at the limits of their ranges: {:?}", fitted.at_limits());
+    /// }
+    /// let matcher = matcher.with_model(fitted.model)?;
+    /// # let matched = matcher.match_drive(&drives[0], &mut memory)?;
+    /// # assert_eq!(matched.route().len(), 1);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     ///
     /// # Errors
     ///
-    /// As [`match_drive`](Self::match_drive).
-    pub fn fit(
+    /// [`MatchError::Drive`], with the index of the drive and its error, as of
+    /// [`match_drive`](Self::match_drive).
+    pub fn fit<D: AsRef<[TracePoint<P>]> + Sync>(
         &self,
-        drives: &[&[TracePoint<P>]],
+        drives: &[D],
         iterations: usize,
         memory: &mut MatchMemory,
     ) -> Result<FittedModel, MatchError> {
@@ -73,8 +131,15 @@ impl<P: Coordinates> Matcher<P> {
         };
         while fitted.iterations < iterations && !fitted.converged {
             let mut counts = Counts::default();
-            for drive in drives {
-                self.count(&fitted.model, drive, &mut counts, memory)?;
+            let count = |drive: &D, memory: &mut MatchMemory| {
+                let mut counts = Counts::default();
+                let counted = self.count(&fitted.model, drive.as_ref(), &mut counts, memory);
+                counted.map(|()| counts)
+            };
+            // Added in the order of the drives, so that threads change no bit.
+            for (drive, counted) in each(drives, memory, count).into_iter().enumerate() {
+                let of_drive = |source| MatchError::Drive { drive, source: Box::new(source) };
+                counts.add(&counted.map_err(of_drive)?);
             }
             let next = counts.maximize(&fitted.model, &self.model);
             fitted.iterations += 1;
@@ -146,6 +211,37 @@ impl<P: Coordinates> Matcher<P> {
 }
 
 impl Counts {
+    fn add(&mut self, other: &Self) {
+        let Self {
+            squares,
+            beside,
+            outliers,
+            on_road,
+            moves,
+            stood,
+            detour,
+            left,
+            seconds_on_road,
+            returned,
+            seconds_off_road,
+            log_likelihood,
+            points,
+        } = *other;
+        self.squares += squares;
+        self.beside += beside;
+        self.outliers += outliers;
+        self.on_road += on_road;
+        self.moves += moves;
+        self.stood += stood;
+        self.detour += detour;
+        self.left += left;
+        self.seconds_on_road += seconds_on_road;
+        self.returned += returned;
+        self.seconds_off_road += seconds_off_road;
+        self.log_likelihood += log_likelihood;
+        self.points += points;
+    }
+
     /// Model under which the counts are most probable, with the prior.
     fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
         let n = PRIOR_POINTS;
@@ -182,5 +278,52 @@ impl MatchModel {
             && near(self.stop, other.stop)
             && near(self.leave_road, other.leave_road)
             && near(self.return_to_road, other.return_to_road)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The limits of the table are those that learning keeps.
+    #[test]
+    fn limits() {
+        let prior = MatchModel::default();
+        let many = 1e15;
+        let none = Counts {
+            beside: many,
+            on_road: many,
+            moves: many,
+            seconds_on_road: many,
+            seconds_off_road: many,
+            ..Counts::default()
+        };
+        let all = Counts {
+            squares: 1e30,
+            outliers: many,
+            stood: many,
+            detour: 1e30,
+            left: many,
+            returned: many,
+            seconds_off_road: 1.0,
+            ..none
+        };
+        for (limit, counts) in [none, all].into_iter().enumerate() {
+            let model = counts.maximize(&prior, &prior);
+            for (name, value, limits) in LIMITS {
+                assert_eq!(value(&model), limits[limit], "{name}");
+            }
+            let fitted = FittedModel {
+                model,
+                iterations: 1,
+                converged: true,
+                log_likelihood: 0.0,
+                points: 1,
+            };
+            assert_eq!(fitted.at_limits().len(), LIMITS.len());
+            let inside = MatchModel { noise: 8.0, deviation: 3.0, ..model };
+            let inside = FittedModel { model: inside, ..fitted };
+            assert_eq!(inside.at_limits(), ["outliers", "stop", "leave_road", "return_to_road"]);
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! The matcher: a network, an index of its edges, and a model of drives.
 
 use super::candidates::{Candidate, deviation, metres_between, on_edge};
+use super::fingerprint::fingerprint;
 use super::moves::{Interval, Move, Ways, speed_of};
 use super::{MatchError, MatchModel, TracePoint};
 use crate::inference::Trellis;
@@ -19,6 +20,8 @@ pub struct Matcher<P = Position> {
     pub(super) index: EdgeIndex,
     pub(super) measures: RouteMeasures,
     pub(super) model: MatchModel,
+    /// Fingerprint of the network.
+    pub(super) fingerprint: u64,
 }
 
 /// Memory of a thread for the search of roads and routes: some 70 bytes an edge of the network.
@@ -52,7 +55,8 @@ impl<P: Coordinates> Matcher<P> {
         let prior = TurnWeights::default();
         let measures =
             RouteMeasures::with_turns(&network, |edge, next| prior.weight_of(&network, edge, next));
-        Self { network, index, measures, model: MatchModel::default() }
+        let fingerprint = fingerprint(&network);
+        Self { network, index, measures, model: MatchModel::default(), fingerprint }
     }
 
     /// Replaces the model.
@@ -106,7 +110,6 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
         trellis: &mut Trellis,
     ) -> Result<Vec<Candidate>, MatchError> {
-        point.check()?;
         let mut states = self.candidates(model, point, memory);
         states.push(Candidate::off_road(point, model));
         trellis.begin_step();
@@ -151,10 +154,6 @@ impl<P: Coordinates> Matcher<P> {
         memory: &mut MatchMemory,
         trellis: &mut Trellis,
     ) -> Result<Vec<Candidate>, MatchError> {
-        point.check()?;
-        if point.time <= before.point.time {
-            return Err(MatchError::Time { time: point.time, before: before.point.time });
-        }
         let interval = Self::interval(model, before.point, point);
         let mut states = self.candidates(model, point, memory);
         self.carry(model, before, &interval, point, &mut states);

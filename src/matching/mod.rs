@@ -6,7 +6,9 @@
 //! points, routes connect them. This is the model of Newson and Krumm (2009) as a hidden Markov
 //! model with all its answers: the [road now](Vehicle::live), a few [points late](Vehicle::late),
 //! [with all points](MatchedDrive::smoothed), the most probable [route](MatchedDrive::route), and
-//! [distinct routes](Matcher::routes), each with a probability.
+//! [distinct routes](Matcher::routes), each with a probability. The chapter
+//! [`from_gps`](crate::guide::from_gps) leads from files to routes, and says when another model
+//! fits better.
 //!
 //! ```
 //! use wayfix::map::{NetworkBuilder, Position, RoadClass};
@@ -72,8 +74,10 @@ mod drive;
 mod error;
 #[cfg(feature = "csv")]
 mod files;
+mod fingerprint;
 #[cfg(feature = "geojson")]
 mod geojson;
+mod in_parallel;
 mod lattice;
 mod learn;
 mod matcher;
@@ -91,11 +95,11 @@ mod vehicle;
 #[cfg(feature = "csv")]
 mod writers;
 
-pub use answer::{CredibleStretch, RoadAnswer};
+pub use answer::{CredibleStretch, CredibleStretches, RoadAnswer};
 pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]
-pub use files::{SkippedPoints, Trace, read_traces, read_traces_from};
+pub use files::{SkippedPoints, Trace, TraceReport, read_traces, read_traces_from};
 pub use learn::FittedModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;

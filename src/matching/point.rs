@@ -1,5 +1,7 @@
 //! Positions that a receiver reports.
 
+use std::fmt;
+
 use super::MatchError;
 use crate::map::{Coordinates, Position};
 
@@ -13,7 +15,8 @@ pub struct TracePoint<P = Position> {
     /// Standard deviation of this position in each direction in metres, from 1e-6 to 1e9, if the
     /// receiver tells it; else that of the [model](super::MatchModel).
     pub accuracy: Option<f64>,
-    /// Direction of travel in degrees clockwise from north, if the receiver tells it.
+    /// Direction of travel in degrees clockwise from north, from −180 to 360, if the receiver tells
+    /// it: both −90 and 270 are west.
     pub heading: Option<f64>,
     /// Speed in metres per second, from 0 to 1e9, if the receiver tells it.
     pub speed: Option<f64>,
@@ -26,30 +29,65 @@ impl<P: Coordinates> TracePoint<P> {
         Self { time, position, accuracy: None, heading: None, speed: None }
     }
 
-    pub(super) fn check(&self) -> Result<(), MatchError> {
-        for ((what, limit), value) in P::AXES.into_iter().zip(self.position.values()) {
+    /// Checks a point that follows another, as that with an index in its drive.
+    pub(super) fn check(&self, point: usize, before: Option<&Self>) -> Result<(), MatchError> {
+        self.numbers().map_err(|OutOfRange { what, value, expected }| MatchError::Point {
+            point,
+            what,
+            value,
+            expected,
+        })?;
+        match before {
+            Some(before) if self.time <= before.time => {
+                Err(MatchError::Time { point, time: self.time, before: before.time })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks the numbers.
+    pub(super) fn numbers(&self) -> Result<(), OutOfRange> {
+        let [a, b] = self.position.values();
+        let [(_, limit_a), (_, limit_b)] = P::AXES;
+        let swapped = a.abs() > limit_a && a.abs() <= limit_b && b.abs() <= limit_a;
+        for ((what, limit), value) in P::AXES.into_iter().zip([a, b]) {
             if !(-limit..=limit).contains(&value) {
-                let expected = "a position on Earth, or in the plane";
-                return Err(MatchError::Point { what, value, expected });
+                let expected = match what {
+                    "latitude" if swapped => {
+                        "a latitude from -90 to 90 degrees (are longitude and latitude swapped?)"
+                    }
+                    "latitude" => "a latitude from -90 to 90 degrees",
+                    "longitude" => "a longitude from -180 to 180 degrees",
+                    _ => "metres from -1e9 to 1e9",
+                };
+                return Err(OutOfRange { what, value, expected });
             }
         }
-        let finite = |what, value: f64, valid: bool, expected| {
-            if valid { Ok(()) } else { Err(MatchError::Point { what, value, expected }) }
+        let check = |what, value: Option<f64>, [least, most]: [f64; 2], expected| match value {
+            Some(value) if !(least..=most).contains(&value) => {
+                Err(OutOfRange { what, value, expected })
+            }
+            _ => Ok(()),
         };
         // Far beyond what is measured, sums and densities would overflow.
-        let valid = self.time.abs() <= 1e20;
-        finite("time", self.time, valid, "seconds from -1e20 to 1e20")?;
-        if let Some(value) = self.accuracy {
-            let valid = (1e-6..=1e9).contains(&value);
-            finite("accuracy", value, valid, "metres from 1e-6 to 1e9")?;
-        }
-        if let Some(value) = self.heading {
-            finite("heading", value, value.is_finite(), "finite degrees")?;
-        }
-        if let Some(value) = self.speed {
-            let valid = (0.0..=1e9).contains(&value);
-            finite("speed", value, valid, "metres per second from 0 to 1e9")?;
-        }
-        Ok(())
+        check("time", Some(self.time), [-1e20, 1e20], "seconds from -1e20 to 1e20")?;
+        check("accuracy", self.accuracy, [1e-6, 1e9], "metres from 1e-6 to 1e9")?;
+        check("heading", self.heading, [-180.0, 360.0], "degrees from -180 to 360")?;
+        check("speed", self.speed, [0.0, 1e9], "metres per second from 0 to 1e9")
+    }
+}
+
+/// A number of a point that is out of range.
+#[derive(Debug)]
+pub(super) struct OutOfRange {
+    what: &'static str,
+    value: f64,
+    expected: &'static str,
+}
+
+impl fmt::Display for OutOfRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { what, value, expected } = self;
+        write!(f, "the point has {what} {value}, expected {expected}")
     }
 }

@@ -83,7 +83,7 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Vehicle`] if the drive is on an edge that the network does not have.
+    /// [`MatchError::Network`] for a drive that a matcher of another network matched.
     pub fn routes(
         &self,
         drive: &MatchedDrive<P>,

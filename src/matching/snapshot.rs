@@ -7,13 +7,39 @@ use crate::inference::Trellis;
 use crate::inference::bytes::{Kind, Reader, Writer, contents};
 use crate::map::Coordinates;
 
+/// Types of vehicles, by the units of their coordinates.
+const UNITS: [(&str, &str); 2] =
+    [("degrees", "Vehicle<Position>"), ("metres", "Vehicle<PlanePosition>")];
+
 impl<P: Coordinates> Vehicle<P> {
     /// Returns the state as bytes, in the format of
     /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 80 for each state of
-    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit.
+    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
+    /// which it was started: its fingerprint is among the bytes.
+    ///
+    /// ```
+    /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint, Vehicle};
+    ///
+    /// let mut builder = NetworkBuilder::new();
+    /// builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
+    /// builder.both_ways(1, 2, RoadClass::Street)?;
+    /// let (matcher, mut memory) = (Matcher::new(builder.build()?), MatchMemory::default());
+    /// let point = |k: f64| TracePoint::new(5.0 * k, PlanePosition { x: 50.0 * k, y: 3.0 });
+    ///
+    /// let vehicle = matcher.start(&point(0.0), 2, &mut memory)?;
+    /// let bytes = vehicle.to_bytes(); // into a file or a database
+    /// let mut read = Vehicle::from_bytes(&bytes)?;
+    /// assert_eq!(read, vehicle);
+    /// matcher.step(&mut read, &point(1.0), &mut memory)?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut writer = Writer::new(Kind::Vehicle);
+        writer.word(unit(P::UNIT));
+        writer.word(self.network);
         writer.integer(self.lag);
         writer.integer(self.points);
         let TracePoint { time, position, accuracy, heading, speed } = self.point;
@@ -47,13 +73,22 @@ impl<P: Coordinates> Vehicle<P> {
     }
 
     /// Reads a state from bytes. O(length). [`Matcher::step`](super::Matcher::step) gives an error
-    /// if it is on an edge that the network does not have.
+    /// for a vehicle of another network.
     ///
     /// # Errors
     ///
-    /// [`SnapshotError`] if the bytes are damaged, or not those of a vehicle.
+    /// [`SnapshotError`] if the bytes are damaged, or not those of a vehicle; one with other
+    /// coordinates is of another [kind](SnapshotError::Kind).
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
         let mut reader = Reader::new(bytes, Kind::Vehicle)?;
+        let found = reader.word()?;
+        if found != unit(P::UNIT) {
+            let name = |word| UNITS.iter().find(|entry| unit(entry.0) == word).map(|entry| entry.1);
+            let found = name(found).unwrap_or("unknown");
+            let expected = name(unit(P::UNIT)).unwrap_or("unknown");
+            return Err(SnapshotError::Kind { found, expected });
+        }
+        let network = reader.word()?;
         let (lag, points) = (reader.integer()?, reader.integer()?);
         let time = reader.double()?;
         let position = P::from_values([reader.double()?, reader.double()?]);
@@ -61,7 +96,7 @@ impl<P: Coordinates> Vehicle<P> {
         let heading = read_optional(&mut reader)?;
         let speed = read_optional(&mut reader)?;
         let point = TracePoint { time, position, accuracy, heading, speed };
-        point.check().map_err(|error| contents(error.to_string()))?;
+        point.numbers().map_err(|error| contents(error.to_string()))?;
         let speed = reader.double()?;
         if !(0.0..=1e9).contains(&speed) {
             return Err(contents(format!("the speed is {speed}, expected 0 to 1e9")));
@@ -123,8 +158,25 @@ impl<P: Coordinates> Vehicle<P> {
         }
         window.iter().flatten().try_for_each(check)?;
         trellis.smooth().map_err(|error| contents(error.to_string()))?;
-        Ok(Self { lag, points, point, speed, log_likelihood, last, trellis, window, log_filtered })
+        Ok(Self {
+            lag,
+            points,
+            point,
+            speed,
+            log_likelihood,
+            last,
+            trellis,
+            window,
+            log_filtered,
+            network,
+        })
     }
+}
+
+/// Unit of coordinates as a word: its first eight letters, which are no number of points that a
+/// window may have.
+fn unit(name: &str) -> u64 {
+    name.bytes().take(8).fold(0, |word, letter| word << 8 | u64::from(letter))
 }
 
 /// Checks the numbers of a state. Which edges there are, the network says.

@@ -1,6 +1,6 @@
 //! Live matching: the state of a vehicle, point by point.
 
-use super::answer::{CredibleStretch, RoadAnswer, credible};
+use super::answer::{CredibleStretches, RoadAnswer, credible, edges};
 use super::candidates::{Candidate, deviation, metres_between};
 use super::matcher::Before;
 use super::{MatchError, MatchMemory, Matcher, TracePoint};
@@ -21,6 +21,8 @@ pub struct Vehicle<P = Position> {
     pub(super) trellis: Trellis,
     pub(super) window: Vec<Vec<Candidate>>,
     pub(super) log_filtered: Vec<f64>,
+    /// Fingerprint of the network.
+    pub(super) network: u64,
 }
 
 impl<P: Coordinates> Matcher<P> {
@@ -36,6 +38,7 @@ impl<P: Coordinates> Matcher<P> {
         lag: usize,
         memory: &mut MatchMemory,
     ) -> Result<Vehicle<P>, MatchError> {
+        point.check(0, None)?;
         let mut trellis = Trellis::new();
         let states = self.begin(&self.model, point, memory, &mut trellis)?;
         let mut log_filtered = Vec::new();
@@ -55,6 +58,7 @@ impl<P: Coordinates> Matcher<P> {
             trellis,
             window,
             log_filtered,
+            network: self.fingerprint,
         })
     }
 
@@ -63,14 +67,17 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Point`] for a number out of range, and [`MatchError::Time`] for a point that
-    /// is not later than the last.
+    /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is not
+    /// later than the last, each with the number of points so far as its index, and
+    /// [`MatchError::Network`] for a vehicle that a matcher of another network started.
     pub fn step(
         &self,
         vehicle: &mut Vehicle<P>,
         point: &TracePoint<P>,
         memory: &mut MatchMemory,
     ) -> Result<f64, MatchError> {
+        self.check_network(vehicle.network)?;
+        point.check(vehicle.points, Some(&vehicle.point))?;
         let states = vehicle.window.last().map_or(&[][..], |states| states);
         self.check(states)?;
         let before = Before {
@@ -173,7 +180,7 @@ impl<P: Coordinates> Vehicle<P> {
     }
 
     /// Answer for the point `lag` points ago, from all points so far; for the first point until
-    /// there are more.
+    /// there are more. Equal to [`MatchedDrive::late`](super::MatchedDrive::late) up to rounding.
     #[must_use]
     pub fn late(&self) -> RoadAnswer {
         self.ago(self.points_late()).unwrap_or_else(|| self.live())
@@ -191,12 +198,51 @@ impl<P: Coordinates> Vehicle<P> {
         Some(RoadAnswer::new(&self.window[index], smoothed.smoothed(index + 1)))
     }
 
-    /// Stretches of roads that hold the vehicle now with a probability of at least `mass`; empty
-    /// where none do, as off the road.
-    #[must_use]
-    pub fn credible(&self, matcher: &Matcher<P>, mass: f64) -> Vec<CredibleStretch> {
+    /// Stretches of roads that hold the vehicle now with a probability of at least `mass`, above 0
+    /// and at most 1. If the roads hold less in all, since the vehicle may be off the road, they are
+    /// all the edges that are possible, and [`probability`](CredibleStretches::probability) says
+    /// what they hold.
+    ///
+    /// ```
+    /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// # let mut builder = NetworkBuilder::new();
+    /// # builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// # builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
+    /// # builder.one_way(1, 2, RoadClass::Street)?;
+    /// # let network = builder.build()?;
+    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    ///
+    /// // A street of 500 m.
+    /// let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    /// let point = TracePoint::new(0.0, PlanePosition { x: 200.0, y: 3.0 });
+    /// let vehicle = matcher.start(&point, 0, &mut memory)?;
+    ///
+    /// let around = vehicle.credible(&matcher, 0.9)?;
+    /// assert!(around.probability() >= 0.9);
+    /// let [start, end] = around.stretches()[0].metres;
+    /// assert!(150.0 < start && start < 200.0 && 200.0 < end && end < 250.0);
+    ///
+    /// // It may be off the road: nothing holds it for sure.
+    /// let all = vehicle.credible(&matcher, 1.0)?;
+    /// assert_eq!(all.stretches()[0].metres, [0.0, 500.0]);
+    /// assert!(all.probability() < 1.0);
+    /// assert!(vehicle.credible(&matcher, 1.5).is_err());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`MatchError::Mass`] for a mass out of range, and [`MatchError::Network`] for a matcher of
+    /// another network.
+    pub fn credible(
+        &self,
+        matcher: &Matcher<P>,
+        mass: f64,
+    ) -> Result<CredibleStretches, MatchError> {
         let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
         let states = self.window.last().map_or(&[][..], |states| states);
+        matcher.check_network(self.network)?;
+        matcher.check(states)?;
         let sigma = deviation(&matcher.model, &self.point);
         credible(&matcher.network, states, &probabilities, sigma, mass)
     }
@@ -224,11 +270,7 @@ impl<P: Coordinates> Vehicle<P> {
     pub fn edges(&self) -> Vec<(usize, f64)> {
         let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
         let states = self.window.last().map_or(&[][..], |states| states);
-        let edges = super::answer::by_edge(states, &probabilities);
-        let on_road = edges.iter().filter(|entry| entry.0 != super::candidates::OFF_ROAD);
-        let mut edges: Vec<_> = on_road.map(|entry| (entry.0 as usize, entry.1)).collect();
-        edges.sort_by(|a, b| b.1.total_cmp(&a.1));
-        edges
+        edges(states, &probabilities)
     }
 
     /// Bytes of memory.

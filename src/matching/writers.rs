@@ -47,6 +47,25 @@ impl<W: Write> RouteWriter<W> {
         Self { writer: Writer::from_writer(writer) }
     }
 
+    /// Passes on all that was written; an error tells of a full disk. Each drive is passed on when
+    /// it is written.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn flush(&mut self) -> Result<(), csv::Error> {
+        Ok(self.writer.flush()?)
+    }
+
+    /// Passes on all that was written, and returns the writer.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn into_inner(self) -> Result<W, csv::Error> {
+        self.writer.into_inner().map_err(|error| error.into_error().into())
+    }
+
     /// Writes the route of a drive. A stretch off the road is from the node where the road was
     /// left to the one where it is reached again; empty, where there is none.
     ///
@@ -114,8 +133,29 @@ impl<W: Write> PointWriter<W> {
         Self { writer: Writer::from_writer(writer) }
     }
 
+    /// Passes on all that was written; an error tells of a full disk. Each drive is passed on when
+    /// it is written.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn flush(&mut self) -> Result<(), csv::Error> {
+        Ok(self.writer.flush()?)
+    }
+
+    /// Passes on all that was written, and returns the writer.
+    ///
+    /// # Errors
+    ///
+    /// As [`new`](Self::new).
+    pub fn into_inner(self) -> Result<W, csv::Error> {
+        self.writer.into_inner().map_err(|error| error.into_error().into())
+    }
+
     /// Writes the live answers of a drive, those `lag` points late, and the smoothed ones. Off the
-    /// road, both nodes are empty.
+    /// road, both nodes are empty. `log_likelihood` is ln p(point | all before), the same for the
+    /// three estimators; the entropy is in nats. Late answers equal those of a
+    /// [`Vehicle`](super::Vehicle) up to rounding.
     ///
     /// # Errors
     ///

@@ -63,8 +63,12 @@ impl Writer {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
     }
 
+    pub(crate) fn word(&mut self, value: u64) {
+        self.bytes.extend(value.to_le_bytes());
+    }
+
     pub(crate) fn integer(&mut self, value: usize) {
-        self.bytes.extend((value as u64).to_le_bytes());
+        self.word(value as u64);
     }
 
     pub(crate) fn double(&mut self, value: f64) {
@@ -151,7 +155,7 @@ impl<'a> Reader<'a> {
         Ok(bytes.as_chunks::<8>().0.iter().map(|word| u64::from_le_bytes(*word)))
     }
 
-    fn word(&mut self) -> Result<u64, SnapshotError> {
+    pub(crate) fn word(&mut self) -> Result<u64, SnapshotError> {
         Ok(self.words(1)?.fold(0, |_, word| word))
     }
 

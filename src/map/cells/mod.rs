@@ -199,7 +199,9 @@ impl<P: Coordinates> RoadCells<P> {
     }
 
     /// Nearest point of any edge to a position: road, metres along and metres off. Where roads are
-    /// as near, as both directions of one are, the lowest edge. O(points of all edges).
+    /// as near, as both directions of one are, the lowest edge. O(points of all edges): for many
+    /// positions on a large network, `EdgeIndex::nearest` (feature `matching`) finds the road
+    /// without a look at all others, and [`cell_at`](Self::cell_at) its cell.
     ///
     /// Without the past, the nearest road is often the wrong one; a filter with
     /// [`PositionLikelihood`](crate::observation::PositionLikelihood) takes all into account.
@@ -215,7 +217,7 @@ impl<P: Coordinates> RoadCells<P> {
         best
     }
 
-    /// Cell at the nearest point of any edge. O(points of all edges).
+    /// Cell at the nearest point of any edge. O(points of all edges), as [`project`](Self::project).
     #[must_use]
     pub fn nearest(&self, position: P) -> usize {
         let Projection { edge, metres_along, .. } = self.project(position);

@@ -1,12 +1,38 @@
 //! Edges near a position, by a tree of boxes.
 
-use static_aabb2d_index::{StaticAABB2DIndex, StaticAABB2DIndexBuilder};
+use static_aabb2d_index::{Control, StaticAABB2DIndex, StaticAABB2DIndexBuilder};
 
 use super::RoadNetwork;
 use crate::map::Coordinates;
 
-/// Spatial index of the edges of a network. Edges across the antimeridian are not found. Building takes O(points log), 130 bytes a
-/// piece of a line.
+/// Spatial index of the edges of a network, which finds those near a position without a look at
+/// the others. Edges across the antimeridian are not found. Building takes O(points log), 130
+/// bytes a piece of a line.
+///
+/// ```
+/// use wayfix::map::{EdgeIndex, NetworkBuilder, Position, RoadClass};
+///
+/// let mut builder = NetworkBuilder::new();
+/// for (id, longitude) in [(1, 149.12), (2, 149.13), (3, 149.14)] {
+///     builder.node(id, Position { latitude: -35.28, longitude })?;
+/// }
+/// builder.one_way(1, 2, RoadClass::Main)?;
+/// builder.both_ways(2, 3, RoadClass::Street)?;
+/// let network = builder.build()?;
+/// let index = EdgeIndex::new(&network);
+///
+/// // 22 m north of the street.
+/// let here = Position { latitude: -35.2798, longitude: 149.132 };
+/// let road = index.nearest(&network, here).expect("a road");
+/// assert_eq!((road.edge, road.metres_off.round()), (1, 22.0));
+/// assert!((road.position(&network).longitude - 149.132).abs() < 1e-9);
+///
+/// // All within 50 m: both directions.
+/// let mut near = vec![];
+/// index.near(&network, here, 50.0, &mut near);
+/// assert_eq!([near[0].edge, near[1].edge], [1, 2]);
+/// # Ok::<(), wayfix::map::MapError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct EdgeIndex {
     tree: StaticAABB2DIndex<f64>,
@@ -90,6 +116,36 @@ impl EdgeIndex {
         Self { tree, pieces, is_mirrored }
     }
 
+    /// Finds the edge that is nearest to a position, however far, and its nearest point; the lowest
+    /// of those as near, as both directions of a road are. `None` without edges, and for a position
+    /// that is not finite. O(log + pieces nearer than the edge) as a rule.
+    ///
+    /// Distances on Earth are compared in Mercator's projection: hundreds of kilometres off, another
+    /// edge may be somewhat nearer.
+    #[must_use]
+    pub fn nearest<P: Coordinates>(&self, _: &RoadNetwork<P>, position: P) -> Option<NearEdge> {
+        let point @ [x, y] = position.to_plane();
+        let mut best: Option<(f64, usize)> = None;
+        let mut visit = |number: usize, box_squared: f64| {
+            if best.is_some_and(|(least, _)| box_squared > least * least) {
+                return Control::Break(());
+            }
+            let off = self.pieces[number].nearest(point, 1.0).metres_off;
+            let edge = |number: usize| self.pieces[number].edge;
+            if best.is_none_or(|(least, of)| (off, edge(number)) < (least, edge(of))) {
+                best = Some((off, number));
+            }
+            Control::Continue
+        };
+        if !(x.is_finite() && y.is_finite()) {
+            return None;
+        }
+        let _ = self.tree.visit_neighbors(x, y, &mut visit);
+        let piece = &self.pieces[best?.1];
+        let near = piece.nearest(point, 1.0);
+        Some(piece.nearest(point, P::scale(near.point)))
+    }
+
     /// Finds the edges within so many metres of a position, in ascending order; both directions of
     /// a road. O(log + pieces found).
     pub fn near<P: Coordinates>(
@@ -167,6 +223,12 @@ impl Piece {
 }
 
 impl NearEdge {
+    /// Nearest point, in the coordinates of the network.
+    #[must_use]
+    pub fn position<P: Coordinates>(&self, _: &RoadNetwork<P>) -> P {
+        P::from_plane(self.point)
+    }
+
     /// The same point of the reverse edge; with the lengths of both.
     fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
         let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);

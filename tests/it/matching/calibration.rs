@@ -94,15 +94,19 @@ fn credible_stretches_hold_the_vehicle() {
                         matcher.step(&mut vehicle, point, &mut memory).unwrap();
                     }
                     let (edge, along) = (drive.edges[number], drive.along[number]);
-                    let parts =
+                    let around =
                         [vehicle.credible(&matcher, mass), found.credible(&matcher, number, mass)];
-                    for ((held, given), parts) in held.iter_mut().zip(&mut given).zip(&parts) {
-                        *given += u32::from(!parts.is_empty());
-                        *held += u32::from(parts.iter().any(|part| {
+                    for ((held, given), around) in held.iter_mut().zip(&mut given).zip(around) {
+                        let around = around.unwrap();
+                        if around.probability() < mass {
+                            continue;
+                        }
+                        *given += 1;
+                        *held += u32::from(around.stretches().iter().any(|part| {
                             let [start, end] = part.metres;
                             part.edge == edge && (start..=end).contains(&along)
                         }));
-                        for part in parts {
+                        for part in around.stretches() {
                             let [start, end] = part.metres;
                             let length = network.edges()[part.edge].metres;
                             assert!(0.0 <= start && start <= end && end <= length, "{part:?}");

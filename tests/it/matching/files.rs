@@ -23,13 +23,42 @@ fn points_left_out_are_counted_for_each_drive() {
         "{HEADER}\nA,0,149,-35\nA,0,149,-35\nA,5,149,-35\nA,3,149,-35\nA,5,149,-35\nB,-0,149,-35\n\
          B,0,149,-35\nB,1,149,-35\nC,7,149,-35\nC,6,149,-35\n"
     );
-    let (traces, skipped) = read_traces_from("drives", text.as_bytes()).unwrap();
+    let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
     let of = |repeated, backwards| SkippedPoints { repeated, backwards };
     let found: Vec<_> =
         traces.iter().map(|t| (t.name.as_str(), t.points.len(), t.skipped)).collect();
     assert_eq!(found, [("A", 2, of(2, 1)), ("B", 2, of(1, 0)), ("C", 1, of(0, 1))]);
-    assert_eq!(skipped, of(3, 2));
-    assert_eq!(skipped.to_string(), "skipped 3 points of the same time and 2 that go back in time");
+    assert_eq!(report.skipped, of(3, 2));
+    assert_eq!(report.skipped_lines, [3, 5, 6, 8, 11]);
+    let counts = "skipped 3 points of the same time and 2 that go back in time";
+    assert_eq!(report.skipped.to_string(), counts);
+    assert_eq!(report.to_string(), format!("{counts} (lines 3, 5, 6, 8, 11)"));
+
+    let text = format!("{HEADER}\n{}", "A,7,149,-35\n".repeat(30));
+    let (_, report) = read_traces_from("drives", text.as_bytes()).unwrap();
+    assert_eq!(report.skipped, of(29, 0));
+    assert_eq!(report.skipped_lines, [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
+    assert!(report.to_string().ends_with("(lines 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, …)"));
+}
+
+#[test]
+fn columns_that_are_not_known_are_named() {
+    let text = "acuracy,trace,time,longitude,latitude,time,heading\n5,A,0,149,-35,x,-90\n";
+    let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
+    let point = traces[0].points[0];
+    assert_eq!((point.accuracy, point.heading), (None, Some(-90.0)));
+    assert_eq!(report.ignored_columns, ["acuracy", "time"]);
+    assert!(report.to_string().ends_with("\ncolumn not known: acuracy\ncolumn not known: time"));
+    let text = format!("{HEADER},speed,accuracy\nA,0,149,-35,,\n");
+    let (_, report) = read_traces_from("drives", text.as_bytes()).unwrap();
+    assert!(report.ignored_columns.is_empty() && report.skipped_lines.is_empty());
+}
+
+#[test]
+fn files_without_points() {
+    let expected = "drives, line 2: there are no points, expected at least one";
+    assert_eq!(problem(&format!("{HEADER}\n")), expected);
+    assert!(problem("").contains("has no column trace"));
 }
 
 #[test]
@@ -58,9 +87,17 @@ fn errors_name_the_line_in_few_words() {
     );
     assert_eq!(
         problem(&format!("{HEADER}\nA,0,-35,149\n")),
-        "drives, line 2: the point has latitude 149, expected a position on Earth, or in the \
-         plane (are longitude and latitude swapped?)"
+        "drives, line 2: the point has latitude 149, expected a latitude from -90 to 90 degrees \
+         (are longitude and latitude swapped?)"
     );
+    assert_eq!(
+        problem(&format!("{HEADER}\nA,0,190,-35\n")),
+        "drives, line 2: the point has longitude 190, expected a longitude from -180 to 180 degrees"
+    );
+    for heading in ["-181", "361", "NaN"] {
+        let found = problem(&format!("{HEADER},heading\nA,0,149,-35,{heading}\n"));
+        assert!(found.ends_with("expected degrees from -180 to 360"), "{found}");
+    }
     for (point, expected) in [
         ("A,NaN,149,-35", "the point has time NaN, expected seconds from -1e20 to 1e20"),
         ("A,1e21,149,-35", "expected seconds from -1e20 to 1e20"),
@@ -144,4 +181,32 @@ fn writers_with_and_without_a_header() {
     assert!(RouteWriter::new(Failing).is_err() && PointWriter::new(Failing).is_err());
     assert!(RouteWriter::without_header(Failing).write("A", &matcher, &drive).is_err());
     assert!(PointWriter::without_header(Failing).write("A", &matcher, &drive, 1).is_err());
+
+    // The writer comes back, and with it what it holds.
+    let mut writer = RouteWriter::without_header(Vec::new());
+    writer.write("A", &matcher, &drive).unwrap();
+    assert_eq!(writer.into_inner().unwrap(), route_lines);
+    let mut writer = PointWriter::without_header(Vec::new());
+    writer.write("A", &matcher, &drive, 1).unwrap();
+    assert_eq!(writer.into_inner().unwrap(), point_lines);
+
+    // A disk that is full when a buffer is passed on.
+    let late = || std::io::BufWriter::new(Lazy);
+    let mut writer = RouteWriter::without_header(late());
+    assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive).is_err());
+    let mut writer = PointWriter::without_header(late());
+    assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive, 1).is_err());
+}
+
+/// A disk that takes all, and is full in the end.
+struct Lazy;
+
+impl Write for Lazy {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        Err(Error::other("the disk is full"))
+    }
 }

@@ -88,6 +88,23 @@ fn check<P: Coordinates>(
             }
         }
     }
+    let best = (0..network.edges().len()).map(|edge| network.project(edge, position).metres_off);
+    let best = best.reduce(f64::min);
+    let nearest = index.nearest(network, position);
+    prop_assert_eq!(nearest.is_some(), best.is_some());
+    if let (Some(nearest), Some(best)) = (nearest, best) {
+        let margin = tolerance * best + 1e-7;
+        prop_assert!((nearest.metres_off - best).abs() <= margin, "{nearest:?} {best}");
+        let again = network.project(nearest.edge, position);
+        prop_assert!((nearest.metres_off - again.metres_off).abs() <= margin);
+        let off = nearest.position(network).metres_to(position);
+        prop_assert!((off - best).abs() <= margin + 2e-3 * best, "{off} {best}");
+        // The same as among all within a distance, of which the first is taken.
+        index.near(network, position, nearest.metres_off + 1.0, &mut found);
+        let least = found.iter().map(|near| near.metres_off).fold(f64::INFINITY, f64::min);
+        let first = found.iter().find(|near| near.metres_off == least).unwrap();
+        prop_assert!(*first == nearest || (least - nearest.metres_off).abs() <= margin);
+    }
     Ok(())
 }
 
@@ -172,4 +189,30 @@ fn nothing_is_near_a_pole() {
         index.near(&network, Position { latitude, longitude: 149.0 }, 1000.0, &mut near);
         assert!(near.is_empty(), "{latitude}: {near:?}");
     }
+}
+
+/// However far, both directions, nowhere, and no edges.
+#[test]
+fn the_nearest_edge() {
+    let mut builder = NetworkBuilder::new();
+    for (id, x) in [(0, 0.0), (1, 100.0), (2, 300.0)] {
+        builder.node(id, at(x, 0.0)).unwrap();
+    }
+    builder.both_ways(0, 1, RoadClass::Street).unwrap();
+    builder.both_ways(1, 2, RoadClass::Street).unwrap();
+    let network = builder.build().unwrap();
+    let index = EdgeIndex::new(&network);
+    let street = network.edge_between(1, 2).unwrap();
+    let nearest = index.nearest(&network, at(180.0, 50_000.0)).unwrap();
+    assert_eq!((nearest.edge, nearest.metres_along), (street, 80.0));
+    assert_eq!((nearest.metres_off, nearest.position(&network)), (50_000.0, at(180.0, 0.0)));
+    // At a node of four edges, the lowest.
+    assert_eq!(index.nearest(&network, at(100.0, 0.0)).unwrap().edge, 0);
+    for x in [f64::NAN, f64::INFINITY] {
+        assert!(index.nearest(&network, at(x, 0.0)).is_none());
+    }
+    let mut builder = NetworkBuilder::new();
+    builder.node(0, at(0.0, 0.0)).unwrap();
+    let empty = builder.build().unwrap();
+    assert!(EdgeIndex::new(&empty).nearest(&empty, at(0.0, 0.0)).is_none());
 }

@@ -1,5 +1,6 @@
 //! Map matching, and the parts of road networks that it stands on.
 
+mod answers;
 mod calibration;
 mod city;
 mod drives;

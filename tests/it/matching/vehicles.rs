@@ -105,12 +105,14 @@ fn errors_leave_the_vehicle_as_it_was() {
         // So small that densities overflow.
         ("accuracy", TracePoint { accuracy: Some(1e-320), ..next }),
         ("heading", TracePoint { heading: Some(f64::NAN), ..next }),
+        ("heading", TracePoint { heading: Some(-180.5), ..next }),
+        ("heading", TracePoint { heading: Some(360.5), ..next }),
         ("speed", TracePoint { speed: Some(-1.0), ..next }),
         ("speed", TracePoint { speed: Some(f64::INFINITY), ..next }),
     ];
     for (name, point) in bad {
         match matcher.step(&mut vehicle, &point, &mut memory) {
-            Err(MatchError::Point { what, .. }) => assert_eq!(what, name),
+            Err(MatchError::Point { point: 6, what, .. }) => assert_eq!(what, name),
             other => panic!("{name}: {other:?}"),
         }
         assert_eq!(vehicle, before, "{name}");
@@ -120,18 +122,20 @@ fn errors_leave_the_vehicle_as_it_was() {
         let drive = [good(5.0), point];
         assert!(matches!(
             matcher.match_drive(&drive, &mut memory),
-            Err(MatchError::Point { what, .. }) if what == name
+            Err(MatchError::Point { point: 1, what, .. }) if what == name
         ));
     }
     for time in [5.0, 4.0, -1e9] {
         let error =
             matcher.step(&mut vehicle, &TracePoint { time, ..next }, &mut memory).unwrap_err();
-        assert!(matches!(error, MatchError::Time { time: t, before: 5.0 } if t == time));
+        assert!(matches!(error, MatchError::Time { point: 6, time: t, before: 5.0 } if t == time));
         assert!(error.to_string().contains(&format!("{time}")) && error.to_string().contains('5'));
         assert_eq!(vehicle, before);
         let drive = [good(0.0), good(5.0), TracePoint { time, ..next }];
         let result = matcher.match_drive(&drive, &mut memory);
-        assert!(matches!(result, Err(MatchError::Time { time: t, before: 5.0 }) if t == time));
+        assert!(
+            matches!(result, Err(MatchError::Time { point: 2, time: t, before: 5.0 }) if t == time)
+        );
     }
     assert!(matches!(matcher.match_drive(&[], &mut memory), Err(MatchError::Empty)));
 
@@ -145,7 +149,7 @@ fn errors_leave_the_vehicle_as_it_was() {
     let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
     let state = vehicle.clone();
     let result = small.step(&mut vehicle, &good(7.0), &mut memory);
-    assert!(matches!(result, Err(MatchError::Vehicle { edges: 2, .. })));
+    assert!(matches!(result, Err(MatchError::Network { .. })));
     assert_eq!(vehicle, state);
 }
 

@@ -157,7 +157,7 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
     }
     let drive = matcher.match_drive(&points, &mut memory).expect("points that were accepted");
     check(&drive);
-    for route in matcher.routes(&drive, 2, &mut memory).expect("its drive") {
+    for route in matcher.routes(&drive, 2, &mut memory).expect("its drive").routes {
         assert!((0.0..=1.0).contains(&route.probability));
     }
     let fitted = matcher.fit(&[&points], 2, &mut memory).expect("points that were accepted");

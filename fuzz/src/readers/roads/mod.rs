@@ -51,14 +51,15 @@ fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
             let [latitude, longitude] = place(corner, draw.below(9));
             let time = draw.pick(&["", "0.5", "-0", "1e18"]);
             let time = if time.is_empty() { step.to_string() } else { time.to_owned() };
-            let more = draw.pick(&[",,", "5,,", ",90,3", "1e9,-720,0"]);
+            let more = draw.pick(&[",,", "5,,", ",90,3", "1e9,-180,0"]);
             text += &format!("{trace},{time},{longitude},{latitude},{more}\n");
         }
     }
     let file = damaged(draw, text.as_bytes());
     show(counts, "traces", &file);
     match read_traces_from("traces", &file[..]) {
-        Ok((traces, skipped)) => {
+        Ok((traces, report)) => {
+            let skipped = report.skipped;
             counts.add("files of drives accepted");
             let of_traces = traces.iter().map(|trace| trace.skipped);
             let sums = of_traces.fold([0; 2], |sum, s| [sum[0] + s.repeated, sum[1] + s.backwards]);

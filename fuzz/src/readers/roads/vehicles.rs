@@ -38,8 +38,16 @@ pub(super) fn check(vehicle: &Vehicle, matcher: &Matcher) {
     assert!(vehicle.log_likelihood().is_finite() && vehicle.log_normalizer().is_finite());
     let sum: f64 = vehicle.edges().iter().map(|edge| edge.1).sum();
     assert!((sum + vehicle.live().off_road - 1.0).abs() < 1e-6, "{sum}");
-    for stretch in vehicle.credible(matcher, 0.9) {
-        assert!(stretch.metres[0] <= stretch.metres[1] && stretch.probability <= 1.0 + 1e-6);
+    match vehicle.credible(matcher, 0.9) {
+        Ok(found) => {
+            assert!((0.0..=1.0).contains(&found.probability()));
+            for stretch in found.stretches() {
+                assert!(
+                    stretch.metres[0] <= stretch.metres[1] && stretch.probability <= 1.0 + 1e-6
+                );
+            }
+        }
+        Err(error) => check_message(&error),
     }
 }
 
