@@ -14,7 +14,7 @@ use plotters::element::DashedPathElement;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use wayfix::map::{Position, RoadClass, RoadNetwork};
-use wayfix::matching::MatchedDrive;
+use wayfix::matching::{MatchedDrive, Stretch};
 
 use super::line_between;
 
@@ -30,7 +30,7 @@ const HEAD: f64 = 64.0;
 const MARGIN: f64 = 24.0;
 
 pub(crate) const GREY: RGBColor = RGBColor(214, 214, 214);
-/// Colours of a route whose roads have at least these probabilities, of Okabe and Ito's palette.
+/// Colours of a route that has at least these probabilities, of Okabe and Ito's palette.
 const CERTAINTY: [(f64, &str, RGBColor); 3] = [
     (0.9, "route, probability from 0.9", RGBColor(0, 114, 178)),
     (0.5, "from 0.5", RGBColor(230, 159, 0)),
@@ -169,8 +169,13 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Probability of each part of the route: of its road at the points on it, by the smoothed
-/// answers; parts between points have the lower of those beside them.
+/// Metres along a route within which roads count as the same place of it: near a junction, a point
+/// may be on either side.
+const NEAR: f64 = 150.0;
+
+/// Probability of each part of the route: that the vehicle was on the route thereabouts at the
+/// points on it, by the smoothed answers; parts between points have the lower of those beside
+/// them.
 pub(crate) fn probabilities(drive: &MatchedDrive) -> Vec<f64> {
     let route = drive.route();
     let mut sums = vec![(0.0, 0_usize); route.len()];
@@ -179,10 +184,18 @@ pub(crate) fn probabilities(drive: &MatchedDrive) -> Vec<f64> {
         let answer = drive.smoothed(point);
         if let Some(ahead) = route[at..].iter().position(|stretch| stretch.edge == answer.edge) {
             // An answer beside the route may be on it much later.
-            let metres: f64 = route[at..at + ahead].iter().map(|s| s.exit - s.enter).sum();
+            let metres: f64 = route[at..at + ahead].iter().map(Stretch::metres).sum();
             if metres < 3000.0 {
                 at += ahead;
-                sums[at].0 += answer.probability;
+                sums[at].0 += match answer.edge {
+                    Some(_) => {
+                        let near = near(route, at);
+                        let on_route = |edge| near.iter().any(|s| s.edge == Some(edge));
+                        let edges = drive.edges(point);
+                        edges.iter().filter(|e| on_route(e.0)).map(|e| e.1).sum::<f64>().min(1.0)
+                    }
+                    None => answer.probability,
+                };
                 sums[at].1 += 1;
             }
         }
@@ -195,6 +208,22 @@ pub(crate) fn probabilities(drive: &MatchedDrive) -> Vec<f64> {
         before.unwrap_or(1.0).min(after.unwrap_or(1.0))
     };
     (0..route.len()).map(|number| known[number].unwrap_or_else(|| near(number))).collect()
+}
+
+/// Parts of a route near one of them.
+fn near(route: &[Stretch], at: usize) -> &[Stretch] {
+    let within = |parts: &mut dyn Iterator<Item = &Stretch>| {
+        let mut metres = 0.0;
+        let is_near = |part: &&Stretch| {
+            let near = metres < NEAR;
+            metres += part.metres();
+            near
+        };
+        parts.take_while(is_near).count()
+    };
+    let before = within(&mut route[..at].iter().rev());
+    let after = within(&mut route[at + 1..].iter());
+    &route[at - before..=at + after]
 }
 
 /// Draws a drive: roads, points, and the route by its probability.
@@ -227,6 +256,15 @@ pub(crate) fn draw_drive(
     }
     for point in drive.points() {
         canvas.area.draw(&Circle::new(canvas.pixel(point.position), 2, BLACK.filled()))?;
+    }
+    let ends = drive.route().first().zip(drive.route().last());
+    for (text, position) in
+        ends.into_iter().flat_map(|(first, last)| [("start", first.ends[0]), ("end", last.ends[1])])
+    {
+        let (x, y) = canvas.pixel(position);
+        let style = if text == "start" { BLACK.stroke_width(2) } else { BLACK.filled() };
+        canvas.area.draw(&Circle::new((x, y), 6, style))?;
+        canvas.area.draw(&Text::new(text, (x + 10, y - 14), font(13, HPos::Left)))?;
     }
     let mut entries: Vec<(&str, ShapeStyle)> =
         CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(3))).collect();
