@@ -75,10 +75,10 @@ impl Interval {
         by_time.min(by_detour) + 4.0 * self.jitter
     }
 
-    /// Mean of what a distance that is measured with noise exceeds 0.
-    fn above(&self, metres: f64) -> f64 {
-        let z = metres / self.jitter;
-        self.jitter * (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt() + metres * share_below(z)
+    /// Mean of what a distance that is measured with noise exceeds 0, from the bell curve at the
+    /// distance in deviations, and the share below it.
+    fn above(&self, metres: f64, bell: f64, share: f64) -> f64 {
+        self.jitter * bell / std::f64::consts::TAU.sqrt() + metres * share
     }
 
     /// Weight of a move that begins or ends off the road, by its speed.
@@ -108,9 +108,12 @@ impl Interval {
     ) -> (f64, Move) {
         let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
         let peak = most / (self.jitter * std::f64::consts::TAU.sqrt());
-        let bell = (-0.5 * z * z).exp();
+        let (bell, ahead) = ((-0.5 * z * z).exp(), share_below(z));
         let moves = match self.speed {
-            None => self.by_limit(way.metres, 1.3 * fastest * self.seconds + self.jitter),
+            None => {
+                let above = self.above(way.metres, bell, ahead);
+                self.by_limit(way.metres, above, 1.3 * fastest * self.seconds + self.jitter)
+            }
             Some(speed) => {
                 // A receiver's speed is that of a moment.
                 let sigma = self.jitter.hypot(1.0 + 0.3 * speed * self.seconds);
@@ -118,7 +121,7 @@ impl Interval {
                 most / (sigma * std::f64::consts::TAU.sqrt()) * (-0.5 * z * z).exp()
             }
         };
-        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * share_below(z);
+        let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * ahead;
         let moves = moves.max(ANY_DISTANCE);
         let stands = model.stop * bell * (inlier * peak + (1.0 - inlier) * peak.min(1.0));
         let unseen = (1.0 - inlier)
@@ -143,10 +146,12 @@ impl Interval {
     }
 
     /// Relative density of the distance of a vehicle that moves, up to a limit. Few go slowly: the
-    /// density grows up to a part of the limit, blurred by the noise of positions.
-    fn by_limit(&self, metres: f64, limit: f64) -> f64 {
+    /// density grows up to a part of the limit, blurred by the noise of positions. `above` is that
+    /// of the distance.
+    fn by_limit(&self, metres: f64, above: f64, limit: f64) -> f64 {
         let slow = SLOW * limit;
-        let ramp = self.above(metres) - self.above(metres - slow);
+        let z = (metres - slow) / self.jitter;
+        let ramp = above - self.above(metres - slow, (-0.5 * z * z).exp(), share_below(z));
         let below = share_below((limit - metres) / self.jitter);
         let most = FASTEST * self.seconds + self.jitter;
         (ramp / slow).max(0.0) * below * most / ((1.0 - 0.5 * SLOW) * limit)
