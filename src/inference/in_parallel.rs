@@ -24,7 +24,7 @@ pub(super) fn map<T: Send, M: Default, R: Send>(
 /// Works on items, and takes the results in the order of the items, on the thread of the caller,
 /// until there are none left or `take` breaks. At most `ahead` items for each thread are under
 /// way or wait to be taken.
-pub(super) fn in_order<T: Send, R: Send, Stop>(
+pub(crate) fn in_order<T: Send, R: Send, Stop>(
     mut items: impl Iterator<Item = T>,
     ahead: usize,
     work: impl Fn(T) -> R + Sync,
@@ -43,7 +43,7 @@ pub(super) fn in_order<T: Send, R: Send, Stop>(
 
 /// Memory that is not in use, for whichever thread needs it next.
 #[derive(Debug)]
-pub(super) struct Spare<T>(Mutex<Vec<T>>);
+pub(crate) struct Spare<T>(Mutex<Vec<T>>);
 
 impl<T> Default for Spare<T> {
     fn default() -> Self {
@@ -53,12 +53,12 @@ impl<T> Default for Spare<T> {
 
 impl<T> Spare<T> {
     /// Takes some memory out, if there is any.
-    pub(super) fn pop(&self) -> Option<T> {
+    pub(crate) fn pop(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
     }
 
     /// Puts memory back.
-    pub(super) fn push(&self, memory: T) {
+    pub(crate) fn push(&self, memory: T) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
     }
 }

@@ -58,7 +58,7 @@ mod simulate;
 mod batch;
 mod baum_welch;
 mod few;
-mod in_parallel;
+pub(crate) mod in_parallel;
 mod labelled;
 mod many;
 mod plan;

@@ -1,7 +1,9 @@
 //! Learning of the model from drives without labels, by expectation maximisation.
 
+use std::ops::ControlFlow;
+
 use super::drive::Built;
-use super::in_parallel::each;
+use super::many::in_order;
 use super::moves::Move;
 use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
 use crate::map::Coordinates;
@@ -137,9 +139,21 @@ impl<P: Coordinates> Matcher<P> {
                 counted.map(|()| counts)
             };
             // Added in the order of the drives, so that threads change no bit.
-            for (drive, counted) in each(drives, memory, count).into_iter().enumerate() {
-                let of_drive = |source| MatchError::Drive { drive, source: Box::new(source) };
-                counts.add(&counted.map_err(of_drive)?);
+            let mut numbers = 0..;
+            let added = in_order(drives.iter(), memory, count, |counted| {
+                let drive = numbers.next().unwrap_or_default();
+                match counted {
+                    Ok(of_drive) => {
+                        counts.add(&of_drive);
+                        ControlFlow::Continue(())
+                    }
+                    Err(source) => {
+                        ControlFlow::Break(MatchError::Drive { drive, source: Box::new(source) })
+                    }
+                }
+            });
+            if let ControlFlow::Break(error) = added {
+                return Err(error);
             }
             let next = counts.maximize(&fitted.model, &self.model);
             fitted.iterations += 1;

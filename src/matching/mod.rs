@@ -77,9 +77,9 @@ mod files;
 mod fingerprint;
 #[cfg(feature = "geojson")]
 mod geojson;
-mod in_parallel;
 mod lattice;
 mod learn;
+mod many;
 mod matcher;
 mod model;
 mod moves;
