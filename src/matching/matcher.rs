@@ -37,7 +37,7 @@ pub struct MatchMemory {
 /// Most edges near a point, the nearest: moves grow with their square.
 const MOST_CANDIDATES: usize = 64;
 /// Logarithm of the share of the belief below which the way from a state is not looked for.
-const NEGLIGIBLE: f64 = -20.0;
+const NEGLIGIBLE: f64 = -14.0;
 /// Logarithm of the weight below which a move is left out.
 const LEAST_WEIGHT: f64 = -40.0;
 /// Share of the belief from which on a state goes on where its road leads, even if no position

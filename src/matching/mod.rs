@@ -66,7 +66,7 @@
 //! some 1.3 times the straight distance and 1.2 times the way at 40 m/s. Errors of positions count
 //! as nearly independent (their squares for four fifths): receivers that smooth, at several points a
 //! second, make answers too sure. States
-//! below 2e-9 of the belief have no successors.
+//! below 1e-6 of the belief have no successors.
 
 mod answer;
 mod candidates;
