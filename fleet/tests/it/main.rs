@@ -1,0 +1,8 @@
+//! Tests of files against the library.
+
+mod bad_input;
+mod equality;
+mod kit;
+mod memory;
+mod observations;
+mod resume;
