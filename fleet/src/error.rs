@@ -71,7 +71,7 @@ impl FleetError {
         }
     }
 
-    pub(crate) fn format(path: &Path, message: impl ToString) -> Self {
+    pub(crate) fn format(path: &Path, message: impl std::fmt::Display) -> Self {
         Self::Format { path: path.to_owned(), message: message.to_string() }
     }
 

@@ -10,6 +10,7 @@
 pub mod error;
 pub mod input;
 mod journal;
+mod learn;
 pub mod model;
 pub mod output;
 mod partial;
@@ -19,4 +20,5 @@ mod run;
 pub mod sensor;
 
 pub use error::{FleetError, Outcome};
+pub use learn::{Course, LearnJob, learn};
 pub use run::{Job, Pack, Progress, Start, Summary, run};

@@ -12,6 +12,7 @@ use crate::sensor::Sensor;
 
 /// A model with either of the stored operators.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one of them")]
 pub enum Operator {
     /// With the moves of a map.
     Sparse(Hmm<SparseTransition, Sensor>),

@@ -51,7 +51,7 @@ pub struct Start {
 /// An output under construction.
 pub(crate) struct Partial {
     output: PathBuf,
-    partial: PathBuf,
+    path: PathBuf,
     journal: Journal,
     schema: Arc<Schema>,
     writer: SerializedFileWriter<Spool>,
@@ -145,7 +145,7 @@ impl Partial {
         let (output, schema) = (output.to_owned(), schema.clone());
         Ok(Opened::Partial(Box::new(Self {
             output,
-            partial,
+            path: partial,
             journal,
             schema,
             writer,
@@ -183,7 +183,7 @@ impl Partial {
         weight: usize,
         counts: [u64; 3],
     ) -> Outcome<()> {
-        let wrong = FleetError::parquet(&self.partial);
+        let wrong = FleetError::parquet(&self.path);
         let index = self.journal.parts.len();
         let (columns, sum) = match &mut self.part {
             Some(part) => part,
@@ -208,9 +208,9 @@ impl Partial {
     /// Completes the part, of which the input ends before a row.
     pub(crate) fn end_part(&mut self, end_row: u64) -> Outcome<()> {
         let Some((columns, _)) = self.part.take() else { return Ok(()) };
-        let wrong = FleetError::parquet(&self.partial);
+        let wrong = FleetError::parquet(&self.path);
         let group = append(&mut self.writer, columns).map_err(&wrong)?;
-        self.writer.flush().map_err(FleetError::file(&self.partial))?;
+        self.writer.flush().map_err(FleetError::file(&self.path))?;
         let end = self.writer.bytes_written() as u64;
         let hash = std::mem::take(&mut self.writer.inner_mut().hash).finish();
         let metadata = hex(&footer(&self.writer, group).map_err(&wrong)?);
@@ -220,7 +220,7 @@ impl Partial {
 
     /// Writes the footer, and gives the file its name.
     pub(crate) fn finish(self) -> Outcome<[u64; 3]> {
-        let Self { output, partial, journal, mut writer, counts, disk, .. } = self;
+        let Self { output, path: partial, journal, mut writer, counts, disk, .. } = self;
         writer.finish().map_err(FleetError::parquet(&partial))?;
         writer.flush().map_err(FleetError::file(&partial))?;
         disk.end();
@@ -235,7 +235,7 @@ impl Partial {
 
     /// Removes what has been written.
     pub(crate) fn discard(self) -> Outcome<()> {
-        fs::remove_file(&self.partial).map_err(FleetError::file(&self.partial))?;
+        fs::remove_file(&self.path).map_err(FleetError::file(&self.path))?;
         self.journal.remove()
     }
 }
@@ -331,7 +331,8 @@ fn footer(
 }
 
 fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    let digit = |half: u8| char::from_digit(u32::from(half), 16).unwrap_or('0');
+    bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]).collect()
 }
 
 fn unhex(digits: &str) -> Option<Vec<u8>> {

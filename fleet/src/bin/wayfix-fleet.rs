@@ -14,7 +14,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
-use wayfix_fleet::{FleetError, Job, Pack, Progress, Start, Summary, run};
+use wayfix_fleet::{FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
 /// interrupted goes on where it was when the same command is given again.
@@ -35,6 +35,8 @@ enum Routine {
     Decode(Run),
     /// The log-likelihood of every drive.
     Score(Run),
+    /// A model that fits the drives better, by expectation and maximisation.
+    Learn(Learn),
 }
 
 #[derive(Debug, Args)]
@@ -100,6 +102,21 @@ struct Run {
     compression: Pack,
 }
 
+#[derive(Debug, Args)]
+struct Learn {
+    #[command(flatten)]
+    files: Files,
+    /// Most re-estimations.
+    #[arg(long, default_value_t = 100)]
+    iterations: usize,
+    /// Gain in log-likelihood below which learning stops.
+    #[arg(long, default_value_t = 1e-3)]
+    tolerance: f64,
+    /// Keeps the prior.
+    #[arg(long)]
+    keep_prior: bool,
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Content {
     Steps,
@@ -128,6 +145,10 @@ impl Files {
         }
     }
 
+    fn start(&self) -> Start {
+        Start { force: self.force, restart: self.restart }
+    }
+
     fn threads(&self) -> usize {
         self.threads.unwrap_or_else(|| thread::available_parallelism().map_or(1, Into::into))
     }
@@ -139,6 +160,7 @@ fn main() -> ExitCode {
         Routine::Filter(options) => start(Verb::Filter, &options),
         Routine::Decode(options) => start(Verb::Decode, &options),
         Routine::Score(options) => start(Verb::Score, &options),
+        Routine::Learn(options) => start_learning(&options),
     };
     match done {
         Ok(text) => {
@@ -179,7 +201,7 @@ fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
         part: options.part,
         pack: options.compression,
         threads: files.threads(),
-        start: Start { force: files.force, restart: files.restart },
+        start: files.start(),
     };
     let bar = bar(files.quiet);
     let done = run(&job, |progress| show(&bar, progress));
@@ -190,6 +212,31 @@ fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
         text += &format!("; {resumed} of {parts} parts were there already");
     }
     Ok(text)
+}
+
+fn start_learning(options: &Learn) -> Result<String, FleetError> {
+    let files = &options.files;
+    let job = LearnJob {
+        model: files.model.clone(),
+        input: files.input.clone(),
+        output: files.output.clone(),
+        names: files.names(),
+        iterations: options.iterations,
+        tolerance: options.tolerance,
+        keep_prior: options.keep_prior,
+        threads: files.threads(),
+        start: files.start(),
+    };
+    let bar = bar(files.quiet);
+    let done = learn(&job, |iteration, progress| {
+        show(&bar, progress);
+        bar.set_message(format!("{iteration} re-estimations"));
+    });
+    bar.finish_and_clear();
+    let course = done?;
+    let last = course.log_likelihoods.last().copied().unwrap_or(0.0);
+    let (count, left_out) = (course.log_likelihoods.len().saturating_sub(1), course.left_out);
+    Ok(format!("log-likelihood {last} after {count} re-estimations, {left_out} drives left out"))
 }
 
 fn bar(quiet: bool) -> ProgressBar {

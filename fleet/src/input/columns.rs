@@ -79,14 +79,13 @@ impl Layout {
             _ => &names.observation,
         };
         let found = find(schema, observation)?.data_type();
-        let (flat, form) = match is_of(sensor.kind(), found) {
-            true => (found, Form::Long),
-            false => match element(found).filter(|inner| is_of(sensor.kind(), inner)) {
-                Some(inner) => (inner, Form::Nested),
-                None => return Err(wrong_type(observation, found, expected(sensor.kind()))),
-            },
+        let form = if is_of(sensor.kind(), found) {
+            Form::Long
+        } else if element(found).is_some_and(|inner| is_of(sensor.kind(), inner)) {
+            Form::Nested
+        } else {
+            return Err(wrong_type(observation, found, expected(sensor.kind())));
         };
-        debug_assert!(is_of(sensor.kind(), flat));
         let as_form = |name: &str, is: fn(&DataType) -> bool, what: &str| {
             let found = find(schema, name)?.data_type();
             let (inner, what) = match form {
@@ -132,14 +131,12 @@ impl Layout {
 }
 
 fn find<'a>(schema: &'a Schema, name: &str) -> Outcome<&'a Field> {
-    match schema.column_with_name(name) {
-        Some((_, field)) => Ok(field),
-        None => {
-            let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
-            let message = format!("is missing; there are `{}`", names.join("`, `"));
-            Err(FleetError::column(name, message))
-        }
+    if let Some((_, field)) = schema.column_with_name(name) {
+        return Ok(field);
     }
+    let names: Vec<&str> = schema.fields().iter().map(|field| field.name().as_str()).collect();
+    let message = format!("is missing; there are `{}`", names.join("`, `"));
+    Err(FleetError::column(name, message))
 }
 
 fn wrong_type(name: &str, found: &DataType, expected: &str) -> FleetError {

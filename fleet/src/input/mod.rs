@@ -71,6 +71,12 @@ impl Drives {
     ///
     /// [`FleetError::Value`] for one that the sensor cannot have.
     pub fn observations(&self) -> Outcome<Vec<Observation>> {
+        if let Some(symbols) = self.observed.symbols() {
+            return Ok(symbols
+                .iter()
+                .map(|&symbol| Observation::Symbol(symbol as usize))
+                .collect());
+        }
         let observation = |element| {
             let refused = |message: String| self.refuse(element, &message);
             self.observed.get(element).map_err(refused)

@@ -45,7 +45,7 @@ impl Observed {
         columns: &[(&str, ArrayRef)],
         locate: Locate<'_>,
     ) -> Outcome<Self> {
-        let (column, array) = (&*columns[0].0, &columns[0].1);
+        let (column, array) = (columns[0].0, &columns[0].1);
         let missing = array.logical_nulls().filter(|nulls| nulls.null_count() > 0);
         if !sensor.is_optional() {
             no_nulls(array, column, locate)?;
@@ -127,6 +127,14 @@ impl Observed {
             }
         };
         Ok(Self { column: column.to_owned(), missing, values })
+    }
+
+    /// Symbols, if that is what is observed, and none is missing.
+    pub(super) fn symbols(&self) -> Option<&[i64]> {
+        match &self.values {
+            Values::Symbols(symbols) if self.missing.is_none() => Some(symbols.values()),
+            _ => None,
+        }
     }
 
     /// Returns the observation of a step, or a description of what is wrong with it.

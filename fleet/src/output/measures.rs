@@ -2,7 +2,7 @@
 
 use std::f64::consts::LN_2;
 
-use pulp::Arch;
+use pulp::{Arch, Simd, WithSimd};
 
 const EIGHT: usize = 8;
 /// Most that states may add to the entropy and yet be left out.
@@ -34,10 +34,22 @@ impl Measures {
     /// Measures a belief; ties go to the lowest state, and the entropy is that of the library to
     /// 2e-14.
     pub(super) fn of(self, belief: &[f64]) -> Measured {
-        self.arch.dispatch(
-            #[inline(always)]
-            || measure(belief, self.least),
-        )
+        self.arch.dispatch(Measure { belief, least: self.least })
+    }
+}
+
+/// A belief to be measured, with the instructions of the machine.
+struct Measure<'a> {
+    belief: &'a [f64],
+    least: f64,
+}
+
+impl WithSimd for Measure<'_> {
+    type Output = Measured;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Measured {
+        measure(self.belief, self.least)
     }
 }
 
@@ -65,7 +77,8 @@ fn measure(belief: &[f64], least: f64) -> Measured {
         add(&mut sums, &last);
     }
     let first = at * EIGHT;
-    let inside = belief[first..].iter().position(|&p| p == best).unwrap_or(0);
+    let end = belief.len().min(first + EIGHT);
+    let inside = belief[first..end].iter().position(|&p| p == best).unwrap_or(0);
     let entropy = sums.iter().sum::<f64>();
     Measured { state: first + inside, probability: best, entropy }
 }
@@ -133,12 +146,10 @@ mod tests {
                 .map(|_| {
                     let weight = (-spread * rng.random_range(0.0..1.0_f64)).exp();
                     // Equal ones and zeros.
-                    if rng.random_bool(0.2) {
-                        0.0
-                    } else if rng.random_bool(0.2) {
-                        0.5
-                    } else {
-                        weight
+                    match rng.random_range(0..5) {
+                        0 => 0.0,
+                        1 => 0.5,
+                        _ => weight,
                     }
                 })
                 .collect();

@@ -37,7 +37,7 @@ fn numbers(values: impl Into<Int64Array>) -> ArrayRef {
 }
 
 /// Seven rows: drive 3 with two steps, drive 5 with five.
-fn with(change: &str, column: ArrayRef) -> RecordBatch {
+fn with(change: &str, column: &ArrayRef) -> RecordBatch {
     let mut columns = vec![
         ("trace_id", numbers(vec![3, 3, 5, 5, 5, 5, 5])),
         ("step", numbers(vec![1, 2, 1, 2, 3, 4, 5])),
@@ -96,11 +96,11 @@ fn rows_and_columns_are_named() {
              has 6 symbols (0 to 5)",
         ),
     ] {
-        assert_eq!(refused(&folder, &with(column, numbers(values))), message);
+        assert_eq!(refused(&folder, &with(column, &numbers(values))), message);
     }
     let large = UInt64Array::from(vec![0, 1, 2, u64::MAX, 0, 0, 0]);
     assert_eq!(
-        refused(&folder, &with("step", Arc::new(large))),
+        refused(&folder, &with("step", &(Arc::new(large) as ArrayRef))),
         "column `step`, row 3 (counted from 0): cannot be read as a 64-bit integer"
     );
 }
@@ -108,7 +108,7 @@ fn rows_and_columns_are_named() {
 #[test]
 fn columns_are_found_and_have_types() {
     let folder = Folder::new(&model(1));
-    let good = with("", numbers(vec![0]));
+    let good = with("", &numbers(vec![0]));
     for (left, message) in [
         (0, "column `trace_id`: is missing; there are `step`, `observation`"),
         (1, "column `step`: is missing; there are `trace_id`, `observation`"),
@@ -119,17 +119,17 @@ fn columns_are_found_and_have_types() {
     }
     let text: ArrayRef = Arc::new(StringArray::from(vec!["1"; 7]));
     assert_eq!(
-        refused(&folder, &with("observation", text.clone())),
+        refused(&folder, &with("observation", &text)),
         "column `observation`: has the type Utf8, expected an integer (a symbol), or a list of \
          these for each drive"
     );
     assert_eq!(
-        refused(&folder, &with("step", text)),
+        refused(&folder, &with("step", &text)),
         "column `step`: has the type Utf8, expected an integer"
     );
     let real: ArrayRef = Arc::new(arrow::array::Float64Array::from(vec![1.0; 7]));
     assert_eq!(
-        refused(&folder, &with("trace_id", real)),
+        refused(&folder, &with("trace_id", &real)),
         "column `trace_id`: has the type Float64, expected an integer or text"
     );
 }
@@ -193,12 +193,12 @@ fn a_model_of_another_size_is_refused() {
         Arc::new(lists.finish())
     };
     assert_eq!(
-        refused(&folder, &with("observation", of([11, 11, 11, 10, 11, 11, 11], 0.5))),
+        refused(&folder, &with("observation", &of([11, 11, 11, 10, 11, 11, 11], 0.5))),
         "column `observation`, row 3 (counted from 0): has 10 values, expected one for each of \
          the 11 states of the model"
     );
     assert_eq!(
-        refused(&folder, &with("observation", of([11; 7], -1.0))),
+        refused(&folder, &with("observation", &of([11; 7], -1.0))),
         "column `observation`, row 4 (counted from 0): state 2 has likelihood -1, expected a \
          finite value of at least 0"
     );
@@ -238,7 +238,7 @@ fn damaged_files_are_refused() {
 #[test]
 fn models_that_are_none_are_refused() {
     let folder = Folder::new(&model(1));
-    folder.write("good.parquet", &with("", numbers(vec![0])), 4);
+    folder.write("good.parquet", &with("", &numbers(vec![0])), 4);
     for (text, message) in [
         ("{", "not a model: EOF"),
         ("{}", "its field `transition` is neither"),

@@ -179,8 +179,7 @@ pub(crate) fn read(path: &Path) -> RecordBatch {
     let builder = ParquetRecordBatchReaderBuilder::try_new(File::open(path).unwrap()).unwrap();
     let schema: Arc<Schema> = builder.schema().clone();
     let batches: Vec<RecordBatch> = builder.build().unwrap().map(Result::unwrap).collect();
-    let all = concat_batches(&schema, &batches).unwrap();
-    all
+    concat_batches(&schema, &batches).unwrap()
 }
 
 pub(crate) fn numbers(rows: &RecordBatch, name: &str) -> Vec<Option<f64>> {

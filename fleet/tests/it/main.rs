@@ -3,6 +3,7 @@
 mod bad_input;
 mod equality;
 mod kit;
+mod learn;
 mod memory;
 mod observations;
 mod resume;

@@ -61,8 +61,10 @@ fn a_killed_run_goes_on() {
                     kills += 1;
                 }
                 let done = child.wait().unwrap().success();
-                assert_eq!(done, output.exists() && !folder.has_leftovers());
-                if done {
+                let complete = output.exists() && !folder.has_leftovers();
+                // A kill may also come after all is done.
+                assert!(complete || !done, "{form}, seed {seed}");
+                if complete {
                     break;
                 }
                 assert!(kills <= 4);
