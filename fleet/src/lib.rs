@@ -18,6 +18,7 @@ mod pipeline;
 pub mod places;
 mod run;
 pub mod sensor;
+mod spool;
 
 pub use error::{FleetError, Outcome};
 pub use learn::{Course, LearnJob, learn};

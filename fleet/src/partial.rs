@@ -8,11 +8,9 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::hash::Hasher;
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::thread::{self, JoinHandle};
 
 use arrow::array::RecordBatch;
 use arrow::datatypes::Schema;
@@ -27,7 +25,6 @@ use parquet::file::metadata::{
     ParquetMetaDataReader, ParquetMetaDataWriter, RowGroupMetaData,
 };
 use parquet::file::properties::WriterProperties;
-use parquet::file::reader::{ChunkReader, Length};
 use parquet::file::statistics::Statistics;
 use parquet::file::writer::SerializedFileWriter;
 use serde_json::Value;
@@ -35,6 +32,7 @@ use twox_hash::XxHash3_64;
 
 use crate::error::{FleetError, Outcome};
 use crate::journal::{Journal, Part};
+use crate::spool::{Disk, Nothing, Spool};
 
 /// Bytes of the end of a footer: the length of the metadata, and a mark.
 const FOOTER_TAIL: usize = 8;
@@ -339,79 +337,4 @@ fn unhex(digits: &str) -> Option<Vec<u8>> {
     let pairs = digits.as_bytes().chunks(2);
     let byte = |pair| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
     pairs.map(byte).collect()
-}
-
-/// File that takes note of what is written, without the first bytes, which it has already.
-struct Spool {
-    file: File,
-    skip: u64,
-    hash: XxHash3_64,
-}
-
-impl Write for Spool {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.skip > 0 {
-            let skipped = (bytes.len() as u64).min(self.skip);
-            self.skip -= skipped;
-            return Ok(skipped as usize);
-        }
-        let written = self.file.write(bytes)?;
-        self.hash.write(&bytes[..written]);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-/// Stands for bytes that are in the file already.
-struct Nothing;
-
-impl Length for Nothing {
-    fn len(&self) -> u64 {
-        u64::MAX
-    }
-}
-
-impl ChunkReader for Nothing {
-    type T = io::Repeat;
-
-    fn get_read(&self, _: u64) -> Result<io::Repeat, ParquetError> {
-        Ok(io::repeat(0))
-    }
-
-    fn get_bytes(&self, _: u64, _: usize) -> Result<bytes::Bytes, ParquetError> {
-        Err(ParquetError::General("bytes that are written are not read".to_owned()))
-    }
-}
-
-/// Thread that has written parts put on the disk, so that little is left to do at the end.
-struct Disk {
-    sender: SyncSender<()>,
-    thread: JoinHandle<()>,
-}
-
-impl Disk {
-    fn new(file: &File) -> io::Result<Self> {
-        let file = file.try_clone()?;
-        let (sender, receiver) = sync_channel(1);
-        let thread = thread::spawn(move || {
-            while receiver.recv().is_ok() {
-                // An error comes back when the file is finished.
-                _ = file.sync_data();
-            }
-        });
-        Ok(Self { sender, thread })
-    }
-
-    fn push(&self) {
-        // The thread may still be busy, and takes the new part along next time.
-        _ = self.sender.try_send(());
-    }
-
-    fn end(self) {
-        drop(self.sender);
-        _ = self.thread.join();
-    }
 }

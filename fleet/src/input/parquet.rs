@@ -3,11 +3,13 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
+use arrow::error::ArrowError;
 use parquet::arrow::ProjectionMask;
 use parquet::arrow::arrow_reader::{
     ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader,
     ParquetRecordBatchReaderBuilder,
 };
+use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
 
 use super::columns::{ColumnNames, Layout};
@@ -65,7 +67,7 @@ pub(super) fn open(
             Err(error) => (None, Some(Err(error))),
         };
         let path = file.path.clone();
-        let wrong = move |error| FleetError::format(&path, unwrap(error));
+        let wrong = move |error| refused(&path, error);
         let batches = batches.into_iter().flatten();
         batches.map(move |batch| batch.map_err(&wrong)).chain(error)
     });
@@ -103,11 +105,14 @@ impl FileOf {
     }
 }
 
-/// Cause of an error, in words.
-fn unwrap(error: arrow::error::ArrowError) -> String {
+/// Error of a batch. Those of the system keep their kind: another run may succeed.
+fn refused(path: &Path, error: ArrowError) -> FleetError {
     match error {
-        arrow::error::ArrowError::ParquetError(message) => message,
-        other => other.to_string(),
+        ArrowError::ParquetError(message) => FleetError::format(path, message),
+        ArrowError::ExternalError(cause) => {
+            FleetError::parquet(path)(ParquetError::External(cause))
+        }
+        other => FleetError::format(path, other),
     }
 }
 
