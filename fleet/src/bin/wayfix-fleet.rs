@@ -1,0 +1,261 @@
+//! Runs a model over a file of drives.
+//!
+//! ```text
+//! wayfix-fleet smooth --model model.json --input drives.parquet --output smoothed.parquet
+//! ```
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::thread;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+use wayfix_fleet::input::{ColumnNames, Form};
+use wayfix_fleet::output::{Table, Verb};
+use wayfix_fleet::{FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
+
+/// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
+/// interrupted goes on where it was when the same command is given again.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Arguments {
+    #[command(subcommand)]
+    routine: Routine,
+}
+
+#[derive(Debug, Subcommand)]
+enum Routine {
+    /// The distribution of every step given the whole drive.
+    Smooth(Run),
+    /// The distribution of every step given those up to it.
+    Filter(Run),
+    /// The most probable paths.
+    Decode(Run),
+    /// The log-likelihood of every drive.
+    Score(Run),
+    /// A model that fits the drives better, by expectation and maximisation.
+    Learn(Learn),
+}
+
+#[derive(Debug, Args)]
+struct Files {
+    /// Model, the JSON of a wayfix `Hmm`.
+    #[arg(long)]
+    model: PathBuf,
+    /// Drives, a CSV file if its name ends so, else a Parquet file.
+    #[arg(long)]
+    input: PathBuf,
+    /// Results.
+    #[arg(long)]
+    output: PathBuf,
+    /// Column with the id of the drive.
+    #[arg(long, default_value = "trace_id")]
+    trace_id: String,
+    /// Column with the step.
+    #[arg(long, default_value = "step")]
+    step: String,
+    /// Column with the observation.
+    #[arg(long, default_value = "observation")]
+    observation: String,
+    /// Column with the likelihood of the states that a sparse list does not name.
+    #[arg(long, default_value = "elsewhere")]
+    elsewhere: String,
+    /// Columns of positions.
+    #[arg(long, num_args = 3, value_names = ["LATITUDE", "LONGITUDE", "DEVIATION"],
+        default_values = ["latitude", "longitude", "deviation"])]
+    position: Vec<String>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Replaces an output that exists.
+    #[arg(long)]
+    force: bool,
+    /// Starts over, if an earlier run was interrupted.
+    #[arg(long)]
+    restart: bool,
+    /// Shows no progress.
+    #[arg(long)]
+    quiet: bool,
+}
+
+#[derive(Debug, Args)]
+struct Run {
+    #[command(flatten)]
+    files: Files,
+    /// Table of the results: steps or best (smooth, filter), paths (decode), or drives.
+    #[arg(long)]
+    table: Option<Content>,
+    /// Number of states for each step (best) or of paths for each drive (paths).
+    #[arg(long, default_value_t = 1)]
+    count: usize,
+    /// A row for each step, or for each drive; as the input by default.
+    #[arg(long)]
+    form: Option<FormOf>,
+    /// Rows (steps) of a row group of the output, at least. An interruption loses one that is not
+    /// complete.
+    #[arg(long, default_value_t = 1 << 19)]
+    part: usize,
+    /// Compression of the output.
+    #[arg(long, default_value = "none")]
+    compression: Pack,
+}
+
+#[derive(Debug, Args)]
+struct Learn {
+    #[command(flatten)]
+    files: Files,
+    /// Most re-estimations.
+    #[arg(long, default_value_t = 100)]
+    iterations: usize,
+    /// Gain in log-likelihood below which learning stops.
+    #[arg(long, default_value_t = 1e-3)]
+    tolerance: f64,
+    /// Keeps the prior.
+    #[arg(long)]
+    keep_prior: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Content {
+    Steps,
+    Best,
+    Paths,
+    Drives,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FormOf {
+    Long,
+    Nested,
+}
+
+impl Files {
+    fn names(&self) -> ColumnNames {
+        let position = |axis: usize| self.position.get(axis).cloned().unwrap_or_default();
+        ColumnNames {
+            trace_id: self.trace_id.clone(),
+            step: self.step.clone(),
+            observation: self.observation.clone(),
+            elsewhere: self.elsewhere.clone(),
+            latitude: position(0),
+            longitude: position(1),
+            deviation: position(2),
+        }
+    }
+
+    fn start(&self) -> Start {
+        Start { force: self.force, restart: self.restart }
+    }
+
+    fn threads(&self) -> usize {
+        self.threads.unwrap_or_else(|| thread::available_parallelism().map_or(1, Into::into))
+    }
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().routine {
+        Routine::Smooth(options) => start(Verb::Smooth, &options),
+        Routine::Filter(options) => start(Verb::Filter, &options),
+        Routine::Decode(options) => start(Verb::Decode, &options),
+        Routine::Score(options) => start(Verb::Score, &options),
+        Routine::Learn(options) => start_learning(&options),
+    };
+    match done {
+        Ok(text) => {
+            // Standard output may be closed.
+            let _ = writeln!(io::stdout(), "{text}");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            let _ = writeln!(io::stderr(), "error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn start(verb: Verb, options: &Run) -> Result<String, FleetError> {
+    let files = &options.files;
+    let content = options.table.unwrap_or(match verb {
+        Verb::Smooth | Verb::Filter => Content::Steps,
+        Verb::Decode => Content::Paths,
+        Verb::Score => Content::Drives,
+    });
+    let job = Job {
+        model: files.model.clone(),
+        input: files.input.clone(),
+        output: files.output.clone(),
+        names: files.names(),
+        verb,
+        table: match content {
+            Content::Steps => Table::Steps,
+            Content::Best => Table::Best(options.count),
+            Content::Paths => Table::Paths(options.count),
+            Content::Drives => Table::Drives,
+        },
+        form: options.form.map(|form| match form {
+            FormOf::Long => Form::Long,
+            FormOf::Nested => Form::Nested,
+        }),
+        part: options.part,
+        pack: options.compression,
+        threads: files.threads(),
+        start: files.start(),
+    };
+    let bar = bar(files.quiet);
+    let done = run(&job, |progress| show(&bar, progress));
+    bar.finish_and_clear();
+    let Summary { drives, steps, failed, parts, resumed } = done?;
+    let mut text = format!("{drives} drives, {steps} steps, {failed} drives with an error");
+    if resumed > 0 {
+        text += &format!("; {resumed} of {parts} parts were there already");
+    }
+    Ok(text)
+}
+
+fn start_learning(options: &Learn) -> Result<String, FleetError> {
+    let files = &options.files;
+    let job = LearnJob {
+        model: files.model.clone(),
+        input: files.input.clone(),
+        output: files.output.clone(),
+        names: files.names(),
+        iterations: options.iterations,
+        tolerance: options.tolerance,
+        keep_prior: options.keep_prior,
+        threads: files.threads(),
+        start: files.start(),
+    };
+    let bar = bar(files.quiet);
+    let done = learn(&job, |iteration, progress| {
+        show(&bar, progress);
+        bar.set_message(format!("{iteration} re-estimations"));
+    });
+    bar.finish_and_clear();
+    let course = done?;
+    let last = course.log_likelihoods.last().copied().unwrap_or(0.0);
+    let (count, left_out) = (course.log_likelihoods.len().saturating_sub(1), course.left_out);
+    Ok(format!("log-likelihood {last} after {count} re-estimations, {left_out} drives left out"))
+}
+
+fn bar(quiet: bool) -> ProgressBar {
+    if quiet {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::no_length();
+    let style = "{wide_bar} {pos}/{len} rows, {msg}, {eta} left";
+    if let Ok(style) = ProgressStyle::with_template(style) {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+fn show(bar: &ProgressBar, progress: &Progress) {
+    if let Some(rows) = progress.all_rows {
+        bar.set_length(rows);
+    }
+    bar.set_position(progress.rows);
+    bar.set_message(format!("{} drives", progress.drives));
+}

@@ -1,0 +1,94 @@
+//! Errors: each names the file, the column and the row, as far as there is one.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use parquet::errors::ParquetError;
+
+/// A run that cannot be made, or cannot go on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FleetError {
+    /// A file cannot be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Cause.
+        source: io::Error,
+    },
+    /// A file is not what its name or its use says: it is damaged, truncated or of another kind.
+    #[error("{}: {message}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Cause, in words.
+        message: String,
+    },
+    /// A column is missing, or has a type that cannot be used.
+    #[error("column `{column}`: {message}")]
+    Column {
+        /// Name of the column.
+        column: String,
+        /// Cause, in words.
+        message: String,
+    },
+    /// A value of the input cannot be used.
+    #[error("column `{column}`, row {row} (counted from 0): {message}")]
+    Value {
+        /// Name of the column.
+        column: String,
+        /// Row of the input, from 0.
+        row: u64,
+        /// Cause, in words.
+        message: String,
+    },
+    /// Settings contradict each other, the model, or the run that they continue.
+    #[error("{0}")]
+    Settings(String),
+    /// The model cannot be learned from these drives.
+    #[error("learning failed: {0}")]
+    Learning(String),
+    /// A record batch cannot be built.
+    #[error(transparent)]
+    Arrow(#[from] arrow::error::ArrowError),
+}
+
+impl FleetError {
+    /// Wraps an error of a file.
+    pub(crate) fn file(path: &Path) -> impl Fn(io::Error) -> Self {
+        move |source| Self::File { path: path.to_owned(), source }
+    }
+
+    /// Wraps an error of a Parquet file. Those of the system keep their kind.
+    pub(crate) fn parquet(path: &Path) -> impl Fn(ParquetError) -> Self {
+        move |error| match error {
+            ParquetError::External(cause) => match cause.downcast::<io::Error>() {
+                Ok(source) => Self::File { path: path.to_owned(), source: *source },
+                Err(cause) => Self::format(path, cause),
+            },
+            other => Self::format(path, other),
+        }
+    }
+
+    pub(crate) fn format(path: &Path, message: impl std::fmt::Display) -> Self {
+        Self::Format { path: path.to_owned(), message: message.to_string() }
+    }
+
+    pub(crate) fn column(column: &str, message: impl Into<String>) -> Self {
+        Self::Column { column: column.to_owned(), message: message.into() }
+    }
+
+    pub(crate) fn value(column: &str, row: u64, message: impl Into<String>) -> Self {
+        Self::Value { column: column.to_owned(), row, message: message.into() }
+    }
+
+    /// True if the input itself is at fault, so that what has been done cannot be continued.
+    #[must_use]
+    pub fn is_of_input(&self) -> bool {
+        matches!(self, Self::Column { .. } | Self::Value { .. } | Self::Format { .. })
+    }
+}
+
+/// Result with an error of this crate.
+pub type Outcome<T> = Result<T, FleetError>;

@@ -1,0 +1,191 @@
+//! CSV files in the long form, with a header.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+use std::sync::Arc;
+
+use arrow::array::{
+    Array, ArrayRef, AsArray, Float64Builder, Int64Builder, ListBuilder, RecordBatch, StringArray,
+    StructBuilder,
+};
+use arrow::compute::{CastOptions, cast_with_options};
+use arrow::csv::ReaderBuilder;
+use arrow::csv::reader::Format;
+use arrow::datatypes::{DataType, Field, Fields, Schema};
+
+use super::columns::{ColumnNames, Layout};
+use super::{Batches, without};
+use crate::error::{FleetError, Outcome};
+use crate::sensor::{Kind, Sensor};
+
+/// Rows of a batch.
+const ROWS: usize = 1 << 15;
+
+/// Opens a file after rows to skip.
+///
+/// Trace ids are integers if the first one is, otherwise text. A list has its values between
+/// spaces or semicolons: `0.5 0.25 0.25`; a sparse one pairs of a state and its likelihood:
+/// `4:0.5 7:0.25`. An empty field is a null.
+pub(super) fn open(
+    path: &Path,
+    names: &ColumnNames,
+    sensor: &Sensor,
+    skip: u64,
+) -> Outcome<(Batches, Layout)> {
+    let (header, ids) = head(path, &names.trace_id)?;
+    let numbered = ids.as_deref().is_none_or(|id| id.parse::<i64>().is_ok());
+    let field = |name: &String| {
+        let to = if *name == names.trace_id {
+            if numbered { DataType::Int64 } else { DataType::Utf8 }
+        } else if *name == names.step {
+            DataType::Int64
+        } else if *name == names.observation {
+            observation(sensor.kind())
+        } else {
+            DataType::Float64
+        };
+        Field::new(name, to, true)
+    };
+    let schema = Schema::new(header.iter().map(field).collect::<Vec<_>>());
+    let layout = Layout::new(&schema, names, sensor)?;
+    let needed = layout.needed();
+    let projection: Vec<usize> =
+        needed.iter().filter_map(|name| schema.index_of(name).ok()).collect();
+    let schema = schema.project(&projection)?;
+    let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
+    let text = Arc::new(Schema::new(text.collect::<Vec<_>>()));
+    let cut = skip as usize % ROWS;
+    let reader = ReaderBuilder::new(text)
+        .with_header(true)
+        .with_batch_size(ROWS)
+        .with_projection(projection)
+        .with_bounds(skip as usize - cut, usize::MAX >> 1)
+        .build(File::open(path).map_err(FleetError::file(path))?)
+        .map_err(|error| FleetError::format(path, error))?;
+    let (path, schema, mut row) = (path.to_owned(), Arc::new(schema), skip - cut as u64);
+    let batches = reader.map(move |batch| {
+        let batch = batch.map_err(|error| FleetError::format(&path, error))?;
+        let columns = batch.columns().iter().zip(schema.fields());
+        let columns = columns.map(|(text, field)| typed(text, field, row));
+        let typed = RecordBatch::try_new(schema.clone(), columns.collect::<Outcome<_>>()?)?;
+        row += batch.num_rows() as u64;
+        Ok(typed)
+    });
+    Ok((without(batches, cut as u64), layout))
+}
+
+/// Returns the header, and the first trace id.
+fn head(path: &Path, trace_id: &str) -> Outcome<(Vec<String>, Option<String>)> {
+    let file = File::open(path).map_err(FleetError::file(path))?;
+    let wrong = |error| FleetError::format(path, error);
+    let (schema, _) = Format::default()
+        .with_header(true)
+        .infer_schema(BufReader::new(file), Some(0))
+        .map_err(wrong)?;
+    let header: Vec<String> = schema.fields().iter().map(|field| field.name().clone()).collect();
+    if header.is_empty() {
+        return Err(FleetError::format(path, "is empty, expected a header"));
+    }
+    let Ok(column) = schema.index_of(trace_id) else { return Ok((header, None)) };
+    let text = header.iter().map(|name| Field::new(name, DataType::Utf8, true));
+    let mut reader = ReaderBuilder::new(Arc::new(Schema::new(text.collect::<Vec<_>>())))
+        .with_header(true)
+        .with_batch_size(1)
+        .with_projection(vec![column])
+        .build(File::open(path).map_err(FleetError::file(path))?)
+        .map_err(wrong)?;
+    let Some(first) = reader.next().transpose().map_err(wrong)? else { return Ok((header, None)) };
+    Ok((header, Some(first.column(0).as_string::<i32>().value(0).to_owned())))
+}
+
+/// Type of an observation.
+fn observation(kind: &Kind) -> DataType {
+    match kind {
+        Kind::Table(_) | Kind::SparseTable(_) => DataType::Int64,
+        Kind::Vector { .. } => DataType::new_list(DataType::Float64, true),
+        Kind::Sparse(_) => DataType::new_list(DataType::Struct(pair()), true),
+        Kind::Places(_) => DataType::Utf8, // not read
+    }
+}
+
+/// Fields of a state with its likelihood.
+fn pair() -> Fields {
+    Fields::from(vec![
+        Field::new("state", DataType::Int64, true),
+        Field::new("likelihood", DataType::Float64, true),
+    ])
+}
+
+/// Reads a column of text as a type.
+fn typed(text: &ArrayRef, field: &Field, first_row: u64) -> Outcome<ArrayRef> {
+    let refuse = |row: usize, what: &str| {
+        let value = text.as_string::<i32>().value(row);
+        let message = format!("`{value}` is not {what}");
+        FleetError::value(field.name(), first_row + row as u64, message)
+    };
+    let strings = text.as_string::<i32>();
+    match field.data_type() {
+        DataType::List(inner) if inner.data_type().is_floating() => {
+            let row = |out: &mut ListBuilder<Float64Builder>, text: &str| {
+                for value in parts(text) {
+                    out.values().append_value(value.parse().ok()?);
+                }
+                out.append(true);
+                Some(())
+            };
+            let what = "a list of numbers";
+            list(strings, ListBuilder::new(Float64Builder::new()), row, |row| refuse(row, what))
+        }
+        DataType::List(_) => {
+            let fields: Vec<Box<dyn arrow::array::ArrayBuilder>> =
+                vec![Box::new(Int64Builder::new()), Box::new(Float64Builder::new())];
+            let row = |out: &mut ListBuilder<StructBuilder>, text: &str| {
+                for pair in parts(text) {
+                    let (state, likelihood) = pair.split_once(':')?;
+                    let (state, likelihood) = (state.parse().ok()?, likelihood.parse().ok()?);
+                    let pairs = out.values();
+                    pairs.field_builder::<Int64Builder>(0)?.append_value(state);
+                    pairs.field_builder::<Float64Builder>(1)?.append_value(likelihood);
+                    pairs.append(true);
+                }
+                out.append(true);
+                Some(())
+            };
+            let pairs = ListBuilder::new(StructBuilder::new(pair(), fields));
+            list(strings, pairs, row, |row| refuse(row, "a list of pairs `state:likelihood`"))
+        }
+        to => {
+            let options = CastOptions { safe: true, ..CastOptions::default() };
+            let done = cast_with_options(text, to, &options)?;
+            if done.null_count() > text.null_count() {
+                let lost = |&row: &usize| done.is_null(row) && !text.is_null(row);
+                let row = (0..text.len()).find(lost).unwrap_or(0);
+                let what = if to.is_integer() { "a 64-bit integer" } else { "a number" };
+                return Err(refuse(row, what));
+            }
+            Ok(done)
+        }
+    }
+}
+
+/// Values of a list as text.
+fn parts(text: &str) -> impl Iterator<Item = &str> {
+    text.split([' ', ';']).filter(|part| !part.is_empty())
+}
+
+/// Builds lists of a row each.
+fn list<B: arrow::array::ArrayBuilder>(
+    texts: &StringArray,
+    mut out: ListBuilder<B>,
+    mut row: impl FnMut(&mut ListBuilder<B>, &str) -> Option<()>,
+    refuse: impl Fn(usize) -> FleetError,
+) -> Outcome<ArrayRef> {
+    for (at, text) in texts.iter().enumerate() {
+        match text {
+            None => out.append(false),
+            Some(text) => row(&mut out, text).ok_or_else(|| refuse(at))?,
+        }
+    }
+    Ok(Arc::new(out.finish()))
+}

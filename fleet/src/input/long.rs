@@ -1,0 +1,211 @@
+//! Tables with a row for each step, sorted by drive and step.
+
+use arrow::array::{ArrayRef, Int64Array, RecordBatch, UInt64Array};
+use arrow::compute::{concat_batches, take};
+
+use super::columns::{Form, Layout};
+use super::lists::{Id, Ids, ids, integers, no_nulls};
+use super::nested::column;
+use super::observed::Observed;
+use super::{Batches, Drives, locate};
+use crate::error::{FleetError, Outcome};
+
+/// Drives of rows that arrive in batches, which end anywhere.
+pub(super) struct LongDrives {
+    batches: Batches,
+    layout: Layout,
+    /// Rows of a drive that may go on, with the first of its rows first.
+    begun: Vec<RecordBatch>,
+    /// Trace id and step of the last row.
+    last: Option<(Id, i64)>,
+    /// Number of the first row that was not handed out.
+    first_row: u64,
+    /// Number of the next row to come.
+    next_row: u64,
+    ended: bool,
+}
+
+impl LongDrives {
+    pub(super) fn new(batches: Batches, layout: Layout, first_row: u64) -> Self {
+        let (next_row, begun) = (first_row, Vec::new());
+        Self { batches, layout, begun, last: None, first_row, next_row, ended: false }
+    }
+
+    /// Adds rows, and returns the drives that are complete.
+    fn add(&mut self, batch: &RecordBatch) -> Outcome<Option<Drives>> {
+        if batch.num_rows() == 0 {
+            return Ok(None);
+        }
+        let names = &self.layout.names;
+        let first_row = self.next_row;
+        let by_row = |row: usize, message: &str| (first_row + row as u64, message.to_owned());
+        let (trace_id, step) = (names.trace_id.as_str(), names.step.as_str());
+        let ids = ids(column(batch, trace_id)?, &self.layout.id_type, trace_id, &by_row)?;
+        let steps = integers(column(batch, step)?, step, &by_row)?;
+        no_nulls(&steps, step, &by_row)?;
+        let starts = starts(&ids, &steps, self.last.as_ref()).map_err(|(row, wrong)| {
+            let name = if wrong.is_step { step } else { trace_id };
+            FleetError::value(name, first_row + row as u64, wrong.message)
+        })?;
+        let end = batch.num_rows();
+        self.last = Some((Ids::of(&ids).get(end - 1), steps.value(end - 1)));
+        self.next_row += end as u64;
+        // The last drive of these rows may go on.
+        let Some(&cut) = starts.last().filter(|&&cut| cut > 0 || !self.begun.is_empty()) else {
+            self.begun.push(batch.clone());
+            return Ok(None);
+        };
+        self.begun.push(batch.slice(0, cut));
+        let rows = concat_batches(&batch.schema(), &self.begun)?;
+        self.begun = vec![batch.slice(cut, end - cut)];
+        self.drives(&rows).map(Some)
+    }
+
+    /// Reads rows of complete drives, which are known to be in order.
+    fn drives(&mut self, rows: &RecordBatch) -> Outcome<Drives> {
+        let names = &self.layout.names;
+        let first_row = self.first_row;
+        let by_row = |row: usize, message: &str| locate(Form::Long, first_row, &[], row, message);
+        let trace_id = names.trace_id.as_str();
+        let all = ids(column(rows, trace_id)?, &self.layout.id_type, trace_id, &by_row)?;
+        let steps = integers(column(rows, &names.step)?, &names.step, &by_row)?;
+        let mut offsets = starts(&all, &steps, None)
+            .map_err(|(row, wrong)| FleetError::value(trace_id, row as u64, wrong.message))?;
+        let first: UInt64Array = offsets.iter().map(|&row| row as u64).collect();
+        let ids = take(&all, &first, None)?;
+        offsets.push(rows.num_rows());
+        let needed = self.layout.needed();
+        let columns = needed[2..].iter().map(|&name| Ok((name, column(rows, name)?.clone())));
+        let columns = columns.collect::<Outcome<Vec<_>>>()?;
+        let observed = Observed::new(&self.layout.sensor, &columns, &by_row)?;
+        self.first_row += rows.num_rows() as u64;
+        let (steps, end_row) = (Some(steps), self.first_row);
+        Ok(Drives { ids, offsets, steps, observed, form: Form::Long, first_row, end_row })
+    }
+
+    fn advance(&mut self) -> Outcome<Option<Drives>> {
+        while !self.ended {
+            match self.batches.next() {
+                Some(batch) => {
+                    if let Some(drives) = self.add(&batch?)? {
+                        return Ok(Some(drives));
+                    }
+                }
+                None => self.ended = true,
+            }
+        }
+        let begun = std::mem::take(&mut self.begun);
+        let Some(schema) = begun.first().map(RecordBatch::schema) else { return Ok(None) };
+        let rows = concat_batches(&schema, &begun)?;
+        self.drives(&rows).map(Some)
+    }
+}
+
+impl Iterator for LongDrives {
+    type Item = Outcome<Drives>;
+
+    fn next(&mut self) -> Option<Outcome<Drives>> {
+        let next = self.advance();
+        if next.is_err() {
+            self.ended = true;
+            self.begun.clear();
+        }
+        next.transpose()
+    }
+}
+
+/// Rows out of order.
+struct Disorder {
+    is_step: bool,
+    message: String,
+}
+
+/// Returns the rows at which a drive starts, given the row before the first.
+fn starts(
+    ids: &ArrayRef,
+    steps: &Int64Array,
+    last: Option<&(Id, i64)>,
+) -> Result<Vec<usize>, (usize, Disorder)> {
+    let all = Ids::of(ids);
+    let steps = &steps.values()[..];
+    let mut starts = Vec::new();
+    let mut first = 0;
+    if let Some(&row) = [0].iter().find(|_| !steps.is_empty()) {
+        first = 1;
+        match last {
+            None => starts.push(row),
+            Some((id, step)) => {
+                let next = all.get(row);
+                let order = match (&next, id) {
+                    (Id::Number(next), Id::Number(id)) => next.cmp(id),
+                    (Id::Text(next), Id::Text(id)) => next.cmp(id),
+                    _ => std::cmp::Ordering::Greater,
+                };
+                if order.is_gt() {
+                    starts.push(row);
+                } else if order.is_lt() {
+                    return Err((row, unsorted(&next, id)));
+                } else if steps[row] <= *step {
+                    return Err((row, not_rising(steps[row], *step, &next)));
+                }
+            }
+        }
+    }
+    // Equal ids are by far the most frequent.
+    let disorder = match &all {
+        Ids::Numbers(ids) => {
+            find(first..steps.len(), &mut starts, steps, |row| ids[row].cmp(&ids[row - 1]))
+        }
+        Ids::Texts(ids) => find(first..steps.len(), &mut starts, steps, |row| {
+            ids.value(row).cmp(ids.value(row - 1))
+        }),
+    };
+    match disorder {
+        None => Ok(starts),
+        Some(row) => {
+            let (next, id) = (all.get(row), all.get(row - 1));
+            let step = next == id;
+            let wrong = if step {
+                not_rising(steps[row], steps[row - 1], &id)
+            } else {
+                unsorted(&next, &id)
+            };
+            Err((row, wrong))
+        }
+    }
+}
+
+/// Collects starts in rows, each of which has one before; returns the first row out of order.
+fn find(
+    rows: std::ops::Range<usize>,
+    starts: &mut Vec<usize>,
+    steps: &[i64],
+    order: impl Fn(usize) -> std::cmp::Ordering,
+) -> Option<usize> {
+    for row in rows {
+        let order = order(row);
+        if order.is_gt() {
+            starts.push(row);
+        } else if order.is_lt() || steps[row] <= steps[row - 1] {
+            return Some(row);
+        }
+    }
+    None
+}
+
+fn unsorted(next: &Id, last: &Id) -> Disorder {
+    let message = format!(
+        "drive {next} follows drive {last}, expected rows sorted by drive (numbers by value, text \
+         by its bytes)"
+    );
+    Disorder { is_step: false, message }
+}
+
+fn not_rising(next: i64, last: i64, id: &Id) -> Disorder {
+    let message = if next == last {
+        format!("step {next} of drive {id} is there twice")
+    } else {
+        format!("step {next} follows step {last} of drive {id}, expected steps that rise")
+    };
+    Disorder { is_step: true, message }
+}

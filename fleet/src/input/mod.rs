@@ -1,0 +1,170 @@
+//! Drives from files, in batches.
+
+mod columns;
+mod csv;
+mod lists;
+mod long;
+mod nested;
+mod observed;
+mod parquet;
+
+use std::path::Path;
+
+use arrow::array::{Array, ArrayRef, Int64Array, RecordBatch};
+use arrow::datatypes::DataType;
+
+use crate::error::{FleetError, Outcome};
+use crate::sensor::{Observation, Sensor};
+pub use columns::{ColumnNames, Form, Layout};
+pub use observed::Observed;
+
+/// Whole drives, in the order of the input.
+///
+/// Elements are the steps of all drives, one drive after the other.
+#[derive(Debug)]
+pub struct Drives {
+    /// Trace id of each drive, `Int64` or `Utf8`, without nulls.
+    pub ids: ArrayRef,
+    /// First element of each drive, and the number of elements.
+    pub offsets: Vec<usize>,
+    /// Step of each element as the input has it; `None` for 1, 2, … in each drive.
+    pub steps: Option<Int64Array>,
+    /// Observations of the elements.
+    pub observed: Observed,
+    /// Form of the input.
+    pub form: Form,
+    /// First row of the input that these drives come from, from 0.
+    pub first_row: u64,
+    /// Row of the input after the last that these drives come from.
+    pub end_row: u64,
+}
+
+impl Drives {
+    /// Number of drives.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.ids.len()
+    }
+
+    /// True without any drive.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ids.is_empty()
+    }
+
+    /// Number of elements: the steps of all drives.
+    #[must_use]
+    pub fn elements(&self) -> usize {
+        self.offsets.last().copied().unwrap_or(0)
+    }
+
+    /// Step of element `offset + index` of a drive, as the input has it.
+    #[must_use]
+    pub fn step(&self, drive: usize, index: usize) -> i64 {
+        let element = self.offsets[drive] + index;
+        self.steps.as_ref().map_or(index as i64 + 1, |steps| steps.value(element))
+    }
+
+    /// Returns the observations of all elements.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError::Value`] for one that the sensor cannot have.
+    pub fn observations(&self) -> Outcome<Vec<Observation>> {
+        if let Some(symbols) = self.observed.symbols() {
+            return Ok(symbols
+                .iter()
+                .map(|&symbol| Observation::Symbol(symbol as usize))
+                .collect());
+        }
+        let observation = |element| {
+            let refused = |message: String| self.refuse(element, &message);
+            self.observed.get(element).map_err(refused)
+        };
+        (0..self.elements()).map(observation).collect()
+    }
+
+    /// Error about the observation of an element.
+    #[must_use]
+    pub fn refuse(&self, element: usize, message: &str) -> FleetError {
+        let (row, message) = locate(self.form, self.first_row, &self.offsets, element, message);
+        FleetError::value(self.observed.column(), row, message)
+    }
+}
+
+/// Row of an element, and a message that names its step if a row has several.
+fn locate(
+    form: Form,
+    first_row: u64,
+    offsets: &[usize],
+    element: usize,
+    message: &str,
+) -> (u64, String) {
+    match form {
+        Form::Long => (first_row + element as u64, message.to_owned()),
+        Form::Nested => {
+            let drive = offsets.partition_point(|&offset| offset <= element).saturating_sub(1);
+            let index = element - offsets.get(drive).copied().unwrap_or(0);
+            (first_row + drive as u64, format!("element {index} of the list: {message}"))
+        }
+    }
+}
+
+/// Drives of a file.
+#[expect(missing_debug_implementations, reason = "readers have none")]
+pub struct Input {
+    /// Batches of drives.
+    pub batches: Box<dyn Iterator<Item = Outcome<Drives>> + Send>,
+    /// Number of rows of the file, if it is known.
+    pub rows: Option<u64>,
+    /// Type of trace ids, `Int64` or `Utf8`.
+    pub id_type: DataType,
+    /// Form of the file.
+    pub form: Form,
+}
+
+/// Opens a file, and skips rows that end with a drive.
+///
+/// A name that ends in `.csv` is of a CSV file, any other of a Parquet file. Memory grows with the
+/// longest drive and with the row groups of a file, not with their number.
+///
+/// # Errors
+///
+/// [`FleetError`] if the file cannot be read, is damaged, or lacks a column that the sensor needs.
+pub fn open(path: &Path, names: &ColumnNames, sensor: &Sensor, skip: u64) -> Outcome<Input> {
+    let is_csv = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
+    let (batches, rows, layout) = if is_csv {
+        let (batches, layout) = csv::open(path, names, sensor, skip)?;
+        (batches, None, layout)
+    } else {
+        let (batches, rows, layout) = parquet::open(path, names, sensor, skip)?;
+        (batches, Some(rows), layout)
+    };
+    let (id_type, form) = (layout.id_type.clone(), layout.form);
+    let batches: Box<dyn Iterator<Item = Outcome<Drives>> + Send> = match form {
+        Form::Long => Box::new(long::LongDrives::new(batches, layout, skip)),
+        Form::Nested => Box::new(nested::nested(batches, layout, skip)),
+    };
+    Ok(Input { batches, rows, id_type, form })
+}
+
+/// Leaves out rows before those that are wanted: readers begin where a batch begins that is the
+/// same in every run.
+fn without(
+    batches: impl Iterator<Item = Outcome<RecordBatch>> + Send + 'static,
+    mut rows: u64,
+) -> Batches {
+    Box::new(batches.filter_map(move |batch| {
+        let batch = match batch {
+            Ok(batch) => batch,
+            Err(error) => return Some(Err(error)),
+        };
+        let all = batch.num_rows();
+        let cut = usize::try_from(rows).unwrap_or(usize::MAX).min(all);
+        rows -= cut as u64;
+        (cut < all).then(|| Ok(batch.slice(cut, all - cut)))
+    }))
+}
+
+/// Batches of rows as a reader has them.
+type Batches = Box<dyn Iterator<Item = Outcome<RecordBatch>> + Send>;

@@ -1,0 +1,88 @@
+//! Tables with a row for each drive.
+
+use arrow::array::{ArrayRef, RecordBatch};
+
+use super::columns::{Form, Layout};
+use super::lists::{ids, integers, lists, no_nulls};
+use super::observed::Observed;
+use super::{Batches, Drives, locate};
+use crate::error::{FleetError, Outcome};
+
+/// Drives of each batch of rows; the first row has this number.
+pub(super) fn nested(
+    batches: Batches,
+    layout: Layout,
+    mut first_row: u64,
+) -> impl Iterator<Item = Outcome<Drives>> + Send {
+    batches.map(move |batch| {
+        let drives = drives(&batch?, &layout, first_row)?;
+        first_row = drives.end_row;
+        Ok(drives)
+    })
+}
+
+/// Column of a batch.
+pub(super) fn column<'a>(batch: &'a RecordBatch, name: &str) -> Outcome<&'a ArrayRef> {
+    batch.column_by_name(name).ok_or_else(|| FleetError::column(name, "is missing"))
+}
+
+/// Reads a batch of rows.
+pub(super) fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Drives> {
+    let names = &layout.names;
+    let by_row = |row: usize, message: &str| (first_row + row as u64, message.to_owned());
+    let ids = ids(column(batch, &names.trace_id)?, &layout.id_type, &names.trace_id, &by_row)?;
+    let needed = layout.needed();
+    // After the id, and the step if there is one.
+    let observed = &needed[if names.step.is_empty() { 1 } else { 2 }..];
+    let mut offsets: Option<(Vec<usize>, &str)> = None;
+    let mut flat = |name| {
+        let array = column(batch, name)?;
+        no_nulls(array, name, &by_row)?;
+        let lists = lists(array);
+        match &offsets {
+            None => offsets = Some((lists.offsets, name)),
+            Some((known, first)) => {
+                let same = |row: &usize| known[row + 1] == lists.offsets[row + 1];
+                if let Some(row) = (0..batch.num_rows()).find(|row| !same(row)) {
+                    let length = |offsets: &[usize]| offsets[row + 1] - offsets[row];
+                    let message = format!(
+                        "has {} elements, but column `{first}` has {}",
+                        length(&lists.offsets),
+                        length(known)
+                    );
+                    return Err(FleetError::value(name, first_row + row as u64, message));
+                }
+            }
+        }
+        Ok(lists.values)
+    };
+    let columns = observed.iter().map(|&name| Ok((name, flat(name)?)));
+    let columns = columns.collect::<Outcome<Vec<_>>>()?;
+    let steps = if names.step.is_empty() { None } else { Some(flat(names.step.as_str())?) };
+    let offsets = offsets.map_or_else(|| vec![0], |(offsets, _)| offsets);
+    let by_element =
+        |element: usize, message: &str| locate(Form::Nested, first_row, &offsets, element, message);
+    let steps = match steps {
+        None => None,
+        Some(steps) => {
+            let steps = integers(&steps, &names.step, &by_element)?;
+            no_nulls(&steps, &names.step, &by_element)?;
+            for drive in offsets.windows(2) {
+                let steps = &steps.values()[drive[0]..drive[1]];
+                if let Some(at) = steps.windows(2).position(|pair| pair[0] >= pair[1]) {
+                    let message = format!(
+                        "step {} follows step {}, expected steps that rise",
+                        steps[at + 1],
+                        steps[at]
+                    );
+                    let (row, message) = by_element(drive[0] + at + 1, &message);
+                    return Err(FleetError::value(&names.step, row, message));
+                }
+            }
+            Some(steps)
+        }
+    };
+    let observed = Observed::new(&layout.sensor, &columns, &by_element)?;
+    let end_row = first_row + batch.num_rows() as u64;
+    Ok(Drives { ids, offsets, steps, observed, form: Form::Nested, first_row, end_row })
+}

@@ -1,0 +1,150 @@
+//! The journal beside an unfinished output: which of its parts are complete.
+//!
+//! A text file. The first line has the settings of the run as JSON, every other one a complete
+//! part. A line that was cut off counts as not written.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::{FleetError, Outcome};
+
+/// A complete part: a row group of the output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Part {
+    /// Row of the input after the last one that the part is made of.
+    pub(crate) end_row: u64,
+    /// Byte of the output after the last one of the part.
+    pub(crate) end: u64,
+    /// Hash of the bytes since the part before (XXH3).
+    pub(crate) hash: u64,
+    /// Drives, steps, and drives that failed, in this part and all before.
+    pub(crate) counts: [u64; 3],
+    /// Metadata of the row group as a Parquet footer, in hexadecimal digits.
+    pub(crate) metadata: String,
+}
+
+/// An open journal, locked as long as it is open.
+#[derive(Debug)]
+pub(crate) struct Journal {
+    file: File,
+    path: PathBuf,
+    /// Complete parts.
+    pub(crate) parts: Vec<Part>,
+    /// True if the settings have been written.
+    pub(crate) begun: bool,
+}
+
+impl Journal {
+    /// Opens the journal of an output, or creates an empty one. Settings that differ from those
+    /// written are an error, unless `restart` forgets what is written.
+    pub(crate) fn open(path: &Path, settings: &Value, restart: bool) -> Outcome<Self> {
+        let wrong = FleetError::file(path);
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(path)
+            .map_err(&wrong)?;
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => {
+                let path = path.display();
+                FleetError::Settings(format!("another run has locked {path}"))
+            }
+            TryLockError::Error(error) => wrong(error),
+        })?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(&wrong)?;
+        let path = path.to_owned();
+        let mut journal = Self { file, path, parts: Vec::new(), begun: false };
+        let mut valid = 0;
+        if !restart {
+            for line in bytes.split_inclusive(|&byte| byte == b'\n') {
+                if line.last() != Some(&b'\n') {
+                    break;
+                }
+                if journal.begun {
+                    let Ok(part) = serde_json::from_slice(line) else { break };
+                    journal.parts.push(part);
+                } else {
+                    let Ok(written) = serde_json::from_slice::<Value>(line) else { break };
+                    compare(&journal.path, settings, &written)?;
+                    journal.begun = true;
+                }
+                valid += line.len() as u64;
+            }
+        }
+        journal.cut(valid)?;
+        Ok(journal)
+    }
+
+    /// Forgets all parts after so many, whose lines are written again.
+    pub(crate) fn keep(&mut self, parts: usize, settings: &Value) -> Outcome<()> {
+        if parts < self.parts.len() {
+            let kept = self.parts.drain(..parts).collect::<Vec<_>>();
+            self.parts.clear();
+            self.cut(0)?;
+            self.begin(settings)?;
+            kept.into_iter().try_for_each(|part| self.add(part))?;
+        }
+        Ok(())
+    }
+
+    /// Writes the settings.
+    pub(crate) fn begin(&mut self, settings: &Value) -> Outcome<()> {
+        self.begun = true;
+        self.line(settings.to_string())
+    }
+
+    /// Adds a part.
+    pub(crate) fn add(&mut self, part: Part) -> Outcome<()> {
+        let text =
+            serde_json::to_string(&part).map_err(|error| FleetError::format(&self.path, error))?;
+        self.parts.push(part);
+        self.line(text)
+    }
+
+    /// Removes the file.
+    pub(crate) fn remove(self) -> Outcome<()> {
+        fs::remove_file(&self.path).map_err(FleetError::file(&self.path))
+    }
+
+    fn line(&mut self, mut text: String) -> Outcome<()> {
+        text.push('\n');
+        self.file.write_all(text.as_bytes()).map_err(FleetError::file(&self.path))
+    }
+
+    fn cut(&mut self, length: u64) -> Outcome<()> {
+        let wrong = FleetError::file(&self.path);
+        self.file.set_len(length).map_err(&wrong)?;
+        self.file.seek(SeekFrom::Start(length)).map_err(&wrong)?;
+        Ok(())
+    }
+}
+
+/// Names the settings that differ.
+fn compare(path: &Path, settings: &Value, written: &Value) -> Outcome<()> {
+    if settings == written {
+        return Ok(());
+    }
+    let empty = serde_json::Map::new();
+    let (now, before) = (settings.as_object().unwrap_or(&empty), written.as_object());
+    let before = before.unwrap_or(&empty);
+    let other = now.iter().filter(|(name, value)| before.get(*name) != Some(*value));
+    let other: Vec<String> = other
+        .map(|(name, value)| {
+            let before = before.get(name).unwrap_or(&Value::Null);
+            format!("{name} is {value}, was {before}")
+        })
+        .collect();
+    Err(FleetError::Settings(format!(
+        "{} is of an unfinished run that differs ({}); make that one again, or start over with \
+         --restart",
+        path.display(),
+        other.join("; ")
+    )))
+}

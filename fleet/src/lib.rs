@@ -1,0 +1,25 @@
+//! One wayfix model over any number of drives: Arrow and Parquet in, Parquet out.
+//!
+//! [`run`] reads a file batch by batch, works on batches with all cores, and writes results in
+//! the order of the input, so that memory does not grow with the file. Its parts can be used
+//! alone: [`input`] turns record batches into drives, [`output`] turns drives into record batches
+//! of results, with a [`model`] that was read from a file.
+//!
+//! The README says which columns and which models a file may have.
+
+pub mod error;
+pub mod input;
+mod journal;
+mod learn;
+pub mod model;
+pub mod output;
+mod partial;
+mod pipeline;
+pub mod places;
+mod run;
+pub mod sensor;
+mod spool;
+
+pub use error::{FleetError, Outcome};
+pub use learn::{Course, LearnJob, learn};
+pub use run::{Job, Pack, Progress, Start, Summary, run};

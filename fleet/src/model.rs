@@ -1,0 +1,102 @@
+//! Models as files have them.
+
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+use twox_hash::XxHash3_128;
+use wayfix::{DenseTransition, Hmm, SparseTransition};
+
+use crate::error::{FleetError, Outcome};
+use crate::sensor::Sensor;
+
+/// A model with either of the stored operators.
+#[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one of them")]
+pub enum Operator {
+    /// With the moves of a map.
+    Sparse(Hmm<SparseTransition, Sensor>),
+    /// With a full matrix.
+    Dense(Hmm<DenseTransition, Sensor>),
+}
+
+/// A model from a file, with the hash that names it.
+///
+/// The file is the JSON of an `Hmm` of the library, with a `SparseTransition` or a
+/// `DenseTransition`, and with one of the sensors of [`Sensor`].
+#[derive(Debug, Clone)]
+pub struct Model {
+    operator: Operator,
+    hash: String,
+}
+
+/// Runs an expression with the model behind an [`Operator`].
+macro_rules! with_hmm {
+    ($model:expr, $hmm:ident => $body:expr) => {
+        match $model.operator() {
+            $crate::model::Operator::Sparse($hmm) => $body,
+            $crate::model::Operator::Dense($hmm) => $body,
+        }
+    };
+}
+pub(crate) use with_hmm;
+
+impl Model {
+    /// Reads a model.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`] if the file cannot be read, or is not such a model.
+    pub fn load(path: &Path) -> Outcome<Self> {
+        let text = fs::read(path).map_err(FleetError::file(path))?;
+        Self::from_json(&text).map_err(|message| FleetError::format(path, message))
+    }
+
+    /// Reads a model from text; the hash is that of its bytes.
+    ///
+    /// # Errors
+    ///
+    /// A description, if it is not a model.
+    pub fn from_json(text: &[u8]) -> Result<Self, String> {
+        let value: Value =
+            serde_json::from_slice(text).map_err(|error| format!("not a model: {error}"))?;
+        let refused = |error: serde_json::Error| format!("not a model: {error}");
+        let transition = value.get("transition");
+        let has = |field| transition.is_some_and(|transition| transition.get(field).is_some());
+        let operator = if has("columns") {
+            Operator::Dense(serde_json::from_value(value).map_err(refused)?)
+        } else if has("to") {
+            Operator::Sparse(serde_json::from_value(value).map_err(refused)?)
+        } else {
+            return Err("not a model: its field `transition` is neither a SparseTransition \
+                        (`to`, `from`, `probability`) nor a DenseTransition (`columns`)"
+                .to_owned());
+        };
+        Ok(Self { operator, hash: format!("{:032x}", XxHash3_128::oneshot(text)) })
+    }
+
+    /// The model, with its operator.
+    #[must_use]
+    pub fn operator(&self) -> &Operator {
+        &self.operator
+    }
+
+    /// Hash of the file (XXH3, 128 bits, as hexadecimal digits). Says whether two files are the
+    /// same, not whether one was forged.
+    #[must_use]
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+
+    /// Number of states, n.
+    #[must_use]
+    pub fn states(&self) -> usize {
+        with_hmm!(self, hmm => hmm.states())
+    }
+
+    /// The sensor, which says what observations are.
+    #[must_use]
+    pub fn sensor(&self) -> &Sensor {
+        with_hmm!(self, hmm => hmm.likelihood())
+    }
+}

@@ -1,0 +1,194 @@
+//! Results of a batch of drives, with the routines of the library.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+
+use arrow::datatypes::Schema;
+use wayfix::inference::Posteriors;
+use wayfix::likelihood::LearnLikelihood;
+use wayfix::transition::LearnTransition;
+use wayfix::{Hmm, InferenceError};
+
+use super::measures::Measures;
+use super::rows::{Failure, Rows, kind};
+use super::{Batch, Results, Table, Verb};
+use crate::error::{FleetError, Outcome};
+use crate::input::Drives;
+use crate::model::{Model, with_hmm};
+use crate::sensor::{Observation, Sensor};
+
+/// Results of drives, in their order: a row for each step or drive, or for each path.
+///
+/// A drive that the model rules out has its error in its row, and costs no other drive anything.
+///
+/// # Errors
+///
+/// [`FleetError::Value`] for an observation that is not valid, with its row.
+pub fn results(
+    model: &Model,
+    results: &Results,
+    schema: &Arc<Schema>,
+    drives: &Drives,
+) -> Outcome<Batch> {
+    with_hmm!(model, hmm => compute(hmm, results, schema, drives))
+}
+
+fn compute<A>(
+    hmm: &Hmm<A, Sensor>,
+    results: &Results,
+    schema: &Arc<Schema>,
+    drives: &Drives,
+) -> Outcome<Batch>
+where
+    A: LearnTransition<Control = ()> + Sync,
+    Sensor: LearnLikelihood,
+{
+    let all = drives.observations()?;
+    let sequences: Vec<&[Observation]> =
+        drives.offsets.windows(2).map(|drive| &all[drive[0]..drive[1]]).collect();
+    let mut out = Collector {
+        rows: Rows::default(),
+        results,
+        drives,
+        measures: Measures::new(hmm.states()),
+        best: Vec::new(),
+    };
+    let stopped = match (results.verb, results.table) {
+        (Verb::Smooth, Table::Steps | Table::Best(_)) => {
+            hmm.smooth_map_all(&sequences, |drive, result| {
+                out.take(drive, result.map_err(|error| error.source), |out, smoothed| {
+                    out.beliefs(drive, smoothed.posteriors(), smoothed.log_likelihood());
+                })
+            })
+        }
+        (Verb::Filter, Table::Steps | Table::Best(_)) => {
+            hmm.forward_map_all(&sequences, |drive, result| {
+                out.take(drive, result.map_err(|error| error.source), |out, filtered| {
+                    if out.results.has_step_logs() {
+                        out.rows.log_likelihood.extend_from_slice(filtered.log_likelihoods());
+                    }
+                    out.beliefs(drive, filtered.posteriors(), filtered.log_likelihood());
+                })
+            })
+        }
+        (Verb::Decode, Table::Drives | Table::Paths(1)) => {
+            hmm.viterbi_map_all(&sequences, |drive, result| {
+                out.take(drive, result.map_err(|error| error.source), |out, path| {
+                    out.path(drive, 1, path.states(), path.log_probability());
+                })
+            })
+        }
+        (Verb::Decode, Table::Paths(count)) => {
+            sequences.iter().enumerate().try_for_each(|(drive, sequence)| {
+                out.take(drive, hmm.k_best(*sequence, count), |out, paths| {
+                    for (rank, path) in (1..).zip(&paths) {
+                        out.path(drive, rank, path.states(), path.log_probability());
+                    }
+                })
+            })
+        }
+        _ => hmm.log_likelihood_map_all(&sequences, |drive, result| {
+            out.take(drive, result.map_err(|error| error.source), |out, log_likelihood| {
+                out.rows.end(drive, 1, out.steps(drive), log_likelihood);
+            })
+        }),
+    };
+    match stopped {
+        ControlFlow::Break(error) => Err(error),
+        ControlFlow::Continue(()) => out.rows.finish(results, schema, drives),
+    }
+}
+
+/// Results that are put into rows.
+struct Collector<'a> {
+    rows: Rows,
+    results: &'a Results,
+    drives: &'a Drives,
+    measures: Measures,
+    /// Memory for the best states of a step.
+    best: Vec<usize>,
+}
+
+impl Collector<'_> {
+    fn steps(&self, drive: usize) -> usize {
+        self.drives.offsets[drive + 1] - self.drives.offsets[drive]
+    }
+
+    /// Takes the result of a drive, or its failure. An observation that is not valid is a mistake
+    /// of the input.
+    fn take<R>(
+        &mut self,
+        drive: usize,
+        result: Result<R, InferenceError>,
+        put: impl FnOnce(&mut Self, R),
+    ) -> ControlFlow<FleetError> {
+        match result {
+            Ok(result) => put(self, result),
+            Err(InferenceError::Likelihood { step, source }) => {
+                let element = self.drives.offsets[drive] + step - 1;
+                return ControlFlow::Break(self.drives.refuse(element, &source.to_string()));
+            }
+            Err(error) => {
+                let (kind, step) = kind(&error);
+                let step = step.map(|step| self.drives.step(drive, step - 1));
+                let failure = Failure { kind, step, message: error.to_string() };
+                self.rows.fail(drive, self.steps(drive), failure, self.results);
+            }
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn beliefs(&mut self, drive: usize, posteriors: &Posteriors, log_likelihood: f64) {
+        let steps = self.steps(drive);
+        if let Table::Best(count) = self.results.table {
+            for (k, belief) in posteriors.iter().enumerate() {
+                self.best_states(self.drives.step(drive, k), belief.as_slice(), count);
+            }
+        } else {
+            let measures = self.measures;
+            for belief in posteriors.iter() {
+                let measured = measures.of(belief.as_slice());
+                self.rows.state.push(measured.state as u32);
+                self.rows.probability.push(measured.probability);
+                self.rows.entropy.push(measured.entropy);
+            }
+            self.add_steps(drive, steps);
+        }
+        self.rows.end(drive, 1, steps, log_likelihood);
+    }
+
+    fn add_steps(&mut self, drive: usize, steps: usize) {
+        let first = self.drives.offsets[drive];
+        match &self.drives.steps {
+            Some(all) => self.rows.step.extend_from_slice(&all.values()[first..first + steps]),
+            None => self.rows.step.extend(1..=steps as i64),
+        }
+    }
+
+    /// Adds the most probable states of a step; ties go to the lowest.
+    fn best_states(&mut self, step: i64, belief: &[f64], count: usize) {
+        let order = |a: &usize, b: &usize| belief[*b].total_cmp(&belief[*a]).then(a.cmp(b));
+        let best = &mut self.best;
+        best.clear();
+        best.extend(0..belief.len());
+        if count < best.len() {
+            best.select_nth_unstable_by(count, order);
+            best.truncate(count);
+        }
+        best.sort_unstable_by(order);
+        for (rank, &state) in (1..).zip(best.iter()) {
+            self.rows.step.push(step);
+            self.rows.rank.push(rank);
+            self.rows.state.push(state as u32);
+            self.rows.probability.push(belief[state]);
+        }
+    }
+
+    fn path(&mut self, drive: usize, rank: u32, states: &[usize], log_probability: f64) {
+        if self.results.table != Table::Drives {
+            self.rows.state.extend(states.iter().map(|&state| state as u32));
+            self.add_steps(drive, states.len());
+        }
+        self.rows.end(drive, rank, states.len(), log_probability);
+    }
+}

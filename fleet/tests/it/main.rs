@@ -1,0 +1,9 @@
+//! Tests of files against the library.
+
+mod bad_input;
+mod equality;
+mod kit;
+mod learn;
+mod memory;
+mod observations;
+mod resume;

@@ -1,0 +1,43 @@
+//! Memory does not grow with the file.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use crate::kit::*;
+
+/// Largest memory of the command, in bytes.
+fn peak(folder: &Folder, input: &str) -> u64 {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_wayfix-fleet"));
+    command.args(["smooth", "--quiet", "--threads", "2", "--part", "50000"]);
+    command.arg("--model").arg(folder.path("model.json"));
+    command.arg("--input").arg(folder.path(input));
+    command.arg("--output").arg(folder.path(&format!("{input}.out")));
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let mut most = 0;
+    let status = format!("/proc/{}/status", child.id());
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kilobytes = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        most = most.max(kilobytes.unwrap_or(0) * 1024);
+        thread::sleep(Duration::from_millis(2));
+    }
+    assert!(child.wait().unwrap().success());
+    most
+}
+
+#[test]
+fn is_flat() {
+    let folder = Folder::new(&model(2));
+    let some = drives(22, 30_000, 40, 60);
+    folder.write("few.parquet", &nested(&some[..15_000]), 4000);
+    let many: Drives = some.iter().cycle().take(120_000).cloned().collect();
+    folder.write("many.parquet", &nested(&many), 4000);
+    let (few, many) = (peak(&folder, "few.parquet"), peak(&folder, "many.parquet"));
+    assert!(few > 5 << 20, "{few}");
+    // Results of the additional steps are 160 MB.
+    assert!(many < few + (25 << 20), "{few} bytes, then {many}");
+}
