@@ -56,9 +56,12 @@ pub(super) fn far(distance: f64) -> f64 {
     distance.hypot(1.0).powi(-3)
 }
 
+/// Slope of the logistic function that is nearest to the normal distribution function.
+const SLOPE: f64 = 1.702;
+
 /// Sigmoid near the distribution function of a normal variable, with heavier tails.
 pub(super) fn share_below(z: f64) -> f64 {
-    1.0 / (1.0 + (-1.702 * z).exp())
+    1.0 / (1.0 + (-SLOPE * z).exp())
 }
 
 /// State on an edge near a position.
@@ -76,7 +79,7 @@ pub(super) fn on_edge<P: Coordinates>(
     let inlier = (1.0 - model.outliers) * share.max(0.0) * (-0.5 * WITNESS * across * across).exp()
         / (sigma * std::f64::consts::TAU.sqrt());
     // The largest share that the edge could have: a short one holds few positions that say nothing.
-    let most = (0.25 * 1.702 * metres / sigma).tanh();
+    let most = (0.25 * SLOPE * metres / sigma).tanh();
     let spread = OUTLIER_SPREAD * sigma;
     let outlier = model.outliers * most * far(near.metres_off / spread) / spread;
     let likelihood = inlier + outlier;

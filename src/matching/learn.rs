@@ -259,10 +259,8 @@ impl Counts {
     /// Model under which the counts are most probable, with the prior.
     fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
         let n = PRIOR_POINTS;
-        let variance = self.squares / self.beside.max(1e-300);
         // The first few points change the noise little.
-        let share = self.beside / (self.beside + n);
-        let variance = share * variance + (1.0 - share) * now.noise * now.noise;
+        let variance = (self.squares + n * now.noise * now.noise) / (self.beside + n);
         let rate = |events: f64, seconds: f64, prior: f64| {
             let seconds = seconds + PRIOR_SECONDS;
             ((events + prior * PRIOR_SECONDS) / seconds).clamp(1e-7, 0.005)

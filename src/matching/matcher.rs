@@ -72,9 +72,43 @@ impl<P: Coordinates> Matcher<P> {
     /// Replaces the weights of turns at junctions, by class of road by default, by those learned
     /// from drives or from traffic.
     ///
+    /// ```
+    /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// use wayfix::motion::{EdgeTurns, TurnWeights};
+    /// use wayfix::transition::MoveCounts;
+    ///
+    /// // Two ways from west to east, and a point in the middle between them.
+    /// let at = |x, y| PlanePosition { x, y };
+    /// let mut builder = NetworkBuilder::new();
+    /// for (id, x, y) in [(1, 0.0, 0.0), (2, 100.0, 0.0), (3, 150.0, 9.0), (4, 150.0, -9.0), (5, 200.0, 0.0)] {
+    ///     builder.node(id, at(x, y))?;
+    /// }
+    /// let [start, _, south] = [(1, 2), (2, 3), (2, 4)]
+    ///     .map(|(from, to)| builder.one_way(from, to, RoadClass::Street).unwrap());
+    /// builder.one_way(3, 5, RoadClass::Street)?;
+    /// builder.one_way(4, 5, RoadClass::Street)?;
+    /// let network = builder.build()?;
+    /// let drive = [(0.0, 20.0), (10.0, 130.0)].map(|(time, x)| TracePoint::new(time, at(x, 0.0)));
+    ///
+    /// // A driver went south, and the prior counts as much as a twentieth of that.
+    /// let counts = MoveCounts::of_path(&[start, south]);
+    /// let turns = EdgeTurns::from_counts(&network, &counts, &TurnWeights::default(), 0.05)?;
+    /// let mut memory = MatchMemory::default();
+    /// let matcher = Matcher::new(network);
+    /// let p = |matcher: &Matcher<_>, memory: &mut _| -> Result<f64, wayfix::matching::MatchError> {
+    ///     let edges = matcher.match_drive(&drive, memory)?.edges(1);
+    ///     Ok(edges.iter().filter(|edge| edge.0 == south).map(|edge| edge.1).sum())
+    /// };
+    /// let before = p(&matcher, &mut memory)?;
+    /// let after = p(&matcher.with_turns(&turns), &mut memory)?;
+    /// assert!((before - 0.5).abs() < 0.01 && after > 0.8);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Panics
     ///
-    /// If the turns are those of another network.
+    /// If the network of the turns has fewer edges: they must be those of this network.
     #[must_use]
     pub fn with_turns(mut self, turns: &EdgeTurns) -> Self {
         let probability = |edge, next| turns.turn(edge, next);

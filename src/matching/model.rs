@@ -82,5 +82,5 @@ impl MatchModel {
 /// Probability within a time of an event that has this probability within a second.
 fn within(in_a_second: f64, seconds: f64) -> f64 {
     let never = seconds * (-in_a_second).ln_1p();
-    (-never.exp_m1()).clamp(1e-12, 0.9)
+    (-never.exp_m1()).min(0.9)
 }

@@ -89,6 +89,11 @@ impl Interval {
             + (1.0 - ANY_SPEED) * share_below((limit - self.metres) / self.jitter)
     }
 
+    /// Distance over which an even density spreads.
+    fn most(&self) -> f64 {
+        FASTEST * self.seconds + self.jitter
+    }
+
     /// Scale of detours.
     pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
         model.deviation * self.seconds.max(LEAST_SECONDS)
@@ -106,7 +111,7 @@ impl Interval {
         fastest: f64,
         inlier: f64,
     ) -> (f64, Move) {
-        let (z, most) = (way.metres / self.jitter, FASTEST * self.seconds + self.jitter);
+        let (z, most) = (way.metres / self.jitter, self.most());
         let peak = most / (self.jitter * std::f64::consts::TAU.sqrt());
         let (bell, ahead) = ((-0.5 * z * z).exp(), share_below(z));
         let moves = match self.speed {
@@ -123,10 +128,12 @@ impl Interval {
         };
         let moves = (1.0 - ANY_SPEED) * moves + ANY_SPEED * ahead;
         let moves = moves.max(ANY_DISTANCE);
-        let stands = model.stop * bell * (inlier * peak + (1.0 - inlier) * peak.min(1.0));
-        let unseen = (1.0 - inlier)
-            * (model.stop * bell * peak.min(1.0) + (1.0 - model.stop) * moves.min(1.0));
-        let moves = (1.0 - model.stop) * (inlier * moves + (1.0 - inlier) * moves.min(1.0));
+        // Where the position belongs to the road, and where it says nothing.
+        let parts = |weight: f64| [inlier * weight, (1.0 - inlier) * weight.min(1.0)];
+        let stands = parts(peak).map(|part| model.stop * bell * part);
+        let moves = parts(moves).map(|part| (1.0 - model.stop) * part);
+        let unseen = stands[1] + moves[1];
+        let [stands, moves] = [stands, moves].map(|[seen, unseen]| seen + unseen);
         let scaled = way.detour / self.detour_scale(model);
         let [short, long] = match scaled {
             0.0 => [1.0 - LONG_DETOURS, 0.1 * LONG_DETOURS],
@@ -153,8 +160,7 @@ impl Interval {
         let z = (metres - slow) / self.jitter;
         let ramp = above - self.above(metres - slow, (-0.5 * z * z).exp(), share_below(z));
         let below = share_below((limit - metres) / self.jitter);
-        let most = FASTEST * self.seconds + self.jitter;
-        (ramp / slow).max(0.0) * below * most / ((1.0 - 0.5 * SLOW) * limit)
+        (ramp / slow).max(0.0) * below * self.most() / ((1.0 - 0.5 * SLOW) * limit)
     }
 }
 
