@@ -23,16 +23,17 @@ pub struct FittedModel {
     pub points: usize,
 }
 
-/// Name of a parameter, its value in a model, and the limits within which learning keeps it.
-type Limits = (&'static str, fn(&MatchModel) -> f64, [f64; 2]);
+/// Name of a parameter that is learned, its place in a model, and the limits within which learning
+/// keeps it.
+type Limits = (&'static str, fn(&mut MatchModel) -> &mut f64, [f64; 2]);
 
 const LIMITS: [Limits; 6] = [
-    ("noise", |model| model.noise, [0.1, 1000.0]),
-    ("outliers", |model| model.outliers, [1e-4, 0.5]),
-    ("deviation", |model| model.deviation, [1.5, 100.0]),
-    ("stop", |model| model.stop, [1e-3, 0.95]),
-    ("leave_road", |model| model.leave_road, [1e-7, 0.005]),
-    ("return_to_road", |model| model.return_to_road, [1e-4, 0.1]),
+    ("noise", |model| &mut model.noise, [0.1, 1000.0]),
+    ("outliers", |model| &mut model.outliers, [1e-4, 0.5]),
+    ("deviation", |model| &mut model.deviation, [1.5, 100.0]),
+    ("stop", |model| &mut model.stop, [1e-3, 0.95]),
+    ("leave_road", |model| &mut model.leave_road, [1e-7, 0.005]),
+    ("return_to_road", |model| &mut model.return_to_road, [1e-4, 0.1]),
 ];
 
 impl FittedModel {
@@ -40,7 +41,8 @@ impl FittedModel {
     /// [`fit`](Matcher::fit) keeps them: the drives call for a value there or beyond.
     #[must_use]
     pub fn at_limits(&self) -> Vec<&'static str> {
-        let at_limit = |(_, value, limits): &&Limits| limits.contains(&value(&self.model));
+        let mut model = self.model;
+        let at_limit = |(_, value, limits): &&Limits| limits.contains(value(&mut model));
         LIMITS.iter().filter(at_limit).map(|entry| entry.0).collect()
     }
 }
@@ -263,33 +265,33 @@ impl Counts {
         let variance = (self.squares + n * now.noise * now.noise) / (self.beside + n);
         let rate = |events: f64, seconds: f64, prior: f64| {
             let seconds = seconds + PRIOR_SECONDS;
-            ((events + prior * PRIOR_SECONDS) / seconds).clamp(1e-7, 0.005)
+            (events + prior * PRIOR_SECONDS) / seconds
         };
-        MatchModel {
-            noise: variance.sqrt().clamp(0.1, 1000.0),
-            outliers: ((self.outliers + n * prior.outliers) / (self.on_road + n)).clamp(1e-4, 0.5),
-            deviation: ((self.detour + n * prior.deviation) / (self.moves + n)).clamp(1.5, 100.0),
-            stop: ((self.stood + n * prior.stop) / (self.moves + n)).clamp(1e-3, 0.95),
+        let mut model = MatchModel {
+            noise: variance.sqrt(),
+            outliers: (self.outliers + n * prior.outliers) / (self.on_road + n),
+            deviation: (self.detour + n * prior.deviation) / (self.moves + n),
+            stop: (self.stood + n * prior.stop) / (self.moves + n),
             leave_road: rate(self.left, self.seconds_on_road, prior.leave_road),
             return_to_road: {
                 let seconds = self.seconds_off_road + 5.0 / prior.return_to_road;
-                ((self.returned + 5.0) / seconds).clamp(1e-4, 0.1)
+                (self.returned + 5.0) / seconds
             },
             ..*now
+        };
+        for (_, value, [least, most]) in LIMITS {
+            let value = value(&mut model);
+            *value = value.clamp(least, most);
         }
+        model
     }
 }
 
 impl MatchModel {
     /// True if no learned parameter differs by more than a hundredth.
     fn is_near(&self, other: &Self) -> bool {
-        let near = |a: f64, b: f64| (a / b - 1.0).abs() <= 0.01;
-        near(self.noise, other.noise)
-            && near(self.outliers, other.outliers)
-            && near(self.deviation, other.deviation)
-            && near(self.stop, other.stop)
-            && near(self.leave_road, other.leave_road)
-            && near(self.return_to_road, other.return_to_road)
+        let (mut a, mut b) = (*self, *other);
+        LIMITS.iter().all(|(_, value, _)| (*value(&mut a) / *value(&mut b) - 1.0).abs() <= 0.01)
     }
 }
 
@@ -297,7 +299,7 @@ impl MatchModel {
 mod tests {
     use super::*;
 
-    /// The limits of the table are those that learning keeps.
+    /// Learning that leads to a limit ends there, and says so.
     #[test]
     fn limits() {
         let prior = MatchModel::default();
@@ -321,9 +323,9 @@ mod tests {
             ..none
         };
         for (limit, counts) in [none, all].into_iter().enumerate() {
-            let model = counts.maximize(&prior, &prior);
+            let mut model = counts.maximize(&prior, &prior);
             for (name, value, limits) in LIMITS {
-                assert_eq!(value(&model), limits[limit], "{name}");
+                assert_eq!(*value(&mut model), limits[limit], "{name}");
             }
             let fitted = FittedModel {
                 model,

@@ -147,8 +147,8 @@ impl<P: Coordinates> Matcher<P> {
         let mut states = self.candidates(model, point, memory);
         states.push(Candidate::off_road(point, model));
         trellis.begin_step();
-        let leaves = model.leaves(1.0) / model.returns(1.0);
-        let off_road = (leaves / (1.0 + leaves)).clamp(1e-6, 0.5).ln();
+        let [leaves, returns] = [model.leaves(1.0), model.returns(1.0)];
+        let off_road = (leaves / (leaves + returns)).ln();
         for state in &states {
             let prior = if state.is_off_road() { off_road } else { 0.0 };
             trellis.state(state.log_likelihood, [(0, prior)])?;

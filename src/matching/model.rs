@@ -22,7 +22,8 @@ pub struct MatchModel {
     pub stop: f64,
     /// Probability of leaving the road within a second; above 0 and below 1.
     pub leave_road: f64,
-    /// Probability of coming back within a second; above 0 and below 1.
+    /// Probability of coming back within a second; above 0 and below 1. Between two points it is at
+    /// most a half.
     pub return_to_road: f64,
     /// Probability of a U-turn where another way goes on; above 0 and below 1.
     pub u_turn: f64,
