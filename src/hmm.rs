@@ -3,6 +3,7 @@
 use crate::belief::Belief;
 use crate::error::HmmError;
 use crate::likelihood::Likelihood;
+use crate::reorder::ReorderStates;
 use crate::transition::{self, Transition};
 
 /// Belief before the first observation, and **when** it holds.
@@ -168,5 +169,40 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     #[must_use]
     pub fn into_parts(self) -> (Prior, A, B) {
         (self.prior, self.transition, self.likelihood)
+    }
+
+    /// Returns the model with its former state `order[i]` as state i. O(n + E).
+    ///
+    /// # Errors
+    ///
+    /// [`HmmError::Order`] unless `order` holds each state once.
+    pub fn reordered(&self, order: &[usize]) -> Result<Self, HmmError>
+    where
+        A: ReorderStates,
+        B: ReorderStates,
+    {
+        let states = self.states();
+        let mut seen = vec![false; states];
+        for &state in order {
+            match seen.get_mut(state) {
+                Some(seen) if !*seen => *seen = true,
+                _ => return Err(HmmError::Order { state, states }),
+            }
+        }
+        if let Some(state) = seen.iter().position(|seen| !seen) {
+            return Err(HmmError::Order { state, states });
+        }
+        let probabilities = self.prior.belief().as_slice();
+        let belief = Belief::known(order.iter().map(|&state| probabilities[state]).collect());
+        let prior = match self.prior {
+            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(belief),
+            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(belief),
+        };
+        Ok(Self {
+            prior,
+            transition: self.transition.reordered(order),
+            likelihood: self.likelihood.reordered(order),
+            rounds_tails: self.rounds_tails,
+        })
     }
 }

@@ -71,6 +71,7 @@
 //! |---|---|
 //! | [`transition`] | operators: sparse, dense, windows, switched, dwell times, evidence on moves |
 //! | [`likelihood`] | sensors: tables, vectors, sparse, missing, fused, grouped |
+//! | `emission` | families of observations that are learned: Gaussians and their kin, counts, angles, durations (feature `emission`) |
 //! | [`inference`] | options and results of the methods above; trellises |
 //! | [`map`] | places and roads, the transitions derived from them, positions along roads |
 //! | [`motion`] | vehicles: speeds along a route, odometry, metres along roads or on a map, off the map |
@@ -133,6 +134,7 @@
 //!
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
 //!   road networks.
+//! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
 //! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them.
@@ -158,9 +160,12 @@ mod hmm;
 mod kernels;
 mod random;
 mod range;
+mod reorder;
 mod sequence;
 
 pub mod canberra;
+#[cfg(feature = "emission")]
+pub mod emission;
 pub mod evaluate;
 pub mod guide;
 pub mod inference;
@@ -186,6 +191,7 @@ pub use likelihood::{
     Diagonal, FusedLikelihood, Likelihood, LikelihoodVector, OptionalLikelihood, Scratch,
     SparseLikelihood, TableLikelihood,
 };
+pub use reorder::ReorderStates;
 pub use sequence::{Controlled, Sequence};
 #[doc(inline)]
 pub use transition::{DenseTransition, SparseTransition, Transition, TransitionEntries};

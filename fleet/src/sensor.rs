@@ -176,6 +176,13 @@ impl LearnLikelihood for Sensor {
             _ => 0.0,
         }
     }
+
+    fn free_parameters(&self) -> usize {
+        match &self.kind {
+            Kind::Table(table) => table.free_parameters(),
+            _ => 0,
+        }
+    }
 }
 
 impl Serialize for Sensor {

@@ -132,6 +132,14 @@ impl LearnTransition for Plain {
             _ => 0.0,
         }
     }
+
+    fn free_parameters(&self) -> usize {
+        match self {
+            Self::Sparse(a) => a.free_parameters(),
+            Self::Dense(a) => a.free_parameters(),
+            _ => 0,
+        }
+    }
 }
 
 impl Transition for Driven {

@@ -20,6 +20,13 @@ pub enum HmmError {
         /// Number of states of the first part.
         expected: usize,
     },
+    /// An order of the states does not hold each of them once.
+    Order {
+        /// A state that is missing, there twice, or does not exist.
+        state: usize,
+        /// Number of states.
+        states: usize,
+    },
     /// The transition operator is not valid.
     Transition(TransitionError),
 }
@@ -30,6 +37,10 @@ impl fmt::Display for HmmError {
             Self::StateCount { part, found, first, expected } => {
                 write!(f, "the {part} has {found} states, expected {expected} as the {first}")
             }
+            Self::Order { state, states } => write!(
+                f,
+                "the order does not hold each of {states} states once: look for state {state}"
+            ),
             Self::Transition(source) => write!(f, "the transition operator is not valid: {source}"),
         }
     }

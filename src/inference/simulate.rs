@@ -77,7 +77,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     /// assert_eq!(drive.observations(), [1, 0, 1]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Observation>
+    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Sample>
     where
         A: TransitionEntries<Control = ()>,
     {
@@ -96,7 +96,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         &self,
         controls: &[A::Control],
         rng: &mut R,
-    ) -> Result<Simulation<B::Observation>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
         self.check_controls(0, controls)?;
         Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
     }
@@ -120,7 +120,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         taken: usize,
         controls: &[A::Control],
         rng: &mut R,
-    ) -> Simulation<B::Observation> {
+    ) -> Simulation<B::Sample> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
         let initial = self.prior().moves_at(taken + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
@@ -157,7 +157,7 @@ where
     /// assert_eq!(ahead.states().len(), 10);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Observation>
+    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Sample>
     where
         A: TransitionEntries<Control = ()>,
     {
@@ -173,7 +173,7 @@ where
         &self,
         controls: &[A::Control],
         rng: &mut R,
-    ) -> Result<Simulation<B::Observation>, InferenceError> {
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
         self.model().check_controls(self.steps(), controls)?;
         Ok(self.model().draw(self.belief().as_slice(), self.steps(), controls, rng))
     }

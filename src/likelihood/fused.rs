@@ -176,8 +176,14 @@ fn multiply(first: Values<'_>, second: Values<'_>, out: &mut [f64]) -> bool {
     })
 }
 
-impl<B1: SampleObservation, B2: SampleObservation> SampleObservation for FusedLikelihood<B1, B2> {
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation {
+impl<Y1, Y2, B1, B2> SampleObservation for FusedLikelihood<B1, B2>
+where
+    B1: SampleObservation<Observation = Y1, Sample = Y1>,
+    B2: SampleObservation<Observation = Y2, Sample = Y2>,
+{
+    type Sample = (Y1, Y2);
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> (Y1, Y2) {
         (self.first.sample(state, rng), self.second.sample(state, rng))
     }
 }

@@ -121,7 +121,9 @@ impl<B: Likelihood> Likelihood for GroupedLikelihood<B> {
 }
 
 impl<B: SampleObservation> SampleObservation for GroupedLikelihood<B> {
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+    type Sample = B::Sample;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Sample {
         self.sensor.sample(self.groups.as_slice()[state], rng)
     }
 }

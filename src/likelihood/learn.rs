@@ -50,6 +50,9 @@ use super::Likelihood;
 ///         let means = statistics.iter().zip(&self.0);
 ///         Ok(Self(means.map(|(s, old)| if s.0 > 0.0 { s.1 / s.0 } else { *old }).collect()))
 ///     }
+///     fn free_parameters(&self) -> usize {
+///         self.0.len()
+///     }
 /// }
 ///
 /// # use wayfix::inference::LearningOptions;
@@ -103,4 +106,8 @@ pub trait LearnLikelihood: Likelihood + Sized {
         let _ = pseudo_count;
         0.0
     }
+
+    /// Number of parameters that learning may change independently of each other, as information
+    /// criteria count them: of a table, the probabilities above 0 less one for each state.
+    fn free_parameters(&self) -> usize;
 }

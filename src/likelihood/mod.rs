@@ -51,6 +51,8 @@ pub use sparse_table::SparseTableLikelihood;
 pub use table::TableLikelihood;
 pub use vector::LikelihoodVector;
 
+use std::borrow::Borrow;
+
 use rand::Rng;
 
 use crate::error::LikelihoodError;
@@ -149,8 +151,11 @@ pub trait Likelihood {
 /// assert_eq!(table.sample(1, &mut rng), 1);
 /// # Ok::<(), wayfix::likelihood::TableError>(())
 /// ```
-pub trait SampleObservation: Likelihood<Observation: Sized> {
+pub trait SampleObservation: Likelihood {
+    /// An observation by value: `usize` for symbols, `Vec<f64>` for vectors.
+    type Sample: Borrow<Self::Observation>;
+
     /// Draws an observation in `state`, which is below [`states`](Likelihood::states). A table
     /// panics for other states.
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Observation;
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Self::Sample;
 }

@@ -94,10 +94,15 @@ impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelih
     }
 }
 
-impl<B: SampleObservation> SampleObservation for OptionalLikelihood<B> {
+impl<Y, B> SampleObservation for OptionalLikelihood<B>
+where
+    B: SampleObservation<Observation = Y, Sample = Y>,
+{
+    type Sample = Option<Y>;
+
     /// Draws an observation of the sensor. It is never missing, since the model does not include
     /// the rate of missing ones.
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Option<B::Observation> {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Option<Y> {
         Some(self.sensor.sample(state, rng))
     }
 }

@@ -145,8 +145,10 @@ impl<B: Likelihood> Likelihood for PooledLikelihood<B> {
 }
 
 impl<B: SampleObservation> SampleObservation for PooledLikelihood<B> {
+    type Sample = B::Sample;
+
     /// Draws one of the images of the place, and an observation of it.
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Sample {
         let images = self.groups.states(state).map(|image| (image, 1.0));
         let image = index(images, self.count(state), rng);
         self.sensor.sample(image, rng)

@@ -49,6 +49,10 @@ impl LearnLikelihood for TableLikelihood {
         let possible = self.columns.iter().filter(|p| **p > 0.0);
         pseudo_count * possible.map(|p| p.ln()).sum::<f64>()
     }
+
+    fn free_parameters(&self) -> usize {
+        self.columns.iter().filter(|p| **p > 0.0).count() - self.states()
+    }
 }
 
 /// Implements learning for a wrapper by learning the inner sensor.
@@ -78,6 +82,10 @@ macro_rules! learns_the_inner {
 
             fn log_prior(&self, pseudo_count: f64) -> f64 {
                 self.$inner.log_prior(pseudo_count)
+            }
+
+            fn free_parameters(&self) -> usize {
+                self.$inner.free_parameters()
             }
         }
     )*};
@@ -130,6 +138,10 @@ where
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         self.first.log_prior(pseudo_count) + self.second.log_prior(pseudo_count)
     }
+
+    fn free_parameters(&self) -> usize {
+        self.first.free_parameters() + self.second.free_parameters()
+    }
 }
 
 /// A no-op, since there is nothing to learn. [Known states](SparseObservation::known) beside
@@ -146,6 +158,10 @@ impl LearnLikelihood for SparseLikelihood {
     fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(*self)
     }
+
+    fn free_parameters(&self) -> usize {
+        0
+    }
 }
 
 impl<B: Likelihood + Clone> LearnLikelihood for Fixed<B> {
@@ -159,5 +175,9 @@ impl<B: Likelihood + Clone> LearnLikelihood for Fixed<B> {
 
     fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(self.clone())
+    }
+
+    fn free_parameters(&self) -> usize {
+        0
     }
 }

@@ -73,7 +73,9 @@ as_target! {
 }
 
 impl<B: SampleObservation> SampleObservation for Fixed<B> {
-    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Observation {
+    type Sample = B::Sample;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Sample {
         self.0.sample(state, rng)
     }
 }

@@ -7,6 +7,7 @@ use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
 use crate::kernels;
 use crate::random::index;
+use crate::reorder::ReorderStates;
 
 /// A table p(symbol | state), also called emission matrix or confusion matrix. The observation is
 /// the symbol, 0 to m − 1.
@@ -70,11 +71,16 @@ impl TableLikelihood {
                 return Err(TableError::RowSum { state, sum });
             }
         }
+        Ok(Self::from_columns(states, columns))
+    }
+
+    /// Creates a table from valid probabilities, symbol by symbol.
+    fn from_columns(states: usize, columns: Vec<f64>) -> Self {
         let log2 = columns.iter().map(|&value| kernels::log2(value)).collect();
         let maximum = |column: &[f64]| column.iter().copied().fold(0.0, f64::max);
         let largest = columns.chunks_exact(states).map(maximum).collect();
         let standing_out = columns.chunks_exact(states).map(standing_out).collect();
-        Ok(Self { states, columns, log2, largest, standing_out })
+        Self { states, columns, log2, largest, standing_out }
     }
 
     /// Creates a table from a faer view with one row per state. O(n m).
@@ -198,6 +204,14 @@ impl LocalLikelihood for TableLikelihood {
     }
 }
 
+impl ReorderStates for TableLikelihood {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let columns = self.columns.chunks_exact(self.states);
+        let columns = columns.flat_map(|column| order.iter().map(|&state| column[state]));
+        Self::from_columns(self.states, columns.collect())
+    }
+}
+
 /// States with the largest values above 0 of a column.
 fn standing_out(column: &[f64]) -> Vec<(usize, f64)> {
     let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
@@ -212,6 +226,8 @@ fn standing_out(column: &[f64]) -> Vec<(usize, f64)> {
 }
 
 impl SampleObservation for TableLikelihood {
+    type Sample = usize;
+
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
         let row = self.columns[state..].iter().step_by(self.states).copied();
         index(row.enumerate(), 1.0, rng)

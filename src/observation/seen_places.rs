@@ -79,6 +79,8 @@ impl LocalLikelihood for Confusion {
 }
 
 impl SampleObservation for Confusion {
+    type Sample = usize;
+
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
         index(self.by_place.line(state), 1.0, rng)
     }
@@ -127,5 +129,9 @@ impl LearnLikelihood for Confusion {
         }
         let entries = (0..self.places()).flat_map(|seen| self.by_seen.line(seen));
         pseudo_count * entries.map(|entry| entry.1.ln()).sum::<f64>()
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.entries() - self.places()
     }
 }

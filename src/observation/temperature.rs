@@ -174,6 +174,11 @@ impl LearnLikelihood for AppearanceLikelihood {
         let temperature = self.temperature() / if allowed(factor) { factor } else { 1.0 };
         Ok(self.clone().with_temperature(temperature)?)
     }
+
+    /// Returns 1, the temperature.
+    fn free_parameters(&self) -> usize {
+        1
+    }
 }
 
 /// Result of [`calibrate`].

@@ -116,8 +116,7 @@ impl DenseTransition {
             }
         }
         check_columns_of(&sums, |to| (0..states).map(|from| matrix.column(from)[to]).sum())?;
-        let plain = matrix.values().iter().all(|&p| p == 0.0 || range::is_plain(p));
-        Ok(Self { matrix, plain, log2: OnceLock::new() })
+        Ok(Self::known(matrix))
     }
 
     /// Creates an operator from a faer view of A (columns sum to one). O(n²).
@@ -155,6 +154,12 @@ impl DenseTransition {
     pub fn to_rows(&self) -> Vec<Vec<f64>> {
         let n = self.matrix.states();
         (0..n).map(|to| (0..n).map(|from| self.get(to, from)).collect()).collect()
+    }
+
+    /// Creates an operator from entries that are known to be valid.
+    pub(super) fn known(matrix: Dense) -> Self {
+        let plain = matrix.values().iter().all(|&p| p == 0.0 || range::is_plain(p));
+        Self { matrix, plain, log2: OnceLock::new() }
     }
 
     /// Rows and columns of A.

@@ -255,6 +255,10 @@ where
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         self.base.log_prior(pseudo_count)
     }
+
+    fn free_parameters(&self) -> usize {
+        self.base.free_parameters()
+    }
 }
 
 impl<A: Clone, U, F: Clone, G: Clone> Clone for EvidenceTransition<A, U, F, G> {

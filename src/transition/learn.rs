@@ -42,4 +42,8 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// Log-prior that the pseudo-counts stand for, a Dirichlet density but for a constant:
     /// `pseudo_count` Σ ln θ over the free parameters above 0.
     fn log_prior(&self, pseudo_count: f64) -> f64;
+
+    /// Number of parameters that learning may change independently of each other, as information
+    /// criteria count them: the entries above 0 less one for each column, if nothing is tied.
+    fn free_parameters(&self) -> usize;
 }

@@ -37,6 +37,7 @@ mod no_control;
 mod operator;
 mod power;
 mod reestimate;
+mod reorder;
 mod restart;
 mod shared;
 mod single;

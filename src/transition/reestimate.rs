@@ -67,6 +67,12 @@ fn free_log_prior<A: TransitionEntries<Control = ()>>(transition: &A, pseudo_cou
     pseudo_count * columns.map(|entry| entry.1.ln()).sum::<f64>()
 }
 
+/// Entries above 0 less one for each column.
+fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
+    let columns = 0..transition.states();
+    columns.map(|from| transition.outgoing(&(), from).count() - 1).sum()
+}
+
 /// Learned values have 64 bits, even if the operator has values of 32 bits.
 impl LearnTransition for SparseTransition {
     fn reestimate(
@@ -79,6 +85,10 @@ impl LearnTransition for SparseTransition {
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         free_log_prior(self, pseudo_count)
+    }
+
+    fn free_parameters(&self) -> usize {
+        free_entries(self)
     }
 }
 
@@ -98,6 +108,10 @@ impl LearnTransition for DenseTransition {
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         free_log_prior(self, pseudo_count)
+    }
+
+    fn free_parameters(&self) -> usize {
+        free_entries(self)
     }
 }
 
@@ -126,6 +140,10 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
     fn log_prior(&self, pseudo_count: f64) -> f64 {
         self.operators.iter().map(|a| a.log_prior(pseudo_count)).sum()
     }
+
+    fn free_parameters(&self) -> usize {
+        self.operators.iter().map(LearnTransition::free_parameters).sum()
+    }
 }
 
 impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
@@ -140,6 +158,10 @@ impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
 
     fn log_prior(&self, _: f64) -> f64 {
         0.0
+    }
+
+    fn free_parameters(&self) -> usize {
+        0
     }
 }
 

@@ -1,6 +1,6 @@
 //! A sparse operator with shared parameters.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Deref;
 
 use super::reestimate::{normalized, weights};
@@ -130,5 +130,18 @@ impl LearnTransition for TiedTransition {
             logs[parameter as usize] = (entry.1 * f64::from(times)).ln();
         }
         pseudo_count * logs.iter().sum::<f64>()
+    }
+
+    /// Returns the number of parameters less one for each kind of state.
+    fn free_parameters(&self) -> usize {
+        let mut sums: BTreeSet<Vec<u32>> = BTreeSet::new();
+        let mut entries = self.parameters.iter();
+        for from in 0..self.states() {
+            let count = self.transition.outgoing(&(), from).count();
+            let mut kind: Vec<u32> = entries.by_ref().take(count).map(|entry| entry.0).collect();
+            kind.sort_unstable();
+            sums.insert(kind);
+        }
+        self.parameters() - sums.len()
     }
 }

@@ -6,11 +6,11 @@ use std::path::Path;
 /// From the lowest up; modules of one layer don't know each other.
 const LAYERS: [&[&str]; 13] = [
     &["error", "random", "range"],
-    &["kernels", "sequence", "fixed"],
+    &["kernels", "sequence", "fixed", "reorder"],
     &["belief"],
     &["groups"],
     &["transition", "likelihood"],
-    &["hmm", "evaluate"],
+    &["hmm", "evaluate", "emission"],
     &["inference", "map"],
     &["motion"],
     &["observation"],

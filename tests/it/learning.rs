@@ -555,6 +555,9 @@ fn an_objective_that_falls_is_an_error() {
         ) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
             Ok(Self(TableLikelihood::from_rows(&[[0.01, 0.99], [0.02, 0.98]])?))
         }
+        fn free_parameters(&self) -> usize {
+            2
+        }
     }
     let sensor = Worse(TableLikelihood::from_rows(&[[0.9, 0.1], [0.8, 0.2]]).unwrap());
     let transition = DenseTransition::from_rows(&[[0.5; 2]; 2]).unwrap();

@@ -1,0 +1,130 @@
+//! Errors of families.
+
+use std::error::Error;
+use std::fmt;
+use std::sync::Arc;
+
+use crate::error::LikelihoodError;
+
+/// An invalid parameter or observation of a family, or statistics that determine no parameter.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum EmissionError {
+    /// There are no states, or observations have no components.
+    Empty {
+        /// Number of states.
+        states: usize,
+        /// Number of components of an observation, d.
+        components: usize,
+    },
+    /// A list of parameters has a wrong length.
+    Length {
+        /// Name of the parameter.
+        what: &'static str,
+        /// The state, from 0, unless the list is common to all.
+        state: Option<usize>,
+        /// Number of values found.
+        found: usize,
+        /// Number of values expected.
+        expected: usize,
+    },
+    /// A parameter is out of its range.
+    Parameter {
+        /// Name of the parameter.
+        what: &'static str,
+        /// The state, from 0, unless the parameter is common to all.
+        state: Option<usize>,
+        /// The component, from 0, unless the parameter is that of the whole vector.
+        component: Option<usize>,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+    /// A covariance is not positive definite.
+    NotPositiveDefinite {
+        /// The state, from 0, unless the covariance is common to all.
+        state: Option<usize>,
+        /// The component at which its factorisation fails, from 0.
+        component: usize,
+    },
+    /// The observations behind a state do not determine its parameters.
+    TooFew {
+        /// The state, from 0, unless the parameter is common to all.
+        state: Option<usize>,
+        /// Name of the parameter.
+        what: &'static str,
+        /// Expected number of observations behind the state.
+        weight: f64,
+        /// Reason, and what to do.
+        reason: &'static str,
+    },
+    /// An observation has a wrong number of components.
+    Components {
+        /// Number of components found.
+        found: usize,
+        /// Number of components expected.
+        expected: usize,
+    },
+    /// A component of an observation is out of its range.
+    Observation {
+        /// The component, from 0.
+        component: usize,
+        /// Value found.
+        value: f64,
+        /// Valid values, in words.
+        expected: &'static str,
+    },
+}
+
+/// " of state 3", or nothing.
+fn of_state(state: Option<usize>) -> String {
+    state.map_or_else(String::new, |state| format!(" of state {state}"))
+}
+
+impl fmt::Display for EmissionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty { states, components } => write!(
+                f,
+                "a family needs at least one state and one component, found {states} states and {components} components"
+            ),
+            Self::Length { what, state, found, expected } => {
+                let of = of_state(*state);
+                write!(f, "the {what}{of} has {found} values, expected {expected}")
+            }
+            Self::Parameter { what, state, component, value, expected } => {
+                write!(f, "the {what}{}", of_state(*state))?;
+                component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                write!(f, " is {value}, expected {expected}")
+            }
+            Self::NotPositiveDefinite { state, component } => write!(
+                f,
+                "the covariance{} is not positive definite, at component {component}",
+                of_state(*state)
+            ),
+            Self::TooFew { state, what, weight, reason } => write!(
+                f,
+                "the {what}{} cannot be estimated from {weight} expected observations: {reason}",
+                of_state(*state)
+            ),
+            Self::Components { found, expected } => {
+                write!(f, "the observation has {found} components, expected {expected}")
+            }
+            Self::Observation { component, value, expected } => {
+                write!(
+                    f,
+                    "component {component} of the observation is {value}, expected {expected}"
+                )
+            }
+        }
+    }
+}
+
+impl Error for EmissionError {}
+
+impl From<EmissionError> for LikelihoodError {
+    fn from(source: EmissionError) -> Self {
+        Self::Sensor(Arc::new(source))
+    }
+}

@@ -1,0 +1,15 @@
+//! Families of observations whose parameters are learned (feature `emission`).
+//!
+//! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
+//! without copying it. Each family is a [`Likelihood`](crate::Likelihood) with one set of
+//! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
+//! observations for [`Hmm::simulate`](crate::Hmm::simulate).
+//!
+//! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
+//! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
+
+mod error;
+mod rows;
+
+pub use error::EmissionError;
+pub use rows::{Rows, RowsError};

@@ -1,0 +1,131 @@
+//! Matrices of observations as sequences.
+
+use std::error::Error;
+use std::fmt;
+
+use crate::sequence::Sequence;
+
+/// A T × d matrix, row after row, as a sequence of T observations of d numbers.
+///
+/// Borrows the values, so nothing is copied: a slice, or `as_slice()` of a row-major array of
+/// `ndarray`. [`lagged`](Self::lagged) gives each observation those before it, for autoregressive
+/// families.
+///
+/// ```
+/// use wayfix::Sequence;
+/// use wayfix::emission::Rows;
+///
+/// let values = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
+/// let rows = Rows::new(&values, 2)?;
+/// assert_eq!(rows.steps(), 3);
+/// assert_eq!(rows.observation(2), [2.0, 20.0]);
+/// assert_eq!(rows.lagged(1)?.observation(1), [1.0, 10.0, 2.0, 20.0]);
+/// # Ok::<(), wayfix::emission::RowsError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rows<'a> {
+    values: &'a [f64],
+    /// Numbers of the values of an observation, and of those from one observation to the next.
+    width: usize,
+    stride: usize,
+}
+
+/// Values that are no matrix of observations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum RowsError {
+    /// Observations must have at least one component.
+    NoComponents,
+    /// The last row is not complete.
+    Incomplete {
+        /// Number of values.
+        values: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
+    /// There are fewer rows than an observation with its predecessors needs.
+    TooFew {
+        /// Number of rows.
+        rows: usize,
+        /// Number of predecessors.
+        order: usize,
+    },
+}
+
+impl fmt::Display for RowsError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoComponents => write!(f, "observations have 0 components, expected at least 1"),
+            Self::Incomplete { values, components } => write!(
+                f,
+                "{values} values are no whole number of observations with {components} components"
+            ),
+            Self::TooFew { rows, order } => {
+                write!(f, "{rows} rows are too few for observations with {order} predecessors")
+            }
+        }
+    }
+}
+
+impl Error for RowsError {}
+
+impl<'a> Rows<'a> {
+    /// Divides values into observations of so many components. O(1).
+    ///
+    /// # Errors
+    ///
+    /// [`RowsError`] if `components` is 0 or does not divide the number of values.
+    pub fn new(values: &'a [f64], components: usize) -> Result<Self, RowsError> {
+        match values.len().checked_rem(components) {
+            None => Err(RowsError::NoComponents),
+            Some(0) => Ok(Self { values, width: components, stride: components }),
+            Some(_) => Err(RowsError::Incomplete { values: values.len(), components }),
+        }
+    }
+
+    /// Rows that hold the `order` observations before each, oldest first, and then the
+    /// observation itself: T − order rows of (order + 1) d numbers. O(1), since they overlap.
+    ///
+    /// # Errors
+    ///
+    /// [`RowsError::TooFew`] unless there are more than `order` rows.
+    pub fn lagged(self, order: usize) -> Result<Self, RowsError> {
+        let rows = self.steps();
+        if rows <= order {
+            return Err(RowsError::TooFew { rows, order });
+        }
+        Ok(Self { width: self.width + order * self.stride, ..self })
+    }
+
+    /// Number of rows.
+    fn steps(&self) -> usize {
+        (self.values.len() + self.stride - self.width) / self.stride
+    }
+
+    /// Number of values of an observation: d, or (order + 1) d of lagged rows.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// The rows, in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &'a [f64]> + use<'a> {
+        let Self { values, width, stride } = *self;
+        (0..self.steps()).map(move |row| &values[row * stride..row * stride + width])
+    }
+}
+
+impl Sequence<(), [f64]> for Rows<'_> {
+    fn steps(&self) -> usize {
+        Rows::steps(self)
+    }
+
+    fn control(&self, _: usize) -> &() {
+        &()
+    }
+
+    fn observation(&self, step: usize) -> &[f64] {
+        let from = (step - 1) * self.stride;
+        &self.values[from..from + self.width]
+    }
+}
