@@ -5,18 +5,17 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use wayfix::inference::Order;
-use wayfix::likelihood::LearnLikelihood;
-use wayfix::transition::{LearnTransition, MoveCounts};
-use wayfix::{Belief, Hmm, InferenceError, Prior};
+use wayfix::Hmm;
+use wayfix::transition::LearnTransition;
 
 use crate::error::{FleetError, Outcome};
+use crate::expected::Expected;
 use crate::input::{self, ColumnNames, Drives};
 use crate::model::{Model, with_hmm};
 use crate::partial::beside;
 use crate::pipeline;
 use crate::run::{Progress, Start, stamp};
-use crate::sensor::{Observation, Sensor};
+use crate::sensor::Sensor;
 
 /// Batches for each thread that are under way.
 const AHEAD: usize = 2;
@@ -54,16 +53,6 @@ pub struct Course {
     pub left_out: u64,
 }
 
-/// Expectations of drives.
-struct Expected {
-    first: Vec<f64>,
-    moves: MoveCounts,
-    sensor: Vec<f64>,
-    log_likelihood: f64,
-    drives: u64,
-    left_out: u64,
-}
-
 /// State of an unfinished run.
 #[derive(Serialize, Deserialize)]
 struct State {
@@ -75,8 +64,7 @@ struct State {
 /// Learns prior, transitions and sensor by Baum–Welch, as `Hmm::learn` of the library without
 /// pseudo-counts, or continues where a run was interrupted: after the last re-estimation.
 ///
-/// Memory does not grow with the file; each iteration reads it, and passes each drive twice through
-/// the smoother. Sums are in the order of the file: the result does not depend on the number of
+/// Memory does not grow with the file, which each iteration reads. Sums are in the order of the file: the result does not depend on the number of
 /// threads. Only a table learns; other sensors stay as they are.
 ///
 /// # Errors
@@ -139,9 +127,9 @@ where
         }
         course.left_out = expected.left_out;
         let before = course.log_likelihoods.last().copied();
-        course.log_likelihoods.push(expected.log_likelihood);
+        course.log_likelihoods.push(expected.log_likelihood());
         let converged =
-            before.is_some_and(|before| expected.log_likelihood - before < job.tolerance);
+            before.is_some_and(|before| expected.log_likelihood() - before < job.tolerance);
         if converged || iteration >= job.iterations {
             save(&job.output, &hmm)?;
             if path.exists() {
@@ -149,8 +137,7 @@ where
             }
             return Ok(course);
         }
-        hmm = maximize(&hmm, &expected, job.keep_prior)
-            .map_err(|error| FleetError::Learning(error.to_string()))?;
+        hmm = expected.reestimate(&hmm, job.keep_prior)?;
         let value = serde_json::to_value(&hmm).map_err(|error| FleetError::format(&path, error))?;
         let state = State { settings: settings.clone(), course: course.clone(), model: value };
         save(&path, &state)?;
@@ -177,103 +164,15 @@ where
     A: LearnTransition<Control = ()> + Sync,
 {
     let found = input::open(&job.input, &job.names, hmm.likelihood(), 0)?;
-    let mut sum = nothing(hmm);
+    let mut sum = Expected::nothing(hmm);
     let mut state = Progress { all_rows: found.rows, ..Progress::default() };
-    let work = |drives: Drives| Ok((of_batch(hmm, &drives)?, drives.end_row));
+    let work = |drives: Drives| Ok((Expected::of(hmm, &drives)?, drives.end_row));
     pipeline::in_order(found.batches, job.threads, AHEAD, work, |done: Outcome<_>| {
         let (some, end_row) = done?;
-        add(hmm, &mut sum, &some);
+        sum.merge(hmm, &some);
         state = Progress { rows: end_row, drives: sum.drives, ..state };
         progress(&state);
         Ok(())
     })?;
     Ok(sum)
-}
-
-fn nothing<A: LearnTransition<Control = ()>>(hmm: &Hmm<A, Sensor>) -> Expected {
-    Expected {
-        first: vec![0.0; hmm.states()],
-        moves: MoveCounts::default(),
-        sensor: hmm.likelihood().statistics(),
-        log_likelihood: 0.0,
-        drives: 0,
-        left_out: 0,
-    }
-}
-
-fn add<A: LearnTransition<Control = ()>>(
-    hmm: &Hmm<A, Sensor>,
-    sum: &mut Expected,
-    other: &Expected,
-) {
-    sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
-    sum.moves.merge(&other.moves);
-    hmm.likelihood().merge(&mut sum.sensor, &other.sensor);
-    sum.log_likelihood += other.log_likelihood;
-    sum.drives += other.drives;
-    sum.left_out += other.left_out;
-}
-
-/// Expectations of a batch. Drives that the model rules out are left out; what is not valid is an
-/// error.
-fn of_batch<A>(hmm: &Hmm<A, Sensor>, drives: &Drives) -> Outcome<Expected>
-where
-    A: LearnTransition<Control = ()> + Sync,
-{
-    let all = drives.observations()?;
-    let mut sum = nothing(hmm);
-    for drive in drives.offsets.windows(2) {
-        let seen = &all[drive[0]..drive[1]];
-        sum.drives += 1;
-        if seen.is_empty() {
-            continue;
-        }
-        match of_drive(hmm, seen) {
-            Ok(expected) => add(hmm, &mut sum, &expected),
-            Err(InferenceError::Likelihood { step, source }) => {
-                return Err(drives.refuse(drive[0] + step - 1, &source.to_string()));
-            }
-            Err(_) => sum.left_out += 1,
-        }
-    }
-    Ok(sum)
-}
-
-fn of_drive<A>(hmm: &Hmm<A, Sensor>, seen: &[Observation]) -> Result<Expected, InferenceError>
-where
-    A: LearnTransition<Control = ()> + Sync,
-{
-    let mut expected = nothing(hmm);
-    expected.log_likelihood = hmm.smooth_each(seen, Order::Backward, |step| {
-        let posterior = step.smoothed();
-        if step.step() == 0 {
-            expected.first.copy_from_slice(posterior.as_slice());
-        } else {
-            let observation = &seen[step.step() - 1];
-            hmm.likelihood().add(&mut expected.sensor, observation, posterior.as_slice());
-        }
-    })?;
-    expected.moves = hmm.expected_moves(seen)?;
-    Ok(expected)
-}
-
-/// Returns the model that fits the expectations best.
-fn maximize<A: LearnTransition<Control = ()>>(
-    hmm: &Hmm<A, Sensor>,
-    expected: &Expected,
-    keep_prior: bool,
-) -> Result<Hmm<A, Sensor>, Box<dyn std::error::Error + Send + Sync>> {
-    let prior = if keep_prior {
-        hmm.prior().clone()
-    } else {
-        let belief = Belief::from_weights(expected.first.clone())?;
-        match hmm.prior() {
-            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(belief),
-            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(belief),
-        }
-    };
-    let transition = hmm.transition().reestimate(std::slice::from_ref(&expected.moves), 0.0)?;
-    let sensor = hmm.likelihood().reestimate(&expected.sensor, 0.0)?;
-    let learned = Hmm::new(prior, transition, sensor)?;
-    Ok(if hmm.rounds_tails() { learned.with_rounded_tails() } else { learned })
 }

@@ -8,6 +8,7 @@
 //! The README says which columns and which models a file may have.
 
 pub mod error;
+mod expected;
 pub mod input;
 mod journal;
 mod learn;

@@ -95,6 +95,15 @@ pub enum LearnError {
         /// The state.
         state: usize,
     },
+    /// Expectations are those of another model.
+    Expectations {
+        /// Name of the things that are counted.
+        what: &'static str,
+        /// Number found.
+        found: usize,
+        /// Number that the model has.
+        expected: usize,
+    },
     /// The prior could not be estimated.
     Prior(BeliefError),
     /// The transition operator could not be estimated.
@@ -146,6 +155,9 @@ impl fmt::Display for LearnError {
                 f,
                 "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
             ),
+            Self::Expectations { what, found, expected } => {
+                write!(f, "the expectations are of {found} {what}, the model has {expected}")
+            }
             Self::Prior(source) => write!(f, "the prior cannot be estimated: {source}"),
             Self::Transition(source) => {
                 write!(f, "the transition operator cannot be estimated: {source}")
@@ -154,7 +166,7 @@ impl fmt::Display for LearnError {
             Self::Hmm(error) => fmt::Display::fmt(error, f),
             Self::Fell { iteration, before, after } => write!(
                 f,
-                "re-estimation {iteration} makes the objective fall from {before} to {after}"
+                "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)"
             ),
         }
     }

@@ -1,17 +1,16 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
 //! section III-C).
 
-use super::batch::{self, BatchMemory, BatchModel, Group};
-use super::checkpoints::Order;
-use super::plan::{self, Engine};
-use super::{LogSum, in_parallel};
-use crate::belief::Belief;
-use crate::error::{InferenceError, LearnError, SequenceError};
-use crate::hmm::{Hmm, Prior};
-use crate::kernels::LANES;
+use crate::error::{LearnError, SequenceError};
+use crate::hmm::Hmm;
 use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
-use crate::transition::{LearnTransition, MoveCounts, Transition};
+use crate::transition::{LearnTransition, Transition};
+
+/// Falls of the objective by less than this part of it are rounding.
+const ROUNDING: f64 = 1e-9;
+/// Falls by no more than this part end learning with the model before; larger ones are an error.
+const SMALL_FALL: f64 = 1e-3;
 
 /// Options of [`Hmm::learn`].
 ///
@@ -78,6 +77,13 @@ pub enum StopReason {
     Converged,
     /// The allowed number of iterations was made.
     Iterations,
+    /// The last re-estimation made the objective fall, by at most a thousandth of it, and was
+    /// discarded: a part does not maximise the objective, such as a sensor with a floor that is
+    /// not in its prior. [`LearnedModel::cause`] has the values.
+    Fell,
+    /// The next re-estimation failed, such as that of a covariance from one observation, and the
+    /// model before is kept. [`LearnedModel::cause`] has the error.
+    Failed,
 }
 
 /// A learned model, with the course of learning.
@@ -89,6 +95,7 @@ pub struct LearnedModel<A, B> {
     objectives: Vec<f64>,
     log_likelihood: f64,
     reason: StopReason,
+    cause: Option<LearnError>,
     left_out: Vec<SequenceError>,
 }
 
@@ -120,6 +127,17 @@ impl<A, B> LearnedModel<A, B> {
         self.log_likelihood
     }
 
+    /// The last of the [objectives](Self::objectives).
+    #[must_use]
+    pub fn objective(&self) -> f64 {
+        // Those of the given model are always there.
+        self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
+    }
+
+    fn stopped(self, reason: StopReason, cause: Option<LearnError>) -> Self {
+        Self { reason, cause, ..self }
+    }
+
     /// Number of re-estimations.
     #[must_use]
     pub fn iterations(&self) -> usize {
@@ -132,21 +150,18 @@ impl<A, B> LearnedModel<A, B> {
         self.reason
     }
 
+    /// The error behind [`StopReason::Fell`] or [`StopReason::Failed`].
+    #[must_use]
+    pub fn cause(&self) -> Option<&LearnError> {
+        self.cause.as_ref()
+    }
+
     /// Sequences excluded from learning, with the reason: the given model rules them out, or they
     /// are not valid.
     #[must_use]
     pub fn left_out(&self) -> &[SequenceError] {
         &self.left_out
     }
-}
-
-/// Expected statistics of the hidden states, given observations.
-pub(super) struct Expected<B: LearnLikelihood> {
-    /// Σ p(X_0 | y_1 … y_T) over the sequences.
-    pub(super) first: Vec<f64>,
-    pub(super) moves: Vec<MoveCounts>,
-    pub(super) sensor: B::Statistics,
-    pub(super) log_likelihood: LogSum,
 }
 
 /// # Learning
@@ -186,9 +201,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is no sequence to learn from, a number of
-    /// `learning` is not valid, a part cannot be re-estimated, or the objective
-    /// falls (which an operator or sensor of your own may cause).
+    /// [`LearnError`] if there is no sequence to learn from, a number of `learning` is not valid,
+    /// a part cannot be re-estimated the first time, the objective falls by more than a
+    /// thousandth (which an operator or sensor of your own may cause), or a learned model rules
+    /// out a sequence. Later, smaller trouble ends learning with the best model; see
+    /// [`LearnedModel::reason`].
     pub fn learn<S>(
         &self,
         sequences: &[S],
@@ -209,176 +226,47 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let sequences = sequences.len();
             return Err(LearnError::Nothing { sequences, first: left_out.into_iter().next() });
         }
-        let (mut model, mut expected) = (self.clone(), expected);
-        let mut objectives: Vec<f64> = Vec::new();
-        loop {
-            let log_likelihood = expected.log_likelihood.value();
-            let objective = log_likelihood + model.log_prior(learning);
-            let gain = objectives.last().map(|last| objective - last);
-            objectives.push(objective);
-            let iteration = objectives.len() - 1;
-            if let Some(gain) = gain
-                && gain < -1e-9 * objective.abs().max(1.0)
-            {
-                return Err(LearnError::Fell {
-                    iteration,
-                    before: objective - gain,
-                    after: objective,
-                });
-            }
-            let converged = gain.is_some_and(|gain| gain < learning.tolerance);
-            if converged || iteration == learning.iterations {
-                let reason = if converged { StopReason::Converged } else { StopReason::Iterations };
-                return Ok(LearnedModel { model, objectives, log_likelihood, reason, left_out });
-            }
-            model = model.maximize(&expected, learning)?;
+        let log_likelihood = expected.log_likelihood();
+        let objectives = vec![log_likelihood + self.log_prior(learning)];
+        let (model, reason) = (self.clone(), StopReason::Iterations);
+        let mut best =
+            LearnedModel { model, objectives, log_likelihood, reason, cause: None, left_out };
+        let mut expected = expected;
+        for iteration in 1..=learning.iterations {
+            let model = match best.model.maximize(&expected, learning) {
+                Ok(model) => model,
+                Err(error) if iteration == 1 => return Err(error),
+                Err(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),
+            };
             let failed;
             (expected, failed) = model.expect(&kept);
             if let Some(error) = failed.into_iter().next() {
                 return Err(LearnError::Sequence(error));
             }
+            let log_likelihood = expected.log_likelihood();
+            let objective = log_likelihood + model.log_prior(learning);
+            let before = best.objective();
+            let fall = (before - objective) / objective.abs().max(1.0);
+            if fall.is_nan() || fall > ROUNDING {
+                let fell = LearnError::Fell { iteration, before, after: objective };
+                let small = fall <= SMALL_FALL;
+                return if small {
+                    Ok(best.stopped(StopReason::Fell, Some(fell)))
+                } else {
+                    Err(fell)
+                };
+            }
+            best.objectives.push(objective);
+            best = LearnedModel { model, log_likelihood, ..best };
+            if objective - before < learning.tolerance {
+                return Ok(best.stopped(StopReason::Converged, None));
+            }
         }
+        Ok(best)
     }
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns the expectations of all sequences, added up in order, and the errors of those that
-    /// have none.
-    fn expect<S>(&self, sequences: &[(usize, &S)]) -> (Expected<B>, Vec<SequenceError>)
-    where
-        Self: Sync,
-        S: Sequence<A::Control, B::Observation> + Sync,
-    {
-        let (mut sum, mut failed) = (self.nothing_expected(), Vec::new());
-        let mut order = sequences.to_vec();
-        let together = plan::for_learning(sequences.len()) == Engine::Lanes
-            && self.transition().families() <= 1;
-        let batch = if together { BatchModel::new(self) } else { None };
-        if batch.is_some() {
-            order.sort_by_key(|(_, sequence)| sequence.steps());
-        }
-        for some in order.chunks(64) {
-            let results = match &batch {
-                Some(batch) => {
-                    let groups = some.chunks(LANES).collect();
-                    in_parallel::map(groups, |group, memory: &mut BatchMemory| {
-                        self.expect_together(batch, group, memory)
-                    })
-                }
-                None => in_parallel::map(some.to_vec(), |(sequence, s), (): &mut ()| {
-                    vec![self.expect_one(s).map_err(|source| SequenceError { sequence, source })]
-                }),
-            };
-            for result in results.into_iter().flatten() {
-                match result {
-                    Ok(expected) => {
-                        sum.first.iter_mut().zip(&expected.first).for_each(|(sum, p)| *sum += p);
-                        sum.moves.iter_mut().zip(&expected.moves).for_each(|(sum, m)| sum.merge(m));
-                        self.likelihood().merge(&mut sum.sensor, &expected.sensor);
-                        sum.log_likelihood.add(expected.log_likelihood.value());
-                    }
-                    Err(error) => failed.push(error),
-                }
-            }
-        }
-        failed.sort_unstable_by_key(|error: &SequenceError| error.sequence);
-        (sum, failed)
-    }
-
-    /// Returns the expectations of a group in lanes, and of each sequence that has to be
-    /// processed by itself.
-    fn expect_together<S>(
-        &self,
-        model: &BatchModel<'_, A, B>,
-        sequences: &[(usize, &S)],
-        memory: &mut BatchMemory,
-    ) -> Vec<Result<Expected<B>, SequenceError>>
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let group = Group::new(sequences);
-        let mut results = Vec::new();
-        let mut held = [false; LANES];
-        if group.is_in_lanes(self.states(), |sequences, _| plan::for_learning(sequences)) {
-            let expected;
-            (expected, held) = batch::expect(model, &group, memory);
-            results.push(Ok(expected));
-        }
-        let alone = sequences.iter().zip(held).filter(|(_, held)| !held);
-        results.extend(alone.map(|(&(sequence, s), _)| {
-            self.expect_one(s).map_err(|source| SequenceError { sequence, source })
-        }));
-        results
-    }
-
-    pub(super) fn nothing_expected(&self) -> Expected<B> {
-        Expected {
-            first: vec![0.0; self.states()],
-            moves: vec![MoveCounts::default(); self.transition().families()],
-            sensor: self.likelihood().statistics(),
-            log_likelihood: LogSum::default(),
-        }
-    }
-
-    fn expect_one<S>(&self, sequence: &S) -> Result<Expected<B>, InferenceError>
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let mut expected = self.nothing_expected();
-        if sequence.steps() == 0 {
-            return Ok(expected); // no observations
-        }
-        let mut result = Ok(());
-        let log = self.smooth_each(sequence, Order::Backward, |step| {
-            let (number, posterior) = (step.step(), step.smoothed().as_slice());
-            if number == 0 {
-                expected.first.copy_from_slice(posterior);
-                return;
-            }
-            let observation = sequence.observation(number);
-            self.likelihood().add(&mut expected.sensor, observation, posterior);
-            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                let family = self.transition().family(sequence.control(number));
-                if let Some(moves) = expected.moves.get_mut(family) {
-                    result = pairs.add_to(moves, number);
-                }
-            }
-        })?;
-        result?;
-        expected.log_likelihood.add(log);
-        Ok(expected)
-    }
-
-    /// Returns the model that fits the expectations best.
-    pub(super) fn maximize(
-        &self,
-        expected: &Expected<B>,
-        learning: &LearningOptions,
-    ) -> Result<Self, LearnError> {
-        let belief = self.prior().belief();
-        let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
-        let prior = if learning.keep_prior || unseen {
-            belief.clone()
-        } else {
-            let known = belief.as_slice().iter().zip(&expected.first);
-            let weight = |(&old, &seen): (&f64, &f64)| {
-                if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
-            };
-            Belief::from_weights(known.map(weight).collect())?
-        };
-        let prior = match self.prior() {
-            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(prior),
-            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(prior),
-        };
-        let transition =
-            self.transition().reestimate(&expected.moves, learning.transition_pseudo_count)?;
-        let likelihood = self
-            .likelihood()
-            .reestimate(&expected.sensor, learning.likelihood_pseudo_count)
-            .map_err(LearnError::Likelihood)?;
-        Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
-    }
-
     fn log_prior(&self, learning: &LearningOptions) -> f64 {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0

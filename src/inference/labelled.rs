@@ -66,7 +66,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         if drives.is_empty() {
             return Err(LearnError::Nothing { sequences: 0, first: None });
         }
-        let mut expected = self.nothing_expected();
+        let mut expected = self.no_expectations();
         let mut certain = vec![0.0; self.states()];
         let mut moves = vec![Vec::new(); expected.moves.len()];
         for (number, drive) in drives.iter().enumerate() {

@@ -18,6 +18,9 @@
 //! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
+//! | [`Hmm::learn_best`], from several starts | [`Restarts`] | as often |
+//! | [`Hmm::expectations`], [`Hmm::reestimate`]: an iteration in parts | [`Expectations`] | three products |
+//! | [`Hmm::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | a product |
 //! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
@@ -57,11 +60,14 @@ mod simulate;
 
 mod batch;
 mod baum_welch;
+mod criteria;
+mod expectations;
 mod few;
 pub(crate) mod in_parallel;
 mod labelled;
 mod many;
 mod plan;
+mod restarts;
 
 mod active_set;
 mod backward;
@@ -82,6 +88,8 @@ pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use baum_welch::{LearnedModel, LearningOptions, StopReason};
 pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
+pub use criteria::{Criteria, HeldOut, ModelSelection};
+pub use expectations::Expectations;
 pub use filter::Filter;
 pub use filter_snapshot::FilterSnapshot;
 pub(crate) use filter_snapshot::MOST_STEPS;
@@ -98,6 +106,7 @@ pub use posteriors::Posteriors;
 #[cfg(feature = "serde")]
 pub(crate) use pruned::Envelope;
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
+pub use restarts::Restarts;
 pub use sampler::PathSampler;
 #[cfg(feature = "serde")]
 pub(crate) use scores::TakenOut;

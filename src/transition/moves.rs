@@ -20,7 +20,7 @@ pub(crate) fn sort(moves: &mut [Move]) {
 ///
 /// The sum of [pairwise posteriors](crate::inference::Pairs), or the moves of paths of known
 /// states. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves)
-/// and [`MoveCounts::of_path`].
+/// [`MoveCounts::of_path`] and [`MoveCounts::from_moves`].
 ///
 /// ```
 /// use wayfix::transition::MoveCounts;
@@ -40,10 +40,13 @@ impl MoveCounts {
     /// Counts the moves of a path of known states.
     #[must_use]
     pub fn of_path(states: &[usize]) -> Self {
-        let mut moves: Vec<Move> = states
-            .windows(2)
-            .map(|pair| Move { from: pair[0], to: pair[1], weight: 1.0 })
-            .collect();
+        let moves = states.windows(2).map(|pair| Move { from: pair[0], to: pair[1], weight: 1.0 });
+        Self::from_moves(moves)
+    }
+
+    /// Adds up moves in any order. O(moves log moves).
+    pub fn from_moves(moves: impl IntoIterator<Item = Move>) -> Self {
+        let mut moves: Vec<Move> = moves.into_iter().collect();
         sort(&mut moves);
         let mut counts = Self::default();
         counts.add(moves);

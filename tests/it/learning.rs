@@ -525,48 +525,6 @@ fn labelled_drives_that_do_not_fit_are_errors() {
     assert_eq!(error.to_string(), "there is no sequence to learn from, of 0 given");
 }
 
-/// A sensor whose "maximum" is not one is found out.
-#[test]
-fn an_objective_that_falls_is_an_error() {
-    #[derive(Debug, Clone)]
-    struct Worse(TableLikelihood);
-    impl wayfix::Likelihood for Worse {
-        type Observation = usize;
-        fn states(&self) -> usize {
-            self.0.states()
-        }
-        fn diagonal<'a>(
-            &'a self,
-            y: &'a usize,
-            scratch: &'a mut wayfix::Scratch,
-        ) -> Result<wayfix::Diagonal<'a>, wayfix::LikelihoodError> {
-            self.0.diagonal(y, scratch)
-        }
-    }
-    impl wayfix::likelihood::LearnLikelihood for Worse {
-        type Statistics = ();
-        fn statistics(&self) {}
-        fn add(&self, (): &mut (), _: &usize, _: &[f64]) {}
-        fn merge(&self, (): &mut (), (): &()) {}
-        fn reestimate(
-            &self,
-            (): &(),
-            _: f64,
-        ) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
-            Ok(Self(TableLikelihood::from_rows(&[[0.01, 0.99], [0.02, 0.98]])?))
-        }
-        fn free_parameters(&self) -> usize {
-            2
-        }
-    }
-    let sensor = Worse(TableLikelihood::from_rows(&[[0.9, 0.1], [0.8, 0.2]]).unwrap());
-    let transition = DenseTransition::from_rows(&[[0.5; 2]; 2]).unwrap();
-    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
-    let hmm = Hmm::new(prior, transition, sensor).unwrap();
-    let error = hmm.learn(&[[0, 0, 0]], &LearningOptions::default()).unwrap_err();
-    assert!(matches!(error, LearnError::Fell { iteration: 1, before, after } if after < before));
-}
-
 #[test]
 fn a_count_that_is_no_number_is_an_error() {
     let table = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]]).unwrap();

@@ -30,6 +30,7 @@ mod map;
 mod map_files;
 #[cfg(feature = "matching")]
 mod matching;
+mod model_choice;
 mod motion;
 mod network_cleaning;
 mod no_control;

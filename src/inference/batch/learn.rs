@@ -1,7 +1,7 @@
 //! Expectations of learning, in lanes.
 
 use super::{BatchMemory, BatchModel, Group};
-use crate::inference::baum_welch::Expected;
+use crate::inference::expectations::Expectations;
 use crate::kernels::{self, LANES, Lines, Packed};
 use crate::likelihood::LearnLikelihood;
 use crate::range::BACK_LIFT;
@@ -13,7 +13,7 @@ pub(in super::super) fn expect<A, B, S>(
     model: &BatchModel<'_, A, B>,
     group: &Group<'_, S>,
     memory: &mut BatchMemory,
-) -> (Expected<B>, [bool; LANES])
+) -> (Expectations<B>, [bool; LANES])
 where
     A: LearnTransition,
     B: LearnLikelihood,
@@ -28,7 +28,7 @@ where
     let entries = if counted { model.columns.values().len() } else { 0 };
     let mut counts = vec![Packed::default(); entries];
     model.backward(group, memory, &mut held, counted.then_some(&mut counts));
-    let mut expected = model.hmm.nothing_expected();
+    let mut expected = model.hmm.no_expectations();
     if let Some(moves) = expected.moves.first_mut().filter(|_| counted) {
         *moves = move_counts(model.columns, n, &counts, held);
     }

@@ -1,0 +1,77 @@
+//! Expectations of drives, which learning adds up.
+
+use wayfix::inference::{Expectations, LearningOptions};
+use wayfix::transition::LearnTransition;
+use wayfix::{Hmm, InferenceError};
+
+use crate::error::{FleetError, Outcome};
+use crate::input::Drives;
+use crate::sensor::Sensor;
+
+/// Expectations of some drives under a model.
+#[derive(Debug)]
+pub(crate) struct Expected {
+    sum: Expectations<Sensor>,
+    /// Number of drives.
+    pub(crate) drives: u64,
+    /// Number of drives that the model rules out, which are not in the sum.
+    pub(crate) left_out: u64,
+}
+
+impl Expected {
+    /// Expectations of no drive.
+    pub(crate) fn nothing<A>(hmm: &Hmm<A, Sensor>) -> Self
+    where
+        A: LearnTransition<Control = ()>,
+    {
+        Self { sum: hmm.no_expectations(), drives: 0, left_out: 0 }
+    }
+
+    /// Expectations of a batch. Drives that the model rules out are left out; what is not valid is
+    /// an error.
+    pub(crate) fn of<A>(hmm: &Hmm<A, Sensor>, drives: &Drives) -> Outcome<Self>
+    where
+        A: LearnTransition<Control = ()> + Sync,
+    {
+        let all = drives.observations()?;
+        let each: Vec<_> =
+            drives.offsets.windows(2).map(|drive| &all[drive[0]..drive[1]]).collect();
+        let (sum, failed) = hmm.expectations(&each);
+        for error in &failed {
+            if let InferenceError::Likelihood { step, source } = &error.source {
+                let element = drives.offsets[error.sequence] + step - 1;
+                return Err(drives.refuse(element, &source.to_string()));
+            }
+        }
+        Ok(Self { sum, drives: each.len() as u64, left_out: failed.len() as u64 })
+    }
+
+    /// Adds those of other drives.
+    pub(crate) fn merge<A>(&mut self, hmm: &Hmm<A, Sensor>, other: &Self)
+    where
+        A: LearnTransition<Control = ()>,
+    {
+        hmm.merge_expectations(&mut self.sum, &other.sum);
+        self.drives += other.drives;
+        self.left_out += other.left_out;
+    }
+
+    /// Log-likelihood of all drives that are not left out.
+    pub(crate) fn log_likelihood(&self) -> f64 {
+        self.sum.log_likelihood()
+    }
+
+    /// Returns the model that fits the expectations best.
+    pub(crate) fn reestimate<A>(
+        &self,
+        hmm: &Hmm<A, Sensor>,
+        keep_prior: bool,
+    ) -> Outcome<Hmm<A, Sensor>>
+    where
+        A: LearnTransition<Control = ()>,
+    {
+        let options = LearningOptions { keep_prior, ..LearningOptions::default() };
+        let learned = hmm.reestimate(&self.sum, &options);
+        learned.map_err(|error| FleetError::Learning(error.to_string()))
+    }
+}

@@ -1,0 +1,278 @@
+//! Choice among models: information criteria and the likelihood of held-out sequences.
+
+use std::fmt;
+
+use super::LogSum;
+use super::in_parallel;
+use crate::error::{InferenceError, LearnError, SequenceError};
+use crate::hmm::Hmm;
+use crate::likelihood::LearnLikelihood;
+use crate::sequence::Sequence;
+use crate::transition::LearnTransition;
+
+/// Information criteria of a model that was learned from sequences: lower is better.
+///
+/// Made by [`Hmm::criteria`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Criteria {
+    /// Log-likelihood of the observations, L.
+    pub log_likelihood: f64,
+    /// Number of free parameters, p.
+    pub parameters: usize,
+    /// Number of observations (steps of all sequences), T.
+    pub observations: usize,
+}
+
+impl Criteria {
+    /// Akaike's criterion, 2 p − 2 L (Akaike 1974).
+    #[must_use]
+    pub fn aic(&self) -> f64 {
+        2.0 * self.parameters as f64 - 2.0 * self.log_likelihood
+    }
+
+    /// The Bayesian criterion, p ln T − 2 L (Schwarz 1978).
+    #[must_use]
+    pub fn bic(&self) -> f64 {
+        self.parameters as f64 * (self.observations as f64).ln() - 2.0 * self.log_likelihood
+    }
+}
+
+/// Log-likelihood of sequences that a model was not learned from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeldOut {
+    /// Log-likelihood of the held-out sequences of each fold; −∞ if the learned model rules one
+    /// of them out.
+    pub folds: Vec<f64>,
+    /// Number of observations of each fold.
+    pub observations: Vec<usize>,
+}
+
+impl HeldOut {
+    /// Log-likelihood of all sequences, each under a model that was not learned from it.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.folds.iter().sum()
+    }
+
+    /// The same per observation: the mean log score, in nats.
+    #[must_use]
+    pub fn score(&self) -> f64 {
+        self.log_likelihood() / self.observations.iter().sum::<usize>() as f64
+    }
+}
+
+/// Candidates for a model, each with its criteria, as a table.
+///
+/// ```
+/// use std::error::Error;
+/// use wayfix::inference::{LearningOptions, ModelSelection};
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+///
+/// // One or two kinds of days? Umbrellas come in spells here.
+/// let day = |k: usize, year: usize| usize::from((k + year) / 20 % 2 == 1);
+/// let years: Vec<Vec<usize>> = (0..6).map(|year| (0..60).map(|k| day(k, year)).collect()).collect();
+/// let learn = |&states: &usize, years: &[&Vec<usize>]| {
+///     let prior = Prior::AtFirstObservation(Belief::uniform(states)?);
+///     let (rows, table) = match states {
+///         1 => (vec![vec![1.0]], vec![[0.5, 0.5]]),
+///         _ => (vec![vec![0.9, 0.1], vec![0.1, 0.9]], vec![[0.7, 0.3], [0.4, 0.6]]),
+///     };
+///     let (a, b) = (DenseTransition::from_rows(&rows)?, TableLikelihood::from_rows(&table)?);
+///     let learned = Hmm::new(prior, a, b)?.learn(years, &LearningOptions::default())?;
+///     Ok::<_, Box<dyn Error + Send + Sync>>(learned.into_model())
+/// };
+/// let selection = ModelSelection::new([1, 2], &years, 3, learn)?;
+/// assert_eq!(selection.best_by_bic(), &2);
+/// assert_eq!(selection.best_held_out(), Some(&2));
+/// println!("{selection}"); // a line for each: parameters, log-likelihood, AIC, BIC, held out
+/// # Ok::<(), Box<dyn Error + Send + Sync>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelSelection<C> {
+    rows: Vec<(C, Criteria, Option<HeldOut>)>,
+}
+
+impl<C> ModelSelection<C> {
+    /// Learns a model for each candidate by `learn`, from all sequences and, for `folds` of at
+    /// least 2, as often from all sequences but those of a fold (sequence s is in fold s modulo
+    /// `folds`). `folds` of 0 or 1 leave that out.
+    ///
+    /// Folds run in parallel with the feature `rayon`. The cost is that of all the learning.
+    ///
+    /// # Errors
+    ///
+    /// The first error of `learn`; as one of its kind, [`LearnError::Nothing`] for no candidate, or fewer sequences
+    /// than folds; [`LearnError::Sequence`] if a model learned from all sequences rules one out.
+    pub fn new<A, B, S, E>(
+        candidates: impl IntoIterator<Item = C>,
+        sequences: &[S],
+        folds: usize,
+        learn: impl Fn(&C, &[&S]) -> Result<Hmm<A, B>, E> + Sync,
+    ) -> Result<Self, E>
+    where
+        C: Sync,
+        E: From<LearnError> + Send,
+        A: LearnTransition + Sync,
+        B: LearnLikelihood + Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+        if folds > sequences.len() {
+            return Err(nothing.into());
+        }
+        let mut rows = Vec::new();
+        for candidate in candidates {
+            let all: Vec<&S> = sequences.iter().collect();
+            let criteria = learn(&candidate, &all)?.criteria(&all)?;
+            let held_out = match folds {
+                0 | 1 => None,
+                _ => Some(held_out(sequences, folds, |some| learn(&candidate, some))?),
+            };
+            rows.push((candidate, criteria, held_out));
+        }
+        if rows.is_empty() { Err(nothing.into()) } else { Ok(Self { rows }) }
+    }
+
+    /// Candidates with their criteria and, if there were folds, the likelihood of held-out
+    /// sequences.
+    #[must_use]
+    pub fn rows(&self) -> &[(C, Criteria, Option<HeldOut>)] {
+        &self.rows
+    }
+
+    fn best_by(&self, value: impl Fn(&(C, Criteria, Option<HeldOut>)) -> f64) -> &C {
+        let better =
+            |best, at| if value(&self.rows[at]) < value(&self.rows[best]) { at } else { best };
+        &self.rows[(1..self.rows.len()).fold(0, better)].0
+    }
+
+    /// The candidate with the lowest BIC, the first of several.
+    #[must_use]
+    pub fn best_by_bic(&self) -> &C {
+        self.best_by(|row| row.1.bic())
+    }
+
+    /// The candidate with the lowest AIC, the first of several.
+    #[must_use]
+    pub fn best_by_aic(&self) -> &C {
+        self.best_by(|row| row.1.aic())
+    }
+
+    /// The candidate with the highest likelihood of held-out sequences, the first of several;
+    /// `None` without folds.
+    #[must_use]
+    pub fn best_held_out(&self) -> Option<&C> {
+        self.rows.iter().all(|row| row.2.is_some()).then(|| {
+            self.best_by(|row| row.2.as_ref().map_or(f64::INFINITY, |h| -h.log_likelihood()))
+        })
+    }
+}
+
+impl<C: fmt::Display> fmt::Display for ModelSelection<C> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:>12} {:>10} {:>14} {:>12} {:>12}",
+            "model", "parameters", "log-likelihood", "AIC", "BIC"
+        )?;
+        let folds = self.rows.iter().any(|row| row.2.is_some());
+        if folds {
+            write!(f, " {:>14}", "held out")?;
+        }
+        for (candidate, criteria, held_out) in &self.rows {
+            let (p, l) = (criteria.parameters, criteria.log_likelihood);
+            let name = candidate.to_string();
+            write!(
+                f,
+                "\n{name:>12} {p:>10} {l:>14.2} {:>12.2} {:>12.2}",
+                criteria.aic(),
+                criteria.bic()
+            )?;
+            held_out.iter().try_for_each(|h| write!(f, " {:>14.2}", h.log_likelihood()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Likelihood of the sequences of each fold under a model learned from the others.
+fn held_out<A, B, S, E>(
+    sequences: &[S],
+    folds: usize,
+    learn: impl Fn(&[&S]) -> Result<Hmm<A, B>, E> + Sync,
+) -> Result<HeldOut, E>
+where
+    E: From<LearnError> + Send,
+    A: LearnTransition + Sync,
+    B: LearnLikelihood + Sync,
+    S: Sequence<A::Control, B::Observation> + Sync,
+{
+    let results = in_parallel::map((0..folds).collect(), |fold: usize, (): &mut ()| {
+        let of = |held: bool| {
+            let all = sequences.iter().enumerate();
+            all.filter(move |(s, _)| (s % folds == fold) == held).map(|(_, s)| s)
+        };
+        let hmm = learn(&of(false).collect::<Vec<_>>())?;
+        let mut sum = LogSum::default();
+        for (sequence, source) in of(true).map(|s| hmm.log_likelihood(s)).enumerate() {
+            match source {
+                Ok(log) => sum.add(log),
+                Err(InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. }) => {
+                    sum.add(f64::NEG_INFINITY);
+                }
+                Err(source) => {
+                    let sequence = fold + sequence * folds;
+                    return Err(LearnError::Sequence(SequenceError { sequence, source }).into());
+                }
+            }
+        }
+        Ok((sum.value(), of(true).map(Sequence::steps).sum()))
+    });
+    let results = results.into_iter().collect::<Result<Vec<(f64, usize)>, E>>()?;
+    let (folds, observations) = results.into_iter().unzip();
+    Ok(HeldOut { folds, observations })
+}
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Number of free parameters: those of the prior (its states above 0 less one), of the
+    /// transition operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
+    #[must_use]
+    pub fn free_parameters(&self) -> usize {
+        let possible = self.prior().belief().as_slice().iter().filter(|p| **p > 0.0);
+        possible.count() - 1
+            + self.transition().free_parameters()
+            + self.likelihood().free_parameters()
+    }
+
+    /// Returns the information criteria of this model, which was learned from these sequences.
+    /// The cost is that of [`log_likelihood_all`](Self::log_likelihood_all).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
+    /// let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
+    /// let criteria = hmm.criteria(&[[0, 0, 1, 1], [0, 1, 0, 1]])?;
+    /// assert_eq!((criteria.parameters, criteria.observations), (1 + 2 + 2, 8));
+    /// assert!(criteria.bic() > criteria.aic());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError::Sequence`] for the first sequence that the model rules out or that is not
+    /// valid.
+    pub fn criteria<S>(&self, sequences: &[S]) -> Result<Criteria, LearnError>
+    where
+        A: Sync,
+        B: Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        let mut sum = LogSum::default();
+        for log in self.log_likelihood_all(sequences) {
+            sum.add(log?);
+        }
+        let observations = sequences.iter().map(Sequence::steps).sum();
+        let parameters = self.free_parameters();
+        Ok(Criteria { log_likelihood: sum.value(), parameters, observations })
+    }
+}

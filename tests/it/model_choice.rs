@@ -1,0 +1,388 @@
+//! Learning in parts, from several starts and in trouble, and the choice among models.
+
+use std::error::Error;
+use std::sync::Mutex;
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use rand::RngExt;
+use wayfix::inference::{Expectations, LearnError, LearningOptions, ModelSelection, StopReason};
+use wayfix::likelihood::LearnLikelihood;
+use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
+use wayfix::{
+    Belief, DenseTransition, Diagonal, Fixed, Hmm, Likelihood, LikelihoodError, Prior, Scratch,
+    SparseTransition, TableLikelihood,
+};
+
+use crate::kit::{cases, rng};
+
+type Model = Hmm<DenseTransition, TableLikelihood>;
+
+fn random_model(states: usize, symbols: usize, seed: u64) -> Model {
+    let mut rng = rng(seed);
+    let mut distribution = |n: usize| {
+        let weights = (0..n).map(|_| 0.05 + rng.random::<f64>()).collect();
+        Belief::from_weights(weights).unwrap().into_vec()
+    };
+    let columns: Vec<_> = (0..states).map(|_| distribution(states)).collect();
+    let rows: Vec<_> = (0..states).map(|_| distribution(symbols)).collect();
+    let prior = Prior::AtFirstObservation(Belief::new(distribution(states)).unwrap());
+    let transition = DenseTransition::from_fn(states, |i, j| columns[j][i]).unwrap();
+    Hmm::new(prior, transition, TableLikelihood::from_rows(&rows).unwrap()).unwrap()
+}
+
+/// Equal but for rounding.
+fn near(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-11 * a.abs().max(1.0)
+}
+
+fn same(a: &Model, b: &Model, tolerance: f64) -> bool {
+    let flat = |rows: Vec<Vec<f64>>| rows.concat();
+    let all = |hmm: &Model| {
+        let mut all = hmm.prior().belief().as_slice().to_vec();
+        all.extend(flat(hmm.transition().to_rows()));
+        all.extend(flat(hmm.likelihood().to_rows()));
+        all
+    };
+    all(a).iter().zip(all(b)).all(|(a, b)| (a - b).abs() <= tolerance)
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    /// However the sequences are divided, and through the parts that a message would hold.
+    #[test]
+    fn iterations_in_parts_equal_learning(
+        seed: u64,
+        sequences in vec(vec(0..3_usize, 0..12), 1..30),
+        parts in 1..6_usize,
+        pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
+    ) {
+        let start = random_model(3, 3, seed);
+        let learning = LearningOptions {
+            iterations: 4,
+            tolerance: 0.0,
+            prior_pseudo_count: pseudo_count,
+            transition_pseudo_count: pseudo_count,
+            likelihood_pseudo_count: pseudo_count,
+            ..LearningOptions::default()
+        };
+        let learned = start.learn(&sequences, &learning).unwrap();
+        let mut model = start;
+        for _ in 0..learned.iterations() {
+            let mut sum = model.no_expectations();
+            for part in 0..parts {
+                let some: Vec<_> = sequences.iter().skip(part).step_by(parts).collect();
+                let (expected, failed) = model.expectations(&some);
+                prop_assert!(failed.is_empty());
+                let moves = expected.moves().iter().map(|m| MoveCounts::from_moves(m.moves()));
+                let sent = Expectations::<TableLikelihood>::new(
+                    expected.first().to_vec(),
+                    moves.collect(),
+                    expected.sensor().clone(),
+                    expected.log_likelihood(),
+                );
+                model.merge_expectations(&mut sum, &sent);
+            }
+            model = model.reestimate(&sum, &learning).unwrap();
+        }
+        prop_assert!(same(&model, learned.model(), 1e-11));
+        let (last, _) = model.expectations(&sequences);
+        prop_assert!(near(last.log_likelihood(), learned.log_likelihood()));
+    }
+
+    /// Every answer is the same, but for the numbers of the states.
+    #[test]
+    fn reordered_states_change_names_only(
+        seed: u64,
+        ys in vec(0..3_usize, 1..10),
+        order in Just(vec![0, 1, 2, 3]).prop_shuffle(),
+    ) {
+        let hmm = random_model(4, 3, seed);
+        let other = hmm.reordered(&order).unwrap();
+        let (smoothed, renamed) = (hmm.smooth(&ys).unwrap(), other.smooth(&ys).unwrap());
+        prop_assert!(near(smoothed.log_likelihood(), renamed.log_likelihood()));
+        for (before, after) in smoothed.posteriors().iter().zip(renamed.posteriors().iter()) {
+            for (new, &old) in order.iter().enumerate() {
+                prop_assert!((before.as_slice()[old] - after.as_slice()[new]).abs() < 1e-12);
+            }
+        }
+        let sparse = SparseTransition::from_rows(&hmm.transition().to_rows()).unwrap();
+        let (prior, _, table) = hmm.into_parts();
+        let switched = SwitchedTransition::new(vec![sparse.clone(), sparse]).unwrap();
+        let switched = Hmm::new(prior, switched, Fixed(table)).unwrap().reordered(&order).unwrap();
+        for operator in switched.transition().operators() {
+            for to in 0..4 {
+                for from in 0..4 {
+                    prop_assert_eq!(operator.get(to, from), other.transition().get(to, from));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn expectations_of_another_model_are_refused() {
+    let (two, three) = (random_model(2, 3, 1), random_model(3, 3, 1));
+    let error = three.reestimate(&two.no_expectations(), &LearningOptions::default()).unwrap_err();
+    assert_eq!(error.to_string(), "the expectations are of 2 states, the model has 3");
+    let (mut moves, none) = (two.no_expectations(), two.no_expectations());
+    moves = Expectations::new(moves.first().to_vec(), Vec::new(), none.sensor().clone(), 0.0);
+    assert!(matches!(
+        two.reestimate(&moves, &LearningOptions::default()).unwrap_err(),
+        LearnError::Expectations { what: "families of moves", found: 0, expected: 1 }
+    ));
+    let far = MoveCounts::from_moves([Move { from: 7, to: 0, weight: 1.0 }]);
+    let far = Expectations::new(vec![1.0, 0.0], vec![far], none.sensor().clone(), 0.0);
+    assert!(matches!(
+        two.reestimate(&far, &LearningOptions::default()).unwrap_err(),
+        LearnError::Transition(_)
+    ));
+}
+
+#[test]
+fn an_order_names_each_state_once() {
+    let hmm = random_model(3, 2, 1);
+    for (order, state) in [(&[0, 1][..], 2), (&[0, 1, 1], 1), (&[0, 1, 3], 3), (&[2, 1, 0, 0], 0)] {
+        let error = hmm.reordered(order).unwrap_err().to_string();
+        assert!(error.ends_with(&format!("look for state {state}")), "{error}");
+    }
+}
+
+/// A sensor that learns as told: a table until the given number of re-estimations, then worse.
+#[derive(Debug, Clone)]
+struct Spoiled {
+    table: TableLikelihood,
+    left: usize,
+    then: Trouble,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Trouble {
+    SmallFall,
+    GreatFall,
+    Failure,
+}
+
+impl Likelihood for Spoiled {
+    type Observation = usize;
+
+    fn states(&self) -> usize {
+        self.table.states()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        y: &'a usize,
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        self.table.diagonal(y, scratch)
+    }
+}
+
+impl LearnLikelihood for Spoiled {
+    type Statistics = Vec<f64>;
+
+    fn statistics(&self) -> Vec<f64> {
+        self.table.statistics()
+    }
+
+    fn add(&self, statistics: &mut Vec<f64>, y: &usize, posterior: &[f64]) {
+        self.table.add(statistics, y, posterior);
+    }
+
+    fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+        self.table.merge(statistics, other);
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &Vec<f64>,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let mut table = self.table.reestimate(statistics, pseudo_count)?;
+        if self.left == 0 {
+            let mixed = |share: f64| {
+                let rows = table.to_rows();
+                let row =
+                    |row: &Vec<f64>| row.iter().map(|p| p + share * (1.0 / 3.0 - p)).collect();
+                TableLikelihood::from_rows(&rows.iter().map(row).collect::<Vec<Vec<f64>>>())
+            };
+            table = match self.then {
+                Trouble::SmallFall => mixed(0.02)?,
+                Trouble::GreatFall => mixed(0.9)?,
+                Trouble::Failure => return Err("there is no such table".into()),
+            };
+        }
+        Ok(Self { table, left: self.left.saturating_sub(1), then: self.then })
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.table.free_parameters()
+    }
+}
+
+fn spoiled(left: usize, then: Trouble) -> (Hmm<DenseTransition, Spoiled>, Vec<Vec<usize>>) {
+    let truth = random_model(2, 3, 5);
+    let sequences =
+        (0..40).map(|seed| truth.simulate(50, &mut rng(seed)).observations().to_vec()).collect();
+    let (prior, transition, table) = random_model(2, 3, 6).into_parts();
+    (Hmm::new(prior, transition, Spoiled { table, left, then }).unwrap(), sequences)
+}
+
+/// The best model is kept, and the reason is told.
+#[test]
+fn small_trouble_ends_learning_without_losing_it() {
+    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    for (then, reason) in
+        [(Trouble::SmallFall, StopReason::Fell), (Trouble::Failure, StopReason::Failed)]
+    {
+        // Gains are below what the trouble costs by then.
+        let (hmm, sequences) = spoiled(60, then);
+        let learned = hmm.learn(&sequences, &learning).unwrap();
+        assert_eq!((learned.reason(), learned.iterations()), (reason, 60));
+        let kept: f64 = hmm.log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
+        assert!(learned.log_likelihood() > kept + 1.0);
+        assert_eq!(learned.objective(), *learned.objectives().last().unwrap());
+        let again: f64 =
+            learned.model().log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
+        assert!(near(again, learned.log_likelihood()));
+        match (then, learned.cause().unwrap()) {
+            (Trouble::SmallFall, LearnError::Fell { iteration: 61, before, after }) => {
+                assert_eq!(*before, learned.objective());
+                assert!(after < before);
+            }
+            (Trouble::Failure, LearnError::Likelihood(error)) => {
+                assert_eq!(error.to_string(), "there is no such table");
+            }
+            (_, other) => panic!("{other}"),
+        }
+    }
+}
+
+#[test]
+fn great_trouble_is_an_error() {
+    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    let (hmm, sequences) = spoiled(60, Trouble::GreatFall);
+    let error = hmm.learn(&sequences, &learning).unwrap_err();
+    assert!(matches!(error, LearnError::Fell { iteration: 61, before, after } if after < before));
+    let (hmm, sequences) = spoiled(0, Trouble::Failure);
+    assert!(matches!(hmm.learn(&sequences, &learning), Err(LearnError::Likelihood(_))));
+}
+
+#[test]
+fn the_best_of_several_starts_is_returned() {
+    let truth = random_model(3, 4, 8);
+    let sequences: Vec<_> =
+        (0..10).map(|seed| truth.simulate(60, &mut rng(seed)).observations().to_vec()).collect();
+    let starts: Vec<Model> = (0..5).map(|seed| random_model(3, 4, 100 + seed)).collect();
+    let learning = LearningOptions { iterations: 30, ..LearningOptions::default() };
+    let ended = Mutex::new(Vec::new());
+    let restarts = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
+        ended.lock().unwrap().push((start, learned.as_ref().unwrap().objective()));
+    })
+    .unwrap();
+    let mut ended = ended.into_inner().unwrap();
+    ended.sort_by_key(|entry| entry.0);
+    assert_eq!(ended.len(), 5);
+    for ((start, objective), (model, attempt)) in
+        ended.iter().zip(starts.iter().zip(restarts.attempts()))
+    {
+        let alone = model.learn(&sequences, &learning).unwrap();
+        assert_eq!(*objective, alone.objective(), "start {start}");
+        assert_eq!(attempt.as_ref().unwrap().objectives(), alone.objectives());
+    }
+    let best = restarts.best_index();
+    assert!(ended.iter().all(|(_, objective)| *objective <= ended[best].1));
+    assert_eq!(restarts.into_best().objective(), ended[best].1);
+
+    let none: [Model; 0] = [];
+    let error = Hmm::learn_best(&none, &sequences, &learning, |_, _| ()).unwrap_err();
+    assert!(matches!(error, LearnError::Nothing { .. }));
+}
+
+#[test]
+fn free_parameters_are_counted() {
+    let prior = || Prior::AtFirstObservation(Belief::new(vec![0.5, 0.0, 0.5]).unwrap());
+    let sparse = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]]);
+    let sparse = sparse.unwrap();
+    let table = TableLikelihood::from_rows(&[[0.5, 0.5], [1.0, 0.0], [0.2, 0.8]]).unwrap();
+    let hmm = Hmm::new(prior(), sparse.clone(), table.clone()).unwrap();
+    assert_eq!(hmm.free_parameters(), 1 + 3 + 2);
+    let hmm = Hmm::new(prior(), Fixed(sparse.clone()), Fixed(table)).unwrap();
+    assert_eq!(hmm.free_parameters(), 1);
+    // Stay or go on, the same everywhere.
+    let tied = TiedTransition::new(sparse.clone(), |from, to| usize::from(from == to));
+    assert_eq!((tied.parameters(), tied.free_parameters()), (2, 1));
+    let switched = SwitchedTransition::new(vec![sparse.clone(), sparse]).unwrap();
+    assert_eq!(switched.free_parameters(), 6);
+}
+
+#[test]
+fn models_are_chosen_by_criteria_and_folds() {
+    let truth = random_model(2, 3, 8);
+    let sequences: Vec<_> =
+        (0..7).map(|seed| truth.simulate(30, &mut rng(seed)).observations().to_vec()).collect();
+    let learning = LearningOptions { iterations: 5, ..LearningOptions::default() };
+    let learn = |&states: &usize, some: &[&Vec<usize>]| {
+        random_model(states, 3, 77).learn(some, &learning).map(|learned| learned.into_model())
+    };
+    let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
+    for (states, criteria, held_out) in selection.rows() {
+        let all: Vec<_> = sequences.iter().collect();
+        let model = learn(states, &all).unwrap();
+        let sum: f64 = model.log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
+        assert!(near(criteria.log_likelihood, sum));
+        assert_eq!(criteria.observations, 210);
+        assert_eq!(criteria.parameters, states * states - 1 + states * 2);
+        let p = criteria.parameters as f64;
+        assert!(near(criteria.aic(), 2.0 * (p - sum)));
+        assert!(near(criteria.bic(), p * 210_f64.ln() - 2.0 * sum));
+        let held_out = held_out.as_ref().unwrap();
+        assert_eq!(held_out.observations, [90, 60, 60]);
+        for (fold, log) in held_out.folds.iter().enumerate() {
+            let others: Vec<_> = (0..7).filter(|s| s % 3 != fold).map(|s| &sequences[s]).collect();
+            let model = learn(states, &others).unwrap();
+            let held = (0..7).filter(|s| s % 3 == fold).map(|s| &sequences[s]);
+            let sum: f64 = held.map(|s| model.log_likelihood(s).unwrap()).sum();
+            assert!(near(*log, sum));
+        }
+        assert!(near(held_out.score() * 210.0, held_out.log_likelihood()));
+    }
+    let lowest = |value: &dyn Fn(usize) -> f64| {
+        (1..3).fold(0, |best, at| if value(at) < value(best) { at } else { best }) + 1
+    };
+    assert_eq!(*selection.best_by_bic(), lowest(&|at| selection.rows()[at].1.bic()));
+    assert_eq!(*selection.best_by_aic(), lowest(&|at| selection.rows()[at].1.aic()));
+    let held_out = |at: usize| -selection.rows()[at].2.as_ref().unwrap().log_likelihood();
+    assert_eq!(*selection.best_held_out().unwrap(), lowest(&held_out));
+    let table = selection.to_string();
+    assert_eq!(table.lines().count(), 4);
+    assert!(table.lines().next().unwrap().ends_with("held out"), "{table}");
+
+    let without = ModelSelection::new([1, 2], &sequences, 0, learn).unwrap();
+    assert_eq!(without.best_held_out(), None);
+    assert!(matches!(
+        ModelSelection::new([1], &sequences, 8, learn),
+        Err(LearnError::Nothing { .. })
+    ));
+    let none: [usize; 0] = [];
+    assert!(matches!(
+        ModelSelection::new(none, &sequences, 0, learn),
+        Err(LearnError::Nothing { .. })
+    ));
+}
+
+/// A fold whose model rules out what it did not see scores −∞, and is no error.
+#[test]
+fn what_was_never_seen_is_held_against_a_fold() {
+    let sequences = [vec![0, 0, 1], vec![0, 1, 0], vec![2, 0, 0]];
+    let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
+    let learn = |_: &(), some: &[&Vec<usize>]| {
+        random_model(2, 3, 77).learn(some, &learning).map(|learned| learned.into_model())
+    };
+    let selection = ModelSelection::new([()], &sequences, 3, learn).unwrap();
+    let folds = &selection.rows()[0].2.as_ref().unwrap().folds;
+    assert!(folds[0].is_finite() && folds[1].is_finite());
+    assert_eq!(folds[2], f64::NEG_INFINITY);
+}
