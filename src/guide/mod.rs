@@ -7,6 +7,9 @@ pub mod formulas {}
 #[doc = include_str!("from_hmmlearn.md")]
 pub mod from_hmmlearn {}
 
+#[doc = include_str!("from_dynamax.md")]
+pub mod from_dynamax {}
+
 #[doc = include_str!("performance.md")]
 pub mod performance {}
 

@@ -21,6 +21,7 @@
 //! | [`Hmm::learn_best`], from several starts | [`Restarts`] | as often |
 //! | [`Hmm::expectations`], [`Hmm::reestimate`]: an iteration in parts | [`Expectations`] | three products |
 //! | [`Hmm::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | a product |
+//! | [`Hmm::jackknife`]: standard errors of what was learned | [`StandardErrors`] | learning, for each group of sequences |
 //! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
@@ -64,6 +65,7 @@ mod criteria;
 mod expectations;
 mod few;
 pub(crate) mod in_parallel;
+mod jackknife;
 mod labelled;
 mod many;
 mod plan;
@@ -96,6 +98,7 @@ pub(crate) use filter_snapshot::MOST_STEPS;
 pub use filtering::FilteredSequence;
 pub use fixed_lag::FixedLag;
 pub use fixed_lag_snapshot::FixedLagSnapshot;
+pub use jackknife::StandardErrors;
 pub use labelled::LabelledSequence;
 pub use online_viterbi::OnlineViterbi;
 #[cfg(feature = "serde")]
