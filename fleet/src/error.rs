@@ -49,6 +49,10 @@ pub enum FleetError {
     /// The model cannot be learned from these drives.
     #[error("learning failed: {0}")]
     Learning(String),
+    /// A query is not valid, or fails.
+    #[cfg(feature = "sql")]
+    #[error("{0}")]
+    Query(Box<datafusion::error::DataFusionError>),
     /// A record batch cannot be built.
     #[error(transparent)]
     Arrow(#[from] arrow::error::ArrowError),
@@ -87,6 +91,13 @@ impl FleetError {
     #[must_use]
     pub fn is_of_input(&self) -> bool {
         matches!(self, Self::Column { .. } | Self::Value { .. } | Self::Format { .. })
+    }
+}
+
+#[cfg(feature = "sql")]
+impl From<datafusion::error::DataFusionError> for FleetError {
+    fn from(error: datafusion::error::DataFusionError) -> Self {
+        Self::Query(Box::new(error))
     }
 }
 

@@ -20,6 +20,8 @@ pub mod places;
 mod run;
 pub mod sensor;
 mod spool;
+#[cfg(feature = "sql")]
+pub mod sql;
 
 pub use error::{FleetError, Outcome};
 pub use learn::{Course, LearnJob, learn};

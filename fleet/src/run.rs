@@ -34,6 +34,17 @@ pub enum Pack {
     Zstd,
 }
 
+impl From<Pack> for Compression {
+    fn from(pack: Pack) -> Self {
+        match pack {
+            Pack::None => Self::UNCOMPRESSED,
+            Pack::Lz4 => Self::LZ4_RAW,
+            Pack::Snappy => Self::SNAPPY,
+            Pack::Zstd => Self::ZSTD(ZstdLevel::default()),
+        }
+    }
+}
+
 /// A routine over a file of drives.
 #[derive(Debug, Clone)]
 pub struct Job {
@@ -181,15 +192,9 @@ pub(crate) fn stamp(path: &Path) -> Outcome<[String; 2]> {
 
 /// Encodings: integers as differences, doubles as they are.
 fn properties(job: &Job, model: &Model, id_type: &DataType, form: Form) -> WriterProperties {
-    let pack = match job.pack {
-        Pack::None => Compression::UNCOMPRESSED,
-        Pack::Lz4 => Compression::LZ4_RAW,
-        Pack::Snappy => Compression::SNAPPY,
-        Pack::Zstd => Compression::ZSTD(ZstdLevel::default()),
-    };
     let about = |key: &str, value: String| KeyValue::new(format!("wayfix.{key}"), value);
     let mut properties = WriterProperties::builder()
-        .set_compression(pack)
+        .set_compression(job.pack.into())
         .set_dictionary_enabled(false)
         // Their place is after all parts, so that they would have to be kept until then.
         .set_offset_index_disabled(true)

@@ -37,6 +37,9 @@ enum Routine {
     Score(Run),
     /// A model that fits the drives better, by expectation and maximisation.
     Learn(Learn),
+    /// The rows of a query, with functions for the routines above.
+    #[cfg(feature = "sql")]
+    Sql(wayfix_fleet::sql::Command),
 }
 
 #[derive(Debug, Args)]
@@ -161,6 +164,8 @@ fn main() -> ExitCode {
         Routine::Decode(options) => start(Verb::Decode, &options),
         Routine::Score(options) => start(Verb::Score, &options),
         Routine::Learn(options) => start_learning(&options),
+        #[cfg(feature = "sql")]
+        Routine::Sql(command) => command.run(),
     };
     match done {
         Ok(text) => {

@@ -114,6 +114,27 @@ impl Layout {
         Ok(Self { form, id_type, names, sensor: sensor.clone() })
     }
 
+    /// Finds the columns of a table with a row for each drive.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError::Column`] if a column is missing, or is not a list of what the sensor takes.
+    pub fn nested(schema: &Schema, names: &ColumnNames, sensor: &Sensor) -> Outcome<Self> {
+        let observation = match sensor.kind() {
+            Kind::Places(_) => &names.latitude,
+            _ => &names.observation,
+        };
+        let found = find(schema, observation)?.data_type();
+        if is_of(sensor.kind(), found) {
+            let message = format!(
+                "has the type {found} of the observation of one step, expected a list of these \
+                 for each drive"
+            );
+            return Err(FleetError::column(observation, message));
+        }
+        Self::new(schema, names, sensor)
+    }
+
     /// Names of the columns that are read.
     pub(super) fn needed(&self) -> Vec<&str> {
         let names = &self.names;

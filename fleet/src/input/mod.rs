@@ -148,6 +148,15 @@ pub fn open(path: &Path, names: &ColumnNames, sensor: &Sensor, skip: u64) -> Out
     Ok(Input { batches, rows, id_type, form })
 }
 
+/// Reads drives of a record batch in the nested form, of which the first row has a number.
+///
+/// # Errors
+///
+/// [`FleetError`] for a value that the layout's sensor cannot have.
+pub fn drives(batch: &RecordBatch, layout: &Layout, first_row: u64) -> Outcome<Drives> {
+    nested::drives(batch, layout, first_row)
+}
+
 /// Leaves out rows before those that are wanted: readers begin where a batch begins that is the
 /// same in every run.
 fn without(

@@ -13,7 +13,7 @@ use crate::input::Form;
 pub use tables::results;
 
 /// A routine for each drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, ValueEnum)]
 pub enum Verb {
     /// Distributions of every step given the whole drive.
     Smooth,
@@ -173,7 +173,9 @@ impl Results {
         self.step_fields().into_iter().map(|field| field.with_nullable(false)).collect()
     }
 
-    fn list_name(&self) -> &'static str {
+    /// Name of the column with the list of a drive, in the nested form.
+    #[must_use]
+    pub fn list_name(&self) -> &'static str {
         match self.table {
             Table::Best(_) => "best",
             Table::Paths(_) => "path",

@@ -1,0 +1,92 @@
+//! The subcommand `sql`.
+
+use std::path::PathBuf;
+use std::thread;
+
+use clap::Args;
+
+use super::{Query, Source, query};
+use crate::error::{FleetError, Outcome};
+use crate::run::Pack;
+
+/// Options of the subcommand `sql`.
+#[derive(Debug, Clone, Args)]
+pub struct Command {
+    /// Table and its file, Parquet or CSV; may be given several times.
+    #[arg(long = "table", value_name = "NAME=PATH", required = true)]
+    tables: Vec<String>,
+    /// Columns by which the rows of the table are sorted and which tell them apart, such as
+    /// `trace_id,step`. With several tables, the name of one first: `drives=trace_id,step`.
+    #[arg(long = "order", value_name = "[NAME=]COLUMN,…")]
+    orders: Vec<String>,
+    /// Query.
+    #[arg(long)]
+    query: String,
+    /// Rows of the query, Parquet.
+    #[arg(long)]
+    output: PathBuf,
+    /// Compression of the output.
+    #[arg(long, default_value = "none")]
+    compression: Pack,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Rows of a batch: drives, if the table has a row for each.
+    #[arg(long, default_value_t = 1024)]
+    batch: usize,
+    /// Replaces an output that exists.
+    #[arg(long)]
+    force: bool,
+}
+
+impl Command {
+    /// Runs the query, and returns a line that says what was done.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`] if an option is not valid, or as for [`query`].
+    pub fn run(&self) -> Outcome<String> {
+        let rows = query(&self.query()?)?;
+        Ok(format!("{rows} rows"))
+    }
+
+    fn query(&self) -> Outcome<Query> {
+        let wrong = |message: String| Err(FleetError::Settings(message));
+        let mut tables: Vec<Source> = Vec::with_capacity(self.tables.len());
+        for table in &self.tables {
+            let Some((name, path)) = table.split_once('=') else {
+                return wrong(format!("--table {table}: expected NAME=PATH"));
+            };
+            if tables.iter().any(|known| known.name == name) {
+                return wrong(format!("--table {name} is given twice"));
+            }
+            tables.push(Source { name: name.to_owned(), path: path.into(), key: Vec::new() });
+        }
+        for order in &self.orders {
+            let (name, columns) = match order.split_once('=') {
+                Some((name, columns)) => (Some(name), columns),
+                None => (None, order.as_str()),
+            };
+            let only = tables.len() == 1;
+            let table = tables.iter_mut().find(|table| match name {
+                Some(name) => table.name == name,
+                None => only,
+            });
+            let Some(table) = table else {
+                return wrong(format!("--order {order}: expected the name of a table before it"));
+            };
+            table.key = columns.split(',').map(|column| column.trim().to_owned()).collect();
+        }
+        Ok(Query {
+            tables,
+            sql: self.query.clone(),
+            output: self.output.clone(),
+            pack: self.compression,
+            threads: self
+                .threads
+                .unwrap_or_else(|| thread::available_parallelism().map_or(1, Into::into)),
+            batch: self.batch,
+            force: self.force,
+        })
+    }
+}

@@ -1,0 +1,61 @@
+//! Functions for [DataFusion](datafusion): the routines in SQL.
+//!
+//! ```
+//! # use std::error::Error;
+//! # use datafusion::prelude::SessionContext;
+//! # fn main() -> Result<(), Box<dyn Error>> {
+//! let context = SessionContext::new();
+//! wayfix_fleet::sql::register(&context);
+//! let query = "SELECT trace_id, wayfix_smooth('model.json', observation) FROM drives";
+//! # let _ = query;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! | function | result for each drive |
+//! |---|---|
+//! | `wayfix_score` | a struct of `log_likelihood`, `error_kind`, `error_step`, `error` |
+//! | `wayfix_smooth` | a list of structs of `step`, `state`, `probability`, `entropy` |
+//! | `wayfix_filter` | the same, and `log_likelihood` |
+//! | `wayfix_decode` | a list of structs of `step`, `state`: the most probable path |
+//!
+//! All take the model, and the columns of a nested table of drives (a row for each drive):
+//! `(model, observations)`, for a sensor of sparse lists `(model, observations, elsewhere)` too,
+//! for positions `(model, latitudes, longitudes, deviations)`. Steps are 1, 2, … in each drive. A
+//! drive that the model rules out has a null instead of a list; its error is in `wayfix_score`.
+//!
+//! The model is a literal text: the path of its file, or `path#hash` with its hash
+//! ([`Model::hash`](crate::model::Model::hash)), which is then checked. It is read once a process,
+//! when a first batch of drives comes, and plans have its path only. A process that goes on while a
+//! file changes needs the hash to see the change.
+
+mod command;
+mod function;
+mod key;
+mod models;
+mod query;
+
+use std::sync::Arc;
+
+use datafusion::logical_expr::ScalarUDF;
+use datafusion::prelude::SessionContext;
+
+use crate::output::Verb;
+pub use command::Command;
+use function::Function;
+pub use function::FunctionError;
+pub use query::{Query, Source, context, query};
+
+/// The functions, to be registered wherever DataFusion takes functions.
+#[must_use]
+pub fn functions() -> Vec<Arc<ScalarUDF>> {
+    let verbs = [Verb::Score, Verb::Smooth, Verb::Filter, Verb::Decode];
+    verbs.into_iter().map(|verb| Arc::new(ScalarUDF::from(Function::new(verb)))).collect()
+}
+
+/// Registers the functions.
+pub fn register(context: &SessionContext) {
+    for function in functions() {
+        context.register_udf(Arc::unwrap_or_clone(function));
+    }
+}

@@ -1,0 +1,122 @@
+//! Models that this process has read.
+
+use std::collections::{HashMap, VecDeque};
+use std::path::Path;
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
+
+use arrow::datatypes::Schema;
+
+use crate::error::{FleetError, Outcome};
+use crate::input::{ColumnNames, Layout};
+use crate::model::Model;
+
+/// Models that are kept; of more, the one that was read first is dropped.
+const MOST: usize = 16;
+/// Digits of a hash.
+const DIGITS: usize = 32;
+
+/// A model that was read, with the layouts of its arguments.
+#[derive(Debug)]
+pub(super) struct Loaded {
+    pub(super) model: Model,
+    layouts: Mutex<HashMap<Arc<Schema>, Arc<Layout>>>,
+}
+
+impl Loaded {
+    /// Columns for arguments of these types, found and checked once.
+    pub(super) fn layout(&self, schema: &Arc<Schema>, names: &ColumnNames) -> Outcome<Arc<Layout>> {
+        let mut layouts = self.layouts.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(layout) = layouts.get(schema) {
+            return Ok(layout.clone());
+        }
+        let layout = Arc::new(Layout::nested(schema, names, self.model.sensor())?);
+        layouts.insert(schema.clone(), layout.clone());
+        Ok(layout)
+    }
+}
+
+/// Models by their names, in the order in which they were read.
+type Models = VecDeque<(String, Arc<Loaded>)>;
+
+static MODELS: LazyLock<Mutex<Models>> = LazyLock::new(Mutex::default);
+
+/// Returns the model of a name, a path or `path#hash`; reads its file if no call did so before.
+///
+/// # Errors
+///
+/// [`FleetError`] if the file cannot be read, is not a model, or has another hash.
+pub(super) fn model(name: &str) -> Outcome<Arc<Loaded>> {
+    // Others wait while it is read, and so do not read it a second time.
+    let mut models = MODELS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, loaded)) = models.iter().find(|(known, _)| known == name) {
+        return Ok(loaded.clone());
+    }
+    let (path, hash) = split(name);
+    let model = Model::load(Path::new(path))?;
+    if let Some(hash) = hash
+        && !hash.eq_ignore_ascii_case(model.hash())
+    {
+        let message = format!("has the hash {}, expected {hash}", model.hash());
+        return Err(FleetError::format(Path::new(path), message));
+    }
+    let loaded = Arc::new(Loaded { model, layouts: Mutex::default() });
+    if models.len() == MOST {
+        models.pop_front();
+    }
+    models.push_back((name.to_owned(), loaded.clone()));
+    Ok(loaded)
+}
+
+/// Path and hash of a name; a `#` that no hash follows belongs to the path.
+fn split(name: &str) -> (&str, Option<&str>) {
+    let is_hash =
+        |end: &str| end.len() == DIGITS && end.bytes().all(|byte| byte.is_ascii_hexdigit());
+    match name.rsplit_once('#') {
+        Some((path, hash)) if is_hash(hash) => (path, Some(hash)),
+        _ => (name, None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::{fs, thread};
+
+    #[test]
+    fn a_name_may_end_with_a_hash() {
+        let hash = "0123456789abcdef0123456789ABCDEF";
+        assert_eq!(split(&format!("a#b.json#{hash}")), ("a#b.json", Some(hash)));
+        assert_eq!(split("a#b.json"), ("a#b.json", None));
+        assert_eq!(split("a.json#0123"), ("a.json#0123", None));
+    }
+
+    #[test]
+    fn a_model_is_read_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("model.json");
+        let hmm = wayfix::Hmm::new(
+            wayfix::Prior::AtFirstObservation(wayfix::Belief::uniform(2).unwrap()),
+            wayfix::DenseTransition::from_rows(&[[0.5, 0.5], [0.5, 0.5]]).unwrap(),
+            wayfix::TableLikelihood::from_rows(&[vec![0.5, 0.5], vec![0.25, 0.75]]).unwrap(),
+        );
+        fs::write(&path, serde_json::to_vec(&hmm.unwrap()).unwrap()).unwrap();
+        let name = path.to_str().unwrap();
+        let read = || model(name).unwrap();
+        let first = thread::scope(|scope| {
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(read)).collect();
+            let all: Vec<_> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+            assert!(all.windows(2).all(|pair| Arc::ptr_eq(&pair[0], &pair[1])));
+            all[0].clone()
+        });
+        let hash = first.model.hash().to_owned();
+        let with_hash = model(&format!("{name}#{hash}")).unwrap();
+        assert_eq!(with_hash.model.hash(), hash);
+        let other = format!("{name}#{}", "0".repeat(DIGITS));
+        let message = model(&other).unwrap_err().to_string();
+        assert!(message.contains(&format!("has the hash {hash}, expected 0000")), "{message}");
+        // A name that has been read is not read again.
+        fs::remove_file(&path).unwrap();
+        assert!(Arc::ptr_eq(&first, &read()));
+        assert!(model(&other).is_err());
+    }
+}

@@ -1,0 +1,11 @@
+//! Tests of the functions in SQL against the library.
+
+mod bad_input;
+mod equality;
+#[path = "../it/kit.rs"]
+#[allow(dead_code, reason = "shared with the tests of files")]
+mod kit;
+mod long;
+mod memory;
+mod observations;
+mod tables;

@@ -1,0 +1,57 @@
+//! Memory of a query does not grow with the file.
+#![cfg(target_os = "linux")]
+
+use std::fs;
+use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
+
+use crate::kit::*;
+use crate::tables::model_of;
+
+/// Largest memory of the command, in bytes.
+fn peak(folder: &Folder, input: &str, order: &str, sql: &str) -> u64 {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_wayfix-fleet"));
+    command.args(["sql", "--force", "--threads", "2", "--order", order, "--query", sql]);
+    command.arg("--table").arg(format!("drives={}", folder.path(input).display()));
+    command.arg("--output").arg(folder.path(&format!("{input}.out")));
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let mut most = 0;
+    let status = format!("/proc/{}/status", child.id());
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kilobytes = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        most = most.max(kilobytes.unwrap_or(0) * 1024);
+        thread::sleep(Duration::from_millis(2));
+    }
+    assert!(child.wait().unwrap().success());
+    most
+}
+
+#[test]
+fn is_flat() {
+    let folder = Folder::new(&model(2));
+    let model = model_of(&folder);
+    let some = drives(22, 20_000, 40, 60);
+    let many: Drives = some.iter().cycle().take(80_000).cloned().collect();
+    folder.write("few.parquet", &nested(&some), 4000);
+    folder.write("many.parquet", &nested(&many), 4000);
+    let sql = format!("SELECT trace_id, wayfix_smooth({model}, observation) FROM drives");
+    let few = peak(&folder, "few.parquet", "trace_id", &sql);
+    let most = peak(&folder, "many.parquet", "trace_id", &sql);
+    assert!(few > 5 << 20, "{few}");
+    // Results of the additional steps are 80 MB.
+    assert!(most < few + (30 << 20), "{few} bytes, then {most}");
+
+    folder.write("few.parquet", &long(&some[..5000]), 100_000);
+    folder.write("many.parquet", &long(&some), 100_000);
+    let sql = format!(
+        "SELECT trace_id, wayfix_smooth({model}, array_agg(observation ORDER BY step)) FROM drives \
+         GROUP BY trace_id"
+    );
+    let few = peak(&folder, "few.parquet", "trace_id,step", &sql);
+    let most = peak(&folder, "many.parquet", "trace_id,step", &sql);
+    // Scalars of the additional steps would be 100 MB.
+    assert!(most < few + (30 << 20), "{few} bytes, then {most}");
+}
