@@ -3,10 +3,28 @@
 use wayfix::inference::{Expectations, LearningOptions};
 use wayfix::transition::LearnTransition;
 use wayfix::{Hmm, InferenceError};
+#[cfg(feature = "sql")]
+use wayfix::{
+    likelihood::LearnLikelihood,
+    transition::{Move, MoveCounts},
+};
 
 use crate::error::{FleetError, Outcome};
 use crate::input::Drives;
 use crate::sensor::Sensor;
+
+/// Expectations of some drives, as processes send them to each other.
+#[cfg(feature = "sql")]
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Sums {
+    first: Vec<f64>,
+    /// Moves with their weights: states that are left, and reached.
+    moves: Vec<(usize, usize, f64)>,
+    sensor: Vec<f64>,
+    log_likelihood: f64,
+    drives: u64,
+    left_out: u64,
+}
 
 /// Expectations of some drives under a model.
 #[derive(Debug)]
@@ -46,6 +64,38 @@ impl Expected {
         Ok(Self { sum, drives: each.len() as u64, left_out: failed.len() as u64 })
     }
 
+    /// Returns the sums.
+    #[cfg(feature = "sql")]
+    pub(crate) fn sums(&self) -> Sums {
+        let moves = self.sum.moves().iter().flat_map(MoveCounts::moves);
+        Sums {
+            first: self.sum.first().to_vec(),
+            moves: moves.map(|m| (m.from, m.to, m.weight)).collect(),
+            sensor: self.sum.sensor().clone(),
+            log_likelihood: self.sum.log_likelihood(),
+            drives: self.drives,
+            left_out: self.left_out,
+        }
+    }
+
+    /// Expectations with these sums, which must be of this model.
+    #[cfg(feature = "sql")]
+    pub(crate) fn from_sums<A>(hmm: &Hmm<A, Sensor>, sums: Sums) -> Outcome<Self>
+    where
+        A: LearnTransition<Control = ()>,
+    {
+        let Sums { first, moves, sensor, log_likelihood, drives, left_out } = sums;
+        let known = hmm.likelihood().statistics().len();
+        if (first.len(), sensor.len()) != (hmm.states(), known) {
+            let message = "the expectations of two models cannot be added up".to_owned();
+            return Err(FleetError::Learning(message));
+        }
+        let moves = moves.into_iter().map(|(from, to, weight)| Move { from, to, weight });
+        let moves = vec![MoveCounts::from_moves(moves)];
+        let sum = Expectations::new(first, moves, sensor, log_likelihood);
+        Ok(Self { sum, drives, left_out })
+    }
+
     /// Adds those of other drives.
     pub(crate) fn merge<A>(&mut self, hmm: &Hmm<A, Sensor>, other: &Self)
     where
@@ -54,6 +104,13 @@ impl Expected {
         hmm.merge_expectations(&mut self.sum, &other.sum);
         self.drives += other.drives;
         self.left_out += other.left_out;
+    }
+
+    /// Number of the numbers in the sums, moves counted as three.
+    #[cfg(feature = "sql")]
+    pub(crate) fn numbers(&self) -> usize {
+        let moves: usize = self.sum.moves().iter().map(|counts| counts.moves().len()).sum();
+        self.sum.first().len() + self.sum.sensor().len() + 3 * moves
     }
 
     /// Log-likelihood of all drives that are not left out.

@@ -71,16 +71,20 @@ struct State {
 ///
 /// [`FleetError`] if a file cannot be read or written, settings or input are not valid, or no drive
 /// is possible under the model.
-pub fn learn(job: &LearnJob, progress: impl FnMut(usize, &Progress)) -> Outcome<Course> {
+pub fn learn(job: &LearnJob, mut progress: impl FnMut(usize, &Progress)) -> Outcome<Course> {
     let model = Model::load(&job.model)?;
-    with_hmm!(model, hmm => iterate(hmm, &model, job, progress))
+    with_hmm!(model, hmm => iterate(hmm, &model, job, |hmm, iteration| {
+        expect(hmm, job, |done| progress(iteration, done))
+    }))
 }
 
-fn iterate<A>(
+/// Iterates with expectations from wherever they are computed, given a model and the number of
+/// re-estimations before it.
+pub(crate) fn iterate<A>(
     hmm: &Hmm<A, Sensor>,
     model: &Model,
     job: &LearnJob,
-    mut progress: impl FnMut(usize, &Progress),
+    mut expect: impl FnMut(&Hmm<A, Sensor>, usize) -> Outcome<Expected>,
 ) -> Outcome<Course>
 where
     A: LearnTransition<Control = ()> + Clone + Sync + Serialize + for<'de> Deserialize<'de>,
@@ -113,7 +117,7 @@ where
     }
     loop {
         let iteration = course.log_likelihoods.len();
-        let expected = expect(&hmm, job, |done| progress(iteration, done))?;
+        let expected = expect(&hmm, iteration)?;
         if expected.drives == expected.left_out {
             let message = format!("none of {} drives is possible", expected.drives);
             return Err(FleetError::Learning(message));
@@ -145,7 +149,7 @@ where
 }
 
 /// Writes a file under a temporary name first.
-fn save(path: &Path, value: &impl Serialize) -> Outcome<()> {
+pub(crate) fn save(path: &Path, value: &impl Serialize) -> Outcome<()> {
     let written = beside(path, ".new");
     let text = serde_json::to_vec(value).map_err(|error| FleetError::format(path, error))?;
     let wrong = FleetError::file(&written);

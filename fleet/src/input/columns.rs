@@ -64,7 +64,7 @@ pub struct Layout {
 impl Layout {
     /// Finds the columns. The form follows from the type of the observation: a list where the
     /// sensor takes a symbol, or a list of lists where it takes a list, is nested.
-    pub(super) fn new(schema: &Schema, names: &ColumnNames, sensor: &Sensor) -> Outcome<Self> {
+    pub(crate) fn new(schema: &Schema, names: &ColumnNames, sensor: &Sensor) -> Outcome<Self> {
         let id_type = match find(schema, &names.trace_id)?.data_type() {
             DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View => DataType::Utf8,
             DataType::Dictionary(_, value) if value.is_string() => DataType::Utf8,

@@ -13,9 +13,9 @@ use datafusion::logical_expr::{
 };
 use datafusion::scalar::ScalarValue;
 
-use super::models;
+use super::models::{self, Loaded};
 use crate::error::{FleetError, Outcome};
-use crate::input::{self, ColumnNames, Form};
+use crate::input::{self, ColumnNames, Drives, Form};
 use crate::output::{self, Results, Table, Verb};
 use crate::sensor::{Kind, Sensor};
 
@@ -67,18 +67,11 @@ impl Function {
 
     /// Results of drives, one for each row.
     fn compute(&self, model: &str, arguments: &[ArrayRef]) -> Result<ArrayRef> {
-        let wrong = |source, about| {
-            let function = self.name();
-            DataFusionError::External(Box::new(FunctionError { function, source, about }))
-        };
         let run = || -> Outcome<ArrayRef> {
             let loaded = models::model(model)?;
-            let names = names();
-            let batch = batch(arguments, loaded.model.sensor(), &names)?;
-            let layout = loaded.layout(&batch.schema(), &names)?;
-            let drives = input::drives(&batch, &layout, 0)?;
+            let drives = drives(&loaded, arguments)?;
             let results = self.results()?;
-            let schema = Arc::new(results.schema(&layout.id_type));
+            let schema = Arc::new(results.schema(drives.ids.data_type()));
             let rows = output::results(&loaded.model, &results, &schema, &drives)?.rows;
             let column = |name: &str| {
                 let missing = || FleetError::column(name, "is missing");
@@ -93,11 +86,26 @@ impl Function {
             let rows = rows.num_rows();
             Ok(Arc::new(StructArray::try_new_with_length(fields, columns, None, rows)?))
         };
-        run().map_err(|error| {
-            let about = about(&error, arguments);
-            wrong(error, about)
-        })
+        run().map_err(|error| failure(self.name(), error, arguments))
     }
+}
+
+/// Error of a function, with the drive that it is about.
+pub(super) fn failure(
+    function: &'static str,
+    source: FleetError,
+    arguments: &[ArrayRef],
+) -> DataFusionError {
+    let about = about(&source, arguments);
+    DataFusionError::External(Box::new(FunctionError { function, source, about }))
+}
+
+/// Drives from the arguments after the model.
+pub(super) fn drives(loaded: &Loaded, arguments: &[ArrayRef]) -> Outcome<Drives> {
+    let names = names();
+    let batch = batch(arguments, loaded.model.sensor(), &names)?;
+    let layout = loaded.layout(&batch.schema(), &names)?;
+    input::drives(&batch, &layout, 0)
 }
 
 impl ScalarUDFImpl for Function {

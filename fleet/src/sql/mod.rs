@@ -19,6 +19,8 @@
 //! | `wayfix_filter` | the same, and `log_likelihood` |
 //! | `wayfix_decode` | a list of structs of `step`, `state`: the most probable path |
 //!
+//! The aggregate `wayfix_expect` adds up the expectations of drives, for [`learn`].
+//!
 //! All take the model, and the columns of a nested table of drives (a row for each drive):
 //! `(model, observations)`, for a sensor of sparse lists `(model, observations, elsewhere)` too,
 //! for positions `(model, latitudes, longitudes, deviations)`. Steps are 1, 2, … in each drive. A
@@ -30,20 +32,24 @@
 //! file changes needs the hash to see the change.
 
 mod command;
+mod expect;
 mod function;
 mod key;
+mod learn;
 mod models;
 mod query;
 
 use std::sync::Arc;
 
-use datafusion::logical_expr::ScalarUDF;
+use datafusion::logical_expr::{AggregateUDF, ScalarUDF};
 use datafusion::prelude::SessionContext;
 
 use crate::output::Verb;
 pub use command::Command;
+use expect::Expect;
 use function::Function;
 pub use function::FunctionError;
+pub use learn::learn;
 pub use query::{Query, Source, context, query};
 
 /// The functions, to be registered wherever DataFusion takes functions.
@@ -53,8 +59,17 @@ pub fn functions() -> Vec<Arc<ScalarUDF>> {
     verbs.into_iter().map(|verb| Arc::new(ScalarUDF::from(Function::new(verb)))).collect()
 }
 
-/// Registers the functions.
+/// The aggregates, to be registered beside the functions.
+#[must_use]
+pub fn aggregates() -> Vec<Arc<AggregateUDF>> {
+    vec![Arc::new(AggregateUDF::from(Expect::default()))]
+}
+
+/// Registers the functions and aggregates.
 pub fn register(context: &SessionContext) {
+    for aggregate in aggregates() {
+        context.register_udaf(Arc::unwrap_or_clone(aggregate));
+    }
     for function in functions() {
         context.register_udf(Arc::unwrap_or_clone(function));
     }

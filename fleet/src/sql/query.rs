@@ -112,9 +112,22 @@ pub fn query(query: &Query) -> Outcome<u64> {
     })
 }
 
+/// Context for queries of this process, or of a cluster.
+#[expect(clippy::unused_async, reason = "a cluster is asked")]
+pub(super) async fn session(
+    scheduler: Option<&str>,
+    threads: usize,
+    batch: usize,
+) -> Outcome<SessionContext> {
+    match scheduler {
+        None => Ok(context(threads, batch)),
+        Some(_) => Err(FleetError::Settings("no cluster".to_owned())),
+    }
+}
+
 impl Source {
     /// Registers the table, with its order if that is known to be right.
-    async fn register(&self, context: &SessionContext, sorted: bool) -> Outcome<()> {
+    pub(super) async fn register(&self, context: &SessionContext, sorted: bool) -> Outcome<()> {
         let wrong = FleetError::file(&self.path);
         let is_folder = fs::metadata(&self.path).map_err(&wrong)?.is_dir();
         let path = fs::canonicalize(&self.path).map_err(&wrong)?;

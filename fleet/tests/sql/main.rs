@@ -5,6 +5,7 @@ mod equality;
 #[path = "../it/kit.rs"]
 #[allow(dead_code, reason = "shared with the tests of files")]
 mod kit;
+mod learn;
 mod long;
 mod memory;
 mod observations;
