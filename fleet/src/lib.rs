@@ -5,11 +5,14 @@
 //! alone: [`input`] turns record batches into drives, [`output`] turns drives into record batches
 //! of results, with a [`model`] that was read from a file.
 //!
-//! The README says which columns and which models a file may have.
+//! The README says which columns and which models a file may have; the [`guide`], which way to
+//! take when, and how other engines call these functions.
 
 pub mod error;
 mod expected;
 pub mod input;
+#[doc = include_str!("guide.md")]
+pub mod guide {}
 mod journal;
 mod learn;
 pub mod model;
