@@ -7,6 +7,8 @@
 //!
 //! The README says which columns and which models a file may have.
 
+#[cfg(feature = "ballista")]
+pub mod cluster;
 pub mod error;
 pub mod input;
 mod journal;
