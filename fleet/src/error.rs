@@ -53,6 +53,10 @@ pub enum FleetError {
     #[cfg(feature = "sql")]
     #[error("{0}")]
     Query(Box<datafusion::error::DataFusionError>),
+    /// A process of a cluster cannot go on.
+    #[cfg(feature = "ballista")]
+    #[error("{0}")]
+    Cluster(String),
     /// A record batch cannot be built.
     #[error(transparent)]
     Arrow(#[from] arrow::error::ArrowError),

@@ -14,7 +14,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
-use wayfix_fleet::{FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
+use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
 /// interrupted goes on where it was when the same command is given again.
@@ -118,6 +118,11 @@ struct Learn {
     /// Keeps the prior.
     #[arg(long)]
     keep_prior: bool,
+    /// Scheduler of a cluster that works through the drives, in so many tasks as there are
+    /// `--threads`. Its executors find the input and the folder of the output under the same paths.
+    #[cfg(feature = "ballista")]
+    #[arg(long, value_name = "HOST:PORT")]
+    scheduler: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -233,15 +238,35 @@ fn start_learning(options: &Learn) -> Result<String, FleetError> {
         start: files.start(),
     };
     let bar = bar(files.quiet);
-    let done = learn(&job, |iteration, progress| {
-        show(&bar, progress);
-        bar.set_message(format!("{iteration} re-estimations"));
-    });
+    #[cfg(feature = "ballista")]
+    let scheduler = options.scheduler.as_deref();
+    #[cfg(not(feature = "ballista"))]
+    let scheduler = None;
+    let done = iterations(&job, scheduler, &bar);
     bar.finish_and_clear();
     let course = done?;
     let last = course.log_likelihoods.last().copied().unwrap_or(0.0);
     let (count, left_out) = (course.log_likelihoods.len().saturating_sub(1), course.left_out);
     Ok(format!("log-likelihood {last} after {count} re-estimations, {left_out} drives left out"))
+}
+
+/// Learns on a cluster, or else from the file.
+fn iterations(
+    job: &LearnJob,
+    scheduler: Option<&str>,
+    bar: &ProgressBar,
+) -> Result<Course, FleetError> {
+    let say = |iteration| bar.set_message(format!("{iteration} re-estimations"));
+    #[cfg(feature = "ballista")]
+    if scheduler.is_some() {
+        return wayfix_fleet::sql::learn(job, scheduler, say);
+    }
+    #[cfg(not(feature = "ballista"))]
+    let _: Option<&str> = scheduler;
+    learn(job, |iteration, progress| {
+        show(bar, progress);
+        say(iteration);
+    })
 }
 
 fn bar(quiet: bool) -> ProgressBar {

@@ -9,6 +9,9 @@ use super::{Query, Source, query};
 use crate::error::{FleetError, Outcome};
 use crate::run::Pack;
 
+/// Tasks of a query on a cluster: few are long, and many need time to be handed out.
+const TASKS: usize = 16;
+
 /// Options of the subcommand `sql`.
 #[derive(Debug, Clone, Args)]
 pub struct Command {
@@ -28,9 +31,13 @@ pub struct Command {
     /// Compression of the output.
     #[arg(long, default_value = "none")]
     compression: Pack,
-    /// Threads; all cores by default.
+    /// Threads; all cores by default. On a cluster the number of tasks, 16 by default.
     #[arg(long)]
     threads: Option<usize>,
+    /// Scheduler of a cluster that runs the query (in a build with the feature `ballista`). Its
+    /// executors find tables and models under the same paths.
+    #[arg(long, value_name = "HOST:PORT")]
+    scheduler: Option<String>,
     /// Rows of a batch: drives, if the table has a row for each.
     #[arg(long, default_value_t = 1024)]
     batch: usize,
@@ -82,9 +89,11 @@ impl Command {
             sql: self.query.clone(),
             output: self.output.clone(),
             pack: self.compression,
-            threads: self
-                .threads
-                .unwrap_or_else(|| thread::available_parallelism().map_or(1, Into::into)),
+            threads: self.threads.unwrap_or_else(|| match self.scheduler {
+                Some(_) => TASKS,
+                None => thread::available_parallelism().map_or(1, Into::into),
+            }),
+            scheduler: self.scheduler.clone(),
             batch: self.batch,
             force: self.force,
         })

@@ -11,7 +11,7 @@ use wayfix::Hmm;
 use wayfix::transition::LearnTransition;
 
 use super::expect::{NAME, Sent};
-use super::query::{Source, session};
+use super::query::{ATTEMPTS, Source, is_lost, session};
 use crate::error::{FleetError, Outcome};
 use crate::expected::Expected;
 use crate::input::{Form, Layout};
@@ -85,9 +85,15 @@ where
         };
         let name = format!("{place}#{}", loaded.hash()).replace('\'', "''");
         let query = format!("SELECT {NAME}('{name}', {columns}) FROM {table}");
-        match runtime.block_on(sums(&context, &query))? {
-            Some(sent) => Expected::from_sums(hmm, sent.sums),
-            None => Ok(Expected::nothing(hmm)),
+        let mut left = if scheduler.is_some() { ATTEMPTS } else { 1 };
+        loop {
+            left -= 1;
+            return match runtime.block_on(sums(&context, &query)) {
+                Ok(Some(sent)) => Expected::from_sums(hmm, sent.sums),
+                Ok(None) => Ok(Expected::nothing(hmm)),
+                Err(FleetError::Query(error)) if left > 0 && is_lost(&error) => continue,
+                Err(error) => Err(error),
+            };
         }
     })
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use arrow::datatypes::{DataType, Schema};
 use datafusion::common::TableReference;
+use datafusion::error::DataFusionError;
 use datafusion::execution::SendableRecordBatchStream;
 use datafusion::execution::context::SQLOptions;
 use datafusion::physical_plan::sorts::sort_preserving_merge::SortPreservingMergeExec;
@@ -23,6 +24,8 @@ use crate::error::{FleetError, Outcome};
 use crate::partial::beside;
 use crate::run::Pack;
 
+/// Times that a query is given to a cluster, if executors are lost after its last task.
+pub(super) const ATTEMPTS: usize = 3;
 /// Bytes of a row group of the output, at most.
 const GROUP: usize = 16 << 20;
 /// Rows of a batch when the order of a table is checked.
@@ -51,8 +54,10 @@ pub struct Query {
     pub output: PathBuf,
     /// Compression of the output.
     pub pack: Pack,
-    /// Number of threads.
+    /// Number of threads, or of tasks on a cluster.
     pub threads: usize,
+    /// Scheduler of a cluster, `host:port`, that runs the query; needs the feature `ballista`.
+    pub scheduler: Option<String>,
     /// Rows of a batch.
     pub batch: usize,
     /// Replaces an output that exists.
@@ -98,7 +103,7 @@ pub fn query(query: &Query) -> Outcome<u64> {
         .build()
         .map_err(|error| FleetError::Settings(format!("no threads: {error}")))?;
     runtime.block_on(async {
-        let context = context(query.threads, query.batch);
+        let context = session(query.scheduler.as_deref(), query.threads, query.batch).await?;
         for table in &query.tables {
             table.check().await?;
             table.register(&context, true).await?;
@@ -108,12 +113,26 @@ pub fn query(query: &Query) -> Outcome<u64> {
             .with_allow_dml(false)
             .with_allow_statements(false);
         let frame = context.sql_with_options(&query.sql, options).await?;
-        write(rows(frame).await?, &query.output, query.pack).await
+        let mut left = if query.scheduler.is_some() { ATTEMPTS } else { 1 };
+        loop {
+            left -= 1;
+            let done = write(rows(frame.clone()).await?, &query.output, query.pack).await;
+            match done {
+                Err(FleetError::Query(error)) if left > 0 && is_lost(&error) => {}
+                done => return done,
+            }
+        }
     })
 }
 
-/// Context for queries of this process, or of a cluster.
-#[expect(clippy::unused_async, reason = "a cluster is asked")]
+/// True if rows did not arrive, though the cluster did not say that the query failed: it lost an
+/// executor that had some of them.
+pub(super) fn is_lost(error: &DataFusionError) -> bool {
+    let message = error.to_string();
+    !(message.contains("Job ") && message.contains(" failed: "))
+}
+
+/// Context for queries in this process, or on the cluster of a scheduler.
 pub(super) async fn session(
     scheduler: Option<&str>,
     threads: usize,
@@ -121,8 +140,19 @@ pub(super) async fn session(
 ) -> Outcome<SessionContext> {
     match scheduler {
         None => Ok(context(threads, batch)),
-        Some(_) => Err(FleetError::Settings("no cluster".to_owned())),
+        Some(scheduler) => on_cluster(scheduler, threads, batch).await,
     }
+}
+
+#[cfg(feature = "ballista")]
+async fn on_cluster(scheduler: &str, tasks: usize, batch: usize) -> Outcome<SessionContext> {
+    crate::cluster::context(scheduler, tasks, batch).await
+}
+
+#[cfg(not(feature = "ballista"))]
+async fn on_cluster(_: &str, _: usize, _: usize) -> Outcome<SessionContext> {
+    let message = "queries on a cluster need a build with the feature `ballista`";
+    std::future::ready(Err(FleetError::Settings(message.to_owned()))).await
 }
 
 impl Source {

@@ -17,6 +17,7 @@ pub(crate) fn over(folder: &Folder, input: &str, key: &[&str], sql: &str) -> Que
         output: folder.path("rows.parquet"),
         pack: Pack::None,
         threads: 3,
+        scheduler: None,
         batch: 16,
         force: true,
     }

@@ -1,0 +1,50 @@
+//! The scheduler of a cluster.
+
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+
+use ballista_scheduler::cluster::BallistaCluster;
+use ballista_scheduler::config::SchedulerConfig;
+use ballista_scheduler::scheduler_process::start_server;
+use clap::Parser;
+
+use super::{serve, state};
+use crate::error::Outcome;
+
+/// Schedules queries with the functions of wayfix on the executors of a cluster.
+#[derive(Debug, Clone, Parser)]
+#[command(name = "wayfix-fleet-scheduler", version)]
+pub struct SchedulerCommand {
+    /// Address that executors and clients connect to. There is no password: let it be one that
+    /// only they can reach.
+    #[arg(long, default_value = "127.0.0.1")]
+    host: IpAddr,
+    /// Port.
+    #[arg(long, default_value_t = 50050)]
+    port: u16,
+    /// Seconds without a sign of life after which an executor is lost.
+    #[arg(long, default_value_t = 20)]
+    timeout: u64,
+}
+
+impl SchedulerCommand {
+    /// Serves until the process is told to stop.
+    ///
+    /// # Errors
+    ///
+    /// [`FleetError`](crate::FleetError) if the port cannot be opened.
+    pub fn run(&self) -> Outcome<()> {
+        let mut config = SchedulerConfig::default()
+            .with_hostname(self.host.to_string())
+            .with_port(self.port)
+            .with_override_session_builder(Arc::new(state));
+        config.bind_host = self.host.to_string();
+        config.executor_timeout_seconds = self.timeout;
+        config.expire_dead_executor_interval_seconds = self.timeout.div_ceil(4).max(1);
+        let address = SocketAddr::new(self.host, self.port);
+        serve(async move {
+            let cluster = BallistaCluster::new_from_config(&config).await?;
+            start_server(cluster, address, Arc::new(config)).await
+        })
+    }
+}

@@ -1,0 +1,229 @@
+//! Tests of queries on a cluster of two executors, each a process, against the same queries in one
+//! process.
+#![cfg(unix)]
+
+#[path = "../it/kit.rs"]
+#[allow(dead_code, reason = "shared with the tests of files")]
+mod kit;
+mod learn;
+#[path = "../sql/tables.rs"]
+#[allow(dead_code, reason = "shared with the tests of functions")]
+mod tables;
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use arrow::array::{Array, ArrayRef, AsArray, RecordBatch};
+use arrow::datatypes::{DataType, Float64Type};
+use wayfix_fleet::sql::Query;
+
+use kit::*;
+use tables::*;
+
+/// A running cluster.
+struct Cluster {
+    folder: PathBuf,
+    ports: Vec<u16>,
+}
+
+impl Cluster {
+    fn start(folder: &Folder) -> Self {
+        // Held at the same time, so that they differ.
+        let free: Vec<_> = (0..5).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
+        let ports = free.iter().map(|free| free.local_addr().unwrap().port()).collect();
+        drop(free);
+        let cluster = Self { folder: folder.path("cluster"), ports };
+        cluster.script(&["start"]);
+        cluster
+    }
+
+    fn script(&self, arguments: &[&str]) {
+        let ports = self.ports.iter().map(u16::to_string).collect::<Vec<_>>().join(" ");
+        let done = Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/cluster"))
+            .args(arguments)
+            .arg(&self.folder)
+            .env("PORTS", ports)
+            .env("CORES", "1")
+            .env("TIMEOUT", "8")
+            .env("BIN", Path::new(env!("CARGO_BIN_EXE_wayfix-fleet-executor")).parent().unwrap())
+            .output()
+            .unwrap();
+        let messages = || {
+            ["scheduler", "executor1", "executor2"]
+                .map(|name| fs::read_to_string(self.folder.join(format!("{name}.log"))))
+                .map(Result::unwrap_or_default)
+        };
+        let errors = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{errors}{:?}", messages());
+    }
+
+    fn scheduler(&self) -> String {
+        format!("127.0.0.1:{}", self.ports[0])
+    }
+
+    /// Kills an executor without notice.
+    fn kill(&self, executor: usize) {
+        let pid = fs::read_to_string(self.folder.join(format!("executor{executor}.pid"))).unwrap();
+        assert!(Command::new("kill").args(["-9", pid.trim()]).status().unwrap().success());
+    }
+}
+
+impl Drop for Cluster {
+    fn drop(&mut self) {
+        self.script(&["stop"]);
+    }
+}
+
+fn on_cluster(cluster: &Cluster, query: &Query) -> Query {
+    Query {
+        scheduler: Some(cluster.scheduler()),
+        threads: 6,
+        output: query.output.with_file_name("cluster.parquet"),
+        ..query.clone()
+    }
+}
+
+fn same_rows(found: &RecordBatch, expected: &RecordBatch) {
+    assert_eq!(found.schema(), expected.schema());
+    assert_eq!(found.num_rows(), expected.num_rows());
+    found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
+}
+
+/// Numbers may differ in their last digits: which drives are computed together is another matter.
+fn same(found: &ArrayRef, expected: &ArrayRef) {
+    assert_eq!(found.logical_nulls(), expected.logical_nulls());
+    match found.data_type() {
+        DataType::List(_) => {
+            let (found, expected) = (found.as_list::<i32>(), expected.as_list::<i32>());
+            assert_eq!(found.offsets(), expected.offsets());
+            same(found.values(), expected.values());
+        }
+        DataType::Struct(_) => {
+            let (found, expected) = (found.as_struct(), expected.as_struct());
+            found.columns().iter().zip(expected.columns()).for_each(|(found, e)| same(found, e));
+        }
+        DataType::Float64 => {
+            let (found, expected) =
+                (found.as_primitive::<Float64Type>(), expected.as_primitive::<Float64Type>());
+            for (found, expected) in found.iter().zip(expected.iter()) {
+                found.zip(expected).into_iter().for_each(|(found, e)| close(found, e));
+            }
+        }
+        _ => assert_eq!(found, expected),
+    }
+}
+
+#[test]
+fn answers_are_those_of_one_process() {
+    let model = model(8);
+    let folder = Folder::new(&model);
+    let some = drives(41, 1000, 1, 30);
+    folder.write("nested.parquet", &nested(&some), 50);
+    folder.write("long.parquet", &long(&some), 1000);
+    let cluster = Cluster::start(&folder);
+    let name = model_of(&folder);
+    let gathered = "SELECT trace_id, array_agg(observation ORDER BY step) AS seen FROM drives \
+                    GROUP BY trace_id";
+    for (input, key, sql) in [
+        (
+            "nested.parquet",
+            &["trace_id"][..],
+            format!(
+                "SELECT trace_id, wayfix_score({name}, observation) AS score, \
+                 wayfix_smooth({name}, observation) AS smooth, \
+                 wayfix_filter({name}, observation) AS filter, \
+                 wayfix_decode({name}, observation) AS decode FROM drives"
+            ),
+        ),
+        (
+            "nested.parquet",
+            &[],
+            format!(
+                "SELECT trace_id, wayfix_smooth({name}, observation) AS smooth FROM drives \
+                 ORDER BY trace_id DESC"
+            ),
+        ),
+        (
+            "nested.parquet",
+            &[],
+            format!(
+                "SELECT cardinality(observation) AS steps, count(*) AS drives, \
+                 count(wayfix_decode({name}, observation)) AS valid FROM drives \
+                 GROUP BY cardinality(observation) ORDER BY steps"
+            ),
+        ),
+        (
+            "long.parquet",
+            &["trace_id", "step"],
+            format!(
+                "SELECT trace_id, wayfix_decode({name}, seen) AS path FROM ({gathered}) \
+                 ORDER BY trace_id"
+            ),
+        ),
+    ] {
+        let query = over(&folder, input, key, &sql);
+        let expected = rows(&query);
+        assert!(expected.num_rows() >= 30);
+        same_rows(&rows(&on_cluster(&cluster, &query)), &expected);
+    }
+    // An error comes back, and leaves no output.
+    let sql = format!("SELECT wayfix_smooth({name}, [0, 17]) AS s FROM drives WHERE trace_id > ''");
+    let query = on_cluster(&cluster, &over(&folder, "nested.parquet", &[], &sql));
+    fs::remove_file(&query.output).unwrap();
+    let message = error(&query).to_string();
+    assert!(message.contains("symbol 17 does not exist"), "{message}");
+}
+
+/// Files of rows that an executor has.
+fn files(folder: &Path) -> usize {
+    let Ok(entries) = fs::read_dir(folder) else { return 0 };
+    entries
+        .flatten()
+        .map(|entry| if entry.path().is_dir() { files(&entry.path()) } else { 1 })
+        .sum()
+}
+
+/// Kills an executor when a moment has come, and starts it again; returns the rows.
+fn killed(cluster: &Cluster, query: &Query, is_now: impl Fn() -> bool) -> RecordBatch {
+    thread::scope(|scope| {
+        let found = scope.spawn(|| rows(query));
+        let start = Instant::now();
+        while !is_now() {
+            assert!(start.elapsed() < Duration::from_mins(2));
+            thread::sleep(Duration::from_millis(2));
+        }
+        cluster.kill(1);
+        assert!(!found.is_finished());
+        thread::sleep(Duration::from_millis(500));
+        cluster.script(&["executor", "1"]);
+        found.join().unwrap()
+    })
+}
+
+#[test]
+fn an_executor_may_be_killed() {
+    let model = model(9);
+    let folder = Folder::new(&model);
+    let some = drives(42, 1000, 40, 60);
+    let many: Drives = some.iter().cycle().take(40_000).cloned().collect();
+    folder.write("nested.parquet", &nested(&many), 500);
+    let name = model_of(&folder);
+    let sql = format!("SELECT trace_id, wayfix_smooth({name}, observation) AS smooth FROM drives");
+    let query = over(&folder, "nested.parquet", &["trace_id"], &sql);
+    let expected = rows(&query);
+    let cluster = Cluster::start(&folder);
+    let mut remote = on_cluster(&cluster, &query);
+    remote.threads = 24;
+    // When it has done some of its tasks.
+    let done = || files(&cluster.folder.join("executor1")) >= 3;
+    same_rows(&killed(&cluster, &remote, done), &expected);
+    // When the query is done, and the client has some of the rows.
+    fs::remove_file(&remote.output).unwrap();
+    let unfinished = remote.output.with_extension("parquet.unfinished");
+    let begun = || fs::metadata(&unfinished).is_ok_and(|file| file.len() > 1 << 20);
+    same_rows(&killed(&cluster, &remote, begun), &expected);
+}
