@@ -145,7 +145,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("restored in {:.2} s", start.elapsed().as_secs_f64());
     drop(restored);
 
-    // A fifth of the vehicles in memory.
+    // Memory for fewer than a fifth of the vehicles.
     options.memory = Some(usage.bytes / 5);
     options.spill = Some(arguments.folder.join("spill"));
     drop(pool);
@@ -162,7 +162,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let mut none = Lines::new(None)?;
     report(
-        "updates, four of five vehicles on the disk",
+        "updates, most vehicles on the disk",
         batches(&mut pool, &mut fleet, &mut none, 1, false)?,
     );
     fs::remove_file(&file)?;
