@@ -14,6 +14,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
+use wayfix_fleet::pool::{LiveJob, LiveSummary, PoolOptions, live};
 use wayfix_fleet::{FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
@@ -37,6 +38,9 @@ enum Routine {
     Score(Run),
     /// A model that fits the drives better, by expectation and maximisation.
     Learn(Learn),
+    /// The position of each of many vehicles, as they are seen: lines of JSON to standard output
+    /// for those on standard input.
+    Live(Live),
 }
 
 #[derive(Debug, Args)]
@@ -117,6 +121,40 @@ struct Learn {
     keep_prior: bool,
 }
 
+#[derive(Debug, Args)]
+struct Live {
+    /// Model, the JSON of a wayfix `Hmm`.
+    #[arg(long)]
+    model: PathBuf,
+    /// Snapshot to go on from.
+    #[arg(long)]
+    restore: Option<PathBuf>,
+    /// Snapshot that is written at the end of the input.
+    #[arg(long)]
+    snapshot: Option<PathBuf>,
+    /// Memory for vehicles, in bytes, or with K, M or G (of 1024); no limit by default.
+    #[arg(long, value_parser = bytes, requires = "spill")]
+    memory: Option<usize>,
+    /// Folder for vehicles beyond that memory, for one run at a time.
+    #[arg(long)]
+    spill: Option<PathBuf>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+/// Reads a number of bytes.
+fn bytes(text: &str) -> Result<usize, String> {
+    let (number, unit) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 1 << 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 1 << 30),
+        _ => (text, 1_usize),
+    };
+    let number: usize = number.parse().map_err(|error| format!("{error}"))?;
+    number.checked_mul(unit).ok_or_else(|| "more bytes than there are".to_owned())
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Content {
     Steps,
@@ -161,11 +199,14 @@ fn main() -> ExitCode {
         Routine::Decode(options) => start(Verb::Decode, &options),
         Routine::Score(options) => start(Verb::Score, &options),
         Routine::Learn(options) => start_learning(&options),
+        Routine::Live(options) => start_live(options),
     };
     match done {
         Ok(text) => {
-            // Standard output may be closed.
-            let _ = writeln!(io::stdout(), "{text}");
+            if !text.is_empty() {
+                // Standard output may be closed.
+                let _ = writeln!(io::stdout(), "{text}");
+            }
             ExitCode::SUCCESS
         }
         Err(error) => {
@@ -237,6 +278,28 @@ fn start_learning(options: &Learn) -> Result<String, FleetError> {
     let last = course.log_likelihoods.last().copied().unwrap_or(0.0);
     let (count, left_out) = (course.log_likelihoods.len().saturating_sub(1), course.left_out);
     Ok(format!("log-likelihood {last} after {count} re-estimations, {left_out} drives left out"))
+}
+
+fn start_live(options: Live) -> Result<String, FleetError> {
+    let all = PoolOptions::default();
+    let threads = options.threads.unwrap_or(all.threads);
+    let job = LiveJob {
+        model: options.model,
+        restore: options.restore,
+        snapshot: options.snapshot,
+        options: PoolOptions { threads, memory: options.memory, spill: options.spill },
+    };
+    let LiveSummary { lines, errors, vehicles, snapshot } =
+        live(&job, io::stdin(), io::stdout().lock(), |error| {
+            let _ = writeln!(io::stderr(), "vehicles stay in memory: {error}");
+        })?;
+    let mut text = format!("{lines} lines, {errors} with an error, {vehicles} vehicles");
+    if let Some(bytes) = snapshot {
+        text += &format!(", snapshot of {bytes} bytes");
+    }
+    // Standard output has answers.
+    let _ = writeln!(io::stderr(), "{text}");
+    Ok(String::new())
 }
 
 fn bar(quiet: bool) -> ProgressBar {
