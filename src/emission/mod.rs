@@ -9,7 +9,11 @@
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
 mod error;
+mod gaussian;
+mod normal;
 mod rows;
 
 pub use error::EmissionError;
+pub use gaussian::{Gaussian, GaussianStatistics};
+pub use normal::{CovarianceType, GaussianPrior};
 pub use rows::{Rows, RowsError};

@@ -1,0 +1,37 @@
+//! Formats of Gaussian families.
+
+use super::stored;
+use crate::emission::{CovarianceType, EmissionError, GaussianPrior};
+
+stored! {
+    [] GaussianPrior in emission: [], |prior| {
+        mean_weight: f64 = prior.mean().0,
+        mean: Vec<f64> = prior.mean().1,
+        covariance_weight: f64 = prior.covariance().0,
+        scale: Vec<f64> = prior.covariance().1,
+    } => prior(mean_weight, &mean, covariance_weight, &scale);
+
+    [] Gaussian in emission: [], |family| {
+        covariance_type: CovarianceType = family.covariance_type(),
+        means: Vec<Vec<f64>> = family.means(),
+        covariances: Vec<Vec<f64>> = family.covariances(),
+        missing: bool = family.has_missing(),
+        prior: Option<GaussianPrior> = family.prior(),
+    } => Self::new(covariance_type, &means, &covariances)
+        .map(|family| if missing { family.with_missing() } else { family })
+        .and_then(|family| match prior {
+            Some(prior) => family.with_prior(prior),
+            None => Ok(family),
+        });
+}
+
+fn prior(
+    mean_weight: f64,
+    mean: &[f64],
+    covariance_weight: f64,
+    scale: &[f64],
+) -> Result<GaussianPrior, EmissionError> {
+    GaussianPrior::new(mean.len())?
+        .with_mean(mean_weight, mean)?
+        .with_covariance(covariance_weight, scale)
+}

@@ -1,0 +1,4 @@
+//! Gaussian families and their kin.
+
+mod gaussian;
+mod kit;
