@@ -10,10 +10,12 @@
 
 mod error;
 mod gaussian;
+mod gaussian_mixture;
 mod normal;
 mod rows;
 
 pub use error::EmissionError;
 pub use gaussian::{Gaussian, GaussianStatistics};
+pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
 pub use normal::{CovarianceType, GaussianPrior};
 pub use rows::{Rows, RowsError};

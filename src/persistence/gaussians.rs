@@ -1,7 +1,7 @@
 //! Formats of Gaussian families.
 
 use super::stored;
-use crate::emission::{CovarianceType, EmissionError, GaussianPrior};
+use crate::emission::{CovarianceType, EmissionError, GaussianMixture, GaussianPrior};
 
 stored! {
     [] GaussianPrior in emission: [], |prior| {
@@ -23,6 +23,34 @@ stored! {
             Some(prior) => family.with_prior(prior),
             None => Ok(family),
         });
+
+    [] GaussianMixture in emission: [], |family| {
+        full: bool = (family.covariance_type() == CovarianceType::Full),
+        weights: Vec<Vec<f64>> = weights_of(family),
+        means: Vec<Vec<Vec<f64>>> = family.means(),
+        covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
+        missing: bool = family.has_missing(),
+        prior: Option<GaussianPrior> = family.prior(),
+    } => Self::new(matrices(full), &weights, &means, &covariances)
+        .map(|family| if missing { family.with_missing() } else { family })
+        .and_then(|family| match prior {
+            Some(prior) => family.with_prior(prior),
+            None => Ok(family),
+        });
+}
+
+/// Type of covariances that are matrices, or variances.
+fn matrices(full: bool) -> CovarianceType {
+    if full { CovarianceType::Full } else { CovarianceType::Diagonal }
+}
+
+fn weights_of(family: &GaussianMixture) -> Vec<Vec<f64>> {
+    by_state(|state| family.weights(state).map(<[f64]>::to_vec))
+}
+
+/// Values of all states.
+fn by_state(values: impl Fn(usize) -> Option<Vec<f64>>) -> Vec<Vec<f64>> {
+    (0..).map_while(values).collect()
 }
 
 fn prior(

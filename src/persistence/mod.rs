@@ -92,6 +92,7 @@
 //! | `PooledLikelihood` | `sensor`, `groups` |
 //! | `Gaussian` | `covariance_type` (`spherical`, `diagonal`, `full` or `tied`), `means`, `covariances`; `missing`, true if components may be; `prior`, or null |
 //! | `GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
+//! | `GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
 //! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `PrunedFilterSnapshot` | `states` of the model, `steps`; `tolerance`, or null for ∞; `most_active`, or null for any number; the states that are `active`, and for each its `estimate`, `lower` bound and the `excess` above that (null for ∞); `others`, the bounds on another state and on all of these; `bound`; `log_likelihood` and `log_excess`, as sum and remainder; `log_lost`, whether nothing is known of it; `share`, the part of the tolerance that a step may drop |

@@ -2,3 +2,4 @@
 
 mod gaussian;
 mod kit;
+mod mixture;
