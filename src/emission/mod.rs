@@ -5,11 +5,35 @@
 //! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
 //! observations for [`Hmm::simulate`](crate::Hmm::simulate).
 //!
+//! | for | use |
+//! |---|---|
+//! | events that happen or not | [`Bernoulli`] |
+//! | counts of events | [`Poisson`] |
+//! | durations and speeds | [`Gamma`], [`LogNormal`] |
+//! | headings and other angles | [`VonMises`] |
+//! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
+//!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
+mod bernoulli;
+mod concentration;
 mod error;
+mod gamma;
+mod independent;
+mod log_normal;
+mod poisson;
 mod rows;
+mod special;
+pub mod univariate;
+mod von_mises;
 
+pub use bernoulli::Bernoulli;
 pub use error::EmissionError;
+pub use gamma::Gamma;
+pub use independent::Independent;
+pub use log_normal::LogNormal;
+pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
+pub use univariate::Univariate;
+pub use von_mises::VonMises;
