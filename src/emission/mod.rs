@@ -9,6 +9,7 @@
 //! |---|---|
 //! | events that happen or not | [`Bernoulli`] |
 //! | counts of events | [`Poisson`] |
+//! | counts of several kinds in so many trials | [`Multinomial`] |
 //! | durations and speeds | [`Gamma`], [`LogNormal`] |
 //! | headings and other angles | [`VonMises`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
@@ -22,6 +23,7 @@ mod error;
 mod gamma;
 mod independent;
 mod log_normal;
+mod multinomial;
 mod poisson;
 mod rows;
 mod special;
@@ -33,6 +35,7 @@ pub use error::EmissionError;
 pub use gamma::Gamma;
 pub use independent::Independent;
 pub use log_normal::LogNormal;
+pub use multinomial::Multinomial;
 pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
 pub use univariate::Univariate;
