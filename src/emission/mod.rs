@@ -12,6 +12,7 @@
 //! | counts of several kinds in so many trials | [`Multinomial`] |
 //! | durations and speeds | [`Gamma`], [`LogNormal`] |
 //! | headings and other angles | [`VonMises`] |
+//! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
@@ -29,6 +30,7 @@ mod rows;
 mod special;
 pub mod univariate;
 mod von_mises;
+mod von_mises_fisher;
 
 pub use bernoulli::Bernoulli;
 pub use error::EmissionError;
@@ -40,3 +42,4 @@ pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
 pub use univariate::Univariate;
 pub use von_mises::VonMises;
+pub use von_mises_fisher::VonMisesFisher;
