@@ -66,6 +66,11 @@ pub enum EmissionError {
         /// Number of components expected.
         expected: usize,
     },
+    /// An observation that is a direction does not have length one.
+    Norm {
+        /// Length found.
+        value: f64,
+    },
     /// A component of an observation is out of its range.
     Observation {
         /// The component, from 0.
@@ -137,6 +142,9 @@ impl fmt::Display for EmissionError {
             ),
             Self::Components { found, expected } => {
                 write!(f, "the observation has {found} components, expected {expected}")
+            }
+            Self::Norm { value } => {
+                write!(f, "the observation has length {value}, expected 1 within 1e-6")
             }
             Self::Observation { component, value, expected } => {
                 write!(
