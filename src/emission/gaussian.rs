@@ -25,7 +25,7 @@ use crate::reorder::ReorderStates;
 /// Learning replaces μ by the weighted mean and Σ by the weighted covariance of the observations
 /// of a state (Baum, Petrie, Soules and Weiss 1970), or, [with a prior](Self::with_prior), by the
 /// maximum of the posterior density, in closed form. A covariance must be positive definite to
-/// working precision: an elimination that leaves at most d ε of a diagonal entry is an error.
+/// working precision: an elimination that leaves at most 1e-12 of a diagonal entry is an error.
 ///
 /// Covariances are factored once for each set of parameters. A step takes O(n d) for spherical and
 /// diagonal covariances and O(n d²) for full and tied ones, eight states side by side, and

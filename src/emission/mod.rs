@@ -14,6 +14,7 @@
 //! | headings and other angles | [`VonMises`] |
 //! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
+//! | the same with outliers | [`StudentT`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
@@ -32,6 +33,7 @@ mod normal;
 mod poisson;
 mod rows;
 mod special;
+mod student_t;
 pub mod univariate;
 mod von_mises;
 mod von_mises_fisher;
@@ -47,6 +49,7 @@ pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};
 pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
+pub use student_t::{StudentT, StudentTStatistics};
 pub use univariate::Univariate;
 pub use von_mises::VonMises;
 pub use von_mises_fisher::VonMisesFisher;

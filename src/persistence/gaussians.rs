@@ -37,6 +37,22 @@ stored! {
             Some(prior) => family.with_prior(prior),
             None => Ok(family),
         });
+
+    [] StudentT in emission: [], |family| {
+        scale_type: CovarianceType = family.scale_type(),
+        degrees: Vec<f64> = family.degrees(),
+        means: Vec<Vec<f64>> = family.means(),
+        scales: Vec<Vec<f64>> = family.scales(),
+        fixed_degrees: bool = family.has_fixed_degrees(),
+        missing: bool = family.has_missing(),
+        prior: Option<GaussianPrior> = family.prior(),
+    } => Self::new(scale_type, &degrees, &means, &scales)
+        .map(|family| if fixed_degrees { family.with_fixed_degrees() } else { family })
+        .map(|family| if missing { family.with_missing() } else { family })
+        .and_then(|family| match prior {
+            Some(prior) => family.with_prior(prior),
+            None => Ok(family),
+        });
 }
 
 /// Type of covariances that are matrices, or variances.

@@ -90,9 +90,10 @@
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
-//! | `Gaussian` | `covariance_type` (`spherical`, `diagonal`, `full` or `tied`), `means`, `covariances`; `missing`, true if components may be; `prior`, or null |
-//! | `GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
-//! | `GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
+//! | `emission::Gaussian` | `covariance_type` (`spherical`, `diagonal`, `full` or `tied`), `means`, `covariances`; `missing`, true if components may be; `prior`, or null |
+//! | `emission::GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
+//! | `emission::GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
+//! | `emission::StudentT` | `scale_type`, `degrees`, `means`, `scales`; `fixed_degrees`, true if they are not learned; `missing`, `prior` |
 //! | `emission::Bernoulli` | `probabilities`, `missing`, `prior` |
 //! | `emission::Multinomial` | `probabilities`, `missing`; `trials` of rows that are drawn |
 //! | `emission::Poisson` | `rates`, `missing`, `prior` |

@@ -9,8 +9,8 @@ use faer::{Mat, Par};
 ///
 /// # Errors
 ///
-/// The row at which the matrix is not positive definite to working precision: what is left of its
-/// diagonal is at most d ε of it.
+/// The row at which the matrix is not positive definite to working precision: at most 1e-12 is left
+/// of its diagonal, so that few digits of a distance would be right.
 fn cholesky(d: usize, matrix: &[f64]) -> Result<Mat<f64>, usize> {
     let mut lower = Mat::from_fn(d, d, |i, j| matrix[i * d + j]);
     let scratch = factor::cholesky_in_place_scratch::<f64>(d, Par::Seq, <_>::default());
@@ -19,8 +19,7 @@ fn cholesky(d: usize, matrix: &[f64]) -> Result<Mat<f64>, usize> {
     let (none, parameters) = (<_>::default(), <_>::default());
     factor::cholesky_in_place(lower.as_mut(), none, Par::Seq, stack, parameters)
         .map_err(|factor::LltError::NonPositivePivot { index }| index.min(d - 1))?;
-    let least = d as f64 * f64::EPSILON;
-    let holds = |i: &usize| lower[(*i, *i)].powi(2) > least * matrix[i * d + i];
+    let holds = |i: &usize| lower[(*i, *i)].powi(2) > 1e-12 * matrix[i * d + i];
     (0..d).find(|i| !holds(i)).map_or(Ok(lower), Err)
 }
 

@@ -23,20 +23,22 @@ impl Normals {
             |at: usize, c: usize| counts.map_or(weight(at, c), |counts| counts[at * d + c]);
         let known = |at: usize, c: usize| weight(at, c) >= f64::MIN_POSITIVE;
 
-        let mut means = self.means.clone();
-        for (position, mean) in means.iter_mut().enumerate() {
-            let (at, c) = (position / d, position % d);
-            if known(at, c) {
-                let (weight, observed) = (weight(at, c), moments.mean(at, c));
-                // Exactly the mean without a prior.
-                let share = kappa / (kappa + weight);
-                *mean = observed + share * (origin(c) - observed);
+        // Changes of the means, 0 without observations.
+        let change = |at: usize, c: usize| {
+            if !known(at, c) {
+                return 0.0;
             }
-        }
+            let (weight, old) = (weight(at, c), self.means[at * d + c]);
+            // Exactly the mean without a prior.
+            let (seen, share) = (moments.mean(at, c), kappa / (kappa + weight));
+            seen + share * (origin(c) - old - seen)
+        };
+        let changes: Vec<f64> = (0..count * d).map(|k| change(k / d, k % d)).collect();
+        let means: Vec<f64> = self.means.iter().zip(&changes).map(|(m, c)| m + c).collect();
         // S + N (m − μ)(m − μ)' + κ (μ − μ0)(μ − μ0)'
         let scatter = |at: usize, i: usize, j: usize| {
             let from = |c: usize| means[at * d + c] - origin(c);
-            let moved = |c: usize| moments.mean(at, c) - means[at * d + c];
+            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c];
             let about_prior = if kappa == 0.0 { 0.0 } else { kappa * from(i) * from(j) };
             let about_mean = if known(at, i) {
                 let shift = if kappa == 0.0 { 0.0 } else { weight(at, i) * moved(i) * moved(j) };
@@ -73,10 +75,24 @@ impl Normals {
                 _ => {}
             }
         }
-        self.replaced(means, covariances, |state| match state {
+        let total = |state: Option<usize>| match state {
             Some(at) => all_of(at) / d as f64,
             None => (0..count).map(|at| counted(at, 0)).sum(),
-        })
+        };
+        let new = self.replaced(means, covariances, total)?;
+        // Observations that differ by rounding alone have no variance.
+        let rounding = |at: usize, c: usize| (f64::EPSILON * new.means[at * d + c]).powi(2);
+        let is_rounding = |k: &usize| {
+            let (at, c) = (k / d, k % d);
+            known(at, c) && new.covariance(at, c, c) <= rounding(at, c)
+        };
+        match (0..count * d).find(is_rounding) {
+            None => Ok(new),
+            Some(k) => {
+                let (state, what, reason) = (Some(k / d), self.kind.name(), REASON);
+                Err(EmissionError::TooFew { state, what, weight: total(state), reason })
+            }
+        }
     }
 
     /// Returns densities of the same form. Covariances that are not positive definite are an

@@ -21,6 +21,9 @@ pub use prior::GaussianPrior;
 /// ln 2π.
 pub(super) const LN_2_PI: f64 = 1.837_877_066_409_345_6;
 
+/// Difference of two entries that are taken for one, relative to the diagonal.
+const SYMMETRY: f64 = 1e-9;
+
 /// Form of the covariances of a Gaussian family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -398,7 +401,7 @@ impl Normals {
     ) {
         let is_complete = !self.missing || y.iter().all(|y| !y.is_nan());
         if is_complete || self.kind.shape() == Shape::Diagonal {
-            return moments.add(weights, y);
+            return moments.add(weights, y, &self.centres);
         }
         if y.iter().all(|y| y.is_nan()) {
             return;
@@ -410,11 +413,6 @@ impl Normals {
             }
             let expected = self.expected(&differences, y, block, memory);
             let Ok((deltas, covariance)) = expected else { continue };
-            let centres = &self.centres[block * self.d..];
-            for ((delta, centre), y) in deltas.iter_mut().zip(centres).zip(y) {
-                let value = |l: usize| if y.is_nan() { centre[l] + delta[l] } else { *y };
-                *delta = std::array::from_fn(value);
-            }
             moments.add_block(block, weight, deltas);
             let at = moments.scatter_mut(block);
             add_missing(at, 0, y, &conditional[block], covariance);
@@ -429,7 +427,7 @@ impl Normals {
         y: &[f64],
         block: usize,
         memory: &'a mut [Eight],
-    ) -> Result<(&'a mut [Eight], &'a [Eight]), EmissionError> {
+    ) -> Result<(&'a [Eight], &'a [Eight]), EmissionError> {
         let d = self.d;
         self.eliminate(y, differences, block, memory)?;
         let (deltas, rest) = memory[2 * self.blocks()..].split_at_mut(d);
@@ -594,7 +592,7 @@ pub(super) fn check_covariances(
             if !value.is_finite() {
                 return wrong(i, value, "a finite value");
             }
-            if (value - other).abs() > 1e-9 * scale * covariance[j * d + j].abs().sqrt() {
+            if (value - other).abs() > SYMMETRY * scale * covariance[j * d + j].abs().sqrt() {
                 return wrong(i, value, "a symmetric matrix");
             }
         }

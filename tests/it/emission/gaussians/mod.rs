@@ -3,3 +3,4 @@
 mod gaussian;
 mod kit;
 mod mixture;
+mod student_t;
