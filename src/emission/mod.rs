@@ -15,6 +15,7 @@
 //! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
 //! | the same with outliers | [`StudentT`] |
+//! | outputs that depend on an input, or on the values before | [`LinearRegression`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
@@ -27,6 +28,7 @@ mod gamma;
 mod gaussian;
 mod gaussian_mixture;
 mod independent;
+mod linear_regression;
 mod log_normal;
 mod multinomial;
 mod normal;
@@ -44,6 +46,7 @@ pub use gamma::Gamma;
 pub use gaussian::{Gaussian, GaussianStatistics};
 pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
 pub use independent::Independent;
+pub use linear_regression::{LinearRegression, LinearRegressionStatistics};
 pub use log_normal::LogNormal;
 pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};

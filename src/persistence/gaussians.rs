@@ -53,6 +53,22 @@ stored! {
             Some(prior) => family.with_prior(prior),
             None => Ok(family),
         });
+
+    [] LinearRegression in emission: [], |family| {
+        full: bool = (family.covariance_type() == CovarianceType::Full),
+        coefficients: Vec<Vec<f64>> = by_state(|state| family.coefficients(state)),
+        intercepts: Vec<Vec<f64>> = by_state(|state| family.intercept(state)),
+        covariances: Vec<Vec<f64>> = family.covariances(),
+        missing: bool = family.has_missing(),
+        ridge: f64 = family.ridge(),
+        noise_prior: Option<GaussianPrior> = family.noise_prior(),
+    } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)
+        .and_then(|family| family.with_ridge(ridge))
+        .map(|family| if missing { family.with_missing() } else { family })
+        .and_then(|family| match noise_prior {
+            Some(prior) => family.with_noise_prior(prior),
+            None => Ok(family),
+        });
 }
 
 /// Type of covariances that are matrices, or variances.

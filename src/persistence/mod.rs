@@ -94,6 +94,7 @@
 //! | `emission::GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
 //! | `emission::GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
 //! | `emission::StudentT` | `scale_type`, `degrees`, `means`, `scales`; `fixed_degrees`, true if they are not learned; `missing`, `prior` |
+//! | `emission::LinearRegression` | `full`, as above; `coefficients` (d × p, row after row), `intercepts`, `covariances`; `missing`, `ridge`; `noise_prior`, or null |
 //! | `emission::Bernoulli` | `probabilities`, `missing`, `prior` |
 //! | `emission::Multinomial` | `probabilities`, `missing`; `trials` of rows that are drawn |
 //! | `emission::Poisson` | `rates`, `missing`, `prior` |

@@ -3,4 +3,5 @@
 mod gaussian;
 mod kit;
 mod mixture;
+mod regression;
 mod student_t;
