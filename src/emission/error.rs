@@ -66,6 +66,11 @@ pub enum EmissionError {
         /// Number of components expected.
         expected: usize,
     },
+    /// An observation that is a direction does not have length one.
+    Norm {
+        /// Length found.
+        value: f64,
+    },
     /// A component of an observation is out of its range.
     Observation {
         /// The component, from 0.
@@ -75,6 +80,33 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// A part of a state's mixture has an error.
+    Part {
+        /// The part, from 0.
+        part: usize,
+        /// Error of the part, with the state.
+        source: Box<EmissionError>,
+    },
+}
+
+impl EmissionError {
+    /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
+    /// state, or of all states, m each.
+    pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
+        use EmissionError as E;
+        let (E::Length { state, .. }
+        | E::Parameter { state, .. }
+        | E::NotPositiveDefinite { state, .. }
+        | E::TooFew { state, .. }) = &mut self
+        else {
+            return self;
+        };
+        let Some(at) = *state else {
+            return self;
+        };
+        *state = Some(known.unwrap_or(at / m));
+        Self::Part { part: at % m, source: Box::new(self) }
+    }
 }
 
 /// " of state 3", or nothing.
@@ -111,12 +143,16 @@ impl fmt::Display for EmissionError {
             Self::Components { found, expected } => {
                 write!(f, "the observation has {found} components, expected {expected}")
             }
+            Self::Norm { value } => {
+                write!(f, "the observation has length {value}, expected 1 within 1e-6")
+            }
             Self::Observation { component, value, expected } => {
                 write!(
                     f,
                     "component {component} of the observation is {value}, expected {expected}"
                 )
             }
+            Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
         }
     }
 }
