@@ -1,0 +1,3 @@
+//! Families of observations.
+
+mod counts_and_directions;
