@@ -114,7 +114,8 @@ impl Univariate for Poisson {
     }
 
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
-        // A rate of 0 is no Poisson distribution there.
-        rand_distr::Poisson::new(self.rate).map_or(0.0, |counts| counts.sample(rng))
+        // A rate of 0 is no Poisson distribution there; a draw above the largest count is that one.
+        let draw = rand_distr::Poisson::new(self.rate).map_or(0.0, |counts| counts.sample(rng));
+        draw.min(MOST)
     }
 }

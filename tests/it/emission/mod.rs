@@ -1,3 +1,4 @@
 //! Families of observations.
 
+mod counts_and_directions;
 mod gaussians;
