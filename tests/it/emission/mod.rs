@@ -2,3 +2,4 @@
 
 mod counts_and_directions;
 mod gaussians;
+mod start;
