@@ -10,7 +10,7 @@ use super::concentration::{concentration, draw};
 use super::error::EmissionError;
 use super::independent::{at, shape};
 use super::special::Bessel;
-use super::univariate::{LOWEST, ROUNDING, check, too_few};
+use super::univariate::{LOWEST, check, spread};
 use crate::error::LikelihoodError;
 use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
@@ -236,15 +236,13 @@ impl VonMisesFisher {
         let mut mean: Vec<f64> = old.iter().zip(shift()).map(|(old, shift)| old + shift).collect();
         let length = length(&mean);
         // 1 − length², by the distances from the old direction.
-        let spread = 2.0 * apart - shift().map(|shift| shift * shift).sum::<f64>();
-        if !(spread > ROUNDING * apart) {
-            return Err(too_few("concentration", weight));
-        }
+        let variance = 2.0 * apart - shift().map(|shift| shift * shift).sum::<f64>();
+        let variance = spread("concentration", weight, variance, apart)?;
         if length == 0.0 {
             return Ok((old.to_vec(), 0.0));
         }
         mean.iter_mut().for_each(|m| *m /= length);
-        Ok((mean, concentration(self.components, length, spread / (1.0 + length))))
+        Ok((mean, concentration(self.components, length, variance / (1.0 + length))))
     }
 }
 

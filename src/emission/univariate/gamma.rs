@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use rand::Rng;
 use rand_distr::Distribution;
 
-use super::{LOWEST, ROUNDING, Univariate, add_scaled, check, too_few};
+use super::{LOWEST, Univariate, add_scaled, check, spread};
 use crate::emission::error::EmissionError;
 use crate::emission::special::{ln_minus_digamma, log_excess, root, stirling};
 
@@ -111,11 +111,8 @@ impl Univariate for Gamma {
     fn maximize(&self, &[weight, sum, excess]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (u, excess) = (sum / weight, excess / weight);
         // ln of the mean less the mean of ln, which is ln a − ψ(a) at the maximum.
-        let spread = excess - log_excess(u);
-        if !(spread > ROUNDING * excess && excess.is_finite()) {
-            return Err(too_few("shape", weight));
-        }
-        let (s, ln_s) = (spread, spread.ln());
+        let s = spread("shape", weight, excess - log_excess(u), excess)?;
+        let ln_s = s.ln();
         let start = (3.0 - s + ((s - 3.0).powi(2) + 24.0 * s).sqrt()) / (12.0 * s);
         let start = if start > 0.0 && start.is_finite() { start } else { s.recip() };
         let shape = root(start, |shape| {

@@ -6,7 +6,7 @@ use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::gamma::Positive;
-use super::{LOWEST, ROUNDING, Univariate, add_scaled, check, too_few};
+use super::{LOWEST, Univariate, add_scaled, check, spread};
 use crate::emission::error::EmissionError;
 
 /// Log-normal distribution of a positive number.
@@ -84,10 +84,8 @@ impl Univariate for LogNormal {
 
     fn maximize(&self, &[weight, sum, square]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (x, square) = (sum / weight, square / weight);
-        let variance = square - x * x;
-        if !(variance > ROUNDING * square) {
-            return Err(too_few("standard deviation of logarithms", weight));
-        }
+        let what = "standard deviation of logarithms";
+        let variance = spread(what, weight, square - x * x, square)?;
         Self::new(self.mean + x, variance.sqrt())
     }
 

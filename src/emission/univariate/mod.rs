@@ -158,11 +158,19 @@ fn add_scaled<const N: usize>(sums: &mut [f64; N], factor: f64, values: [f64; N]
 /// is below what a diagonal may hold, where it is an error and not taken for a density of 0.
 pub(super) const LOWEST: f64 = -1e301;
 
-/// Part of a sum of squares below which a variance is rounding.
-pub(super) const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Part of a mean square below which a variance is rounding.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Error of a spread that the sums don't determine.
-pub(super) fn too_few(what: &'static str, weight: f64) -> EmissionError {
+/// Returns a variance, or another measure of spread, if sums with a mean square determine it.
+pub(super) fn spread(
+    what: &'static str,
+    weight: f64,
+    variance: f64,
+    square: f64,
+) -> Result<f64, EmissionError> {
+    if variance > ROUNDING * square && square.is_finite() {
+        return Ok(variance);
+    }
     let reason = "they are alike, so that the spread has no estimate; give a prior";
-    EmissionError::TooFew { state: None, what, weight, reason }
+    Err(EmissionError::TooFew { state: None, what, weight, reason })
 }

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-use super::{LOWEST, ROUNDING, Univariate, add_scaled, check, too_few};
+use super::{LOWEST, Univariate, add_scaled, check, spread};
 use crate::emission::concentration;
 use crate::emission::error::EmissionError;
 use crate::emission::special::Bessel;
@@ -113,16 +113,14 @@ impl Univariate for VonMises {
     fn maximize(&self, &[weight, sin, rest]: &[f64; 3]) -> Result<Self, EmissionError> {
         let (sin, rest) = (sin / weight, rest / weight);
         let length = sin.hypot(1.0 - rest);
-        let spread = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
-        if !(spread > ROUNDING * rest) {
-            return Err(too_few("concentration", weight));
-        }
+        let variance = 2.0 * rest - rest * rest - sin * sin; // 1 − length²
+        let variance = spread("concentration", weight, variance, rest)?;
         let mean = if length == 0.0 {
             self.mean
         } else {
             wrapped(wrapped(self.mean) + sin.atan2(1.0 - rest))
         };
-        Self::new(mean, concentration::concentration(2, length, spread / (1.0 + length)))
+        Self::new(mean, concentration::concentration(2, length, variance / (1.0 + length)))
     }
 
     fn free_parameters(&self) -> usize {

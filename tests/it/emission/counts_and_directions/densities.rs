@@ -116,7 +116,11 @@ fn densities_of_large_numbers_keep_their_digits() {
         (density(&Gamma::new(&[[1e12]], &[[1e-6]]).unwrap(), 0, &[1e6 + 0.25]), LN_GAMMA_LARGE),
         (density(&Gamma::new(&[[0.01]], &[[2.0]]).unwrap(), 0, &[1e-200]), LN_GAMMA_SMALL),
         (
-            density(&VonMises::new(&[[1.0]], &[[1e12]]).unwrap(), 0, &[1.0 + 9.5367431640625e-7]),
+            density(
+                &VonMises::new(&[[1.0]], &[[1e12]]).unwrap(),
+                0,
+                &[1.0 + 9.536_743_164_062_5e-7],
+            ),
             LN_VON_MISES,
         ),
         (
@@ -133,13 +137,13 @@ fn densities_of_large_numbers_keep_their_digits() {
     }
 }
 
-const LN_POISSON_SMALL: f64 = -2.2944302994414975;
-const LN_POISSON_LARGE: f64 = -16.73444875783603;
-const LN_POISSON_FAR: f64 = -33538784.221604582;
-const LN_GAMMA_LARGE: f64 = -0.95018877800770544;
-const LN_GAMMA_SMALL: f64 = 451.30543706297342;
-const LN_VON_MISES: f64 = 12.441824673873047;
-const LN_MULTINOMIAL: f64 = -37.108013373408523;
+const LN_POISSON_SMALL: f64 = -2.294_430_299_441_497_6;
+const LN_POISSON_LARGE: f64 = -16.734_448_757_836_03;
+const LN_POISSON_FAR: f64 = -33_538_784.221_604_582;
+const LN_GAMMA_LARGE: f64 = -0.950_188_778_007_705_4;
+const LN_GAMMA_SMALL: f64 = 451.305_437_062_973_4;
+const LN_VON_MISES: f64 = 12.441_824_673_873_047;
+const LN_MULTINOMIAL: f64 = -37.108_013_373_408_525;
 
 #[test]
 fn multinomial_counts_are_poisson_counts_given_their_sum() {

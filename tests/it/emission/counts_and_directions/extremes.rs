@@ -183,10 +183,10 @@ fn concentrations_solve_their_equation() {
 /// The error names the state, and a prior helps.
 #[test]
 fn a_spread_that_is_not_determined_is_an_error() {
-    fn assert_too_few<B: Family>(start: B, y: Vec<f64>, what: &'static str) {
+    fn assert_too_few<B: Family>(start: B, y: &[f64], what: &'static str) {
         let mut sums = start.statistics();
-        start.add(&mut sums, &y, &[0.0, 0.75]);
-        start.add(&mut sums, &y, &[0.0, 0.25]);
+        start.add(&mut sums, y, &[0.0, 0.75]);
+        start.add(&mut sums, y, &[0.0, 0.25]);
         let error = start.reestimate(&sums, 0.0).unwrap_err();
         let text = error.to_string();
         let reason = "they are alike, so that the spread has no estimate; give a prior";
@@ -202,11 +202,11 @@ fn a_spread_that_is_not_determined_is_an_error() {
         assert!(start.reestimate(&sums, 0.0).is_ok());
     }
     let gamma = Gamma::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(gamma, vec![0.7], "shape");
+    assert_too_few(gamma, &[0.7], "shape");
     let log_normal = LogNormal::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(log_normal, vec![0.7], "standard deviation of logarithms");
+    assert_too_few(log_normal, &[0.7], "standard deviation of logarithms");
     let angles = VonMises::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(angles, vec![0.7], "concentration");
+    assert_too_few(angles, &[0.7], "concentration");
     let vectors = VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], &[1.0, 2.0]).unwrap();
-    assert_too_few(vectors, vec![0.0, 0.6, 0.8], "concentration");
+    assert_too_few(vectors, &[0.0, 0.6, 0.8], "concentration");
 }
