@@ -18,7 +18,7 @@ use std::path::PathBuf;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use wayfix::emission::{CovarianceType, Gaussian, starts};
+use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, starts};
 use wayfix::inference::{LearnError, LearningOptions, ModelSelection};
 use wayfix::{DenseTransition, Hmm};
 
@@ -69,12 +69,17 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Learns a model from several starts, with its regimes in ascending order of their volatility.
+///
+/// The prior covariance counts for ten days: without one, a regime of three odd days would be as
+/// probable as one pleases.
 fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Model, LearnError> {
+    let prior = GaussianPrior::new(2).and_then(|prior| prior.with_covariance(10.0, &[10.0, 0.5]));
     let family = Gaussian::new(
         CovarianceType::Full,
         &vec![[0.0; 2]; states],
         &vec![[1.0, 0.0, 0.0, 1.0]; states],
     )
+    .and_then(|family| family.with_prior(prior?))
     .map_err(|error| LearnError::Likelihood(error.into()))?;
     let starts = starts(&family, years, STARTS, &mut ChaCha8Rng::seed_from_u64(seed))?;
     let fits = Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())?;

@@ -54,6 +54,7 @@ pub(crate) fn draw(
     let room = 0.08 * (most - least);
     let mut chart = ChartBuilder::on(&price)
         .margin_right(20)
+        .margin_left(10)
         .y_label_area_size(64)
         .x_label_area_size(12)
         .build_cartesian_2d(0.0..all, least - room..most + room)?;
@@ -73,7 +74,9 @@ pub(crate) fn draw(
 
     let mut chart = ChartBuilder::on(&regimes)
         .margin_right(20)
+        .margin_left(10)
         .margin_top(22)
+        .margin_bottom(8)
         .y_label_area_size(64)
         .x_label_area_size(44)
         .build_cartesian_2d(0.0..all, 0.0..1.0)?;
