@@ -206,7 +206,7 @@ impl LinearRegression {
     /// [`EmissionError::Length`] if the prior has another number of components than the output.
     pub fn with_noise_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
         prior.check_components(self.outputs())?;
-        Ok(Self { prior: Some(prior), ..self })
+        Ok(Self { prior: Some(GaussianPrior { mean_weight: 0.0, ..prior }), ..self })
     }
 
     /// Number of components of the input, p.
