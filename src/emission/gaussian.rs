@@ -296,6 +296,6 @@ impl LearnLikelihood for Gaussian {
 
 impl ReorderStates for Gaussian {
     fn reordered(&self, order: &[usize]) -> Self {
-        Self { normals: self.normals.select(order.iter().copied()), prior: self.prior.clone() }
+        Self { normals: self.normals.select(order), prior: self.prior.clone() }
     }
 }

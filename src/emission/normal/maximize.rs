@@ -111,7 +111,11 @@ impl Normals {
         let new = check_covariances(self.kind, self.d, &covariances)
             .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.missing));
         new.map_err(|error| match error {
-            EmissionError::Parameter { value, .. } if !(value < f64::MIN_POSITIVE) => error,
+            EmissionError::Parameter { value, .. }
+                if value.is_nan() || value >= f64::MIN_POSITIVE =>
+            {
+                error
+            }
             EmissionError::NotPositiveDefinite { state, .. }
             | EmissionError::Parameter { state, .. } => EmissionError::TooFew {
                 state,

@@ -1,8 +1,9 @@
 //! Priors of Gaussian families.
 
 use super::super::EmissionError;
+use super::check::SYMMETRY;
 use super::factor::is_semidefinite;
-use super::{Normals, SYMMETRY, Shape};
+use super::{Normals, Shape};
 
 /// Prior of the means and covariances of a Gaussian family, the same for each state.
 ///

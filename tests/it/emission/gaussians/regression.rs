@@ -58,6 +58,7 @@ fn with(family: &LinearRegression, [b, c, v]: &[Vec<Vec<f64>>; 3]) -> Option<Lin
 fn with_priors(family: LinearRegression, ridge: f64, noise: bool) -> LinearRegression {
     let family = family.with_ridge(ridge).unwrap();
     let prior = GaussianPrior::new(2).unwrap().with_covariance(1.3, &[0.4, 0.2]).unwrap();
+    let prior = prior.with_mean(2.0, &[1.0, -1.0]).unwrap(); // plays no part
     if noise { family.with_noise_prior(prior).unwrap() } else { family }
 }
 
