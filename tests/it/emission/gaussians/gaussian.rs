@@ -31,7 +31,7 @@ fn family(kind: CovarianceType, n: usize, d: usize, numbers: &[f64]) -> Gaussian
             (0..n).map(|i| full(i).into_iter().step_by(d + 1).collect()).collect()
         }
         CovarianceType::Full => (0..n).map(full).collect(),
-        _ => vec![full(0)],
+        CovarianceType::Tied => vec![full(0)],
     };
     Gaussian::new(kind, &means, &covariances).unwrap()
 }

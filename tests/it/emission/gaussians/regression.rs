@@ -184,8 +184,8 @@ fn learning_finds_the_lines_back() {
         let rows = Rows::new(&values, 2).unwrap();
         let learned = lasting(start).learn(&[rows], &LearningOptions::default()).unwrap();
         let found = learned.model().likelihood();
-        for state in 0..2 {
-            let variance = truth.covariance(state).unwrap()[0] / counts[state];
+        for (state, count) in counts.into_iter().enumerate() {
+            let variance = truth.covariance(state).unwrap()[0] / count;
             let slope = found.coefficients(state).unwrap()[0];
             let off = slope - truth.coefficients(state).unwrap()[0];
             let shift = found.intercept(state).unwrap()[0] - truth.intercept(state).unwrap()[0];

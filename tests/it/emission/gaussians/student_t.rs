@@ -27,7 +27,7 @@ fn family(kind: CovarianceType, n: usize, d: usize, numbers: &[f64]) -> StudentT
             (0..n).map(|i| full(i).into_iter().step_by(d + 1).collect()).collect()
         }
         CovarianceType::Full => (0..n).map(full).collect(),
-        _ => vec![full(0)],
+        CovarianceType::Tied => vec![full(0)],
     };
     let degrees: Vec<f64> = numbers[..n].iter().map(|x| 3.0 * x.exp()).collect();
     StudentT::new(kind, &degrees, &means, &scales).unwrap()
