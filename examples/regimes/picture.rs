@@ -96,13 +96,13 @@ pub(crate) fn draw(
         .draw()?;
     let states = probabilities[0].len();
     let beliefs: Vec<&Vec<f64>> = probabilities.iter().chain(forecast).collect();
-    for state in 0..states {
+    for (state, colour) in COLOURS.iter().enumerate().take(states) {
         let up_to = |belief: &[f64], count: usize| belief[..count].iter().sum::<f64>();
         let x = |day: usize| day as f64 + 0.5;
         let lower = beliefs.iter().enumerate().map(|(day, b)| (x(day), up_to(b, state)));
         let upper = beliefs.iter().enumerate().map(|(day, b)| (x(day), up_to(b, state + 1)));
         let outline: Vec<(f64, f64)> = lower.chain(upper.rev()).collect();
-        chart.draw_series([Polygon::new(outline, COLOURS[state].filled())])?;
+        chart.draw_series([Polygon::new(outline, colour.filled())])?;
     }
     let today = days as f64;
     chart.draw_series([PathElement::new([(today, 0.0), (today, 1.0)], BLACK.stroke_width(2))])?;

@@ -52,6 +52,8 @@ pub enum EmissionError {
     TooFew {
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
+        /// The component, from 0, unless the parameter is that of the whole vector.
+        component: Option<usize>,
         /// Name of the parameter.
         what: &'static str,
         /// Expected number of observations behind the state.
@@ -135,11 +137,11 @@ impl fmt::Display for EmissionError {
                 "the covariance{} is not positive definite, at component {component}",
                 of_state(*state)
             ),
-            Self::TooFew { state, what, weight, reason } => write!(
-                f,
-                "the {what}{} cannot be estimated from {weight} expected observations: {reason}",
-                of_state(*state)
-            ),
+            Self::TooFew { state, component, what, weight, reason } => {
+                write!(f, "the {what}{}", of_state(*state))?;
+                component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                write!(f, " cannot be estimated from {weight} expected observations: {reason}")
+            }
             Self::Components { found, expected } => {
                 write!(f, "the observation has {found} components, expected {expected}")
             }

@@ -84,7 +84,7 @@ pub(super) fn at(error: EmissionError, state: usize, component: Option<usize>) -
             EmissionError::Parameter { what, state, component, value, expected }
         }
         EmissionError::TooFew { what, weight, reason, .. } => {
-            EmissionError::TooFew { state, what, weight, reason }
+            EmissionError::TooFew { state, component, what, weight, reason }
         }
         other => other,
     }

@@ -75,7 +75,7 @@ impl Clusters {
         }
         let units = standardize(&mut scaled, components);
         let rows = scaled.chunks_exact(components);
-        let mut centres = draw(rows.clone(), count, rng)?;
+        let mut centres = draw(&rows, count, rng)?;
         let mut nearest = vec![0; rows.len()];
         for round in 0..ROUNDS {
             let mut moved = round == 0;
@@ -171,7 +171,7 @@ fn closest(centres: &[f64], row: &[f64]) -> (usize, f64) {
 /// Draws centres among the rows, each with a probability in proportion to the square of its
 /// distance from those before (k-means++). Missing components of a centre are those of the mean.
 fn draw<'a, R: Rng + ?Sized>(
-    rows: impl ExactSizeIterator<Item = &'a [f64]> + Clone,
+    rows: &(impl ExactSizeIterator<Item = &'a [f64]> + Clone),
     count: usize,
     rng: &mut R,
 ) -> Result<Vec<f64>, EmissionError> {
@@ -193,6 +193,7 @@ fn draw<'a, R: Rng + ?Sized>(
         if total <= 0.0 {
             return Err(EmissionError::TooFew {
                 state: Some(drawn),
+                component: None,
                 what: "centre",
                 weight: rows.len() as f64,
                 reason: "they are no more different values than clusters",

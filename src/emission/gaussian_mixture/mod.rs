@@ -35,8 +35,7 @@ pub use learn::GaussianMixtureStatistics;
 /// of 0 stays 0, and a part without weight keeps its mean and its covariance.
 ///
 /// Covariances are estimated about the new means. (hmmlearn's `GMMHMM` takes them about the means
-/// of the iteration before, which is no maximum, so that its iterations gain less; both have the
-/// same fixed points.)
+/// of the iteration before, which is no maximum; both have the same fixed points.)
 ///
 /// A step takes O(n m d) for variances, O(n m d²) for full covariances, and n m exponentials; it
 /// allocates nothing. Missing components are as those of a [`Gaussian`](super::Gaussian).

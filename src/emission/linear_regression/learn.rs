@@ -151,6 +151,7 @@ impl LinearRegression {
         }
         let inverse = inverse_factor(p, &matrix).map_err(|_| EmissionError::TooFew {
             state: Some(at),
+            component: None,
             what: "coefficients",
             weight,
             reason: "inputs do not vary in all directions; add a ridge (`with_ridge`)",
@@ -196,6 +197,7 @@ impl LinearRegression {
             if covariance[c * d + c] <= rounding.powi(2) {
                 return Err(EmissionError::TooFew {
                     state: Some(at),
+                    component: Some(c),
                     what: "covariance of the noise",
                     weight,
                     reason: "they lie on a line; give a prior (`with_noise_prior`)",

@@ -89,8 +89,9 @@ impl Normals {
         match (0..count * d).find(is_rounding) {
             None => Ok(new),
             Some(k) => {
-                let (state, what, reason) = (Some(k / d), self.kind.name(), REASON);
-                Err(EmissionError::TooFew { state, what, weight: total(state), reason })
+                let (state, component) = (Some(k / d), Some(k % d));
+                let (what, weight, reason) = (self.kind.name(), total(state), REASON);
+                Err(EmissionError::TooFew { state, component, what, weight, reason })
             }
         }
     }
@@ -119,6 +120,7 @@ impl Normals {
             EmissionError::NotPositiveDefinite { state, .. }
             | EmissionError::Parameter { state, .. } => EmissionError::TooFew {
                 state,
+                component: None,
                 what: self.kind.name(),
                 weight: weight(state),
                 reason: REASON,

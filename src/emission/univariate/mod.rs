@@ -172,5 +172,5 @@ pub(super) fn spread(
         return Ok(variance);
     }
     let reason = "they are alike, so that the spread has no estimate; give a prior";
-    Err(EmissionError::TooFew { state: None, what, weight, reason })
+    Err(EmissionError::TooFew { state: None, component: None, what, weight, reason })
 }

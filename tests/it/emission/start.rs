@@ -4,7 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::Hmm;
 use wayfix::emission::{Clusters, EmissionError, Gaussian, Rows, starts};
-use wayfix::inference::{LearnError, LearningOptions};
+use wayfix::inference::{LearnError, LearningOptions, Simulation};
 
 use crate::kit::{cases, rng};
 
@@ -94,7 +94,7 @@ fn learning_from_starts_finds_groups() {
     for seed in 0..5 {
         let mut rng = rng(seed);
         let drawn: Vec<_> = (0..4).map(|_| truth.simulate(200, &mut rng)).collect();
-        let sequences: Vec<&[Vec<f64>]> = drawn.iter().map(|d| d.observations()).collect();
+        let sequences: Vec<&[Vec<f64>]> = drawn.iter().map(Simulation::observations).collect();
         let starts = starts(&family, &sequences, 4, &mut rng).unwrap();
         let fits =
             Hmm::learn_best(&starts, &sequences, &LearningOptions::default(), |_, _| ()).unwrap();

@@ -183,30 +183,37 @@ fn concentrations_solve_their_equation() {
 /// The error names the state, and a prior helps.
 #[test]
 fn a_spread_that_is_not_determined_is_an_error() {
-    fn assert_too_few<B: Family>(start: B, y: &[f64], what: &'static str) {
+    fn assert_too_few<B: Family>(
+        start: B,
+        y: &[f64],
+        component: Option<usize>,
+        what: &'static str,
+    ) {
         let mut sums = start.statistics();
         start.add(&mut sums, y, &[0.0, 0.75]);
         start.add(&mut sums, y, &[0.0, 0.25]);
         let error = start.reestimate(&sums, 0.0).unwrap_err();
         let text = error.to_string();
+        let at = component.map_or(String::new(), |c| format!(", component {c},"));
         let reason = "they are alike, so that the spread has no estimate; give a prior";
-        let expected = EmissionError::TooFew { state: Some(1), what, weight: 1.0, reason };
+        let expected =
+            EmissionError::TooFew { state: Some(1), component, what, weight: 1.0, reason };
         assert_eq!(*error.downcast::<EmissionError>().unwrap(), expected);
         assert_eq!(
             text,
             format!(
-                "the {what} of state 1 cannot be estimated from 1 expected observations: {reason}"
+                "the {what} of state 1{at} cannot be estimated from 1 expected observations: {reason}"
             )
         );
         let start = start.and_prior(&B::parameters(&[0.5; 3]), 0.1);
         assert!(start.reestimate(&sums, 0.0).is_ok());
     }
     let gamma = Gamma::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(gamma, &[0.7], "shape");
+    assert_too_few(gamma, &[0.7], Some(0), "shape");
     let log_normal = LogNormal::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(log_normal, &[0.7], "standard deviation of logarithms");
+    assert_too_few(log_normal, &[0.7], Some(0), "standard deviation of logarithms");
     let angles = VonMises::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
-    assert_too_few(angles, &[0.7], "concentration");
+    assert_too_few(angles, &[0.7], Some(0), "concentration");
     let vectors = VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], &[1.0, 2.0]).unwrap();
-    assert_too_few(vectors, &[0.0, 0.6, 0.8], "concentration");
+    assert_too_few(vectors, &[0.0, 0.6, 0.8], None, "concentration");
 }
