@@ -56,6 +56,8 @@
 //! | [`Hmm::path_sampler`] | paths drawn given all observations |
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
 //! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a maximum-likelihood model, from sequences without or with labels |
+//! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::reestimate`] | the same from several starts; an iteration in parts |
+//! | [`Hmm::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
 //!
 //! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
 //! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
@@ -124,8 +126,7 @@
 //!
 //! # Not included
 //!
-//! - Learning the parameters of structured operators (a window's weights, dwell times, rates), or
-//!   the number of states.
+//! - Learning the parameters of structured operators (a window's weights, dwell times, rates).
 //! - Continuous states (Kalman and particle filters).
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
 //! - `no_std`.
