@@ -116,6 +116,11 @@ impl Belief {
         Self { probabilities }
     }
 
+    /// Number of values that there is memory for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.probabilities.capacity()
+    }
+
     /// Mutable values for inference, which maintains the invariant.
     pub(crate) fn as_mut_vec(&mut self) -> &mut Vec<f64> {
         &mut self.probabilities

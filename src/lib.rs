@@ -56,6 +56,8 @@
 //! | [`Hmm::path_sampler`] | paths drawn given all observations |
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
 //! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a maximum-likelihood model, from sequences without or with labels |
+//! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::reestimate`] | the same from several starts; an iteration in parts |
+//! | [`Hmm::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
 //!
 //! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
 //! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
@@ -80,7 +82,7 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
-//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [from hmmlearn](guide::from_hmmlearn) |
+//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With
@@ -124,8 +126,7 @@
 //!
 //! # Not included
 //!
-//! - Learning the parameters of structured operators (a window's weights, dwell times, rates), or
-//!   the number of states.
+//! - Learning the parameters of structured operators (a window's weights, dwell times, rates).
 //! - Continuous states (Kalman and particle filters).
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
 //! - `no_std`.

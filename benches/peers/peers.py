@@ -45,6 +45,7 @@ os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_paralleli
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["JAX_ENABLE_X64"] = "1"
 
+import gaussian  # noqa: E402
 import learning  # noqa: E402
 import many  # noqa: E402
 import report  # noqa: E402
@@ -89,6 +90,7 @@ def main():
         "two states": partial(given, "two states", routines, both),
         "dense 1000": partial(given, "dense 1000", routines, both),
         learning.NAME: learning.run,
+        gaussian.NAME: gaussian.run,
     }
     if not ARGUMENTS.graph:
         del cases["graph"]

@@ -22,6 +22,7 @@ pub mod output;
 mod partial;
 mod pipeline;
 pub mod places;
+pub mod pool;
 mod run;
 pub mod sensor;
 mod spool;

@@ -52,6 +52,8 @@ pub enum EmissionError {
     TooFew {
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
+        /// The component, from 0, unless the parameter is that of the whole vector.
+        component: Option<usize>,
         /// Name of the parameter.
         what: &'static str,
         /// Expected number of observations behind the state.
@@ -66,6 +68,11 @@ pub enum EmissionError {
         /// Number of components expected.
         expected: usize,
     },
+    /// An observation that is a direction does not have length one.
+    Norm {
+        /// Length found.
+        value: f64,
+    },
     /// A component of an observation is out of its range.
     Observation {
         /// The component, from 0.
@@ -75,6 +82,33 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// A part of a state's mixture has an error.
+    Part {
+        /// The part, from 0.
+        part: usize,
+        /// Error of the part, with the state.
+        source: Box<EmissionError>,
+    },
+}
+
+impl EmissionError {
+    /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
+    /// state, or of all states, m each.
+    pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
+        use EmissionError as E;
+        let (E::Length { state, .. }
+        | E::Parameter { state, .. }
+        | E::NotPositiveDefinite { state, .. }
+        | E::TooFew { state, .. }) = &mut self
+        else {
+            return self;
+        };
+        let Some(at) = *state else {
+            return self;
+        };
+        *state = Some(known.unwrap_or(at / m));
+        Self::Part { part: at % m, source: Box::new(self) }
+    }
 }
 
 /// " of state 3", or nothing.
@@ -103,13 +137,16 @@ impl fmt::Display for EmissionError {
                 "the covariance{} is not positive definite, at component {component}",
                 of_state(*state)
             ),
-            Self::TooFew { state, what, weight, reason } => write!(
-                f,
-                "the {what}{} cannot be estimated from {weight} expected observations: {reason}",
-                of_state(*state)
-            ),
+            Self::TooFew { state, component, what, weight, reason } => {
+                write!(f, "the {what}{}", of_state(*state))?;
+                component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                write!(f, " cannot be estimated from {weight} expected observations: {reason}")
+            }
             Self::Components { found, expected } => {
                 write!(f, "the observation has {found} components, expected {expected}")
+            }
+            Self::Norm { value } => {
+                write!(f, "the observation has length {value}, expected 1 within 1e-6")
             }
             Self::Observation { component, value, expected } => {
                 write!(
@@ -117,6 +154,7 @@ impl fmt::Display for EmissionError {
                     "component {component} of the observation is {value}, expected {expected}"
                 )
             }
+            Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
         }
     }
 }

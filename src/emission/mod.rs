@@ -5,11 +5,56 @@
 //! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
 //! observations for [`Hmm::simulate`](crate::Hmm::simulate).
 //!
+//! | for | use |
+//! |---|---|
+//! | events that happen or not | [`Bernoulli`] |
+//! | counts of events | [`Poisson`] |
+//! | counts of several kinds in so many trials | [`Multinomial`] |
+//! | durations and speeds | [`Gamma`], [`LogNormal`] |
+//! | headings and other angles | [`VonMises`] |
+//! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
+//! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
+//! | the same with outliers | [`StudentT`] |
+//! | outputs that depend on an input, or on the values before | [`LinearRegression`] |
+//! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
+//!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
+mod bernoulli;
+mod concentration;
 mod error;
+mod gamma;
+mod gaussian;
+mod gaussian_mixture;
+mod independent;
+mod linear_regression;
+mod log_normal;
+mod multinomial;
+mod normal;
+mod poisson;
 mod rows;
+mod special;
+mod start;
+mod student_t;
+pub mod univariate;
+mod von_mises;
+mod von_mises_fisher;
 
+pub use bernoulli::Bernoulli;
 pub use error::EmissionError;
+pub use gamma::Gamma;
+pub use gaussian::{Gaussian, GaussianStatistics};
+pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
+pub use independent::Independent;
+pub use linear_regression::{LinearRegression, LinearRegressionStatistics};
+pub use log_normal::LogNormal;
+pub use multinomial::Multinomial;
+pub use normal::{CovarianceType, GaussianPrior};
+pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
+pub use start::{Clusters, starts};
+pub use student_t::{StudentT, StudentTStatistics};
+pub use univariate::Univariate;
+pub use von_mises::VonMises;
+pub use von_mises_fisher::VonMisesFisher;

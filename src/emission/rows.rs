@@ -109,6 +109,7 @@ impl<'a> Rows<'a> {
     }
 
     /// The rows, in order.
+    #[must_use]
     pub fn iter(&self) -> impl ExactSizeIterator<Item = &'a [f64]> + use<'a> {
         let Self { values, width, stride } = *self;
         (0..self.steps()).map(move |row| &values[row * stride..row * stride + width])

@@ -285,9 +285,24 @@ where
         }
     }
 
-    /// Overwrites a snapshot of this model with the present state. Allocates nothing, unless
-    /// there are logarithms for the first time.
-    pub(super) fn snapshot_to(&self, state: &mut FilterSnapshot) {
+    /// Overwrites a snapshot with a copy of the filter's state, as [`snapshot`](Self::snapshot)
+    /// returns it. For many vehicles that share a filter, each with a snapshot of its own. Allocates
+    /// nothing if the snapshot is of a model of as many states, unless there are logarithms for the
+    /// first time.
+    ///
+    /// ```
+    /// let hmm = wayfix::canberra::hmm(5, 1.0)?;
+    /// let mut filter = hmm.filter();
+    /// let mut vehicles = vec![filter.snapshot(); 3];
+    /// for (vehicle, seen) in [(0, 4), (2, 80), (0, 5)] {
+    ///     filter.restore(&vehicles[vehicle])?;
+    ///     filter.step(&seen)?;
+    ///     filter.snapshot_to(&mut vehicles[vehicle]);
+    /// }
+    /// assert_eq!([0, 1, 2].map(|vehicle| vehicles[vehicle].steps()), [2, 0, 1]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn snapshot_to(&self, state: &mut FilterSnapshot) {
         (state.steps, state.steps_in_logs) = (self.steps, self.steps_in_logs);
         state.log_likelihood = self.log_likelihood;
         let belief = state.belief.as_mut_vec();

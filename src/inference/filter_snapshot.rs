@@ -102,4 +102,12 @@ impl FilterSnapshot {
     pub fn log_likelihood(&self) -> f64 {
         self.log_likelihood.value()
     }
+
+    /// Memory on the heap, in bytes, besides the snapshot itself: 8 for each state, or 16 if the
+    /// belief is also held as logarithms.
+    #[must_use]
+    pub fn heap_bytes(&self) -> usize {
+        let logs = self.logs.as_ref().map_or(0, Vec::capacity);
+        (self.belief.capacity() + logs) * size_of::<f64>()
+    }
 }

@@ -19,7 +19,6 @@ pub struct Restarts<A, B> {
 
 impl<A, B> Restarts<A, B> {
     /// The results of all starts, in their order.
-    #[must_use]
     pub fn attempts(&self) -> &[Result<LearnedModel<A, B>, LearnError>] {
         &self.attempts
     }

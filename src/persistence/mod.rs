@@ -90,6 +90,17 @@
 //! | `FusedLikelihood` | `first`, `second` |
 //! | `GroupedLikelihood` | `sensor`, `groups` |
 //! | `PooledLikelihood` | `sensor`, `groups` |
+//! | `emission::Gaussian` | `covariance_type` (`spherical`, `diagonal`, `full` or `tied`), `means`, `covariances`; `missing`, true if components may be; `prior`, or null |
+//! | `emission::GaussianPrior` | `mean_weight`, `mean`, `covariance_weight`, `scale`, row after row |
+//! | `emission::GaussianMixture` | `full`, true for covariances and false for variances; `weights`, `means` and `covariances`, by state and part; `missing`, `prior` |
+//! | `emission::StudentT` | `scale_type`, `degrees`, `means`, `scales`; `fixed_degrees`, true if they are not learned; `missing`, `prior` |
+//! | `emission::LinearRegression` | `full`, as above; `coefficients` (d × p, row after row), `intercepts`, `covariances`; `missing`, `ridge`; `noise_prior`, or null |
+//! | `emission::Bernoulli` | `probabilities`, `missing`, `prior` |
+//! | `emission::Multinomial` | `probabilities`, `missing`; `trials` of rows that are drawn |
+//! | `emission::Poisson` | `rates`, `missing`, `prior` |
+//! | `emission::Gamma` | `shapes`, `scales`, `missing`, `prior` |
+//! | `emission::LogNormal` | `means`, `deviations`, `missing`, `prior` |
+//! | `emission::VonMises`, `emission::VonMisesFisher` | `means`, `concentrations`, `missing`, `prior` |
 //! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `PrunedFilterSnapshot` | `states` of the model, `steps`; `tolerance`, or null for ∞; `most_active`, or null for any number; the states that are `active`, and for each its `estimate`, `lower` bound and the `excess` above that (null for ∞); `others`, the bounds on another state and on all of these; `bound`; `log_likelihood` and `log_excess`, as sum and remainder; `log_lost`, whether nothing is known of it; `share`, the part of the tolerance that a step may drop |
@@ -99,6 +110,10 @@
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
 //! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and its length; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, the mean gain of each reference over the last frames |
 //!
+//! A family of observations has one row of parameters for each state; `missing`, true if NaN is a
+//! missing component; and `prior`: null, or a family with the same states and its number of
+//! observations.
+//!
 //! Without a version: `Belief` is a list of probabilities, `Prior` an object with one field,
 //! `before_first_transition` or `at_first_observation`, `Groups` the list of each state's group,
 //! `Fixed` its content, `OdometryReading` an object with `distance` and `variance`, and
@@ -107,6 +122,10 @@
 //! The `Options` of a recogniser are an object with a field for each; they are checked when a
 //! recogniser is made.
 
+#[cfg(feature = "emission")]
+mod counts_and_directions;
+#[cfg(feature = "emission")]
+mod gaussians;
 mod likelihood;
 mod motion;
 mod recognition;

@@ -23,8 +23,9 @@ fn a_step_allocates_nothing() {
     });
     assert_eq!(found, 0, "table, from the first step on");
 
-    let snapshot = filter.snapshot();
+    let mut snapshot = filter.snapshot();
     assert_eq!(allocations(|| filter.restore(&snapshot).unwrap()), 0, "restore");
+    assert_eq!(allocations(|| filter.snapshot_to(&mut snapshot)), 0, "snapshot");
 
     // The other streams, once their window is full or their tree has grown.
     let mut smoother = plain.fixed_lag(20);

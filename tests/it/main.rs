@@ -13,6 +13,8 @@ mod cells;
 mod controls;
 mod descriptors;
 mod edge_cases;
+#[cfg(feature = "emission")]
+mod emission;
 mod enumeration;
 mod evaluate;
 mod evidence;

@@ -6,7 +6,9 @@ use std::sync::Mutex;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rand::RngExt;
-use wayfix::inference::{Expectations, LearnError, LearningOptions, ModelSelection, StopReason};
+use wayfix::inference::{
+    Expectations, LearnError, LearnedModel, LearningOptions, ModelSelection, StopReason,
+};
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
 use wayfix::{
@@ -325,7 +327,7 @@ fn models_are_chosen_by_criteria_and_folds() {
         (0..7).map(|seed| truth.simulate(30, &mut rng(seed)).observations().to_vec()).collect();
     let learning = LearningOptions { iterations: 5, ..LearningOptions::default() };
     let learn = |&states: &usize, some: &[&Vec<usize>]| {
-        random_model(states, 3, 77).learn(some, &learning).map(|learned| learned.into_model())
+        random_model(states, 3, 77).learn(some, &learning).map(LearnedModel::into_model)
     };
     let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
     for (states, criteria, held_out) in selection.rows() {
@@ -378,8 +380,8 @@ fn models_are_chosen_by_criteria_and_folds() {
 fn what_was_never_seen_is_held_against_a_fold() {
     let sequences = [vec![0, 0, 1], vec![0, 1, 0], vec![2, 0, 0]];
     let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
-    let learn = |_: &(), some: &[&Vec<usize>]| {
-        random_model(2, 3, 77).learn(some, &learning).map(|learned| learned.into_model())
+    let learn = |(): &(), some: &[&Vec<usize>]| {
+        random_model(2, 3, 77).learn(some, &learning).map(LearnedModel::into_model)
     };
     let selection = ModelSelection::new([()], &sequences, 3, learn).unwrap();
     let folds = &selection.rows()[0].2.as_ref().unwrap().folds;

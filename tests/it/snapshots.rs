@@ -44,11 +44,20 @@ proptest! {
     fn states_come_back_to_the_bit(model in models(Kind::Extreme), lag in 0..4_usize) {
         let hmm = model.hmm(model.sparse());
         let (mut filter, mut smoother) = (hmm.filter(), hmm.fixed_lag(lag));
+        let mut kept = filter.snapshot();
         for k in 0..model.steps() {
             let bytes = filter.snapshot().to_bytes();
             let state = FilterSnapshot::from_bytes(&bytes).unwrap();
             prop_assert_eq!(&state, &filter.snapshot());
-            prop_assert_eq!(state.to_bytes(), bytes);
+            prop_assert_eq!(&state.to_bytes(), &bytes);
+            // Into one that held something else.
+            filter.snapshot_to(&mut kept);
+            prop_assert_eq!(&kept, &state);
+            let (n, p) = (hmm.states(), state.belief().as_slice());
+            let possible = p.iter().filter(|p| **p > 0.0).count();
+            // Header, two counts, a sum, lengths, mask and checksum, if there are no logarithms.
+            let has_logs = bytes.len() > 8 + 2 * 8 + 16 + 2 * 8 + 8 * n.div_ceil(64) + 8 * possible + 8;
+            prop_assert_eq!(state.heap_bytes(), 8 * n * if has_logs { 2 } else { 1 });
             let bytes = smoother.snapshot().to_bytes_with(|u, out| control(*u, out));
             let state = FixedLagSnapshot::from_bytes_with(&bytes, its_control).unwrap();
             prop_assert_eq!(&state, &smoother.snapshot());

@@ -53,6 +53,7 @@ fn main() -> Result<(), Failure> {
         (cases::two_states::CASE, cases::two_states::run),
         (cases::thousand::CASE, cases::thousand::run),
         (cases::learning::CASE, cases::learning::run),
+        (cases::gaussian::CASE, cases::gaussian::run),
     ];
     if graph.is_some() {
         cases.insert(1, (cases::graph::CASE, cases::graph::run));

@@ -15,6 +15,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
 use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
+use wayfix_fleet::pool::{LiveJob, LiveSummary, PoolOptions, live};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
 /// interrupted goes on where it was when the same command is given again.
@@ -40,6 +41,9 @@ enum Routine {
     /// The rows of a query, with functions for the routines above.
     #[cfg(feature = "sql")]
     Sql(wayfix_fleet::sql::Command),
+    /// The position of each of many vehicles, as they are seen: lines of JSON to standard output
+    /// for those on standard input.
+    Live(Live),
 }
 
 #[derive(Debug, Args)]
@@ -125,6 +129,40 @@ struct Learn {
     scheduler: Option<String>,
 }
 
+#[derive(Debug, Args)]
+struct Live {
+    /// Model, the JSON of a wayfix `Hmm`.
+    #[arg(long)]
+    model: PathBuf,
+    /// Snapshot to go on from.
+    #[arg(long)]
+    restore: Option<PathBuf>,
+    /// Snapshot that is written at the end of the input.
+    #[arg(long)]
+    snapshot: Option<PathBuf>,
+    /// Memory for vehicles, in bytes, or with K, M or G (of 1024); no limit by default.
+    #[arg(long, value_parser = bytes, requires = "spill")]
+    memory: Option<usize>,
+    /// Folder for vehicles beyond that memory, for one run at a time.
+    #[arg(long)]
+    spill: Option<PathBuf>,
+    /// Threads; all cores by default.
+    #[arg(long)]
+    threads: Option<usize>,
+}
+
+/// Reads a number of bytes.
+fn bytes(text: &str) -> Result<usize, String> {
+    let (number, unit) = match text.char_indices().last() {
+        Some((at, 'K' | 'k')) => (&text[..at], 1 << 10),
+        Some((at, 'M' | 'm')) => (&text[..at], 1 << 20),
+        Some((at, 'G' | 'g')) => (&text[..at], 1 << 30),
+        _ => (text, 1_usize),
+    };
+    let number: usize = number.parse().map_err(|error| format!("{error}"))?;
+    number.checked_mul(unit).ok_or_else(|| "more bytes than there are".to_owned())
+}
+
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Content {
     Steps,
@@ -171,11 +209,14 @@ fn main() -> ExitCode {
         Routine::Learn(options) => start_learning(&options),
         #[cfg(feature = "sql")]
         Routine::Sql(command) => command.run(),
+        Routine::Live(options) => start_live(options),
     };
     match done {
         Ok(text) => {
-            // Standard output may be closed.
-            let _ = writeln!(io::stdout(), "{text}");
+            if !text.is_empty() {
+                // Standard output may be closed.
+                let _ = writeln!(io::stdout(), "{text}");
+            }
             ExitCode::SUCCESS
         }
         Err(error) => {
@@ -267,6 +308,26 @@ fn iterations(
         show(bar, progress);
         say(iteration);
     })
+fn start_live(options: Live) -> Result<String, FleetError> {
+    let all = PoolOptions::default();
+    let threads = options.threads.unwrap_or(all.threads);
+    let job = LiveJob {
+        model: options.model,
+        restore: options.restore,
+        snapshot: options.snapshot,
+        options: PoolOptions { threads, memory: options.memory, spill: options.spill },
+    };
+    let LiveSummary { lines, errors, vehicles, snapshot } =
+        live(&job, io::stdin(), io::stdout().lock(), |error| {
+            let _ = writeln!(io::stderr(), "vehicles stay in memory: {error}");
+        })?;
+    let mut text = format!("{lines} lines, {errors} with an error, {vehicles} vehicles");
+    if let Some(bytes) = snapshot {
+        text += &format!(", snapshot of {bytes} bytes");
+    }
+    // Standard output has answers.
+    let _ = writeln!(io::stderr(), "{text}");
+    Ok(String::new())
 }
 
 fn bar(quiet: bool) -> ProgressBar {

@@ -10,6 +10,7 @@ use clap::ValueEnum;
 
 use crate::error::{FleetError, Outcome};
 use crate::input::Form;
+pub(crate) use rows::kind as error_kind;
 pub use tables::results;
 
 /// A routine for each drive.

@@ -25,7 +25,7 @@ pub(super) struct Failure {
 }
 
 /// Step of a failure, counted from 1, and the kind of it.
-pub(super) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
+pub(crate) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
     match error {
         InferenceError::Impossible { step } => ("impossible", Some(*step)),
         InferenceError::ImpossibleMove { step } => ("impossible_move", Some(*step)),

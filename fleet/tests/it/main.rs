@@ -6,4 +6,5 @@ mod kit;
 mod learn;
 mod memory;
 mod observations;
+mod pool;
 mod resume;

@@ -1,5 +1,6 @@
 //! One case a file.
 
+pub(crate) mod gaussian;
 pub(crate) mod graph;
 pub(crate) mod learning;
 pub(crate) mod many;

@@ -1,0 +1,161 @@
+//! Finds the regimes of a market in daily returns and trading volumes: how many there are, what
+//! they are like, in which one each day was, and what the coming days may bring.
+//!
+//! ```text
+//! cargo run --release --features emission --example regimes -- [--seed N] [--repeat N] [--out FOLDER]
+//! ```
+//!
+//! The data are simulated from three regimes, so that the answers can be compared with the truth:
+//! no market is as simple.
+
+mod market;
+mod picture;
+
+use std::error::Error;
+use std::fs;
+use std::path::PathBuf;
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, starts};
+use wayfix::inference::{LearnError, LearningOptions, ModelSelection};
+use wayfix::{DenseTransition, Hmm};
+
+use market::Year;
+
+/// Random starts of each model.
+const STARTS: usize = 5;
+/// Days that are forecast.
+const AHEAD: usize = 60;
+
+type Model = Hmm<DenseTransition, Gaussian>;
+
+#[derive(Parser)]
+#[command(about = "Finds the regimes of a simulated market")]
+struct Arguments {
+    /// Seed of the simulation and of the starts.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Number of simulated markets, to see how often the number of regimes is found.
+    #[arg(long, default_value_t = 1)]
+    repeat: u64,
+    /// Folder for the picture and the table of days.
+    #[arg(long, default_value = "target/regimes")]
+    out: PathBuf,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments = Arguments::parse();
+    let mut found = [0; 7];
+    for seed in arguments.seed..arguments.seed + arguments.repeat {
+        let years = market::simulate(12, 252, seed)?;
+        let selection = choose(&years, seed)?;
+        let states = *selection.best_by_bic();
+        found[states] += 1;
+        if seed == arguments.seed {
+            println!("{selection}");
+            let held_out = selection.best_held_out().unwrap_or(&0);
+            println!("lowest BIC: {states} regimes; best on held-out years: {held_out}\n");
+            describe(&years, states, seed, &arguments.out)?;
+        }
+    }
+    if arguments.repeat > 1 {
+        println!("\nregimes by BIC in {} markets of 3:", arguments.repeat);
+        let counts = found.iter().enumerate().filter(|count| *count.1 > 0);
+        counts.for_each(|(states, count)| println!("{states}: {count}"));
+    }
+    Ok(())
+}
+
+/// Learns a model from several starts, with its regimes in ascending order of their volatility.
+///
+/// The prior covariance counts for ten days: without one, a regime of three odd days would be as
+/// probable as one pleases.
+fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Model, LearnError> {
+    let prior = GaussianPrior::new(2).and_then(|prior| prior.with_covariance(10.0, &[10.0, 0.5]));
+    let family = Gaussian::new(
+        CovarianceType::Full,
+        &vec![[0.0; 2]; states],
+        &vec![[1.0, 0.0, 0.0, 1.0]; states],
+    )
+    .and_then(|family| family.with_prior(prior?))
+    .map_err(|error| LearnError::Likelihood(error.into()))?;
+    let starts = starts(&family, years, STARTS, &mut ChaCha8Rng::seed_from_u64(seed))?;
+    let fits = Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())?;
+    let model = fits.into_best().into_model();
+    let variances: Vec<f64> = model.likelihood().covariances().iter().map(|c| c[0]).collect();
+    let mut order: Vec<usize> = (0..states).collect();
+    order.sort_by(|&a, &b| variances[a].total_cmp(&variances[b]));
+    Ok(model.reordered(&order)?)
+}
+
+/// Two to six regimes, by information criteria and by four folds of years.
+fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError> {
+    let fits = 5 * 5;
+    let style =
+        ProgressStyle::with_template("learning {bar:30} {pos}/{len} fits of several starts");
+    let bar =
+        ProgressBar::new(fits).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let selection = ModelSelection::new(2..=6, years, 4, |&states, some: &[&Year]| {
+        let model = learn(states, some, seed);
+        bar.inc(1);
+        model
+    });
+    bar.finish_and_clear();
+    selection
+}
+
+/// Prints the regimes and what the days after the last may bring, and draws them.
+fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(), Box<dyn Error>> {
+    let all: Vec<&Year> = years.iter().collect();
+    let model = learn(states, &all, seed)?;
+    println!("regime   mean return   volatility   volume   days at a time");
+    for state in 0..states {
+        let (Some(mean), Some(covariance)) =
+            (model.likelihood().mean(state), model.likelihood().covariance(state))
+        else {
+            continue;
+        };
+        let days = 1.0 / (1.0 - model.transition().get(state, state));
+        println!(
+            "{state:>6}   {:>9.3} %   {:>8.3} %   {:>6.2}   {days:>14.1}",
+            mean[0],
+            covariance[0].sqrt(),
+            mean[1]
+        );
+    }
+
+    let year = &years[years.len() - 1];
+    let smoothed = model.smooth(year)?;
+    let probabilities: Vec<Vec<f64>> =
+        smoothed.posteriors().iter().map(|belief| belief.as_slice().to_vec()).collect();
+    let mut filter = model.filter();
+    year.days.iter().try_for_each(|day| filter.step(day.as_slice()).map(|_| ()))?;
+    let forecast = (1..=AHEAD)
+        .map(|days| Ok(filter.forecast(days)?.as_slice().to_vec()))
+        .collect::<Result<Vec<Vec<f64>>, Box<dyn Error>>>()?;
+    println!("\nprobabilities of the regimes, today and {AHEAD} days ahead:");
+    for (name, belief) in
+        [("today", &probabilities[probabilities.len() - 1]), ("then", &forecast[AHEAD - 1])]
+    {
+        let shares: Vec<String> = belief.iter().map(|p| format!("{p:.3}")).collect();
+        println!("{name:>6}   {}", shares.join("   "));
+    }
+
+    fs::create_dir_all(out)?;
+    let mut table = csv::Writer::from_path(out.join("days.csv"))?;
+    let names = (0..states).map(|state| format!("regime_{state}"));
+    let head = ["day", "return", "volume", "true_regime"].map(String::from);
+    table.write_record(head.into_iter().chain(names))?;
+    for (day, ((seen, truth), belief)) in
+        (1..).zip(year.days.iter().zip(&year.regimes).zip(&probabilities))
+    {
+        let values = [day.to_string(), seen[0].to_string(), seen[1].to_string(), truth.to_string()];
+        table.write_record(values.into_iter().chain(belief.iter().map(f64::to_string)))?;
+    }
+    table.flush()?;
+    picture::draw(&out.join("regimes.svg"), year, &probabilities, &forecast)?;
+    println!("\nwritten: {0}/regimes.svg, {0}/days.csv", out.display());
+    Ok(())
+}

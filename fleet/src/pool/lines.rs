@@ -1,0 +1,196 @@
+//! Lines of JSON: updates of vehicles, and the answers.
+
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::Value;
+use wayfix::likelihood::SparseObservation;
+
+use super::{Update, UpdateResult, VehicleId};
+use crate::places::Fix;
+use crate::sensor::{Kind, Observation, Sensor};
+
+/// A line that is not an update, with what could be read of it.
+#[derive(Debug)]
+pub(super) struct BadLine {
+    pub(super) vehicle: Option<VehicleId>,
+    pub(super) time: Option<i64>,
+    pub(super) message: String,
+}
+
+impl BadLine {
+    pub(super) fn new(message: impl Into<String>) -> Self {
+        Self { vehicle: None, time: None, message: message.into() }
+    }
+}
+
+/// Fields of a line, with the observation of a sensor.
+#[derive(Deserialize)]
+#[serde(bound(deserialize = "Y: Deserialize<'de>, E: Deserialize<'de> + Default"))]
+struct Fields<Y, E> {
+    vehicle: VehicleId,
+    time: i64,
+    // A field that is null is there.
+    #[serde(deserialize_with = "Option::deserialize")]
+    observation: Option<Y>,
+    #[serde(default)]
+    elsewhere: E,
+    #[serde(default)]
+    restart: bool,
+}
+
+/// A state and its likelihood.
+#[derive(Deserialize)]
+struct Listed {
+    state: usize,
+    likelihood: f64,
+}
+
+/// A position.
+#[derive(Deserialize)]
+struct At {
+    latitude: f64,
+    longitude: f64,
+    deviation: f64,
+}
+
+/// A number, or null for −∞, which JSON does not have.
+struct Logarithm(f64);
+
+impl<'de> Deserialize<'de> for Logarithm {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let value = Option::deserialize(deserializer)?;
+        Ok(Self(value.unwrap_or(f64::NEG_INFINITY)))
+    }
+}
+
+/// Reads a line.
+pub(super) fn parse(sensor: &Sensor, line: &[u8]) -> Result<Update<Observation>, BadLine> {
+    let read = || match sensor.kind() {
+        Kind::Table(_) | Kind::SparseTable(_) => {
+            fields::<usize, IgnoredAny>(sensor, line, |symbol, _| Ok(Observation::Symbol(symbol)))
+        }
+        Kind::Vector { log: false, .. } => {
+            fields::<Vec<f64>, IgnoredAny>(sensor, line, |values, _| {
+                Ok(Observation::Vector(values.into()))
+            })
+        }
+        Kind::Vector { log: true, .. } => {
+            fields::<Vec<Logarithm>, IgnoredAny>(sensor, line, |values, _| {
+                let values: Vec<f64> = values.into_iter().map(|value| value.0).collect();
+                Ok(Observation::Vector(values.into()))
+            })
+        }
+        Kind::Sparse(_) => fields::<Vec<Listed>, f64>(sensor, line, |listed, elsewhere| {
+            let listed = listed.iter().map(|listed| (listed.state, listed.likelihood)).collect();
+            let observation = SparseObservation::new(listed, elsewhere);
+            observation.map(Observation::Sparse).map_err(|error| error.to_string())
+        }),
+        Kind::Places(_) => fields::<At, IgnoredAny>(sensor, line, |at, _| {
+            let At { latitude, longitude, deviation } = at;
+            Ok(Observation::Fix(Fix { latitude, longitude, deviation }))
+        }),
+    };
+    read().map_err(|message| {
+        // Bad lines are few.
+        let value: Value = serde_json::from_slice(line).unwrap_or_default();
+        let vehicle = VehicleId::deserialize(&value["vehicle"]).ok();
+        BadLine { vehicle, time: value["time"].as_i64(), message }
+    })
+}
+
+fn fields<'de, Y, E>(
+    sensor: &Sensor,
+    line: &'de [u8],
+    observation: impl FnOnce(Y, E) -> Result<Observation, String>,
+) -> Result<Update<Observation>, String>
+where
+    Y: Deserialize<'de>,
+    E: Deserialize<'de> + Default,
+{
+    let fields: Fields<Y, E> = serde_json::from_slice(line).map_err(|error| describe(&error))?;
+    let seen = match fields.observation {
+        Some(seen) => observation(seen, fields.elsewhere)
+            .map_err(|message| format!("field `observation`: {message}"))?,
+        None if sensor.is_optional() => Observation::Missing,
+        None => return Err("field `observation`: is null, expected a value".to_owned()),
+    };
+    let Fields { vehicle, time, restart, .. } = fields;
+    Ok(Update { vehicle, time, observation: seen, restart })
+}
+
+/// Describes an error without the line of the text, which has one.
+fn describe(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    match text.strip_suffix(&place) {
+        Some(message) => format!("{message} at column {}", error.column()),
+        None => text,
+    }
+}
+
+#[derive(Serialize)]
+struct Accepted<'a> {
+    vehicle: &'a VehicleId,
+    time: i64,
+    state: usize,
+    probability: f64,
+    log_likelihood: f64,
+}
+
+#[derive(Serialize)]
+struct Refused<'a> {
+    line: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vehicle: Option<&'a VehicleId>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    time: Option<i64>,
+    error_kind: &'a str,
+    error: String,
+}
+
+/// Writes the answer to an update.
+pub(super) fn answer(
+    out: &mut Vec<u8>,
+    line: u64,
+    (vehicle, time): (&VehicleId, i64),
+    answer: &UpdateResult,
+) {
+    match answer {
+        Ok(answer) => {
+            let (state, probability) = (answer.state, answer.probability);
+            let log_likelihood = answer.log_likelihood;
+            write(out, &Accepted { vehicle, time, state, probability, log_likelihood });
+        }
+        Err(error) => write(
+            out,
+            &Refused {
+                line,
+                vehicle: Some(vehicle),
+                time: Some(time),
+                error_kind: error.kind(),
+                error: error.to_string(),
+            },
+        ),
+    }
+}
+
+/// Writes the answer to a line that is not an update.
+pub(super) fn refuse(out: &mut Vec<u8>, line: u64, bad: &BadLine) {
+    let BadLine { vehicle, time, message } = bad;
+    write(
+        out,
+        &Refused {
+            line,
+            vehicle: vehicle.as_ref(),
+            time: *time,
+            error_kind: "line",
+            error: message.clone(),
+        },
+    );
+}
+
+fn write(out: &mut Vec<u8>, line: &impl Serialize) {
+    // Neither memory nor such structs refuse anything.
+    _ = serde_json::to_writer(&mut *out, line);
+    out.push(b'\n');
+}

@@ -1,0 +1,382 @@
+//! A part of the vehicles of a pool, which one thread works on at a time.
+
+use std::hash::{BuildHasher, RandomState};
+use std::hint::black_box;
+use std::sync::Arc;
+
+use hashbrown::HashTable;
+use wayfix::inference::FilterSnapshot;
+use wayfix::{Filter, Hmm, Likelihood, Transition};
+
+use super::file::Block;
+use super::spill::{Disk, Slot};
+use super::vehicle::{Answer, Update, UpdateError, VehicleId};
+use crate::error::{FleetError, Outcome};
+
+/// Numbers in a line of the cache.
+const LINE: usize = 8;
+/// No vehicle.
+const NONE: u32 = u32::MAX;
+/// What an allocation takes beside its content, about.
+const ALLOCATION: usize = 16;
+
+/// A vehicle.
+#[derive(Debug)]
+pub(super) struct Entry {
+    pub(super) vehicle: VehicleId,
+    pub(super) time: i64,
+    /// Neighbours in the list of those in memory, by the time at which they were seen.
+    newer: u32,
+    older: u32,
+    place: Place,
+}
+
+/// Place of the state of a vehicle.
+#[derive(Debug)]
+enum Place {
+    Memory(Box<FilterSnapshot>),
+    Disk(Slot),
+    /// There is no vehicle.
+    Free,
+}
+
+/// A part of the vehicles.
+#[derive(Debug)]
+pub(super) struct Shard {
+    hasher: RandomState,
+    /// Entries by the hash of the id.
+    index: HashTable<u32>,
+    entries: Vec<Entry>,
+    free: Vec<u32>,
+    newest: u32,
+    oldest: u32,
+    in_memory: usize,
+    /// Bytes of states and texts.
+    heap: usize,
+    limit: usize,
+    disk: Option<Disk>,
+    /// First failure to move a state to the disk.
+    pub(super) failure: Option<FleetError>,
+}
+
+/// Bytes of a state.
+fn bytes_of(state: &FilterSnapshot) -> usize {
+    size_of::<FilterSnapshot>() + state.heap_bytes() + 2 * ALLOCATION
+}
+
+impl Shard {
+    /// Creates an empty shard. With a disk, it takes about `limit` bytes.
+    pub(super) fn new(hasher: RandomState, limit: usize, disk: Option<Disk>) -> Self {
+        Self {
+            hasher,
+            index: HashTable::new(),
+            entries: Vec::new(),
+            free: Vec::new(),
+            newest: NONE,
+            oldest: NONE,
+            in_memory: 0,
+            heap: 0,
+            limit,
+            disk,
+            failure: None,
+        }
+    }
+
+    /// Number of vehicles.
+    pub(super) fn vehicles(&self) -> usize {
+        self.index.len()
+    }
+
+    /// Number of entries, with those that are free.
+    pub(super) fn entries(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Time of the last update of a vehicle.
+    pub(super) fn time(&self, at: u32) -> i64 {
+        self.entries[at as usize].time
+    }
+
+    /// Copy of the state of a vehicle.
+    pub(super) fn state(&mut self, at: u32) -> Outcome<FilterSnapshot> {
+        match (&self.entries[at as usize].place, &mut self.disk) {
+            (Place::Memory(state), _) => Ok((**state).clone()),
+            (Place::Disk(slot), Some(disk)) => disk.get(*slot),
+            _ => Err(FleetError::Settings("the vehicle has no state".to_owned())),
+        }
+    }
+
+    /// Writes an entry, unless it is free.
+    pub(super) fn write(&mut self, at: usize, block: &mut Block) -> Outcome<()> {
+        let Entry { vehicle, time, place, .. } = &self.entries[at];
+        match (place, &mut self.disk) {
+            (Place::Memory(state), _) => block.push(vehicle, *time, state),
+            (Place::Disk(slot), Some(disk)) => block.push(vehicle, *time, &disk.get(*slot)?),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Number of vehicles whose state is in memory.
+    pub(super) fn in_memory(&self) -> usize {
+        self.in_memory
+    }
+
+    /// Bytes in memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.entries.capacity() * size_of::<Entry>()
+            + self.free.capacity() * size_of::<u32>()
+            + self.index.allocation_size()
+            + self.heap
+            + self.disk.as_ref().map_or(0, Disk::bytes)
+    }
+
+    /// Bytes on the disk.
+    pub(super) fn file_bytes(&self) -> u64 {
+        self.disk.as_ref().map_or(0, Disk::file_bytes)
+    }
+
+    /// Takes an update with the filter of a thread.
+    pub(super) fn update<A, B>(
+        &mut self,
+        filter: &mut Filter<Arc<Hmm<A, B>>>,
+        hash: u64,
+        update: &Update<B::Observation>,
+    ) -> Result<Answer, UpdateError>
+    where
+        A: Transition<Control = ()>,
+        B: Likelihood<Observation: Sized>,
+    {
+        let found = self.find(hash, &update.vehicle);
+        match found {
+            Some(at) if !update.restart => {
+                let last = self.entries[at as usize].time;
+                if update.time <= last {
+                    return Err(UpdateError::Time { time: update.time, last });
+                }
+                let state = self.load(at).map_err(|error| UpdateError::Disk(Box::new(error)))?;
+                filter.restore(state)?;
+            }
+            _ => filter.restart(),
+        }
+        let log_likelihood = match filter.step_with(&(), &update.observation) {
+            Ok(log_likelihood) => log_likelihood,
+            Err(error) => {
+                // Its state may just have been loaded.
+                self.evict();
+                return Err(error.into());
+            }
+        };
+        if let Some(at) = found {
+            self.store(at, update.time, filter);
+        } else {
+            let state = Box::new(filter.snapshot());
+            self.add(hash, update.vehicle.clone(), update.time, state);
+        }
+        self.evict();
+        let (state, probability) = peak(filter.belief().as_slice());
+        Ok(Answer { state, probability, log_likelihood })
+    }
+
+    /// Reads what the next updates need, so that memory is asked for all of it at once: most of the
+    /// time of an update of one vehicle in millions is waiting for memory otherwise.
+    pub(super) fn warm<'a>(&self, next: impl Iterator<Item = (u64, &'a VehicleId)>) {
+        let states = next.filter_map(|(hash, vehicle)| {
+            match &self.entries[self.find(hash, vehicle)? as usize].place {
+                Place::Memory(state) => Some(state),
+                _ => None,
+            }
+        });
+        // One number of each line of the cache.
+        let read = states.map(|state| {
+            let lines = state.belief().as_slice().iter().step_by(LINE);
+            lines.fold(0, |bits, p| bits ^ p.to_bits())
+        });
+        black_box(read.fold(0, |all, bits| all ^ bits));
+    }
+
+    pub(super) fn find(&self, hash: u64, vehicle: &VehicleId) -> Option<u32> {
+        self.index.find(hash, |&at| self.entries[at as usize].vehicle == *vehicle).copied()
+    }
+
+    /// Adds a vehicle that is not there.
+    pub(super) fn add(
+        &mut self,
+        hash: u64,
+        vehicle: VehicleId,
+        time: i64,
+        state: Box<FilterSnapshot>,
+    ) {
+        self.heap += bytes_of(&state) + text_bytes(&vehicle);
+        let place = Place::Memory(state);
+        let entry = Entry { vehicle, time, newer: NONE, older: NONE, place };
+        let at = if let Some(at) = self.free.pop() {
+            self.entries[at as usize] = entry;
+            at
+        } else {
+            if self.entries.len() == self.entries.capacity() {
+                // Doubling would leave up to half of it unused.
+                self.entries.reserve_exact(self.entries.len() / 8 + 16);
+            }
+            self.entries.push(entry);
+            (self.entries.len() - 1) as u32
+        };
+        let Self { index, entries, hasher, .. } = self;
+        index.insert_unique(hash, at, |&at| hasher.hash_one(&entries[at as usize].vehicle));
+        self.in_memory += 1;
+        self.link(at);
+    }
+
+    /// Removes a vehicle. Returns false if it is not there.
+    pub(super) fn remove(&mut self, hash: u64, vehicle: &VehicleId) -> bool {
+        let Self { index, entries, .. } = self;
+        let same = |at: &u32| entries[*at as usize].vehicle == *vehicle;
+        let Ok(found) = index.find_entry(hash, same) else { return false };
+        let (at, _) = found.remove();
+        self.heap -= text_bytes(vehicle);
+        self.clear(at);
+        self.entries[at as usize].vehicle = VehicleId::Number(0);
+        self.free.push(at);
+        true
+    }
+
+    /// Copies the state of a filter into a vehicle.
+    fn store<A, B>(&mut self, at: u32, time: i64, filter: &Filter<Arc<Hmm<A, B>>>)
+    where
+        A: Transition,
+        B: Likelihood,
+    {
+        if let Place::Memory(state) = &mut self.entries[at as usize].place {
+            self.heap -= bytes_of(state);
+            filter.snapshot_to(state);
+            self.heap += bytes_of(state);
+            self.unlink(at);
+        } else {
+            self.clear(at);
+            let state = Box::new(filter.snapshot());
+            self.heap += bytes_of(&state);
+            self.in_memory += 1;
+            self.entries[at as usize].place = Place::Memory(state);
+        }
+        self.entries[at as usize].time = time;
+        self.link(at);
+    }
+
+    /// Gives up the state of a vehicle.
+    fn clear(&mut self, at: u32) {
+        if let Place::Memory(_) = &self.entries[at as usize].place {
+            self.unlink(at);
+        }
+        match std::mem::replace(&mut self.entries[at as usize].place, Place::Free) {
+            Place::Memory(state) => {
+                self.heap -= bytes_of(&state);
+                self.in_memory -= 1;
+            }
+            Place::Disk(slot) => {
+                if let Some(disk) = &mut self.disk {
+                    disk.release(slot);
+                }
+            }
+            Place::Free => {}
+        }
+    }
+
+    /// Brings the state of a vehicle into memory.
+    fn load(&mut self, at: u32) -> Outcome<&FilterSnapshot> {
+        if let Place::Disk(slot) = self.entries[at as usize].place
+            && let Some(disk) = &mut self.disk
+        {
+            let state = Box::new(disk.get(slot)?);
+            disk.release(slot);
+            self.heap += bytes_of(&state);
+            self.in_memory += 1;
+            self.entries[at as usize].place = Place::Memory(state);
+            self.link(at);
+        }
+        match &self.entries[at as usize].place {
+            Place::Memory(state) => Ok(state),
+            _ => Err(FleetError::Settings("the vehicle has no state".to_owned())),
+        }
+    }
+
+    /// Moves the states that were not seen for longest to the disk until the rest is within the
+    /// limit, or is one.
+    pub(super) fn evict(&mut self) {
+        let Some(disk) = &mut self.disk else { return };
+        while self.in_memory > 1 {
+            let bytes = self.entries.capacity() * size_of::<Entry>()
+                + self.free.capacity() * size_of::<u32>()
+                + self.index.allocation_size()
+                + self.heap
+                + disk.bytes();
+            if bytes <= self.limit {
+                return;
+            }
+            let at = self.oldest;
+            let Place::Memory(state) = &self.entries[at as usize].place else { return };
+            match disk.put(state) {
+                Ok(slot) => {
+                    self.heap -= bytes_of(state);
+                    self.in_memory -= 1;
+                    self.entries[at as usize].place = Place::Disk(slot);
+                    let newer = self.entries[at as usize].newer;
+                    self.oldest = newer;
+                    self.entries[newer as usize].older = NONE;
+                }
+                Err(error) => {
+                    self.failure.get_or_insert(error);
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Puts a vehicle at the new end of the list.
+    fn link(&mut self, at: u32) {
+        let newest = self.newest;
+        let entry = &mut self.entries[at as usize];
+        (entry.newer, entry.older) = (NONE, newest);
+        if newest == NONE {
+            self.oldest = at;
+        } else {
+            self.entries[newest as usize].newer = at;
+        }
+        self.newest = at;
+    }
+
+    /// Takes a vehicle out of the list.
+    fn unlink(&mut self, at: u32) {
+        let Entry { newer, older, .. } = self.entries[at as usize];
+        match newer {
+            NONE => self.newest = older,
+            _ => self.entries[newer as usize].older = older,
+        }
+        match older {
+            NONE => self.oldest = newer,
+            _ => self.entries[older as usize].newer = newer,
+        }
+    }
+}
+
+/// Most probable state and its probability; ties go to the lowest.
+fn peak(belief: &[f64]) -> (usize, f64) {
+    let greater = |a: f64, b: f64| if b > a { b } else { a };
+    let (lines, rest) = belief.as_chunks::<LINE>();
+    let mut lanes = [f64::NEG_INFINITY; LINE];
+    for line in lines {
+        for k in 0..LINE {
+            lanes[k] = greater(lanes[k], line[k]);
+        }
+    }
+    let best = lanes.iter().chain(rest).fold(f64::NEG_INFINITY, |best, &p| greater(best, p));
+    let first = lines.iter().position(|line| line.contains(&best)).unwrap_or(lines.len()) * LINE;
+    let within = belief[first..].iter().position(|&p| p == best).unwrap_or(0);
+    (first + within, best)
+}
+
+fn text_bytes(vehicle: &VehicleId) -> usize {
+    match vehicle {
+        VehicleId::Number(_) => 0,
+        VehicleId::Text(text) => text.len() + ALLOCATION,
+    }
+}

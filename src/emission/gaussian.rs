@@ -1,0 +1,301 @@
+//! Gaussian vectors.
+
+use std::error::Error;
+
+use rand::Rng;
+
+use super::EmissionError;
+use super::normal::{
+    CovarianceType, GaussianPrior, Moments, Normals, check_covariances, eights, flatten, in_blocks,
+};
+use crate::error::LikelihoodError;
+use crate::kernels::Eight;
+use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
+use crate::reorder::ReorderStates;
+
+/// Gaussian vectors, with a mean for each state and a covariance of one of
+/// [four types](CovarianceType): the counterpart of hmmlearn's `GaussianHMM`.
+///
+/// With the mean μ and the covariance Σ of a state, the density of an observation of d numbers is
+///
+/// ```text
+/// p(y) = (2π)^(−d/2) det(Σ)^(−1/2) exp(−½ (y − μ)' Σ⁻¹ (y − μ)).
+/// ```
+///
+/// Learning replaces μ by the weighted mean and Σ by the weighted covariance of the observations
+/// of a state (Baum, Petrie, Soules and Weiss 1970), or, [with a prior](Self::with_prior), by the
+/// maximum of the posterior density, in closed form. A covariance must be positive definite to
+/// working precision: an elimination that leaves at most 1e-12 of a diagonal entry is an error.
+///
+/// Covariances are factored once for each set of parameters. A step takes O(n d) for spherical and
+/// diagonal covariances and O(n d²) for full and tied ones, eight states side by side, and
+/// allocates nothing. A log-density below −1e300 counts as −∞, a density of 0.
+///
+/// Components may be missing [if it is said](Self::with_missing): they are integrated out, which
+/// takes O(n d³) for such a step with a full or tied covariance.
+///
+/// ```
+/// use wayfix::emission::{Gaussian, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let values = [0.1, 1.0, -0.2, 1.1, 0.1, 0.8, 5.2, 2.9, 4.9, 3.1, 5.0, 3.2, 0.0, 1.1, 0.2, 0.9];
+/// let family = Gaussian::diagonal(&[[0.0, 0.0], [4.0, 4.0]], &[[1.0, 1.0], [1.0, 1.0]])?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?,
+///     family,
+/// )?;
+/// let learned = hmm.learn(&[Rows::new(&values, 2)?], &LearningOptions::default())?;
+/// let mean = learned.model().likelihood().mean(1).unwrap();
+/// assert!((mean[0] - 5.033).abs() < 0.01 && (mean[1] - 3.067).abs() < 0.01);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Gaussian {
+    normals: Normals,
+    prior: Option<GaussianPrior>,
+}
+
+impl Gaussian {
+    /// Creates a family with one variance for each state.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] without states or components, for a wrong length, a mean that is not
+    /// finite, or a variance that is not finite and above 2.2e-308.
+    pub fn spherical<M: AsRef<[f64]>>(
+        means: &[M],
+        variances: &[f64],
+    ) -> Result<Self, EmissionError> {
+        let rows: Vec<[f64; 1]> = variances.iter().map(|variance| [*variance]).collect();
+        Self::new(CovarianceType::Spherical, means, &rows)
+    }
+
+    /// Creates a family with the variances of each state's components.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`spherical`](Self::spherical).
+    pub fn diagonal<M: AsRef<[f64]>, V: AsRef<[f64]>>(
+        means: &[M],
+        variances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Diagonal, means, variances)
+    }
+
+    /// Creates a family with a covariance for each state: d × d values, row after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] without states or components, for a wrong length, a value that is not
+    /// finite, or a covariance that is not symmetric within 1e-9 and positive definite.
+    pub fn full<M: AsRef<[f64]>, V: AsRef<[f64]>>(
+        means: &[M],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Full, means, covariances)
+    }
+
+    /// Creates a family with one covariance of all states: d × d values, row after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`full`](Self::full).
+    pub fn tied<M: AsRef<[f64]>>(means: &[M], covariance: &[f64]) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Tied, means, &[covariance])
+    }
+
+    /// Creates a family with covariances of this type in the form of its constructor, one for
+    /// each state, or a single one if they are tied.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as the constructor of the type.
+    pub fn new<M: AsRef<[f64]>, V: AsRef<[f64]>>(
+        covariance_type: CovarianceType,
+        means: &[M],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        let (kind, states) = (covariance_type, means.len());
+        let d = means.first().map_or(0, |mean| mean.as_ref().len());
+        if states == 0 || d == 0 {
+            return Err(EmissionError::Empty { states, components: d });
+        }
+        let means = flatten("mean", means, d)?;
+        let expected = if kind == CovarianceType::Tied { 1 } else { states };
+        if covariances.len() != expected {
+            let (what, state, found) = ("list of covariances", None, covariances.len());
+            return Err(EmissionError::Length { what, state, found, expected });
+        }
+        let covariances = flatten_covariances(kind, covariances, d)?;
+        Ok(Self { normals: Normals::new(kind, d, means, covariances, false)?, prior: None })
+    }
+
+    /// Returns the family with missing components, given as NaN. They are integrated out: of the
+    /// density, and in learning by their expectation, given the others. Without this, a NaN is an
+    /// error.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { normals: self.normals.with_missing(), ..self }
+    }
+
+    /// Returns the family with a prior for learning. By default there is none: learning maximises
+    /// the likelihood.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Length`] if the prior has another number of components.
+    pub fn with_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
+        prior.check_components(self.components())?;
+        Ok(Self { prior: Some(prior), ..self })
+    }
+
+    /// Number of components of an observation, d.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.normals.components()
+    }
+
+    /// Type of the covariances.
+    #[must_use]
+    pub fn covariance_type(&self) -> CovarianceType {
+        self.normals.kind()
+    }
+
+    /// Returns the mean of a state, or `None` if it does not exist.
+    #[must_use]
+    pub fn mean(&self, state: usize) -> Option<&[f64]> {
+        self.normals.mean(state)
+    }
+
+    /// Returns the covariance of a state, d × d values row after row whatever its type, or `None`
+    /// if the state does not exist.
+    #[must_use]
+    pub fn covariance(&self, state: usize) -> Option<Vec<f64>> {
+        self.normals.full_covariance(state)
+    }
+
+    /// Means of all states, as [`new`](Self::new) takes them.
+    #[must_use]
+    pub fn means(&self) -> Vec<Vec<f64>> {
+        self.normals.means()
+    }
+
+    /// Covariances in the form in which [`new`](Self::new) takes them.
+    #[must_use]
+    pub fn covariances(&self) -> Vec<Vec<f64>> {
+        self.normals.covariances()
+    }
+
+    /// True if components may be missing.
+    #[must_use]
+    pub fn has_missing(&self) -> bool {
+        self.normals.has_missing()
+    }
+
+    /// The prior of learning, if there is one.
+    #[must_use]
+    pub fn prior(&self) -> Option<&GaussianPrior> {
+        self.prior.as_ref()
+    }
+
+    pub(super) fn into_parts(self) -> (Normals, Option<GaussianPrior>) {
+        (self.normals, self.prior)
+    }
+}
+
+/// Checks covariances, and returns them one after the other.
+pub(super) fn flatten_covariances<V: AsRef<[f64]>>(
+    kind: CovarianceType,
+    covariances: &[V],
+    d: usize,
+) -> Result<Vec<f64>, EmissionError> {
+    let flat = flatten("covariance", covariances, kind.values(d))?;
+    check_covariances(kind, d, &flat)?;
+    Ok(flat)
+}
+
+impl Likelihood for Gaussian {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.normals.count()
+    }
+
+    #[inline]
+    fn diagonal<'a>(
+        &'a self,
+        y: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let values = scratch.values(self.normals.memory() * 8);
+        let memory = eights(values);
+        self.normals.distances(y, memory)?;
+        self.normals.logs(memory);
+        Ok(Diagonal::log(&values[..self.normals.count()]))
+    }
+}
+
+impl SampleObservation for Gaussian {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        self.normals.sample(state, rng)
+    }
+}
+
+/// Statistics of a [`Gaussian`]: weights, means and scatter of the observations of each state.
+#[derive(Debug, Clone)]
+pub struct GaussianStatistics {
+    moments: Moments,
+    weights: Vec<Eight>,
+    memory: Vec<Eight>,
+}
+
+impl LearnLikelihood for Gaussian {
+    type Statistics = GaussianStatistics;
+
+    fn statistics(&self) -> GaussianStatistics {
+        GaussianStatistics {
+            moments: self.normals.moments(),
+            weights: vec![Eight::default(); self.normals.blocks()],
+            memory: vec![Eight::default(); self.normals.memory()],
+        }
+    }
+
+    #[inline]
+    fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
+        let GaussianStatistics { moments, weights, memory } = statistics;
+        in_blocks(posterior, weights);
+        self.normals.add(moments, y, weights, weights, memory);
+    }
+
+    fn merge(&self, statistics: &mut GaussianStatistics, other: &GaussianStatistics) {
+        statistics.moments.merge(&other.moments);
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &GaussianStatistics,
+        _: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let prior = self.prior.as_ref();
+        let normals = self.normals.maximize(&statistics.moments, None, prior)?;
+        Ok(Self { normals, prior: self.prior.clone() })
+    }
+
+    fn log_prior(&self, _: f64) -> f64 {
+        self.prior.as_ref().map_or(0.0, |prior| prior.log_density(&self.normals))
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.normals.free_parameters()
+    }
+}
+
+impl ReorderStates for Gaussian {
+    fn reordered(&self, order: &[usize]) -> Self {
+        Self { normals: self.normals.select(order), prior: self.prior.clone() }
+    }
+}

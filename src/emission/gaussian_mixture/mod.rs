@@ -1,0 +1,339 @@
+//! Mixtures of Gaussians.
+
+mod learn;
+
+use rand::Rng;
+
+use super::EmissionError;
+use super::gaussian::flatten_covariances;
+use super::normal::{CovarianceType, GaussianPrior, Normals, eights, flatten};
+use crate::belief::SUM_TOLERANCE;
+use crate::error::LikelihoodError;
+use crate::kernels::Eight;
+use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
+use crate::random::index;
+use crate::reorder::ReorderStates;
+
+pub use learn::GaussianMixtureStatistics;
+
+/// Mixtures of m Gaussians for each state, with full covariances or variances: the counterpart of
+/// hmmlearn's `GMMHMM`.
+///
+/// With the weights w, means μ and covariances Σ of a state's parts, the density of an observation
+/// of d numbers is
+///
+/// ```text
+/// p(y) = Σ_p w_p N(y; μ_p, Σ_p).
+/// ```
+///
+/// Learning divides the weight of an observation between the parts by their posterior
+/// probabilities (Juang, Levinson and Sondhi 1986) and then estimates each part as a
+/// [`Gaussian`](super::Gaussian), and the weights as shares. The pseudo-count of
+/// [learning](crate::inference::LearningOptions::likelihood_pseudo_count) is that of a Dirichlet
+/// prior on the weights above 0, so 1 less than hmmlearn's `weights_prior`; that of the means and
+/// covariances is set by [`with_prior`](Self::with_prior) and is the same for all parts. A weight
+/// of 0 stays 0, and a part without weight keeps its mean and its covariance.
+///
+/// Covariances are estimated about the new means. (hmmlearn's `GMMHMM` takes them about the means
+/// of the iteration before, which is no maximum; both have the same fixed points.)
+///
+/// A step takes O(n m d) for variances, O(n m d²) for full covariances, and n m exponentials; it
+/// allocates nothing. Missing components are as those of a [`Gaussian`](super::Gaussian).
+///
+/// ```
+/// use wayfix::emission::{GaussianMixture, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // State 0 shows values near -1 or 1, state 1 near 5.
+/// let family = GaussianMixture::diagonal(
+///     &[[0.5, 0.5], [0.5, 0.5]],
+///     &[[[-2.0], [2.0]], [[4.0], [6.0]]],
+///     &[[[1.0], [1.0]], [[1.0], [1.0]]],
+/// )?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?,
+///     family,
+/// )?;
+/// let values = [-1.1, 0.9, 1.2, -0.8, -1.0, 1.0, 4.8, 5.1, 5.3, 4.9, 5.0, 5.2, -0.9, 1.1];
+/// let learned = hmm.learn(&[Rows::new(&values, 1)?], &LearningOptions::default())?;
+/// let found = learned.model().likelihood();
+/// assert!((found.mean(0, 0).unwrap()[0] + 0.95).abs() < 0.05);
+/// assert!((found.mean(0, 1).unwrap()[0] - 1.05).abs() < 0.05);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct GaussianMixture {
+    /// Parts of the first state, of the second and so on.
+    normals: Normals,
+    parts: usize,
+    weights: Vec<f64>,
+    log_weights: Vec<f64>,
+    prior: Option<GaussianPrior>,
+}
+
+impl GaussianMixture {
+    /// Creates mixtures of Gaussians with variances: for each state the weights of its parts, and
+    /// for each of these a mean and its variances.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] without states, parts or components, for a wrong length, weights that are
+    /// negative or do not sum to one within 1e-9, a mean that is not finite, or a variance that is
+    /// not finite and above 2.2e-308. An error of a part says which.
+    pub fn diagonal<W, M, P, V, Q>(
+        weights: &[W],
+        means: &[M],
+        variances: &[V],
+    ) -> Result<Self, EmissionError>
+    where
+        W: AsRef<[f64]>,
+        M: AsRef<[P]>,
+        P: AsRef<[f64]>,
+        V: AsRef<[Q]>,
+        Q: AsRef<[f64]>,
+    {
+        Self::new(CovarianceType::Diagonal, weights, means, variances)
+    }
+
+    /// Creates mixtures of Gaussians with full covariances: for each state the weights of its
+    /// parts, and for each of these a mean and a covariance of d × d values, row after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
+    /// symmetric within 1e-9 and positive definite.
+    pub fn full<W, M, P, V, Q>(
+        weights: &[W],
+        means: &[M],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError>
+    where
+        W: AsRef<[f64]>,
+        M: AsRef<[P]>,
+        P: AsRef<[f64]>,
+        V: AsRef<[Q]>,
+        Q: AsRef<[f64]>,
+    {
+        Self::new(CovarianceType::Full, weights, means, covariances)
+    }
+
+    /// Creates mixtures with covariances of this type, which are not tied.
+    pub(crate) fn new<W, M, P, V, Q>(
+        kind: CovarianceType,
+        weights: &[W],
+        means: &[M],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError>
+    where
+        W: AsRef<[f64]>,
+        M: AsRef<[P]>,
+        P: AsRef<[f64]>,
+        V: AsRef<[Q]>,
+        Q: AsRef<[f64]>,
+    {
+        let (states, parts) = (weights.len(), weights.first().map_or(0, |w| w.as_ref().len()));
+        let first = means.first().and_then(|means| means.as_ref().first());
+        let d = first.map_or(0, |mean| mean.as_ref().len());
+        if states == 0 || parts == 0 || d == 0 {
+            return Err(EmissionError::Empty { states: states.min(parts), components: d });
+        }
+        let weights = flatten("list of weights", weights, parts)?;
+        check_weights(&weights, parts)?;
+        let mean = |rows: &[P]| flatten("mean", rows, d);
+        let means = of_parts("list of means", means, [states, parts], mean)?;
+        let covariance = |rows: &[Q]| flatten_covariances(kind, rows, d);
+        let covariances =
+            of_parts("list of covariances", covariances, [states, parts], covariance)?;
+        let normals = Normals::new(kind, d, means, covariances, false)
+            .map_err(|error| error.in_part(None, parts))?;
+        Ok(Self::of(normals, parts, weights, None))
+    }
+
+    fn of(normals: Normals, parts: usize, weights: Vec<f64>, prior: Option<GaussianPrior>) -> Self {
+        let log_weights = weights.iter().map(|weight| weight.ln()).collect();
+        Self { normals, parts, weights, log_weights, prior }
+    }
+
+    /// Returns the family with missing components, given as NaN, as
+    /// [`Gaussian::with_missing`](super::Gaussian::with_missing).
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { normals: self.normals.with_missing(), ..self }
+    }
+
+    /// Returns the family with a prior of all means and covariances, for learning. By default
+    /// there is none.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Length`] if the prior has another number of components.
+    pub fn with_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
+        prior.check_components(self.components())?;
+        Ok(Self { prior: Some(prior), ..self })
+    }
+
+    /// Number of components of an observation, d.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.normals.components()
+    }
+
+    /// Number of Gaussians of each state, m.
+    #[must_use]
+    pub fn parts(&self) -> usize {
+        self.parts
+    }
+
+    /// Returns the weights of a state's parts, or `None` if the state does not exist.
+    #[must_use]
+    pub fn weights(&self, state: usize) -> Option<&[f64]> {
+        self.weights.chunks_exact(self.parts).nth(state)
+    }
+
+    /// Returns the mean of a part, or `None` if the state or the part does not exist.
+    #[must_use]
+    pub fn mean(&self, state: usize, part: usize) -> Option<&[f64]> {
+        self.normals.mean(self.at(state, part)?)
+    }
+
+    /// Returns the covariance of a part, d × d values row after row whatever its type, or `None`
+    /// if the state or the part does not exist.
+    #[must_use]
+    pub fn covariance(&self, state: usize, part: usize) -> Option<Vec<f64>> {
+        self.normals.full_covariance(self.at(state, part)?)
+    }
+
+    /// Type of the covariances, full or diagonal.
+    #[must_use]
+    pub fn covariance_type(&self) -> CovarianceType {
+        self.normals.kind()
+    }
+
+    /// Means of all parts, as the constructors take them.
+    #[must_use]
+    pub fn means(&self) -> Vec<Vec<Vec<f64>>> {
+        self.normals.means().chunks(self.parts).map(<[_]>::to_vec).collect()
+    }
+
+    /// Covariances of all parts, as the constructor of their type takes them.
+    #[must_use]
+    pub fn covariances(&self) -> Vec<Vec<Vec<f64>>> {
+        self.normals.covariances().chunks(self.parts).map(<[_]>::to_vec).collect()
+    }
+
+    /// True if components may be missing.
+    #[must_use]
+    pub fn has_missing(&self) -> bool {
+        self.normals.has_missing()
+    }
+
+    /// The prior of learning, if there is one.
+    #[must_use]
+    pub fn prior(&self) -> Option<&GaussianPrior> {
+        self.prior.as_ref()
+    }
+
+    /// Position of a part among those of all states.
+    fn at(&self, state: usize, part: usize) -> Option<usize> {
+        (state < self.states() && part < self.parts).then_some(state * self.parts + part)
+    }
+
+    /// Writes ln w N(y; μ, Σ) of all parts to the start of `memory`.
+    #[inline]
+    fn logs<'a>(&self, y: &[f64], memory: &'a mut [Eight]) -> Result<&'a mut [f64], EmissionError> {
+        let result = self.normals.distances(y, memory);
+        result.map_err(|error| error.in_part(None, self.parts))?;
+        self.normals.logs(memory);
+        let logs = &mut memory.as_flattened_mut()[..self.weights.len()];
+        logs.iter_mut().zip(&self.log_weights).for_each(|(log, weight)| *log += weight);
+        Ok(logs)
+    }
+}
+
+/// Checks the weights of all states.
+fn check_weights(weights: &[f64], parts: usize) -> Result<(), EmissionError> {
+    for (state, weights) in weights.chunks_exact(parts).enumerate() {
+        let wrong = |what, component, value, expected| {
+            let state = Some(state);
+            Err(EmissionError::Parameter { what, state, component, value, expected })
+        };
+        if let Some(part) = weights.iter().position(|weight| *weight < 0.0) {
+            return wrong("weight", Some(part), weights[part], "a value of at least 0");
+        }
+        let sum: f64 = weights.iter().sum();
+        if (sum - 1.0).abs() > SUM_TOLERANCE {
+            return wrong("sum of the weights", None, sum, "1");
+        }
+    }
+    Ok(())
+}
+
+/// Checks parameters of the parts of each state, and returns them one after the other.
+fn of_parts<M: AsRef<[P]>, P>(
+    what: &'static str,
+    all: &[M],
+    [states, parts]: [usize; 2],
+    flatten: impl Fn(&[P]) -> Result<Vec<f64>, EmissionError>,
+) -> Result<Vec<f64>, EmissionError> {
+    let wrong = |state, found, expected| {
+        if found == expected {
+            return Ok(());
+        }
+        Err(EmissionError::Length { what, state, found, expected })
+    };
+    wrong(None, all.len(), states)?;
+    let mut flat = Vec::new();
+    for (state, rows) in all.iter().enumerate() {
+        wrong(Some(state), rows.as_ref().len(), parts)?;
+        flat.extend(flatten(rows.as_ref()).map_err(|error| error.in_part(Some(state), parts))?);
+    }
+    Ok(flat)
+}
+
+impl Likelihood for GaussianMixture {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.normals.count() / self.parts
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        y: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let states = self.states();
+        let values = scratch.values(self.normals.memory() * 8);
+        let logs = self.logs(y, eights(values))?;
+        for state in 0..states {
+            let parts = &logs[state * self.parts..][..self.parts];
+            let largest = parts.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            let sum: f64 = parts.iter().map(|log| (log - largest).exp()).sum();
+            // The parts of this state are read no more.
+            logs[state] = if largest == f64::NEG_INFINITY { largest } else { largest + sum.ln() };
+        }
+        Ok(Diagonal::log(&values[..states]))
+    }
+}
+
+impl SampleObservation for GaussianMixture {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        let first = state * self.parts;
+        let weights = self.weights[first..first + self.parts].iter().copied().enumerate();
+        self.normals.sample(first + index(weights, 1.0, rng), rng)
+    }
+}
+
+impl ReorderStates for GaussianMixture {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let m = self.parts;
+        let parts = order.iter().flat_map(|state| state * m..(state + 1) * m);
+        let parts: Vec<usize> = parts.collect();
+        let weights = parts.iter().map(|at| self.weights[*at]).collect();
+        Self::of(self.normals.select(&parts), m, weights, self.prior.clone())
+    }
+}

@@ -1,0 +1,358 @@
+//! Families whose components are independent of each other.
+
+use std::error::Error;
+
+use rand::Rng;
+
+use super::error::EmissionError;
+use super::univariate::Univariate;
+use crate::error::LikelihoodError;
+use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
+use crate::reorder::ReorderStates;
+
+/// A family of observations with d components that are independent of each other, given the
+/// state: for each state and component a distribution of one number.
+///
+/// Its instances are [`Bernoulli`](super::Bernoulli), [`Poisson`](super::Poisson),
+/// [`Gamma`](super::Gamma), [`LogNormal`](super::LogNormal) and [`VonMises`](super::VonMises); the
+/// distributions of their components are in [`univariate`](super::univariate).
+/// [`Univariate`] shows how to add one of your own.
+///
+/// # Missing components
+///
+/// NaN is an error, unless the family takes it as missing
+/// ([`with_missing`](Self::with_missing)): the component is then integrated out.
+///
+/// # Prior
+///
+/// Learning maximises the likelihood, unless there is a conjugate prior
+/// ([`with_prior`](Self::with_prior)). It is given as further observations: so many in each state, of which
+/// the distribution is known. Its density is proportional to exp(c E ln p(y | θ)), where the
+/// expectation is over observations y with the distribution of the prior, and c is their number,
+/// which need not be whole.
+///
+/// # Cost
+///
+/// A step costs O(n d), and allocates nothing. Memory: O(n d).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Independent<F> {
+    states: usize,
+    components: usize,
+    missing: bool,
+    /// Distribution of component c in state i at c n + i; in the same order the prior's, with its
+    /// number of observations.
+    parts: Vec<F>,
+    prior: Option<(Vec<F>, f64)>,
+}
+
+/// Returns the numbers of states and components of parameters with one row for each state.
+pub(super) fn shape<T, R: AsRef<[T]>>(
+    what: &'static str,
+    rows: &[R],
+) -> Result<(usize, usize), EmissionError> {
+    let (states, components) = (rows.len(), rows.first().map_or(0, |row| row.as_ref().len()));
+    if states == 0 || components == 0 {
+        return Err(EmissionError::Empty { states, components });
+    }
+    check_shape(what, rows, (states, components)).map(|()| (states, components))
+}
+
+/// Checks the numbers of states and components of further parameters.
+pub(super) fn check_shape<T, R: AsRef<[T]>>(
+    what: &'static str,
+    rows: &[R],
+    (states, components): (usize, usize),
+) -> Result<(), EmissionError> {
+    if rows.len() != states {
+        let (found, expected) = (rows.len(), states);
+        return Err(EmissionError::Length { what, state: None, found, expected });
+    }
+    for (state, row) in rows.iter().enumerate() {
+        let (found, expected) = (row.as_ref().len(), components);
+        if found != expected {
+            return Err(EmissionError::Length { what, state: Some(state), found, expected });
+        }
+    }
+    Ok(())
+}
+
+/// Adds state and component to the error of a distribution.
+pub(super) fn at(error: EmissionError, state: usize, component: Option<usize>) -> EmissionError {
+    let state = Some(state);
+    match error {
+        EmissionError::Parameter { what, value, expected, .. } => {
+            EmissionError::Parameter { what, state, component, value, expected }
+        }
+        EmissionError::TooFew { what, weight, reason, .. } => {
+            EmissionError::TooFew { state, component, what, weight, reason }
+        }
+        other => other,
+    }
+}
+
+impl<F> Independent<F> {
+    /// Creates a family from one row for each state, with the distribution of each component.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or components, or rows of different lengths.
+    pub fn from_rows<R: AsRef<[F]>>(rows: &[R]) -> Result<Self, EmissionError>
+    where
+        F: Clone,
+    {
+        let shape = shape("list of components", rows)?;
+        Self::build(shape, |state, component| Ok(rows[state].as_ref()[component].clone()))
+    }
+
+    /// Creates a family from the distribution of each state and component.
+    pub(super) fn build(
+        (states, components): (usize, usize),
+        part: impl Fn(usize, usize) -> Result<F, EmissionError>,
+    ) -> Result<Self, EmissionError> {
+        let mut parts = Vec::with_capacity(states * components);
+        for component in 0..components {
+            for state in 0..states {
+                parts.push(part(state, component).map_err(|e| at(e, state, Some(component)))?);
+            }
+        }
+        Ok(Self { states, components, missing: false, parts, prior: None })
+    }
+
+    /// Takes NaN as a missing component, which is integrated out in likelihoods and in learning.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { missing: true, ..self }
+    }
+
+    /// Adds a conjugate prior: learning proceeds as if each state had shown `count` more
+    /// observations, distributed as `prior`, a family with one state for all or as many states
+    /// as this.
+    ///
+    /// ```
+    /// use wayfix::emission::Poisson;
+    ///
+    /// // As if each state had shown half an observation more, with a mean of 5.
+    /// let events = Poisson::new(&[[3.0], [10.0]])?.with_prior(Poisson::new(&[[5.0]])?, 0.5)?;
+    /// # Ok::<(), wayfix::emission::EmissionError>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if the prior has another number of states or components, or `count` is
+    /// not a finite value above 0.
+    pub fn with_prior(self, prior: Self, count: f64) -> Result<Self, EmissionError>
+    where
+        F: Clone,
+    {
+        let (n, components) = (self.states, self.components);
+        if prior.components != components {
+            let (found, expected) = (prior.components, components);
+            let what = "list of components of the prior";
+            return Err(EmissionError::Length { what, state: None, found, expected });
+        }
+        if prior.states != 1 && prior.states != n {
+            let (what, found, expected) = ("list of states of the prior", prior.states, n);
+            return Err(EmissionError::Length { what, state: None, found, expected });
+        }
+        if !(count > 0.0 && count.is_finite()) {
+            let (what, expected) =
+                ("number of observations of the prior", "a finite value above 0");
+            let (state, component) = (None, None);
+            return Err(EmissionError::Parameter {
+                what,
+                state,
+                component,
+                value: count,
+                expected,
+            });
+        }
+        let parts = if prior.states == n {
+            prior.parts
+        } else {
+            prior.parts.iter().flat_map(|part| vec![part.clone(); n]).collect()
+        };
+        Ok(Self { prior: Some((parts, count)), ..self })
+    }
+
+    /// Number of components of an observation, d.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.components
+    }
+
+    /// True if NaN is a missing component.
+    #[must_use]
+    pub fn takes_missing(&self) -> bool {
+        self.missing
+    }
+
+    /// Distribution of a component in a state, or `None` if either does not exist.
+    #[must_use]
+    pub fn component(&self, state: usize, component: usize) -> Option<&F> {
+        self.parts.chunks_exact(self.states).nth(component)?.get(state)
+    }
+
+    /// The prior, with one distribution for each state, and its number of observations.
+    #[must_use]
+    pub fn prior(&self) -> Option<(Self, f64)>
+    where
+        F: Clone,
+    {
+        let &Self { states, components, ref prior, .. } = self;
+        let (parts, count) = prior.clone()?;
+        Some((Self { states, components, missing: false, parts, prior: None }, count))
+    }
+
+    /// One row for each state, with a value of each of its distributions.
+    pub(super) fn rows(&self, value: impl Fn(&F) -> f64) -> Vec<Vec<f64>> {
+        let row = |state| self.parts[state..].iter().step_by(self.states).map(&value).collect();
+        (0..self.states).map(row).collect()
+    }
+
+    /// Returns the family as it was stored.
+    #[cfg(feature = "serde")]
+    pub(crate) fn restored(
+        self,
+        missing: bool,
+        prior: Option<(Self, f64)>,
+    ) -> Result<Self, EmissionError>
+    where
+        F: Clone,
+    {
+        let family = Self { missing, ..self };
+        match prior {
+            Some((prior, count)) => family.with_prior(prior, count),
+            None => Ok(family),
+        }
+    }
+}
+
+impl<F: Univariate> Independent<F> {
+    /// Calls a function for each component that is not missing, with its number, its observation
+    /// and its distributions in all states.
+    fn visit(
+        &self,
+        observation: &[f64],
+        mut then: impl FnMut(usize, F::Point, &[F]),
+    ) -> Result<(), EmissionError> {
+        let (found, expected) = (observation.len(), self.components);
+        if found != expected {
+            return Err(EmissionError::Components { found, expected });
+        }
+        let parts = self.parts.chunks_exact(self.states);
+        for (component, (&value, parts)) in observation.iter().zip(parts).enumerate() {
+            if value.is_nan() && self.missing {
+                continue;
+            }
+            let point = if value.is_nan() { None } else { F::point(value) };
+            let expected = F::VALUES;
+            let error = EmissionError::Observation { component, value, expected };
+            then(component, point.ok_or(error)?, parts);
+        }
+        Ok(())
+    }
+}
+
+impl<F: Univariate> Likelihood for Independent<F> {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let logs = scratch.values(self.states);
+        logs.fill(0.0);
+        self.visit(observation, |_, point, parts| {
+            logs.iter_mut().zip(parts).for_each(|(log, part)| *log += part.log_density(&point));
+        })?;
+        Ok(Diagonal::log(logs))
+    }
+}
+
+impl<F: Univariate> SampleObservation for Independent<F> {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        self.parts[state..].iter().step_by(self.states).map(|part| part.draw(rng)).collect()
+    }
+}
+
+impl<F: Univariate> LearnLikelihood for Independent<F> {
+    /// Sums of component c in state i, at c n + i.
+    type Statistics = Vec<F::Sums>;
+
+    fn statistics(&self) -> Vec<F::Sums> {
+        vec![F::Sums::default(); self.parts.len()]
+    }
+
+    /// Adds one observation; one for which there is no [`diagonal`](Likelihood::diagonal) adds
+    /// nothing from its first invalid component on.
+    fn add(&self, statistics: &mut Vec<F::Sums>, observation: &[f64], posterior: &[f64]) {
+        let n = self.states;
+        let _ = self.visit(observation, |component, point, parts| {
+            let sums = &mut statistics[component * n..];
+            for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
+                if weight > 0.0 {
+                    part.add(sums, &point, weight);
+                }
+            }
+        });
+    }
+
+    fn merge(&self, statistics: &mut Vec<F::Sums>, other: &Vec<F::Sums>) {
+        for (sums, other) in statistics.iter_mut().zip(other) {
+            let sums = sums.as_mut().iter_mut();
+            sums.zip(other.as_ref()).for_each(|(sum, other)| *sum += other);
+        }
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &Vec<F::Sums>,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let maximize = |(index, part): (usize, &F)| {
+            let mut sums = statistics[index].clone();
+            if let Some((prior, count)) = &self.prior {
+                part.add_expected(&mut sums, &prior[index], *count);
+            }
+            part.add_pseudo_count(&mut sums, pseudo_count);
+            if sums.as_ref()[0] < f64::MIN_POSITIVE {
+                return Ok(part.clone());
+            }
+            let (component, state) = (index / self.states, index % self.states);
+            part.maximize(&sums).map_err(|error| at(error, state, Some(component)))
+        };
+        let parts = self.parts.iter().enumerate().map(maximize).collect::<Result<_, _>>()?;
+        Ok(Self { parts, prior: self.prior.clone(), ..*self })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        let from_counts: f64 = self.parts.iter().map(|part| part.log_prior(pseudo_count)).sum();
+        let prior = self.prior.iter().flat_map(|(prior, count)| {
+            let parts = self.parts.iter().zip(prior);
+            parts.map(move |(part, prior)| count * part.expected_log_density(prior))
+        });
+        from_counts + prior.sum::<f64>()
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.parts.iter().map(Univariate::free_parameters).sum()
+    }
+}
+
+impl<F: Clone> ReorderStates for Independent<F> {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let reordered = |parts: &[F]| {
+            let components = parts.chunks_exact(self.states);
+            components.flat_map(|part| order.iter().map(|&state| part[state].clone())).collect()
+        };
+        let prior = self.prior.as_ref().map(|(parts, count)| (reordered(parts), *count));
+        Self { parts: reordered(&self.parts), prior, ..*self }
+    }
+}

@@ -1,0 +1,407 @@
+//! Linear regression on an input.
+
+mod learn;
+
+use rand::Rng;
+
+use super::EmissionError;
+use super::gaussian::flatten_covariances;
+use super::normal::{CovarianceType, Differences, GaussianPrior, Normals, eights, flatten};
+use crate::error::LikelihoodError;
+use crate::kernels::{Eight, LANES, Simd};
+use crate::likelihood::{Diagonal, Likelihood, Scratch};
+use crate::reorder::ReorderStates;
+
+pub use learn::LinearRegressionStatistics;
+
+/// Outputs that are linear in an input, with Gaussian noise: in each state y = B x + c + noise. An
+/// observation is a row with the p numbers of the input x and then the d numbers of the output y.
+///
+/// With the coefficients B (d × p), the intercept c and the covariance Σ of a state's noise, full
+/// or diagonal, the density is that of the output given the input,
+///
+/// ```text
+/// p(y | x) = (2π)^(−d/2) det(Σ)^(−1/2) exp(−½ (y − B x − c)' Σ⁻¹ (y − B x − c)).
+/// ```
+///
+/// Inputs have no distribution: nothing can be simulated by
+/// [`Hmm::simulate`](crate::Hmm::simulate), but [`sample`](Self::sample) draws an output for an
+/// input.
+///
+/// Learning is weighted least squares in closed form (Quandt and Ramsey 1978; Hamilton 1989 for
+/// states that follow a Markov chain). Inputs of a state that do not vary in all directions are an
+/// error, unless there is [a ridge](Self::with_ridge). A step takes O(n d (p + d)), eight states
+/// side by side, and allocates nothing; its statistics O(n (p + d)²).
+///
+/// [Missing components](Self::with_missing) of the output are integrated out; inputs must be
+/// complete.
+///
+/// ```
+/// use wayfix::emission::{LinearRegression, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // One input and one output: y = x in state 0, y = -x in state 1.
+/// let rows = [1.0, 1.1, 2.0, 1.9, 3.0, 3.1, 4.0, 3.9, 1.0, -1.1, 2.0, -1.9, 3.0, -3.1, 4.0, -4.0];
+/// let family =
+///     LinearRegression::diagonal(&[[0.5], [-0.5]], &[[0.0], [0.0]], &[[1.0], [1.0]])?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.8, 0.2], [0.2, 0.8]])?,
+///     family,
+/// )?;
+/// let learned = hmm.learn(&[Rows::new(&rows, 2)?], &LearningOptions::default())?;
+/// let found = learned.model().likelihood();
+/// assert!((found.coefficients(0).unwrap()[0] - 1.0).abs() < 0.1);
+/// assert!((found.coefficients(1).unwrap()[0] + 1.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
+/// # Autoregressive Gaussians
+///
+/// With the observations before as the input, from [`Rows::lagged`](super::Rows::lagged), this is
+/// the autoregressive Gaussian of some order: B has d × (order · d) coefficients, those of the
+/// oldest observation first.
+///
+/// ```
+/// use wayfix::emission::{LinearRegression, Rows};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // One state, in which each value is half the one before, and one more.
+/// let values = [8.0, 5.1, 3.4, 2.8, 2.5, 2.2, 2.0, 2.1, 2.0];
+/// let family = LinearRegression::diagonal(&[[0.0]], &[[0.0]], &[[1.0]])?;
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(1)?),
+///     DenseTransition::from_rows(&[[1.0]])?,
+///     family,
+/// )?;
+/// let rows = Rows::new(&values, 1)?.lagged(1)?;
+/// let learned = hmm.learn(&[rows], &LearningOptions::default())?;
+/// let found = learned.model().likelihood();
+/// assert!((found.coefficients(0).unwrap()[0] - 0.5).abs() < 0.05);
+/// assert!((found.intercept(0).unwrap()[0] - 1.0).abs() < 0.1);
+/// assert!((found.predict(0, &[4.0])?[0] - 3.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct LinearRegression {
+    /// Noise: its means are 0.
+    noise: Normals,
+    inputs: usize,
+    /// Intercept and coefficients of each output, in one row for each state.
+    lines: Vec<f64>,
+    /// The same in blocks of eight states.
+    blocks: Vec<Eight>,
+    ridge: f64,
+    prior: Option<GaussianPrior>,
+}
+
+impl LinearRegression {
+    /// Creates a family with the variances of each state's noise: for each state d × p
+    /// coefficients, row after row, d intercepts and d variances.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] without states, inputs or outputs, for a wrong length, a value that is
+    /// not finite, or a variance that is not above 2.2e-308.
+    pub fn diagonal<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        coefficients: &[M],
+        intercepts: &[C],
+        variances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Diagonal, coefficients, intercepts, variances)
+    }
+
+    /// Creates a family with a covariance of each state's noise: for each state d × p
+    /// coefficients, row after row, d intercepts and d × d covariances, row after row.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
+    /// symmetric within 1e-9 and positive definite.
+    pub fn full<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        coefficients: &[M],
+        intercepts: &[C],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        Self::new(CovarianceType::Full, coefficients, intercepts, covariances)
+    }
+
+    pub(crate) fn new<M: AsRef<[f64]>, C: AsRef<[f64]>, V: AsRef<[f64]>>(
+        kind: CovarianceType,
+        coefficients: &[M],
+        intercepts: &[C],
+        covariances: &[V],
+    ) -> Result<Self, EmissionError> {
+        let states = intercepts.len();
+        let d = intercepts.first().map_or(0, |first| first.as_ref().len());
+        let first = coefficients.first().map_or(0, |first| first.as_ref().len());
+        let p = first.checked_div(d).unwrap_or(0);
+        if states == 0 || p == 0 {
+            return Err(EmissionError::Empty { states, components: d.min(p) });
+        }
+        for (what, found) in [
+            ("list of coefficients", coefficients.len()),
+            ("list of covariances", covariances.len()),
+        ] {
+            if found != states {
+                let (state, expected) = (None, states);
+                return Err(EmissionError::Length { what, state, found, expected });
+            }
+        }
+        let coefficients = flatten("list of coefficients", coefficients, d * p)?;
+        let intercepts = flatten("intercept", intercepts, d)?;
+        let covariances = flatten_covariances(kind, covariances, d)?;
+        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, false)?;
+        let each = coefficients.chunks_exact(p).zip(&intercepts);
+        let lines = each.flat_map(|(slopes, c)| [*c].into_iter().chain(slopes.iter().copied()));
+        Ok(Self::of(noise, p, lines.collect(), 0.0, None))
+    }
+
+    fn of(
+        noise: Normals,
+        inputs: usize,
+        lines: Vec<f64>,
+        ridge: f64,
+        prior: Option<GaussianPrior>,
+    ) -> Self {
+        let each = noise.components() * (1 + inputs);
+        let mut blocks = vec![Eight::default(); noise.blocks() * each];
+        for (at, line) in lines.chunks_exact(each).enumerate() {
+            for (k, value) in line.iter().enumerate() {
+                blocks[at / LANES * each + k][at % LANES] = *value;
+            }
+        }
+        Self { noise, inputs, lines, blocks, ridge, prior }
+    }
+
+    /// Returns the family with missing components of the output, given as NaN. They are integrated
+    /// out. Without this, a NaN is an error.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { noise: self.noise.with_missing(), ..self }
+    }
+
+    /// Returns the family with a prior of the coefficients: −½ λ tr(B' Σ⁻¹ B) is added to the
+    /// logarithm of its density, which draws B to 0 (intercepts are free). 0 by default.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless λ is finite and not negative.
+    pub fn with_ridge(self, lambda: f64) -> Result<Self, EmissionError> {
+        if lambda >= 0.0 && lambda.is_finite() {
+            return Ok(Self { ridge: lambda, ..self });
+        }
+        let (what, expected) = ("ridge", "a finite value of at least 0");
+        let (state, component) = (None, None);
+        Err(EmissionError::Parameter { what, state, component, value: lambda, expected })
+    }
+
+    /// Returns the family with a prior of the noise, for learning: ν and Ψ of a [`GaussianPrior`],
+    /// whose mean plays no part. By default there is none.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Length`] if the prior has another number of components than the output.
+    pub fn with_noise_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
+        prior.check_components(self.outputs())?;
+        Ok(Self { prior: Some(GaussianPrior { mean_weight: 0.0, ..prior }), ..self })
+    }
+
+    /// Number of components of the input, p.
+    #[must_use]
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// Number of components of the output, d.
+    #[must_use]
+    pub fn outputs(&self) -> usize {
+        self.noise.components()
+    }
+
+    /// Type of the noise's covariances, full or diagonal.
+    #[must_use]
+    pub fn covariance_type(&self) -> CovarianceType {
+        self.noise.kind()
+    }
+
+    /// Returns the coefficients of a state, d × p values row after row, or `None` if it does not
+    /// exist.
+    #[must_use]
+    pub fn coefficients(&self, state: usize) -> Option<Vec<f64>> {
+        let lines = self.lines_of(state)?.chunks_exact(1 + self.inputs);
+        Some(lines.flat_map(|line| line[1..].to_vec()).collect())
+    }
+
+    /// Returns the intercept of a state, d values, or `None` if it does not exist.
+    #[must_use]
+    pub fn intercept(&self, state: usize) -> Option<Vec<f64>> {
+        Some(self.lines_of(state)?.iter().step_by(1 + self.inputs).copied().collect())
+    }
+
+    /// Returns the covariance of a state's noise, d × d values row after row whatever its type,
+    /// or `None` if the state does not exist.
+    #[must_use]
+    pub fn covariance(&self, state: usize) -> Option<Vec<f64>> {
+        self.noise.full_covariance(state)
+    }
+
+    /// Covariances as the constructor of their type takes them.
+    #[must_use]
+    pub fn covariances(&self) -> Vec<Vec<f64>> {
+        self.noise.covariances()
+    }
+
+    /// True if components of the output may be missing.
+    #[must_use]
+    pub fn has_missing(&self) -> bool {
+        self.noise.has_missing()
+    }
+
+    /// The ridge λ.
+    #[must_use]
+    pub fn ridge(&self) -> f64 {
+        self.ridge
+    }
+
+    /// The prior of the noise, if there is one.
+    #[must_use]
+    pub fn noise_prior(&self) -> Option<&GaussianPrior> {
+        self.prior.as_ref()
+    }
+
+    /// Expected output in a state, B x + c.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if the input does not have p finite components, or
+    /// [`EmissionError::Length`] if the state does not exist.
+    pub fn predict(&self, state: usize, input: &[f64]) -> Result<Vec<f64>, EmissionError> {
+        let Some(lines) = self.lines_of(state) else {
+            let (found, expected) = (state, self.noise.count());
+            let what = "number of states up to the one asked for";
+            return Err(EmissionError::Length { what, state: None, found: found + 1, expected });
+        };
+        self.check_input(input, self.inputs)?;
+        Ok(lines.chunks_exact(1 + self.inputs).map(|line| predicted(line, input)).collect())
+    }
+
+    /// Draws an output for an input in a state.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] as [`predict`](Self::predict).
+    pub fn sample<R: Rng + ?Sized>(
+        &self,
+        state: usize,
+        input: &[f64],
+        rng: &mut R,
+    ) -> Result<Vec<f64>, EmissionError> {
+        let mut output = self.predict(state, input)?;
+        let noise = self.noise.sample(state, rng);
+        output.iter_mut().zip(noise).for_each(|(y, noise)| *y += noise);
+        Ok(output)
+    }
+
+    fn lines_of(&self, state: usize) -> Option<&[f64]> {
+        self.lines.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
+    }
+
+    fn check_input(&self, input: &[f64], expected: usize) -> Result<(), EmissionError> {
+        let found = input.len();
+        if found != expected {
+            return Err(EmissionError::Components { found, expected });
+        }
+        match input.iter().take(self.inputs).position(|x| !x.is_finite()) {
+            None => Ok(()),
+            Some(component) => {
+                let (value, expected) = (input[component], "a finite value, as all of the input");
+                Err(EmissionError::Observation { component, value, expected })
+            }
+        }
+    }
+
+    /// Checks a row, and returns its output and the number of that one's components that are not
+    /// missing.
+    #[inline]
+    fn output<'a>(&self, row: &'a [f64]) -> Result<(&'a [f64], usize), EmissionError> {
+        self.check_input(row, self.inputs + self.outputs())?;
+        let output = &row[self.inputs..];
+        let observed = self.noise.check(output).map_err(|error| match error {
+            EmissionError::Observation { component, value, expected } => {
+                let component = component + self.inputs;
+                EmissionError::Observation { component, value, expected }
+            }
+            other => other,
+        })?;
+        Ok((output, observed))
+    }
+
+    fn differences<'a>(&'a self, row: &'a [f64]) -> FromLines<'a> {
+        FromLines { row, inputs: self.inputs, lines: &self.blocks }
+    }
+}
+
+/// Output of a line, an intercept with slopes.
+fn predicted(line: &[f64], input: &[f64]) -> f64 {
+    line[0] + line[1..].iter().zip(input).map(|(slope, x)| slope * x).sum::<f64>()
+}
+
+/// Differences of outputs from their expectations; 0 for missing ones.
+struct FromLines<'a> {
+    row: &'a [f64],
+    inputs: usize,
+    lines: &'a [Eight],
+}
+
+impl Differences for FromLines<'_> {
+    #[inline(always)]
+    fn write<S: Simd>(&self, s: S, block: usize, out: &mut [Eight]) {
+        let (input, output) = self.row.split_at(self.inputs);
+        let width = 1 + self.inputs;
+        let lines = &self.lines[block * width * out.len()..];
+        for ((out, &y), line) in out.iter_mut().zip(output).zip(lines.chunks_exact(width)) {
+            if y.is_nan() {
+                *out = Eight::default();
+                continue;
+            }
+            let mut rest = s.sub(s.splat(y), s.load(&line[0]));
+            for (slope, &x) in line[1..].iter().zip(input) {
+                rest = s.sub(rest, s.mul(s.load(slope), s.splat(x)));
+            }
+            s.store(rest, out);
+        }
+    }
+}
+
+impl Likelihood for LinearRegression {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.noise.count()
+    }
+
+    #[inline]
+    fn diagonal<'a>(
+        &'a self,
+        row: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let values = scratch.values(self.noise.memory() * 8);
+        let memory = eights(values);
+        let (output, observed) = self.output(row)?;
+        self.noise.distances_from(&self.differences(row), output, observed, memory)?;
+        self.noise.logs(memory);
+        Ok(Diagonal::log(&values[..self.noise.count()]))
+    }
+}
+
+impl ReorderStates for LinearRegression {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let lines = order.iter().flat_map(|state| self.lines_of(*state).expect("it exists"));
+        let noise = self.noise.select(order);
+        Self::of(noise, self.inputs, lines.copied().collect(), self.ridge, self.prior.clone())
+    }
+}

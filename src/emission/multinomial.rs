@@ -1,0 +1,299 @@
+//! Counts of several kinds in a number of trials.
+
+use std::error::Error;
+
+use rand::Rng;
+use rand_distr::{Binomial, Distribution};
+
+use super::error::EmissionError;
+use super::independent::shape;
+use super::univariate::Count;
+use crate::belief::SUM_TOLERANCE;
+use crate::error::LikelihoodError;
+use crate::kernels;
+use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
+use crate::reorder::ReorderStates;
+
+/// Number of trials from which on a probability is computed by distances from the expected counts:
+/// the terms of the plain sum would lose digits.
+const MANY: f64 = 64.0;
+
+/// Counts of d kinds of outcomes: how often each occurred in the trials of a step, such as the
+/// words of a document.
+///
+/// p(y) = N! Π_c p_c^{y_c} / y_c!, of whole numbers y_c ≥ 0; the number of trials, N = Σ y_c, is that of the row, at
+/// most 2^53, and may differ from row to row. With one trial a step it is a
+/// [table](crate::TableLikelihood). Learning sets the probabilities to the weighted shares of the
+/// counts.
+///
+/// The pseudo-count of the [sensor](crate::inference::LearningOptions::likelihood_pseudo_count) is
+/// added to the count of each outcome, as in a table: a Dirichlet prior, under which
+/// probabilities of 0 stay 0.
+///
+/// A row of which one count is missing has no number of trials; but a whole row may be missing
+/// ([`with_missing`](Self::with_missing)).
+///
+/// A step costs O(n d). Memory: O(n d).
+///
+/// ```
+/// use wayfix::emission::Multinomial;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     // Cars, bicycles and lorries, in town and on the motorway.
+///     Multinomial::new(&[[0.5, 0.4, 0.1], [0.7, 0.0, 0.3]])?,
+/// )?;
+/// let seen = [[5.0, 3.0, 1.0], [2.0, 1.0, 0.0], [9.0, 0.0, 4.0]];
+/// assert_eq!(hmm.viterbi(&seen)?.states(), [0, 0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Multinomial {
+    states: usize,
+    missing: bool,
+    trials: u64,
+    /// Probability of outcome c in state i at c n + i, and its logarithm.
+    probabilities: Vec<f64>,
+    logs: Vec<f64>,
+    /// Sum of each state's probabilities, less 1.
+    above_one: Vec<f64>,
+}
+
+impl Multinomial {
+    /// Creates a family from one row for each state, with the probability of each outcome.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or outcomes, for rows of different lengths, a
+    /// probability that is not from 0 to 1, or a row that does not sum to one within 1e-9.
+    pub fn new<R: AsRef<[f64]>>(probabilities: &[R]) -> Result<Self, EmissionError> {
+        let (states, components) = shape("list of probabilities", probabilities)?;
+        let mut columns = vec![0.0; states * components];
+        let mut above_one = Vec::with_capacity(states);
+        for (i, row) in probabilities.iter().enumerate() {
+            let row = row.as_ref();
+            for (c, &value) in row.iter().enumerate() {
+                if !(0.0..=1.0 + SUM_TOLERANCE).contains(&value) {
+                    let (state, component) = (Some(i), Some(c));
+                    let (what, expected) = ("probability", "a value from 0 to 1");
+                    return Err(EmissionError::Parameter {
+                        what,
+                        state,
+                        component,
+                        value,
+                        expected,
+                    });
+                }
+                columns[c * states + i] = value;
+            }
+            let value = kernels::sum(row);
+            if (value - 1.0).abs() > SUM_TOLERANCE {
+                let (state, component) = (Some(i), None);
+                let (what, expected) = ("sum of probabilities", "1");
+                return Err(EmissionError::Parameter { what, state, component, value, expected });
+            }
+            above_one.push(value - 1.0);
+        }
+        Ok(Self::from_columns(columns, above_one))
+    }
+
+    /// Creates a family from valid probabilities, outcome by outcome.
+    fn from_columns(probabilities: Vec<f64>, above_one: Vec<f64>) -> Self {
+        let logs = probabilities.iter().map(|p| p.ln()).collect();
+        let states = above_one.len();
+        Self { states, missing: false, trials: 1, probabilities, logs, above_one }
+    }
+
+    /// Takes a row of NaN alone as a missing observation.
+    #[must_use]
+    pub fn with_missing(self) -> Self {
+        Self { missing: true, ..self }
+    }
+
+    /// Sets the number of trials of rows that are drawn: 1 by default. Observations may have any.
+    #[must_use]
+    pub fn with_trials(self, trials: u32) -> Self {
+        Self { trials: trials.into(), ..self }
+    }
+
+    /// Number of outcomes, d.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.probabilities.len() / self.states
+    }
+
+    /// True if a row of NaN alone is a missing observation.
+    #[must_use]
+    pub fn takes_missing(&self) -> bool {
+        self.missing
+    }
+
+    /// Number of trials of rows that are drawn.
+    #[must_use]
+    pub fn trials(&self) -> u32 {
+        self.trials as u32
+    }
+
+    /// Returns one row for each state, as [`new`](Self::new) takes them.
+    #[must_use]
+    pub fn probabilities(&self) -> Vec<Vec<f64>> {
+        let row = |i| self.probabilities[i..].iter().step_by(self.states).copied().collect();
+        (0..self.states).map(row).collect()
+    }
+
+    /// Returns the family as it was stored.
+    #[cfg(feature = "serde")]
+    pub(crate) fn restored(self, missing: bool, trials: u32) -> Self {
+        Self { missing, trials: trials.into(), ..self }
+    }
+
+    /// Returns the number of trials of a valid row, or `None` if it is missing.
+    fn check(&self, observation: &[f64]) -> Result<Option<Count>, EmissionError> {
+        let (found, expected) = (observation.len(), self.components());
+        if found != expected {
+            return Err(EmissionError::Components { found, expected });
+        }
+        if self.missing && observation.iter().all(|y| y.is_nan()) {
+            return Ok(None);
+        }
+        let refused = |(component, &value): (usize, &f64), expected| {
+            Err(EmissionError::Observation { component, value, expected })
+        };
+        let mut trials = 0.0;
+        for entry in observation.iter().enumerate() {
+            if Count::new(*entry.1).is_none() {
+                return refused(entry, "a whole number from 0 to 2^53");
+            }
+            trials += entry.1;
+            if Count::new(trials).is_none() {
+                return refused(entry, "counts with a sum of up to 2^53");
+            }
+        }
+        Ok(Count::new(trials))
+    }
+}
+
+impl Likelihood for Multinomial {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        observation: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let n = self.states;
+        let logs = scratch.values(n);
+        logs.fill(0.0);
+        let Some(trials) = self.check(observation)? else { return Ok(Diagonal::log(logs)) };
+        let number = trials.value();
+        let (whole, rest) = trials.ln_factorial();
+        let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
+        for (&value, (ps, ln_ps)) in observation.iter().zip(parts) {
+            let Some(count) = Count::new(value) else { continue };
+            let parts = logs.iter_mut().zip(ps.iter().zip(ln_ps));
+            if number >= MANY {
+                // Poisson counts, given their sum, are multinomial.
+                let ln = number.ln();
+                parts.for_each(|(log, (p, ln_p))| {
+                    *log += count.log_probability(number * p, ln + ln_p);
+                });
+            } else if value > 0.0 {
+                let ln_factorial = count.ln_factorial().0;
+                parts.for_each(|(log, (_, ln_p))| *log += value * ln_p - ln_factorial);
+            }
+        }
+        if number >= MANY {
+            let above = logs.iter_mut().zip(&self.above_one);
+            above.for_each(|(log, above)| *log += rest + number * above);
+        } else {
+            logs.iter_mut().for_each(|log| *log += whole);
+        }
+        Ok(Diagonal::log(logs))
+    }
+}
+
+impl SampleObservation for Multinomial {
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        let (mut trials, mut share) = (self.trials, 1.0 + self.above_one[state]);
+        let row = || self.probabilities[state..].iter().step_by(self.states);
+        // Rounding leaves something of the share to nobody, but the last possible outcome takes
+        // all trials that are left.
+        let last = row().rposition(|p| *p > 0.0);
+        let draw = |(outcome, &p): (usize, &f64)| {
+            let part = if Some(outcome) == last { 1.0 } else { (p / share).clamp(0.0, 1.0) };
+            let count = Binomial::new(trials, part).map_or(0, |counts| counts.sample(rng));
+            trials -= count;
+            share = f64::max(share - p, 0.0);
+            count as f64
+        };
+        row().enumerate().map(draw).collect()
+    }
+}
+
+impl LearnLikelihood for Multinomial {
+    /// Expected counts of outcome c in state i, at c n + i.
+    type Statistics = Vec<f64>;
+
+    fn statistics(&self) -> Vec<f64> {
+        vec![0.0; self.probabilities.len()]
+    }
+
+    /// Adds one observation; nothing if it is invalid.
+    fn add(&self, statistics: &mut Vec<f64>, observation: &[f64], posterior: &[f64]) {
+        if let Ok(Some(_)) = self.check(observation) {
+            for (sums, y) in statistics.chunks_exact_mut(self.states).zip(observation) {
+                sums.iter_mut().zip(posterior).for_each(|(sum, p)| *sum += p * y);
+            }
+        }
+    }
+
+    fn merge(&self, statistics: &mut Vec<f64>, other: &Vec<f64>) {
+        statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &Vec<f64>,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let row = |(i, old): (usize, Vec<f64>)| {
+            let seen = statistics[i..].iter().step_by(self.states).zip(&old);
+            let weight = |(seen, p): (&f64, &f64)| if *p > 0.0 { seen + pseudo_count } else { 0.0 };
+            let weights: Vec<f64> = seen.map(weight).collect();
+            let sum: f64 = weights.iter().sum();
+            if sum < f64::MIN_POSITIVE { old } else { weights.iter().map(|w| w / sum).collect() }
+        };
+        let rows: Vec<_> = self.probabilities().into_iter().enumerate().map(row).collect();
+        Ok(Self { missing: self.missing, trials: self.trials, ..Self::new(&rows)? })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        if pseudo_count == 0.0 {
+            return 0.0;
+        }
+        let possible = self.logs.iter().filter(|log| **log > f64::NEG_INFINITY);
+        pseudo_count * possible.sum::<f64>()
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.probabilities.iter().filter(|p| **p > 0.0).count() - self.states
+    }
+}
+
+impl ReorderStates for Multinomial {
+    fn reordered(&self, order: &[usize]) -> Self {
+        let columns = self.probabilities.chunks_exact(self.states);
+        let columns = columns.flat_map(|column| order.iter().map(|&i| column[i])).collect();
+        let above_one = order.iter().map(|&i| self.above_one[i]).collect();
+        let (missing, trials) = (self.missing, self.trials);
+        Self { missing, trials, ..Self::from_columns(columns, above_one) }
+    }
+}

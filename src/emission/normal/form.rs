@@ -1,0 +1,75 @@
+//! Forms of covariances.
+
+use super::lanes::packed;
+
+/// Form of the covariances of a Gaussian family.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum CovarianceType {
+    /// One variance for all components, for each state.
+    Spherical,
+    /// One variance for each component and state.
+    Diagonal,
+    /// A symmetric matrix for each state.
+    Full,
+    /// One symmetric matrix for all states.
+    Tied,
+}
+
+impl CovarianceType {
+    /// Number of values of a covariance in d dimensions.
+    pub(in super::super) fn values(self, d: usize) -> usize {
+        match self {
+            Self::Spherical => 1,
+            Self::Diagonal => d,
+            Self::Full | Self::Tied => d * d,
+        }
+    }
+
+    /// Number of values of a covariance that may be chosen freely.
+    pub(in super::super) fn free(self, d: usize) -> usize {
+        match self {
+            Self::Full | Self::Tied => d * (d + 1) / 2,
+            other => other.values(d),
+        }
+    }
+
+    pub(super) fn shape(self) -> Shape {
+        match self {
+            Self::Spherical | Self::Diagonal => Shape::Diagonal,
+            Self::Full | Self::Tied => Shape::Triangular,
+        }
+    }
+
+    /// Name of a value of a covariance in errors.
+    pub(super) fn name(self) -> &'static str {
+        if self.shape() == Shape::Diagonal { "variance" } else { "covariance" }
+    }
+}
+
+/// Entries that are kept of a matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in super::super) enum Shape {
+    Diagonal,
+    Triangular,
+}
+
+impl Shape {
+    /// Number of entries in d dimensions.
+    #[inline(always)]
+    pub(in super::super) fn entries(self, d: usize) -> usize {
+        match self {
+            Self::Diagonal => d,
+            Self::Triangular => d * (d + 1) / 2,
+        }
+    }
+
+    /// Number of an entry; of a diagonal one, if only these are kept.
+    pub(in super::super) fn entry(self, i: usize, j: usize) -> usize {
+        match self {
+            Self::Diagonal => i,
+            Self::Triangular => packed(i, j),
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Maximum of the expected log-likelihood of normal densities, with its prior.
+
+use super::super::EmissionError;
+use super::{CovarianceType, GaussianPrior, Moments, Normals, Shape, check_covariances};
+
+const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";
+
+impl Normals {
+    /// Returns the densities that fit the moments best. Covariances are divided by `counts`, d for
+    /// each density, if these are not the weights of the moments.
+    pub(in super::super) fn maximize(
+        &self,
+        moments: &Moments,
+        counts: Option<&[f64]>,
+        prior: Option<&GaussianPrior>,
+    ) -> Result<Self, EmissionError> {
+        let (d, count) = (self.d, self.count());
+        let (kappa, nu) = prior.map_or((0.0, 0.0), |p| (p.mean_weight, p.covariance_weight));
+        let origin = |c: usize| prior.map_or(0.0, |p| p.mean[c]);
+        let scale = |i: usize, j: usize| prior.map_or(0.0, |p| p.scale[i * d + j]);
+        let weight = |at: usize, c: usize| moments.weight(at, c);
+        let counted =
+            |at: usize, c: usize| counts.map_or(weight(at, c), |counts| counts[at * d + c]);
+        let known = |at: usize, c: usize| weight(at, c) >= f64::MIN_POSITIVE;
+
+        // Changes of the means, 0 without observations.
+        let change = |at: usize, c: usize| {
+            if !known(at, c) {
+                return 0.0;
+            }
+            let (weight, old) = (weight(at, c), self.means[at * d + c]);
+            // Exactly the mean without a prior.
+            let (seen, share) = (moments.mean(at, c), kappa / (kappa + weight));
+            seen + share * (origin(c) - old - seen)
+        };
+        let changes: Vec<f64> = (0..count * d).map(|k| change(k / d, k % d)).collect();
+        let means: Vec<f64> = self.means.iter().zip(&changes).map(|(m, c)| m + c).collect();
+        // S + N (m − μ)(m − μ)' + κ (μ − μ0)(μ − μ0)'
+        let scatter = |at: usize, i: usize, j: usize| {
+            let from = |c: usize| means[at * d + c] - origin(c);
+            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c];
+            let about_prior = if kappa == 0.0 { 0.0 } else { kappa * from(i) * from(j) };
+            let about_mean = if known(at, i) {
+                let shift = if kappa == 0.0 { 0.0 } else { weight(at, i) * moved(i) * moved(j) };
+                moments.scatter(at, i, j) + shift
+            } else {
+                0.0
+            };
+            about_mean + about_prior
+        };
+        let mut covariances = self.covariances.clone();
+        let each = self.kind.values(d);
+        let all_of = |at: usize| (0..d).map(move |c| counted(at, c)).sum::<f64>();
+        for (position, value) in covariances.iter_mut().enumerate() {
+            let at = position / each;
+            // The same sums on both sides of the diagonal, so that it is symmetric to the bit.
+            let (i, j) = (position % each / d, position % d);
+            let (i, j) = (i.max(j), i.min(j));
+            match self.kind {
+                CovarianceType::Spherical if (0..d).any(|c| known(at, c)) => {
+                    let seen = (0..d).map(|c| scale(c, c) + scatter(at, c, c)).sum::<f64>();
+                    *value = seen / (nu * d as f64 + all_of(at));
+                }
+                CovarianceType::Diagonal if known(at, i) => {
+                    *value = (scale(i, i) + scatter(at, i, i)) / (nu + counted(at, i));
+                }
+                CovarianceType::Full if known(at, 0) => {
+                    *value = (scale(i, j) + scatter(at, i, j)) / (nu + counted(at, 0));
+                }
+                CovarianceType::Tied if (0..count).any(|at| known(at, 0)) => {
+                    let seen = (0..count).map(|at| scatter(at, i, j)).sum::<f64>();
+                    let total = (0..count).map(|at| counted(at, 0)).sum::<f64>();
+                    *value = (scale(i, j) + seen) / (nu + total);
+                }
+                _ => {}
+            }
+        }
+        let total = |state: Option<usize>| match state {
+            Some(at) => all_of(at) / d as f64,
+            None => (0..count).map(|at| counted(at, 0)).sum(),
+        };
+        let new = self.replaced(means, covariances, total)?;
+        // Observations that differ by rounding alone have no variance.
+        let rounding = |at: usize, c: usize| (f64::EPSILON * new.means[at * d + c]).powi(2);
+        let is_rounding = |k: &usize| {
+            let (at, c) = (k / d, k % d);
+            known(at, c) && new.covariance(at, c, c) <= rounding(at, c)
+        };
+        match (0..count * d).find(is_rounding) {
+            None => Ok(new),
+            Some(k) => {
+                let (state, component) = (Some(k / d), Some(k % d));
+                let (what, weight, reason) = (self.kind.name(), total(state), REASON);
+                Err(EmissionError::TooFew { state, component, what, weight, reason })
+            }
+        }
+    }
+
+    /// Returns densities of the same form. Covariances that are not positive definite are an
+    /// error of the weight of the observations of a density, or of all.
+    pub(in super::super) fn replaced(
+        &self,
+        means: Vec<f64>,
+        covariances: Vec<f64>,
+        weight: impl Fn(Option<usize>) -> f64,
+    ) -> Result<Self, EmissionError> {
+        if let Some(at) = means.iter().position(|mean| !mean.is_finite()) {
+            let (state, component) = (Some(at / self.d), Some(at % self.d));
+            let (what, value, expected) = ("mean", means[at], "a finite value");
+            return Err(EmissionError::Parameter { what, state, component, value, expected });
+        }
+        let new = check_covariances(self.kind, self.d, &covariances)
+            .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.missing));
+        new.map_err(|error| match error {
+            EmissionError::Parameter { value, .. }
+                if value.is_nan() || value >= f64::MIN_POSITIVE =>
+            {
+                error
+            }
+            EmissionError::NotPositiveDefinite { state, .. }
+            | EmissionError::Parameter { state, .. } => EmissionError::TooFew {
+                state,
+                component: None,
+                what: self.kind.name(),
+                weight: weight(state),
+                reason: REASON,
+            },
+            other => other,
+        })
+    }
+
+    /// Empty moments of observations.
+    pub(in super::super) fn moments(&self) -> Moments {
+        Moments::new(self.count(), self.d, self.kind.shape(), self.counts_by_component())
+    }
+
+    /// True if a component that is missing does not count, instead of being expected.
+    pub(in super::super) fn counts_by_component(&self) -> bool {
+        self.missing && self.kind.shape() == Shape::Diagonal
+    }
+
+    /// Number of parameters that may be chosen freely.
+    pub(in super::super) fn free_parameters(&self) -> usize {
+        let covariances = if self.kind == CovarianceType::Tied { 1 } else { self.count() };
+        self.count() * self.d + covariances * self.kind.free(self.d)
+    }
+}

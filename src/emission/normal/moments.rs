@@ -1,0 +1,179 @@
+//! Weighted moments of differences from current means: West's (1979) update of weights, means and sums of squares,
+//! which stays exact for values far from 0, and that of Chan, Golub and LeVeque (1983) for two
+//! sets of observations.
+
+use super::Shape;
+use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
+
+/// Weights, means and scatter about them, for eight densities side by side.
+#[derive(Debug, Clone)]
+pub(in super::super) struct Moments {
+    shape: Shape,
+    d: usize,
+    /// True if each component has weights of its own, since others may be missing.
+    by_component: bool,
+    /// Blocks of 1 or d weights, d means, and d or d (d + 1) / 2 sums of products.
+    weights: Vec<Eight>,
+    means: Vec<Eight>,
+    scatters: Vec<Eight>,
+    deltas: Vec<Eight>,
+}
+
+/// Differences of an observation from the means.
+#[derive(Clone, Copy)]
+enum Row<'a> {
+    /// The observation, and the means of all blocks.
+    From(&'a [f64], &'a [Eight]),
+    /// Differences of one block.
+    Each(&'a [Eight]),
+}
+
+impl Moments {
+    pub(in super::super) fn new(count: usize, d: usize, shape: Shape, by_component: bool) -> Self {
+        let blocks = count.div_ceil(LANES);
+        let zeros = |each: usize| vec![Eight::default(); blocks * each];
+        Self {
+            shape,
+            d,
+            by_component,
+            weights: zeros(if by_component { d } else { 1 }),
+            means: zeros(d),
+            scatters: zeros(shape.entries(d)),
+            deltas: zeros(1).into_iter().cycle().take(d).collect(),
+        }
+    }
+
+    fn weights_each(&self) -> usize {
+        if self.by_component { self.d } else { 1 }
+    }
+
+    /// Adds an observation's differences from means, with these weights for each block.
+    #[inline]
+    pub(super) fn add(&mut self, weights: &[Eight], y: &[f64], means: &[Eight]) {
+        run(Add { moments: self, first: 0, weights, row: Row::From(y, means) });
+    }
+
+    /// Adds differences to one block.
+    #[inline]
+    pub(in super::super) fn add_block(&mut self, block: usize, weight: &Eight, row: &[Eight]) {
+        let weights = std::slice::from_ref(weight);
+        run(Add { moments: self, first: block, weights, row: Row::Each(row) });
+    }
+
+    /// Scatter of a block, packed.
+    pub(in super::super) fn scatter_mut(&mut self, block: usize) -> &mut [Eight] {
+        let each = self.shape.entries(self.d);
+        &mut self.scatters[block * each..][..each]
+    }
+
+    pub(in super::super) fn merge(&mut self, other: &Self) {
+        let (d, each, entries) = (self.d, self.weights_each(), self.shape.entries(self.d));
+        for at in 0..self.weights.len() / each * LANES {
+            let (block, l) = (at / LANES, at % LANES);
+            let weight = |c: usize| block * each + if each == 1 { 0 } else { c };
+            // The change of the mean, and the weight of the change in the scatter.
+            let change = |this: &Self, c: usize| {
+                let (a, b) = (this.weights[weight(c)][l], other.weights[weight(c)][l]);
+                let delta = other.means[block * d + c][l] - this.means[block * d + c][l];
+                let share = b / (a + b).max(f64::MIN_POSITIVE);
+                (if b == 0.0 { 0.0 } else { delta }, a * share, share)
+            };
+            let (mut entry, scatter) = (0, block * entries);
+            for r in 0..d {
+                let (delta, between, _) = change(self, r);
+                let columns = if self.shape == Shape::Diagonal { r..r + 1 } else { 0..r + 1 };
+                for c in columns {
+                    let product = between * delta * change(self, c).0;
+                    let sum = &mut self.scatters[scatter + entry][l];
+                    *sum += other.scatters[scatter + entry][l] + product;
+                    entry += 1;
+                }
+            }
+            for c in 0..d {
+                let (delta, _, share) = change(self, c);
+                self.means[block * d + c][l] += delta * share;
+            }
+            for c in 0..each {
+                self.weights[weight(c)][l] += other.weights[weight(c)][l];
+            }
+        }
+    }
+
+    /// Sum of the weights of one density, that of a component if these differ.
+    pub(in super::super) fn weight(&self, at: usize, component: usize) -> f64 {
+        let each = self.weights_each();
+        self.weights[at / LANES * each + if each == 1 { 0 } else { component }][at % LANES]
+    }
+
+    pub(in super::super) fn mean(&self, at: usize, component: usize) -> f64 {
+        self.means[at / LANES * self.d + component][at % LANES]
+    }
+
+    /// Entry of the scatter about the mean; only those on the diagonal, unless all are kept.
+    pub(in super::super) fn scatter(&self, at: usize, i: usize, j: usize) -> f64 {
+        let entry = self.shape.entry(i, j);
+        self.scatters[at / LANES * self.shape.entries(self.d) + entry][at % LANES]
+    }
+}
+
+/// Adds an observation to blocks of densities.
+struct Add<'a> {
+    moments: &'a mut Moments,
+    first: usize,
+    weights: &'a [Eight],
+    row: Row<'a>,
+}
+
+impl WithSimd for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, s: S) {
+        let Self { moments, first, weights, row } = self;
+        let (d, each, shape) = (moments.d, moments.weights_each(), moments.shape);
+        let entries = shape.entries(d);
+        let deltas = &mut moments.deltas[..d];
+        for (block, weight) in (first..).zip(weights) {
+            if *weight == Eight::default() {
+                continue;
+            }
+            let w = s.load(weight);
+            let sums = &mut moments.weights[block * each..][..each];
+            let means = &mut moments.means[block * d..][..d];
+            let scatter = &mut moments.scatters[block * entries..][..entries];
+            let (mut share, mut rest) = (s.splat(0.0), s.splat(0.0));
+            for (c, (mean, delta)) in means.iter_mut().zip(deltas.iter_mut()).enumerate() {
+                let y = match row {
+                    Row::From(y, _) if y[c].is_nan() => continue,
+                    Row::From(y, means) => s.sub(s.splat(y[c]), s.load(&means[block * d + c])),
+                    Row::Each(differences) => s.load(&differences[c]),
+                };
+                if c < each {
+                    let sum = s.add(s.load(&sums[c]), w);
+                    s.store(sum, &mut sums[c]);
+                    share = s.div(w, s.max(sum, s.splat(f64::MIN_POSITIVE)));
+                    rest = s.mul(w, s.sub(s.splat(1.0), share));
+                }
+                let old = s.load(mean);
+                let change = s.sub(y, old);
+                s.store(s.add(old, s.mul(share, change)), mean);
+                if shape == Shape::Diagonal {
+                    let sum = s.add(s.load(&scatter[c]), s.mul(rest, s.mul(change, change)));
+                    s.store(sum, &mut scatter[c]);
+                } else {
+                    s.store(change, delta);
+                }
+            }
+            if shape == Shape::Triangular {
+                let mut at = 0;
+                for r in 0..d {
+                    let weighted = s.mul(rest, s.load(&deltas[r]));
+                    for (sum, delta) in scatter[at..=at + r].iter_mut().zip(&*deltas) {
+                        s.store(s.add(s.load(sum), s.mul(weighted, s.load(delta))), sum);
+                    }
+                    at += r + 1;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! Densities against independent formulas, sums and integrals.
+
+use std::f64::consts::{PI, TAU};
+
+use wayfix::Likelihood;
+use wayfix::emission::{
+    Bernoulli, Gamma, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
+};
+
+use super::kit::density;
+
+/// Sum of p(y) over a grid of this width, which is one.
+#[track_caller]
+fn assert_one(
+    family: &impl Likelihood<Observation = [f64]>,
+    grid: impl Iterator<Item = (f64, f64)>,
+) {
+    let sum: f64 = grid.map(|(y, width)| width * density(family, 0, &[y]).exp()).sum();
+    assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+}
+
+/// Points y and y dx of an even grid in x = ln y.
+fn in_logs(middle: f64, width: f64) -> impl Iterator<Item = (f64, f64)> {
+    let step = width / 10_000.0;
+    (-10_000..=10_000).map(move |k| {
+        let y = (middle + step * f64::from(k)).exp();
+        (y, y * step)
+    })
+}
+
+#[test]
+fn sums_and_integrals_are_one() {
+    for rate in [0.0, 0.3, 1.0, 17.5, 63.0, 900.0] {
+        let family = Poisson::new(&[[rate]]).unwrap();
+        assert_one(&family, (0..3000).map(|y| (f64::from(y), 1.0)));
+    }
+    for shape in [0.5, 1.0, 7.5, 300.0, 1e9] {
+        for scale in [1e-9, 1.0, 3e5] {
+            let family = Gamma::new(&[[shape]], &[[scale]]).unwrap();
+            let middle = f64::ln(shape * scale);
+            assert_one(
+                &family,
+                in_logs(middle, f64::min(60.0, 12.0 / f64::sqrt(shape) + 40.0 / shape)),
+            );
+        }
+    }
+    for deviation in [1e-6, 0.3, 5.0] {
+        let family = LogNormal::new(&[[-3.0]], &[[deviation]]).unwrap();
+        assert_one(&family, in_logs(-3.0, 10.0 * deviation));
+    }
+    for concentration in [0.0, 1e-3, 1.0, 39.0, 41.0, 1e4, 1e9] {
+        let family = VonMises::new(&[[2.5]], &[[concentration]]).unwrap();
+        let width = f64::min(PI, 10.0 / f64::sqrt(concentration));
+        let step = width / 2000.0;
+        assert_one(&family, (-2000..2000).map(|k| (2.5 + step * f64::from(k), step)));
+    }
+    let family = Bernoulli::new(&[[0.3]]).unwrap();
+    assert_one(&family, [(0.0, 1.0), (1.0, 1.0)].into_iter());
+}
+
+/// Area of the unit sphere in d dimensions.
+fn area(dimensions: usize) -> f64 {
+    match dimensions {
+        1 => 2.0,
+        2 => TAU,
+        d => TAU / (d as f64 - 2.0) * area(d - 2),
+    }
+}
+
+/// Over the angle to the mean direction; the density depends on nothing else.
+#[test]
+fn densities_of_directions_integrate_to_one() {
+    for dimensions in [2, 3, 4, 7, 20, 101] {
+        for concentration in [0.0, 0.1, 3.0, 39.0, 41.0, 300.0, 1e4, 1e8] {
+            let mut mean = vec![0.0; dimensions];
+            mean[0] = 1.0;
+            let family = VonMisesFisher::new(&[mean], &[concentration]).unwrap();
+            let widest = 5.0 * f64::sqrt(dimensions as f64) + 8.0;
+            let width = f64::min(PI, widest / f64::sqrt(concentration));
+            let step = width / 4000.0;
+            let mut sum = 0.0;
+            for k in 0..4000 {
+                let angle = step * (f64::from(k) + 0.5);
+                let mut y = vec![0.0; dimensions];
+                (y[1], y[0]) = angle.sin_cos();
+                // In logarithms, since one factor may be as large as the other is small.
+                let ring = area(dimensions - 1).ln() + (dimensions - 2) as f64 * angle.sin().ln();
+                sum += step * (ring + density(&family, 0, &y)).exp();
+            }
+            assert!((sum - 1.0).abs() < 1e-6, "{sum} for {dimensions} and {concentration}");
+        }
+    }
+}
+
+#[test]
+fn directions_in_the_plane_are_angles() {
+    for concentration in [0.0, 0.7, 50.0, 1e7] {
+        let angles = VonMises::new(&[[0.9]], &[[concentration]]).unwrap();
+        let (sin, cos) = f64::sin_cos(0.9);
+        let vectors = VonMisesFisher::new(&[[cos, sin]], &[concentration]).unwrap();
+        for y in [-2.0, 0.85, 0.9, 0.9001, 4.0] {
+            let (sin, cos) = f64::sin_cos(y);
+            let (a, b) = (density(&angles, 0, &[y]), density(&vectors, 0, &[cos, sin]));
+            assert!((a - b).abs() <= 1e-12 * a.abs().max(1.0), "{a} {b}");
+        }
+    }
+}
+
+/// Values computed with fifty digits.
+#[test]
+fn densities_of_large_numbers_keep_their_digits() {
+    let known = [
+        (density(&Poisson::new(&[[3.0]]).unwrap(), 0, &[5.0]), LN_POISSON_SMALL),
+        (density(&Poisson::new(&[[1e12]]).unwrap(), 0, &[1e12 + 2e6]), LN_POISSON_LARGE),
+        (density(&Poisson::new(&[[1e-9]]).unwrap(), 0, &[1e6]), LN_POISSON_FAR),
+        (density(&Gamma::new(&[[1e12]], &[[1e-6]]).unwrap(), 0, &[1e6 + 0.25]), LN_GAMMA_LARGE),
+        (density(&Gamma::new(&[[0.01]], &[[2.0]]).unwrap(), 0, &[1e-200]), LN_GAMMA_SMALL),
+        (
+            density(
+                &VonMises::new(&[[1.0]], &[[1e12]]).unwrap(),
+                0,
+                &[1.0 + 9.536_743_164_062_5e-7],
+            ),
+            LN_VON_MISES,
+        ),
+        (
+            density(
+                &Multinomial::new(&[[0.25, 0.75]]).unwrap(),
+                0,
+                &[250_100_000.0, 749_900_000.0],
+            ),
+            LN_MULTINOMIAL,
+        ),
+    ];
+    for (at, (found, expected)) in known.into_iter().enumerate() {
+        assert!((found - expected).abs() <= 2e-11 * expected.abs(), "{at}: {found} {expected}");
+    }
+}
+
+const LN_POISSON_SMALL: f64 = -2.294_430_299_441_497_6;
+const LN_POISSON_LARGE: f64 = -16.734_448_757_836_03;
+const LN_POISSON_FAR: f64 = -33_538_784.221_604_582;
+const LN_GAMMA_LARGE: f64 = -0.950_188_778_007_705_4;
+const LN_GAMMA_SMALL: f64 = 451.305_437_062_973_4;
+const LN_VON_MISES: f64 = 12.441_824_673_873_047;
+const LN_MULTINOMIAL: f64 = -37.108_013_373_408_525;
+
+#[test]
+fn multinomial_counts_are_poisson_counts_given_their_sum() {
+    let shares = [0.2, 0.0, 0.5, 0.3];
+    let multinomial = Multinomial::new(&[shares]).unwrap();
+    for row in [[1.0, 0.0, 2.0, 0.0], [9.0, 0.0, 30.0, 20.0], [10.0, 0.0, 30.0, 24.0], [0.0; 4]] {
+        let total: f64 = row.iter().sum();
+        let rates = shares.map(|p| 40.0 * p);
+        let parts = density(&Poisson::new(&[rates]).unwrap(), 0, &row);
+        let expected = parts - density(&Poisson::new(&[[40.0]]).unwrap(), 0, &[total]);
+        let found = density(&multinomial, 0, &row);
+        assert!((found - expected).abs() < 1e-12 * (1.0 + expected.abs()), "{found} {expected}");
+    }
+    assert_eq!(density(&multinomial, 0, &[0.0, 1.0, 0.0, 0.0]), f64::NEG_INFINITY);
+    assert_eq!(density(&multinomial, 0, &[100.0, 1.0, 0.0, 0.0]), f64::NEG_INFINITY);
+}
+
+/// Components multiply, and a missing one is integrated out.
+#[test]
+fn missing_components_leave_the_marginal() {
+    let one = |rate: f64| Poisson::new(&[[rate], [2.0 * rate]]).unwrap();
+    let two = Poisson::new(&[[3.0, 8.0], [6.0, 16.0]]).unwrap().with_missing();
+    for state in 0..2 {
+        let parts = density(&one(3.0), state, &[4.0]) + density(&one(8.0), state, &[5.0]);
+        assert!((density(&two, state, &[4.0, 5.0]) - parts).abs() < 1e-13);
+        let second = density(&one(8.0), state, &[5.0]);
+        assert_eq!(density(&two, state, &[f64::NAN, 5.0]), second);
+        assert_eq!(density(&two, state, &[f64::NAN; 2]), 0.0);
+    }
+    let rows = Multinomial::new(&[[0.5, 0.5]]).unwrap().with_missing();
+    assert_eq!(density(&rows, 0, &[f64::NAN; 2]), 0.0);
+    let vectors = VonMisesFisher::new(&[[0.6, 0.8]], &[3.0]).unwrap().with_missing();
+    assert_eq!(density(&vectors, 0, &[f64::NAN; 2]), 0.0);
+}

@@ -1,0 +1,170 @@
+//! Re-estimation maximises, learning never falls, and finds parameters back.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use proptest::test_runner::TestRunner;
+use wayfix::inference::{LearnError, LearningOptions};
+use wayfix::{Belief, DenseTransition, Hmm, Prior};
+
+use super::kit::{Family, density, fit, for_all_families, newton, objective, staying};
+use crate::kit::{cases_of, rng};
+
+for_all_families! {
+    re_estimation_is_the_maximum
+    re_estimation_with_a_prior_is_the_maximum
+    learning_never_falls
+    parameters_are_found_back
+    a_state_without_weight_keeps_its_parameters
+}
+
+/// Random observations of a state with other parameters than those that learning starts from.
+fn observations<B: Family>(seed: u64) -> (B, Vec<(Vec<f64>, f64)>) {
+    use rand::RngExt;
+    let mut rng = rng(seed);
+    let mut unit = || [rng.random::<f64>(), rng.random(), rng.random()];
+    let (start, truth) = (unit(), unit());
+    let truth = B::build(&[B::parameters(&truth)]);
+    let seen = (0..40).map(|_| (truth.sample(0, &mut rng), rng.random()));
+    let seen = seen.collect();
+    (B::build(&[B::parameters(&start)]), seen)
+}
+
+fn re_estimation_is_the_maximum<B: Family>() {
+    for seed in 0..8 {
+        let (start, seen) = observations::<B>(seed);
+        assert_maximum(&fit(&start, &seen, 0.0), |family| objective(family, &seen, 0.0));
+    }
+}
+
+fn re_estimation_with_a_prior_is_the_maximum<B: Family>() {
+    for seed in 0..8 {
+        let (start, seen) = observations::<B>(seed);
+        let with_prior = |family: B| family.and_prior(&B::parameters(&[0.3, 0.6, 0.2]), 2.5);
+        let learned = fit(&with_prior(start.clone()), &seen, 0.7);
+        let objective = |family: &B| objective(&with_prior(family.clone()), &seen, 0.7);
+        assert_maximum(&learned, objective);
+        assert!(learned.read() != fit(&start, &seen, 0.0).read());
+        // A state that was never seen has the prior's parameters, where there is one.
+        let alone = with_prior(start.clone()).reestimate(&start.statistics(), 0.0).unwrap();
+        let expected = with_prior(start.clone());
+        if expected != start {
+            for (found, expected) in alone.read().iter().zip(B::parameters(&[0.3, 0.6, 0.2])) {
+                assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+            }
+        }
+    }
+}
+
+fn assert_maximum<B: Family>(learned: &B, objective: impl Fn(&B) -> f64) {
+    for parameter in 0..B::FREE {
+        let (step, _) = newton(learned, parameter, &objective);
+        let value = learned.read()[parameter];
+        assert!(step.abs() < 1e-5 * value.abs(), "{step} from parameter {parameter} = {value}");
+    }
+}
+
+/// Rows of each family, missing ones among them, and learning from starts that are alike or far off.
+fn learning_never_falls<B: Family>() {
+    let unit = || prop_oneof![Just(0.0), Just(1.0), 0.0..1.0];
+    let states = vec(vec(unit(), 3), 2..=3);
+    let lengths = vec(1..30_usize, 1..4);
+    let input = (states, vec(unit(), 3), lengths, any::<u64>(), any::<bool>(), 0.0..0.4);
+    TestRunner::new(cases_of(400))
+        .run(&input, |(states, truth, lengths, seed, prior, gaps)| {
+            use rand::RngExt;
+            let mut rng = rng(seed);
+            let truth = B::build(&[B::parameters(&truth), B::parameters(&[0.5; 3])]);
+            let sequences: Vec<Vec<Vec<f64>>> = lengths
+                .iter()
+                .map(|&length| {
+                    let row = |step: usize| {
+                        let mut row = truth.sample(step / 4 % 2, &mut rng);
+                        if rng.random::<f64>() < gaps {
+                            row.fill(f64::NAN);
+                        }
+                        row
+                    };
+                    (0..length).map(row).collect()
+                })
+                .collect();
+            let n = states.len();
+            let starts: Vec<Vec<f64>> = states.iter().map(|state| B::parameters(state)).collect();
+            let mut family = B::build(&starts).missing();
+            if prior {
+                family = family.and_prior(&B::parameters(&[0.5; 3]), 1.5);
+            }
+            let row = |i: usize| {
+                (0..n).map(|j| if i == j { 0.9 } else { 0.1 / (n - 1) as f64 }).collect()
+            };
+            let rows: Vec<Vec<f64>> = (0..n).map(row).collect();
+            let transition = DenseTransition::from_rows(&rows).unwrap();
+            let start = Prior::AtFirstObservation(Belief::uniform(n).unwrap());
+            let hmm = Hmm::new(start, transition, family).unwrap();
+            let pseudo = if prior { 0.5 } else { 0.0 };
+            let options = LearningOptions {
+                iterations: 12,
+                tolerance: 0.0,
+                likelihood_pseudo_count: pseudo,
+                ..LearningOptions::default()
+            };
+            match hmm.learn(&sequences, &options) {
+                Ok(learned) => {
+                    let pairs = learned.objectives().windows(2);
+                    for pair in pairs {
+                        prop_assert!(
+                            pair[1] >= pair[0] - 1e-10 * pair[0].abs().max(1.0),
+                            "{pair:?}"
+                        );
+                    }
+                }
+                // Few observations may determine no spread, unless there is a prior.
+                Err(LearnError::Likelihood(error)) => {
+                    let text = error.to_string();
+                    prop_assert!(!prior && text.contains("give a prior"), "{text}");
+                }
+                Err(other) => prop_assert!(false, "{other}"),
+            }
+            Ok(())
+        })
+        .unwrap();
+}
+
+/// Each parameter within three standard errors in nearly all of ten recordings, and in about two
+/// thirds within one.
+fn parameters_are_found_back<B: Family>() {
+    let (mut beyond_three, mut within_one, mut all) = (0, 0, 0);
+    for seed in 0..10 {
+        let truth = B::parameters(&[0.4, 0.6, 0.5]);
+        let model = staying(B::build(std::slice::from_ref(&truth)), 0);
+        let seen = model.simulate(2000, &mut rng(seed)).observations().to_vec();
+        let start = staying(B::build(&[B::parameters(&[0.7, 0.3, 0.2])]), 0);
+        let options = LearningOptions { tolerance: 1e-9, ..LearningOptions::default() };
+        let learned = start.learn(std::slice::from_ref(&seen), &options).unwrap();
+        let learned = learned.model().likelihood();
+        let seen: Vec<_> = seen.into_iter().map(|y| (y, 1.0)).collect();
+        for (parameter, truth) in truth.iter().enumerate() {
+            let (_, error) = newton(learned, parameter, |family| objective(family, &seen, 0.0));
+            let distance = (learned.read()[parameter] - truth).abs() / error;
+            beyond_three += usize::from(distance > 3.0);
+            within_one += usize::from(distance < 1.0);
+            all += 1;
+        }
+    }
+    assert!(beyond_three <= 1, "{beyond_three} of {all} beyond three standard errors");
+    assert!(3 * within_one >= all && within_one < all, "{within_one} of {all} within one");
+}
+
+fn a_state_without_weight_keeps_its_parameters<B: Family>() {
+    let states = [B::parameters(&[0.2; 3]), B::parameters(&[0.8; 3])];
+    let family = B::build(&states);
+    let mut sums = family.statistics();
+    let mut rng = rng(1);
+    for _ in 0..20 {
+        family.add(&mut sums, &family.sample(0, &mut rng), &[1.0, 0.0]);
+    }
+    let learned = family.reestimate(&sums, 0.0).unwrap();
+    let y = family.sample(1, &mut rng);
+    assert_eq!(density(&learned, 1, &y), density(&family, 1, &y));
+    assert!(learned != family);
+    assert_eq!(learned.free_parameters(), 2 * B::FREE);
+}

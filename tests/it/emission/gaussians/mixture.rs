@@ -1,0 +1,245 @@
+//! Mixtures of Gaussians against sums of their parts, other parameters and their own draws.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::ReorderStates;
+use wayfix::emission::{EmissionError, Gaussian, GaussianMixture, GaussianPrior};
+use wayfix::inference::LearningOptions;
+use wayfix::likelihood::{LearnLikelihood, SampleObservation};
+
+use super::kit::*;
+use crate::kit::{cases, rng};
+
+/// A family of n states with m parts from random numbers, with its parts as Gaussians of n m
+/// states.
+fn family(full: bool, [n, m, d]: [usize; 3], numbers: &[f64]) -> (GaussianMixture, Gaussian) {
+    let means: Vec<Vec<f64>> = numbers.chunks(d).take(n * m).map(<[f64]>::to_vec).collect();
+    let matrix = |i: usize| covariance(d, &numbers[i * d..][..d * d]);
+    let covariances: Vec<Vec<f64>> = (0..n * m)
+        .map(|i| if full { matrix(i) } else { matrix(i).into_iter().step_by(d + 1).collect() })
+        .collect();
+    let weights: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            let raw: Vec<f64> = (0..m).map(|p| numbers[i * m + p].max(0.0) + 0.1).collect();
+            let sum: f64 = raw.iter().sum();
+            raw.iter().map(|w| w / sum).collect()
+        })
+        .collect();
+    let by_state = |rows: &[Vec<f64>]| rows.chunks(m).map(<[_]>::to_vec).collect::<Vec<_>>();
+    let (nested, parts) = (by_state(&means), by_state(&covariances));
+    if full {
+        let mixture = GaussianMixture::full(&weights, &nested, &parts).unwrap();
+        (mixture, Gaussian::full(&means, &covariances).unwrap())
+    } else {
+        let mixture = GaussianMixture::diagonal(&weights, &nested, &parts).unwrap();
+        (mixture, Gaussian::diagonal(&means, &covariances).unwrap())
+    }
+}
+
+fn families() -> impl Strategy<Value = (GaussianMixture, Gaussian)> {
+    (any::<bool>(), 1..=4_usize, 1..=4_usize, 1..=3_usize).prop_flat_map(|(full, n, m, d)| {
+        vec(-2.0..2.0, n * m * d + d * d + n * m)
+            .prop_map(move |numbers| family(full, [n, m, d], &numbers))
+    })
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    #[test]
+    fn density_is_the_sum_over_parts(((mixture, parts), y) in families().prop_flat_map(|family| {
+        let d = family.0.components();
+        (Just(family), vec(prop_oneof![1 => Just(f64::NAN), 3 => -4.0..4.0], d))
+    })) {
+        let (mixture, parts) = (mixture.with_missing(), parts.with_missing());
+        for state in 0..mixture.means().len() {
+            let weights = mixture.weights(state).unwrap().iter().enumerate();
+            let at = |part: usize| state * mixture.parts() + part;
+            let sum: f64 = weights.map(|(p, w)| w * log_density(&parts, at(p), &y).exp()).sum();
+            let found = log_density(&mixture, state, &y);
+            prop_assert!((found - sum.ln()).abs() <= 1e-11 * found.abs().max(1.0));
+        }
+    }
+
+    #[test]
+    fn reestimate_never_lowers_the_objective(
+        full: bool,
+        n in 1..=2_usize,
+        numbers in vec(-2.0..2.0, 30),
+        rows in vec(vec(prop_oneof![1 => Just(f64::NAN), 4 => -3.0..3.0], 2), 20),
+        weights in weights(2, 20),
+        pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
+        with_prior: bool,
+    ) {
+        let (mixture, _) = family(full, [n, 2, 2], &numbers);
+        let mixture = mixture.with_missing();
+        let weights: Vec<Vec<f64>> = weights.iter().map(|w| w[..n].to_vec()).collect();
+        let prior = GaussianPrior::new(2).unwrap().with_mean(0.5, &[0.1, -0.2]).unwrap();
+        let prior = prior.with_covariance(0.7, &[0.3, 0.2]).unwrap();
+        let mixture = if with_prior { mixture.with_prior(prior).unwrap() } else { mixture };
+        assert_never_falls(&mixture, &rows, &weights, pseudo_count);
+    }
+
+    #[test]
+    fn hostile_rows_give_numbers_or_errors(
+        full: bool,
+        missing: bool,
+        numbers in vec(-2.0..2.0, 20),
+        sequences in vec(hostile(2), 1..3),
+    ) {
+        let (mixture, _) = family(full, [2, 2, 2], &numbers);
+        assert_learns(&if missing { mixture.with_missing() } else { mixture }, &sequences);
+    }
+}
+
+#[test]
+fn reestimate_is_the_closed_form() {
+    // Responsibilities and moments written out, for one state of two parts in one dimension.
+    let start = GaussianMixture::full(&[[0.3, 0.7]], &[[[0.0], [2.0]]], &[[[1.0], [0.5]]]).unwrap();
+    let rows = noisy_rows(30, 1, 4);
+    let weights: Vec<Vec<f64>> = (0..30).map(|k| vec![0.5 + 0.01 * f64::from(k)]).collect();
+    let best = reestimated(&start, &rows, &weights, 1.5).unwrap();
+    let density = |y: f64, mean: f64, v: f64| (-0.5 * (y - mean).powi(2) / v).exp() / v.sqrt();
+    let mut sums = [[0.0; 3]; 2];
+    for (row, w) in rows.iter().zip(&weights) {
+        let y = row[0];
+        let parts = [0.3 * density(y, 0.0, 1.0), 0.7 * density(y, 2.0, 0.5)];
+        for (sum, part) in sums.iter_mut().zip(parts) {
+            let share = w[0] * part / (parts[0] + parts[1]);
+            (sum[0], sum[1], sum[2]) = (sum[0] + share, sum[1] + share * y, sum[2] + share * y * y);
+        }
+    }
+    let total = sums[0][0] + sums[1][0] + 3.0;
+    for (part, [count, sum, squares]) in sums.into_iter().enumerate() {
+        let mean = sum / count;
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
+        close(best.weights(0).unwrap()[part], (count + 1.5) / total);
+        close(best.mean(0, part).unwrap()[0], mean);
+        close(best.covariance(0, part).unwrap()[0], squares / count - mean * mean);
+    }
+}
+
+#[test]
+fn learning_finds_the_parts_back() {
+    let weights = [[0.3, 0.7], [0.5, 0.5]];
+    let means = [[[-4.0], [0.0]], [[6.0], [10.0]]];
+    let truth = GaussianMixture::diagonal(&weights, &means, &[[[1.0], [0.5]]; 2]).unwrap();
+    let mut beyond = 0;
+    for seed in 0..8 {
+        let simulated = lasting(truth.clone()).simulate(2000, &mut rng(seed));
+        let near = [[[-3.0], [1.0]], [[5.0], [11.0]]];
+        let start = GaussianMixture::diagonal(&[[0.5; 2]; 2], &near, &[[[2.0]; 2]; 2]).unwrap();
+        let learned =
+            lasting(start).learn(&[simulated.observations()], &LearningOptions::default()).unwrap();
+        let found = learned.model().likelihood();
+        for state in 0..2 {
+            let count = simulated.states().iter().filter(|s| **s == state).count() as f64;
+            for part in 0..2 {
+                let weight = weights[state][part];
+                let variance = truth.covariance(state, part).unwrap()[0];
+                // The overlap of the parts makes errors a little larger than these.
+                let error = 1.1 * (variance / (weight * count)).sqrt();
+                let off = found.mean(state, part).unwrap()[0] - means[state][part][0];
+                assert!(off.abs() < 6.0 * error);
+                beyond += usize::from(off.abs() > 3.0 * error);
+            }
+            let error = 1.1 * (weights[state][0] * weights[state][1] / count).sqrt();
+            let off = found.weights(state).unwrap()[0] - weights[state][0];
+            beyond += usize::from(off.abs() > 3.0 * error);
+        }
+    }
+    assert!(beyond <= 4, "{beyond} of 48");
+}
+
+#[test]
+fn draws_come_from_all_parts() {
+    let mixture = GaussianMixture::full(&[[0.25, 0.75]], &[[[-10.0], [10.0]]], &[[[1.0], [4.0]]]);
+    let mixture = mixture.unwrap();
+    for seed in 0..4 {
+        let mut rng = rng(seed);
+        let draws: Vec<f64> = (0..10_000).map(|_| mixture.sample(0, &mut rng)[0]).collect();
+        let low = draws.iter().filter(|y| **y < 0.0).count() as f64;
+        assert!((low - 2500.0).abs() < 5.0 * (1e4_f64 * 0.25 * 0.75).sqrt());
+        let high: Vec<f64> = draws.into_iter().filter(|y| *y > 0.0).collect();
+        let mean = high.iter().sum::<f64>() / high.len() as f64;
+        assert!((mean - 10.0).abs() < 5.0 * 2.0 / (high.len() as f64).sqrt());
+    }
+}
+
+#[test]
+fn weights_of_zero_stay() {
+    let start =
+        GaussianMixture::diagonal(&[[0.0, 1.0]], &[[[7.0], [0.0]]], &[[[3.0], [1.0]]]).unwrap();
+    assert_eq!(start.free_parameters(), 4);
+    let rows = noisy_rows(10, 1, 2);
+    let best = reestimated(&start, &rows, &vec![vec![1.0]; 10], 2.0).unwrap();
+    assert_eq!(best.weights(0).unwrap(), [0.0, 1.0]);
+    assert_eq!(
+        (best.mean(0, 0), best.covariance(0, 0)),
+        (start.mean(0, 0), start.covariance(0, 0))
+    );
+}
+
+#[test]
+fn reordered_states() {
+    let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
+    let (mixture, _) = family(true, [3, 2, 2], &numbers);
+    let other = mixture.reordered(&[1, 2, 0]);
+    for (new, old) in [1, 2, 0].into_iter().enumerate() {
+        let y = [0.3, -0.2];
+        assert_eq!(log_density(&other, new, &y), log_density(&mixture, old, &y));
+        assert_eq!(other.weights(new), mixture.weights(old));
+        assert_eq!(other.mean(new, 1), mixture.mean(old, 1));
+    }
+    assert_eq!(mixture.free_parameters(), 3 + 6 * 2 + 6 * 3);
+}
+
+#[test]
+fn errors_name_state_and_part() {
+    let text = |result: Result<GaussianMixture, EmissionError>| result.unwrap_err().to_string();
+    let means = [[[0.0, 0.0], [1.0, 1.0]]; 2];
+    let unit = [1.0, 0.0, 0.0, 1.0];
+    let full = |weights: &[[f64; 2]], bad: [f64; 4]| {
+        GaussianMixture::full(weights, &means, &[[unit, unit], [unit, bad]])
+    };
+    let halves = [[0.5, 0.5]; 2];
+    assert_eq!(
+        text(full(&halves, [1.0, 2.0, 2.0, 1.0])),
+        "part 1 of a mixture: the covariance of state 1 is not positive definite, at component 1"
+    );
+    assert_eq!(
+        text(full(&[[0.5, 0.5], [0.5, 0.6]], unit)),
+        "the sum of the weights of state 1 is 1.1, expected 1"
+    );
+    assert_eq!(
+        text(full(&[[-0.5, 1.5], [0.5, 0.5]], unit)),
+        "the weight of state 0, component 0, is -0.5, expected a value of at least 0"
+    );
+    let infinite = GaussianMixture::diagonal(&halves, &means, &[[[1.0, f64::INFINITY]; 2]; 2]);
+    assert!(
+        text(infinite).starts_with("part 0 of a mixture: the covariance of state 0, component 1")
+    );
+    let none: [[[f64; 1]; 0]; 1] = [[]];
+    assert!(text(GaussianMixture::diagonal(&[[0.0; 0]], &none, &none)).contains("at least one"));
+    let short = GaussianMixture::full(&halves, &means[..1], &[[unit, unit]; 2]);
+    assert_eq!(text(short), "the list of means has 1 values, expected 2");
+
+    let start = GaussianMixture::diagonal(&[[0.5, 0.5]], &[[[0.0], [1.0]]], &[[[1.0], [1.0]]]);
+    let same = reestimated(&start.unwrap(), &vec![vec![1.0]; 9], &vec![vec![1.0]; 9], 0.0);
+    let same = same.unwrap_err().to_string();
+    assert!(same.starts_with("part 0 of a mixture: the variance of state 0 cannot be"), "{same}");
+}
+
+#[cfg(feature = "serde")]
+#[test]
+fn stored_to_the_bit() {
+    let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
+    for full in [false, true] {
+        let (mixture, _) = family(full, [3, 2, 2], &numbers);
+        let prior = GaussianPrior::new(2).unwrap().with_mean(0.1, &[0.2, 0.3]).unwrap();
+        let mixture = mixture.with_missing().with_prior(prior).unwrap();
+        let text = serde_json::to_string(&mixture).unwrap();
+        let read: GaussianMixture = serde_json::from_str(&text).unwrap();
+        assert_eq!(format!("{read:?}"), format!("{mixture:?}"));
+    }
+}

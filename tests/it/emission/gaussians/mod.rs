@@ -1,0 +1,7 @@
+//! Gaussian families and their kin.
+
+mod gaussian;
+mod kit;
+mod mixture;
+mod regression;
+mod student_t;

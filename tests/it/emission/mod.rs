@@ -1,0 +1,5 @@
+//! Families of observations.
+
+mod counts_and_directions;
+mod gaussians;
+mod start;

@@ -1,0 +1,142 @@
+//! Starts of learning.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
+use wayfix::Hmm;
+use wayfix::emission::{Clusters, EmissionError, Gaussian, Rows, starts};
+use wayfix::inference::{LearnError, LearningOptions, Simulation};
+
+use crate::kit::{cases, rng};
+
+/// Rows of two numbers of very different units, some missing.
+fn rows() -> impl Strategy<Value = Vec<Vec<f64>>> {
+    let number = |unit: f64| prop_oneof![8 => (-9..10_i32).prop_map(move |k| unit * f64::from(k)), 1 => Just(f64::NAN)];
+    vec((number(1e-7), number(1e9)).prop_map(|(a, b)| vec![a, b]), 1..40)
+}
+
+/// Square of the distance in standard deviations, over the known components.
+fn distance(row: &[f64], centre: &[f64], deviations: &[f64]) -> f64 {
+    let parts = row.iter().zip(centre).zip(deviations).filter(|((y, _), _)| !y.is_nan());
+    parts.map(|((y, c), deviation)| ((y - c) / deviation).powi(2)).sum()
+}
+
+proptest! {
+    #![proptest_config(cases())]
+
+    /// Each observation is in the cluster of its nearest centre, centres are means, in ascending
+    /// order.
+    #[test]
+    fn clusters_are_those_of_their_centres(rows in rows(), count in 1..5_usize, seed: u64) {
+        let sequences = [&rows[..rows.len() / 2], &rows[rows.len() / 2..]];
+        let Ok(clusters) = Clusters::new(&sequences, count, &mut rng(seed)) else {
+            let mut different: Vec<String> = rows.iter().map(|row| format!("{row:?}")).collect();
+            different.sort();
+            different.dedup();
+            // Rows with missing components may be at no distance from others.
+            prop_assert!(different.len() < count || rows.iter().flatten().any(|y| y.is_nan()));
+            return Ok(());
+        };
+        prop_assert_eq!(clusters.labels().iter().map(Vec::len).sum::<usize>(), rows.len());
+        let centres: Vec<&[f64]> = (0..count).map(|cluster| clusters.centre(cluster)).collect();
+        prop_assert!(centres.windows(2).all(|pair| pair[0][0] <= pair[1][0]));
+        let deviations: Vec<f64> = (0..2).map(|component| {
+            let known: Vec<f64> = rows.iter().map(|row| row[component]).filter(|y| !y.is_nan()).collect();
+            let mean = known.iter().sum::<f64>() / known.len() as f64;
+            let variance = known.iter().map(|y| (y - mean).powi(2)).sum::<f64>() / known.len() as f64;
+            if variance > 0.0 { variance.sqrt() } else { 1.0 }
+        }).collect();
+        let labels: Vec<usize> = clusters.labels().concat();
+        for (row, &label) in rows.iter().zip(&labels) {
+            let own = distance(row, centres[label], &deviations);
+            for centre in &centres {
+                prop_assert!(own <= distance(row, centre, &deviations) + 1e-9);
+            }
+        }
+        for (cluster, centre) in centres.iter().enumerate() {
+            for component in 0..2 {
+                let members = rows.iter().zip(&labels).filter(|(_, label)| **label == cluster);
+                let known: Vec<f64> =
+                    members.map(|(row, _)| row[component]).filter(|y| !y.is_nan()).collect();
+                if !known.is_empty() {
+                    let mean = known.iter().sum::<f64>() / known.len() as f64;
+                    prop_assert!((mean - centre[component]).abs() <= 1e-9 * deviations[component]);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn clusters_that_cannot_be_are_errors() {
+    let error = |rows: &[Vec<f64>], count| Clusters::new(&[rows], count, &mut rng(1)).unwrap_err();
+    let one = vec![vec![1.0, 2.0]; 9];
+    assert!(matches!(error(&one, 2), EmissionError::TooFew { state: Some(1), .. }));
+    assert_eq!(error(&one, 0), EmissionError::Empty { states: 0, components: 2 });
+    assert_eq!(error(&[], 1), EmissionError::Empty { states: 1, components: 0 });
+    let ragged = [vec![1.0, 2.0], vec![1.0]];
+    assert_eq!(error(&ragged, 1), EmissionError::Components { found: 1, expected: 2 });
+    let infinite = [vec![1.0, 2.0], vec![1.0, f64::INFINITY]];
+    assert!(matches!(error(&infinite, 1), EmissionError::Observation { component: 1, .. }));
+}
+
+/// The known components of two well separated groups are told apart from any start, and learning
+/// from all of them finds the groups.
+#[test]
+fn learning_from_starts_finds_groups() {
+    let family = Gaussian::diagonal(&[[0.0, 0.0]; 3], &[[1.0, 1.0]; 3]).unwrap();
+    let truth = Gaussian::diagonal(
+        &[[0.0, 0.0], [5.0, 50.0], [10.0, 0.0]],
+        &[[0.5, 5.0], [0.5, 5.0], [0.5, 5.0]],
+    );
+    let transition = wayfix::DenseTransition::from_fn(3, |i, j| if i == j { 0.9 } else { 0.05 });
+    let prior = wayfix::Prior::AtFirstObservation(wayfix::Belief::uniform(3).unwrap());
+    let truth = Hmm::new(prior, transition.unwrap(), truth.unwrap()).unwrap();
+    for seed in 0..5 {
+        let mut rng = rng(seed);
+        let drawn: Vec<_> = (0..4).map(|_| truth.simulate(200, &mut rng)).collect();
+        let sequences: Vec<&[Vec<f64>]> = drawn.iter().map(Simulation::observations).collect();
+        let starts = starts(&family, &sequences, 4, &mut rng).unwrap();
+        let fits =
+            Hmm::learn_best(&starts, &sequences, &LearningOptions::default(), |_, _| ()).unwrap();
+        let model = fits.into_best().into_model();
+        let mut right = 0;
+        for (drive, sequence) in drawn.iter().zip(&sequences) {
+            let path = model.viterbi(sequence).unwrap();
+            right += path.states().iter().zip(drive.states()).filter(|(a, b)| a == b).count();
+        }
+        assert!(right >= 790, "seed {seed}: {right} of 800");
+    }
+}
+
+#[test]
+fn an_observation_that_the_family_refuses_is_named() {
+    let family = Gaussian::diagonal(&[[0.0], [1.0]], &[[1.0], [1.0]]).unwrap();
+    let values = [0.0, 1.0, f64::NAN, 2.0];
+    let rows = Rows::new(&values, 1).unwrap();
+    let error = starts(&family, &[rows], 1, &mut rng(1)).unwrap_err();
+    assert!(matches!(&error, LearnError::Sequence(error) if error.sequence == 0), "{error}");
+    assert!(starts(&family.with_missing(), &[rows], 1, &mut rng(1)).is_ok());
+}
+
+#[test]
+fn rows_are_those_of_the_matrix() {
+    use wayfix::Sequence;
+    use wayfix::emission::RowsError;
+    let values: Vec<f64> = (0..12).map(f64::from).collect();
+    let rows = Rows::new(&values, 3).unwrap();
+    assert_eq!((rows.steps(), rows.width()), (4, 3));
+    assert!(rows.iter().eq(values.chunks(3)));
+    for order in 0..4 {
+        let lagged = rows.lagged(order).unwrap();
+        assert_eq!((lagged.steps(), lagged.width()), (4 - order, 3 * (order + 1)));
+        for (step, row) in (1..).zip(lagged.iter()) {
+            assert_eq!(row, &values[3 * (step - 1)..3 * (step + order)]);
+            assert_eq!(row, lagged.observation(step));
+        }
+    }
+    assert_eq!(rows.lagged(4), Err(RowsError::TooFew { rows: 4, order: 4 }));
+    assert_eq!(Rows::new(&values, 0), Err(RowsError::NoComponents));
+    assert_eq!(Rows::new(&values, 5), Err(RowsError::Incomplete { values: 12, components: 5 }));
+    assert_eq!(Rows::new(&[], 2).unwrap().steps(), 0);
+    assert_eq!(Rows::new(&[], 2).unwrap().lagged(1), Err(RowsError::TooFew { rows: 0, order: 1 }));
+}
