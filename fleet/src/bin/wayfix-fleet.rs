@@ -14,8 +14,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use wayfix_fleet::input::{ColumnNames, Form};
 use wayfix_fleet::output::{Table, Verb};
-use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 use wayfix_fleet::pool::{LiveJob, LiveSummary, PoolOptions, live};
+use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Progress, Start, Summary, learn, run};
 
 /// One wayfix model over any number of drives, from Parquet or CSV to Parquet. A run that was
 /// interrupted goes on where it was when the same command is given again.
@@ -308,6 +308,8 @@ fn iterations(
         show(bar, progress);
         say(iteration);
     })
+}
+
 fn start_live(options: Live) -> Result<String, FleetError> {
     let all = PoolOptions::default();
     let threads = options.threads.unwrap_or(all.threads);

@@ -17,10 +17,11 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use tempfile::TempDir;
+use wayfix::inference::{LearnedModel, LearningOptions};
 use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
 use wayfix_fleet::input::ColumnNames;
 use wayfix_fleet::output::{Table, Verb};
-use wayfix_fleet::{FleetError, Job, Pack, Start, Summary, run};
+use wayfix_fleet::{Course, FleetError, Job, LearnJob, Pack, Start, Summary, run};
 
 /// Number of states of the models.
 pub(crate) const STATES: usize = 11;
@@ -28,6 +29,7 @@ pub(crate) const STATES: usize = 11;
 pub(crate) const RARE: u32 = 5;
 
 pub(crate) type Drives = Vec<Vec<u32>>;
+pub(crate) type Model = Hmm<SparseTransition, TableLikelihood>;
 
 pub(crate) fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
@@ -212,4 +214,58 @@ pub(crate) fn items(rows: &RecordBatch, name: &str) -> (Vec<usize>, RecordBatch)
 pub(crate) fn close(found: f64, expected: f64) {
     let tolerance = 1e-12 * expected.abs().max(1.0);
     assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
+}
+
+/// Ten iterations of learning from a file of the folder.
+pub(crate) fn learn_job(folder: &Folder, input: &str, output: &str, threads: usize) -> LearnJob {
+    LearnJob {
+        model: folder.path("model.json"),
+        input: folder.path(input),
+        output: folder.path(output),
+        names: ColumnNames::default(),
+        iterations: 10,
+        tolerance: 0.0,
+        keep_prior: false,
+        threads,
+        start: Start::default(),
+    }
+}
+
+/// Ten iterations of the library.
+pub(crate) fn learned(
+    model: &Model,
+    drives: &Drives,
+) -> LearnedModel<SparseTransition, TableLikelihood> {
+    let seen: Vec<Vec<usize>> =
+        drives.iter().map(|drive| drive.iter().map(|&symbol| symbol as usize).collect()).collect();
+    let options = LearningOptions { iterations: 10, tolerance: 0.0, ..LearningOptions::default() };
+    model.learn(&seen, &options).unwrap()
+}
+
+/// Compares the course of learning and its model with those of the library.
+pub(crate) fn assert_learned(
+    job: &LearnJob,
+    course: &Course,
+    expected: &LearnedModel<SparseTransition, TableLikelihood>,
+) {
+    assert_eq!(course.left_out, expected.left_out().len() as u64);
+    assert_eq!(course.log_likelihoods.len(), 11);
+    for (found, expected) in course.log_likelihoods.iter().zip(expected.objectives()) {
+        assert!((found - expected).abs() < 1e-9 * expected.abs(), "{found}, {expected}");
+    }
+    let learned: Model = serde_json::from_slice(&fs::read(&job.output).unwrap()).unwrap();
+    let near = |found: f64, expected: f64| {
+        assert!((found - expected).abs() < 1e-9, "{found}, expected {expected}");
+    };
+    let expected = expected.model();
+    for i in 0..STATES {
+        near(learned.prior().belief().as_slice()[i], expected.prior().belief().as_slice()[i]);
+        for j in 0..STATES {
+            near(learned.transition().get(i, j), expected.transition().get(i, j));
+        }
+        for symbol in 0..6 {
+            let p = |hmm: &Model| hmm.likelihood().probability(i, symbol).unwrap();
+            near(p(&learned), p(expected));
+        }
+    }
 }
