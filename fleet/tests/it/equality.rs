@@ -7,8 +7,6 @@ use wayfix_fleet::output::{Table, Verb};
 
 use crate::kit::*;
 
-type Model = Hmm<SparseTransition, TableLikelihood>;
-
 /// One row that is expected: drive, step, state, and numbers; or drive and step of a failure.
 struct Row {
     drive: usize,
