@@ -221,7 +221,7 @@ fn an_executor_may_be_killed() {
     // When it has done some of its tasks.
     let done = || files(&cluster.folder.join("executor1")) >= 3;
     same_rows(&killed(&cluster, &remote, done), &expected);
-    // When the query is done, and the client has some of the rows.
+    // When the query is done, and the client has some of the rows: it asks again.
     fs::remove_file(&remote.output).unwrap();
     let unfinished = remote.output.with_extension("parquet.unfinished");
     let begun = || fs::metadata(&unfinished).is_ok_and(|file| file.len() > 1 << 20);
