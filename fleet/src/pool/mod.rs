@@ -1,7 +1,7 @@
 //! Live vehicles: a filter for each of millions, with one model.
 //!
 //! A [`Pool`] keeps the state of a filter for every vehicle, and steps them as observations come.
-//! Answers are those of the library's [`Filter`](wayfix::Filter), to the bit.
+//! Answers are those of the library's [`Filter`], to the bit.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -1,7 +1,7 @@
 //! Results of files are those of the library.
 
 use arrow::array::RecordBatch;
-use wayfix::{Hmm, InferenceError, SparseTransition, TableLikelihood};
+use wayfix::InferenceError;
 use wayfix_fleet::input::Form;
 use wayfix_fleet::output::{Table, Verb};
 
