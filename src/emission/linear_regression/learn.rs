@@ -192,8 +192,11 @@ impl LinearRegression {
         // What is left of outputs by rounding alone has no variance.
         for (c, line) in lines.chunks_exact(width).enumerate() {
             let size = |i: usize| moments.mean(at, i).abs() + (x(i, i) / weight).sqrt();
-            let terms = line[1..].iter().enumerate().map(|(i, slope)| slope.abs() * size(i));
-            let rounding = ROUNDING * (line[0].abs() + terms.sum::<f64>());
+            let before = &old[c * width..][..width];
+            // Those before the change count, too, since sums are of differences from them.
+            let largest = |i: usize| line[i].abs() + before[i].abs();
+            let terms = (0..p).map(|i| largest(i + 1) * size(i));
+            let rounding = ROUNDING * (largest(0) + terms.sum::<f64>());
             if covariance[c * d + c] <= rounding.powi(2) {
                 return Err(EmissionError::TooFew {
                     state: Some(at),

@@ -80,8 +80,12 @@ impl Normals {
             None => (0..count).map(|at| counted(at, 0)).sum(),
         };
         let new = self.replaced(means, covariances, total)?;
-        // Observations that differ by rounding alone have no variance.
-        let rounding = |at: usize, c: usize| (f64::EPSILON * new.means[at * d + c]).powi(2);
+        // Observations that differ from the mean by the rounding of its change alone have no
+        // variance.
+        let rounding = |at: usize, c: usize| {
+            let size = self.means[at * d + c].abs() + changes[at * d + c].abs();
+            (f64::EPSILON * size).powi(2)
+        };
         let is_rounding = |k: &usize| {
             let (at, c) = (k / d, k % d);
             known(at, c) && new.covariance(at, c, c) <= rounding(at, c)

@@ -4,7 +4,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::ReorderStates;
 use wayfix::emission::{EmissionError, Gaussian, GaussianMixture, GaussianPrior};
-use wayfix::inference::LearningOptions;
+use wayfix::inference::{LearningOptions, StopReason};
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 
 use super::kit::*;
@@ -242,4 +242,22 @@ fn stored_to_the_bit() {
         let read: GaussianMixture = serde_json::from_str(&text).unwrap();
         assert_eq!(format!("{read:?}"), format!("{mixture:?}"));
     }
+}
+
+/// A part that shrinks to one observation is an error of its state before the mean, which moves
+/// by much more than the deviation, is rounded.
+#[test]
+fn a_part_of_one_observation_ends_learning() {
+    let start = GaussianMixture::diagonal(
+        &[[0.06, 0.94], [0.09, 0.91]],
+        &[[[-0.71, 1.51], [-0.47, 0.95]], [[-1.22, 1.2], [0.95, 0.0]]],
+        &[[[3.28, 1.62], [1.62, 3.45]], [[3.45, 1.4], [1.4, 5.46]]],
+    )
+    .unwrap();
+    let rows = vec![vec![0.0, 0.0], vec![-2.306, 0.0], vec![1.33, -2.57], vec![-0.774, 2.826]];
+    let learned = lasting(start).learn(&[rows], &LearningOptions::default()).unwrap();
+    assert_eq!(learned.reason(), StopReason::Failed);
+    let cause = learned.cause().unwrap().to_string();
+    assert!(cause.contains("cannot be estimated"), "{cause}");
+    assert!(learned.objectives().windows(2).all(|pair| pair[0] <= pair[1]));
 }
