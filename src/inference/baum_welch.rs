@@ -130,7 +130,7 @@ impl<A, B> LearnedModel<A, B> {
     /// The last of the [objectives](Self::objectives).
     #[must_use]
     pub fn objective(&self) -> f64 {
-        // Those of the given model are always there.
+        // The value of the given model is always there.
         self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
     }
 

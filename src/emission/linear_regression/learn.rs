@@ -189,11 +189,11 @@ impl LinearRegression {
             sum / (nu + weight)
         });
         let covariance: Vec<f64> = covariance.collect();
-        // What is left of outputs by rounding alone has no variance.
+        // Rounding alone leaves no variance.
         for (c, line) in lines.chunks_exact(width).enumerate() {
             let size = |i: usize| moments.mean(at, i).abs() + (x(i, i) / weight).sqrt();
             let before = &old[c * width..][..width];
-            // Those before the change count, too, since sums are of differences from them.
+            // Coefficients before the change count, too: sums are of differences from them.
             let largest = |i: usize| line[i].abs() + before[i].abs();
             let terms = (0..p).map(|i| largest(i + 1) * size(i));
             let rounding = ROUNDING * (largest(0) + terms.sum::<f64>());

@@ -73,7 +73,7 @@ impl Normals {
         if found != expected {
             return Err(EmissionError::Components { found, expected });
         }
-        // Of finite values alone, the sum of these products is 0.
+        // The sum of these products is 0 if all values are finite.
         if y.iter().map(|y| y * 0.0).sum::<f64>() == 0.0 {
             return Ok(found);
         }
@@ -113,7 +113,7 @@ impl Normals {
         norms[block] = Eight::default();
         for (component, pivot) in pivots.iter().enumerate().filter(|c| !y[c.0].is_nan()) {
             for (l, (norm, pivot)) in norms[block].iter_mut().zip(pivot).enumerate() {
-                // Of a factored matrix they are positive, but for rounding.
+                // Pivots of a factored matrix are positive, but for rounding.
                 if pivot.is_nan() || *pivot <= 0.0 {
                     let state = Some(block * LANES + l);
                     return Err(EmissionError::NotPositiveDefinite { state, component });
