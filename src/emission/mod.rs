@@ -1,7 +1,8 @@
 //! Families of observations whose parameters are learned (feature `emission`).
 //!
 //! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
-//! without copying it. Each family is a [`Likelihood`](crate::Likelihood) with one set of
+//! without copying it, [`Columns`] of a d × T matrix of faer, and `Series` reads the columns of a CSV
+//! file (feature `csv`). Each family is a [`Likelihood`](crate::Likelihood) with one set of
 //! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
 //! observations for [`Hmm::simulate`](crate::Hmm::simulate).
 //!
@@ -22,6 +23,7 @@
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
 mod bernoulli;
+mod columns;
 mod concentration;
 mod error;
 mod gamma;
@@ -34,6 +36,8 @@ mod multinomial;
 mod normal;
 mod poisson;
 mod rows;
+#[cfg(feature = "csv")]
+mod series;
 mod special;
 mod start;
 mod student_t;
@@ -42,6 +46,7 @@ mod von_mises;
 mod von_mises_fisher;
 
 pub use bernoulli::Bernoulli;
+pub use columns::Columns;
 pub use error::EmissionError;
 pub use gamma::Gamma;
 pub use gaussian::{Gaussian, GaussianStatistics};
@@ -53,6 +58,8 @@ pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};
 pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
+#[cfg(feature = "csv")]
+pub use series::{Series, SeriesError};
 pub use start::{Clusters, starts};
 pub use student_t::{StudentT, StudentTStatistics};
 pub use univariate::Univariate;

@@ -83,6 +83,12 @@ impl<'a> Rows<'a> {
         }
     }
 
+    /// Divides values whose number is known to fit.
+    #[cfg(feature = "csv")]
+    pub(super) fn known(values: &'a [f64], components: usize) -> Self {
+        Self { values, width: components, stride: components }
+    }
+
     /// Rows that hold the `order` observations before each, oldest first, and then the
     /// observation itself: T − order rows of (order + 1) d numbers. O(1), since they overlap.
     ///
