@@ -102,18 +102,18 @@ impl Clusters {
         nearest: Vec<usize>,
         steps: impl Iterator<Item = usize>,
     ) -> Self {
-        let mut order: Vec<&[f64]> = centres.chunks_exact(components).collect();
+        let rows: Vec<&[f64]> = centres.chunks_exact(components).collect();
         let ascending = |a: &[f64], b: &[f64]| {
             let pairs = a.iter().zip(b).map(|(a, b)| a.total_cmp(b));
             pairs.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
         };
-        let mut numbers: Vec<usize> = (0..order.len()).collect();
-        numbers.sort_by(|&a, &b| ascending(order[a], order[b]));
-        order.sort_by(|a, b| ascending(a, b));
-        let new = crate::reorder::positions(&numbers);
+        let mut order: Vec<usize> = (0..rows.len()).collect();
+        order.sort_by(|&a, &b| ascending(rows[a], rows[b]));
+        let new = crate::reorder::positions(&order);
+        let centres = order.iter().flat_map(|&old| rows[old]).copied().collect();
         let mut nearest = nearest.into_iter().map(|label| new[label]);
         let labels = steps.map(|steps| nearest.by_ref().take(steps).collect()).collect();
-        Self { components, centres: order.concat(), labels }
+        Self { components, centres, labels }
     }
 
     /// Cluster of each observation, sequence by sequence.
