@@ -7,6 +7,7 @@ use rand::Rng;
 use super::EmissionError;
 use super::normal::{
     CovarianceType, GaussianPrior, Moments, Normals, check_covariances, eights, flatten, in_blocks,
+    settings,
 };
 use crate::error::LikelihoodError;
 use crate::kernels::Eight;
@@ -132,30 +133,7 @@ impl Gaussian {
         Ok(Self { normals: Normals::new(kind, d, means, covariances, false)?, prior: None })
     }
 
-    /// Returns the family with missing components, given as NaN. They are integrated out: of the
-    /// density, and in learning by their expectation, given the others. Without this, a NaN is an
-    /// error.
-    #[must_use]
-    pub fn with_missing(self) -> Self {
-        Self { normals: self.normals.with_missing(), ..self }
-    }
-
-    /// Returns the family with a prior for learning. By default there is none: learning maximises
-    /// the likelihood.
-    ///
-    /// # Errors
-    ///
-    /// [`EmissionError::Length`] if the prior has another number of components.
-    pub fn with_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
-        prior.check_components(self.components())?;
-        Ok(Self { prior: Some(prior), ..self })
-    }
-
-    /// Number of components of an observation, d.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.normals.components()
-    }
+    settings!();
 
     /// Type of the covariances.
     #[must_use]
@@ -186,18 +164,6 @@ impl Gaussian {
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<f64>> {
         self.normals.covariances()
-    }
-
-    /// True if components may be missing.
-    #[must_use]
-    pub fn has_missing(&self) -> bool {
-        self.normals.has_missing()
-    }
-
-    /// The prior of learning, if there is one.
-    #[must_use]
-    pub fn prior(&self) -> Option<&GaussianPrior> {
-        self.prior.as_ref()
     }
 
     pub(super) fn into_parts(self) -> (Normals, Option<GaussianPrior>) {

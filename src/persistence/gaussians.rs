@@ -15,7 +15,7 @@ stored! {
         covariance_type: CovarianceType = family.covariance_type(),
         means: Vec<Vec<f64>> = family.means(),
         covariances: Vec<Vec<f64>> = family.covariances(),
-        missing: bool = family.has_missing(),
+        missing: bool = family.takes_missing(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(covariance_type, &means, &covariances)
         .map(|family| if missing { family.with_missing() } else { family })
@@ -29,7 +29,7 @@ stored! {
         weights: Vec<Vec<f64>> = weights_of(family),
         means: Vec<Vec<Vec<f64>>> = family.means(),
         covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
-        missing: bool = family.has_missing(),
+        missing: bool = family.takes_missing(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(matrices(full), &weights, &means, &covariances)
         .map(|family| if missing { family.with_missing() } else { family })
@@ -44,7 +44,7 @@ stored! {
         means: Vec<Vec<f64>> = family.means(),
         scales: Vec<Vec<f64>> = family.scales(),
         fixed_degrees: bool = family.has_fixed_degrees(),
-        missing: bool = family.has_missing(),
+        missing: bool = family.takes_missing(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(scale_type, &degrees, &means, &scales)
         .map(|family| if fixed_degrees { family.with_fixed_degrees() } else { family })
@@ -59,7 +59,7 @@ stored! {
         coefficients: Vec<Vec<f64>> = by_state(|state| family.coefficients(state)),
         intercepts: Vec<Vec<f64>> = by_state(|state| family.intercept(state)),
         covariances: Vec<Vec<f64>> = family.covariances(),
-        missing: bool = family.has_missing(),
+        missing: bool = family.takes_missing(),
         ridge: f64 = family.ridge(),
         noise_prior: Option<GaussianPrior> = family.noise_prior(),
     } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)

@@ -6,6 +6,8 @@ mod noise;
 
 mod appearance;
 mod descriptors;
+#[cfg(feature = "emission")]
+mod emission;
 mod memory;
 mod operators;
 mod pruned;

@@ -6,7 +6,7 @@ use rand::Rng;
 
 use super::EmissionError;
 use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, eights, flatten};
+use super::normal::{CovarianceType, GaussianPrior, Normals, eights, flatten, settings};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
 use crate::kernels::Eight;
@@ -156,29 +156,7 @@ impl GaussianMixture {
         Self { normals, parts, weights, log_weights, prior }
     }
 
-    /// Returns the family with missing components, given as NaN, as
-    /// [`Gaussian::with_missing`](super::Gaussian::with_missing).
-    #[must_use]
-    pub fn with_missing(self) -> Self {
-        Self { normals: self.normals.with_missing(), ..self }
-    }
-
-    /// Returns the family with a prior of all means and covariances, for learning. By default
-    /// there is none.
-    ///
-    /// # Errors
-    ///
-    /// [`EmissionError::Length`] if the prior has another number of components.
-    pub fn with_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
-        prior.check_components(self.components())?;
-        Ok(Self { prior: Some(prior), ..self })
-    }
-
-    /// Number of components of an observation, d.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.normals.components()
-    }
+    settings!();
 
     /// Number of Gaussians of each state, m.
     #[must_use]
@@ -221,18 +199,6 @@ impl GaussianMixture {
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<Vec<f64>>> {
         self.normals.covariances().chunks(self.parts).map(<[_]>::to_vec).collect()
-    }
-
-    /// True if components may be missing.
-    #[must_use]
-    pub fn has_missing(&self) -> bool {
-        self.normals.has_missing()
-    }
-
-    /// The prior of learning, if there is one.
-    #[must_use]
-    pub fn prior(&self) -> Option<&GaussianPrior> {
-        self.prior.as_ref()
     }
 
     /// Position of a part among those of all states.

@@ -1,15 +1,14 @@
 //! Linear regression on an input.
 
 mod learn;
+mod step;
 
 use rand::Rng;
 
 use super::EmissionError;
 use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, Differences, GaussianPrior, Normals, eights, flatten};
-use crate::error::LikelihoodError;
-use crate::kernels::{Eight, LANES, Simd};
-use crate::likelihood::{Diagonal, Likelihood, Scratch};
+use super::normal::{CovarianceType, GaussianPrior, Normals, flatten};
+use crate::kernels::{Eight, LANES};
 use crate::reorder::ReorderStates;
 
 pub use learn::LinearRegressionStatistics;
@@ -256,8 +255,8 @@ impl LinearRegression {
 
     /// True if components of the output may be missing.
     #[must_use]
-    pub fn has_missing(&self) -> bool {
-        self.noise.has_missing()
+    pub fn takes_missing(&self) -> bool {
+        self.noise.takes_missing()
     }
 
     /// The ridge λ.
@@ -308,94 +307,11 @@ impl LinearRegression {
     fn lines_of(&self, state: usize) -> Option<&[f64]> {
         self.lines.chunks_exact(self.outputs() * (1 + self.inputs)).nth(state)
     }
-
-    fn check_input(&self, input: &[f64], expected: usize) -> Result<(), EmissionError> {
-        let found = input.len();
-        if found != expected {
-            return Err(EmissionError::Components { found, expected });
-        }
-        match input.iter().take(self.inputs).position(|x| !x.is_finite()) {
-            None => Ok(()),
-            Some(component) => {
-                let (value, expected) = (input[component], "a finite value, as all of the input");
-                Err(EmissionError::Observation { component, value, expected })
-            }
-        }
-    }
-
-    /// Checks a row, and returns its output and the number of that one's components that are not
-    /// missing.
-    #[inline]
-    fn output<'a>(&self, row: &'a [f64]) -> Result<(&'a [f64], usize), EmissionError> {
-        self.check_input(row, self.inputs + self.outputs())?;
-        let output = &row[self.inputs..];
-        let observed = self.noise.check(output).map_err(|error| match error {
-            EmissionError::Observation { component, value, expected } => {
-                let component = component + self.inputs;
-                EmissionError::Observation { component, value, expected }
-            }
-            other => other,
-        })?;
-        Ok((output, observed))
-    }
-
-    fn differences<'a>(&'a self, row: &'a [f64]) -> FromLines<'a> {
-        FromLines { row, inputs: self.inputs, lines: &self.blocks }
-    }
 }
 
 /// Output of a line, an intercept with slopes.
 fn predicted(line: &[f64], input: &[f64]) -> f64 {
     line[0] + line[1..].iter().zip(input).map(|(slope, x)| slope * x).sum::<f64>()
-}
-
-/// Differences of outputs from their expectations; 0 for missing ones.
-struct FromLines<'a> {
-    row: &'a [f64],
-    inputs: usize,
-    lines: &'a [Eight],
-}
-
-impl Differences for FromLines<'_> {
-    #[inline(always)]
-    fn write<S: Simd>(&self, s: S, block: usize, out: &mut [Eight]) {
-        let (input, output) = self.row.split_at(self.inputs);
-        let width = 1 + self.inputs;
-        let lines = &self.lines[block * width * out.len()..];
-        for ((out, &y), line) in out.iter_mut().zip(output).zip(lines.chunks_exact(width)) {
-            if y.is_nan() {
-                *out = Eight::default();
-                continue;
-            }
-            let mut rest = s.sub(s.splat(y), s.load(&line[0]));
-            for (slope, &x) in line[1..].iter().zip(input) {
-                rest = s.sub(rest, s.mul(s.load(slope), s.splat(x)));
-            }
-            s.store(rest, out);
-        }
-    }
-}
-
-impl Likelihood for LinearRegression {
-    type Observation = [f64];
-
-    fn states(&self) -> usize {
-        self.noise.count()
-    }
-
-    #[inline]
-    fn diagonal<'a>(
-        &'a self,
-        row: &'a [f64],
-        scratch: &'a mut Scratch,
-    ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let values = scratch.values(self.noise.memory() * 8);
-        let memory = eights(values);
-        let (output, observed) = self.output(row)?;
-        self.noise.distances_from(&self.differences(row), output, observed, memory)?;
-        self.noise.logs(memory);
-        Ok(Diagonal::log(&values[..self.noise.count()]))
-    }
 }
 
 impl ReorderStates for LinearRegression {

@@ -7,6 +7,7 @@ mod lanes;
 mod maximize;
 mod moments;
 mod prior;
+mod settings;
 mod step;
 
 use rand::{Rng, RngExt};
@@ -22,6 +23,7 @@ pub(super) use form::Shape;
 pub(super) use lanes::Differences;
 pub(super) use moments::Moments;
 pub use prior::GaussianPrior;
+pub(super) use settings::settings;
 pub(super) use step::{add_missing, density, eights, in_blocks};
 
 /// ln 2π.
@@ -127,7 +129,7 @@ impl Normals {
         self.d
     }
 
-    pub(super) fn has_missing(&self) -> bool {
+    pub(super) fn takes_missing(&self) -> bool {
         self.missing
     }
 

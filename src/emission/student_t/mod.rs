@@ -7,7 +7,7 @@ use rand_distr::{ChiSquared, Distribution};
 
 use super::EmissionError;
 use super::gaussian::Gaussian;
-use super::normal::{CovarianceType, GaussianPrior, Normals, density, eights};
+use super::normal::{CovarianceType, GaussianPrior, Normals, density, eights, settings};
 use super::special::{log_excess, stirling};
 use crate::error::LikelihoodError;
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
@@ -170,28 +170,7 @@ impl StudentT {
         Self { fixed: true, ..self }
     }
 
-    /// Returns the family with missing components, given as NaN, as [`Gaussian::with_missing`].
-    #[must_use]
-    pub fn with_missing(self) -> Self {
-        Self { normals: self.normals.with_missing(), ..self }
-    }
-
-    /// Returns the family with a prior of means and scales, for learning, as
-    /// [`Gaussian::with_prior`].
-    ///
-    /// # Errors
-    ///
-    /// [`EmissionError::Length`] if the prior has another number of components.
-    pub fn with_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
-        prior.check_components(self.components())?;
-        Ok(Self { prior: Some(prior), ..self })
-    }
-
-    /// Number of components of an observation, d.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.normals.components()
-    }
+    settings!();
 
     /// Type of the scales.
     #[must_use]
@@ -234,18 +213,6 @@ impl StudentT {
     #[must_use]
     pub fn has_fixed_degrees(&self) -> bool {
         self.fixed
-    }
-
-    /// True if components may be missing.
-    #[must_use]
-    pub fn has_missing(&self) -> bool {
-        self.normals.has_missing()
-    }
-
-    /// The prior of learning, if there is one.
-    #[must_use]
-    pub fn prior(&self) -> Option<&GaussianPrior> {
-        self.prior.as_ref()
     }
 }
 

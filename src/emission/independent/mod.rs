@@ -1,14 +1,17 @@
 //! Families whose components are independent of each other.
 
-use std::error::Error;
+mod check;
+mod learn;
 
 use rand::Rng;
 
 use super::error::EmissionError;
 use super::univariate::Univariate;
 use crate::error::LikelihoodError;
-use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
+use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
+
+pub(super) use check::{at, check_shape, shape};
 
 /// A family of observations with d components that are independent of each other, given the
 /// state: for each state and component a distribution of one number.
@@ -43,51 +46,6 @@ pub struct Independent<F> {
     /// number of observations.
     parts: Vec<F>,
     prior: Option<(Vec<F>, f64)>,
-}
-
-/// Returns the numbers of states and components of parameters with one row for each state.
-pub(super) fn shape<T, R: AsRef<[T]>>(
-    what: &'static str,
-    rows: &[R],
-) -> Result<(usize, usize), EmissionError> {
-    let (states, components) = (rows.len(), rows.first().map_or(0, |row| row.as_ref().len()));
-    if states == 0 || components == 0 {
-        return Err(EmissionError::Empty { states, components });
-    }
-    check_shape(what, rows, (states, components)).map(|()| (states, components))
-}
-
-/// Checks the numbers of states and components of further parameters.
-pub(super) fn check_shape<T, R: AsRef<[T]>>(
-    what: &'static str,
-    rows: &[R],
-    (states, components): (usize, usize),
-) -> Result<(), EmissionError> {
-    if rows.len() != states {
-        let (found, expected) = (rows.len(), states);
-        return Err(EmissionError::Length { what, state: None, found, expected });
-    }
-    for (state, row) in rows.iter().enumerate() {
-        let (found, expected) = (row.as_ref().len(), components);
-        if found != expected {
-            return Err(EmissionError::Length { what, state: Some(state), found, expected });
-        }
-    }
-    Ok(())
-}
-
-/// Adds state and component to the error of a distribution.
-pub(super) fn at(error: EmissionError, state: usize, component: Option<usize>) -> EmissionError {
-    let state = Some(state);
-    match error {
-        EmissionError::Parameter { what, value, expected, .. } => {
-            EmissionError::Parameter { what, state, component, value, expected }
-        }
-        EmissionError::TooFew { what, weight, reason, .. } => {
-            EmissionError::TooFew { state, component, what, weight, reason }
-        }
-        other => other,
-    }
 }
 
 impl<F> Independent<F> {
@@ -279,70 +237,6 @@ impl<F: Univariate> SampleObservation for Independent<F> {
 
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
         self.parts[state..].iter().step_by(self.states).map(|part| part.draw(rng)).collect()
-    }
-}
-
-impl<F: Univariate> LearnLikelihood for Independent<F> {
-    /// Sums of component c in state i, at c n + i.
-    type Statistics = Vec<F::Sums>;
-
-    fn statistics(&self) -> Vec<F::Sums> {
-        vec![F::Sums::default(); self.parts.len()]
-    }
-
-    /// Adds one observation; one for which there is no [`diagonal`](Likelihood::diagonal) adds
-    /// nothing from its first invalid component on.
-    fn add(&self, statistics: &mut Vec<F::Sums>, observation: &[f64], posterior: &[f64]) {
-        let n = self.states;
-        let _ = self.visit(observation, |component, point, parts| {
-            let sums = &mut statistics[component * n..];
-            for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
-                if weight > 0.0 {
-                    part.add(sums, &point, weight);
-                }
-            }
-        });
-    }
-
-    fn merge(&self, statistics: &mut Vec<F::Sums>, other: &Vec<F::Sums>) {
-        for (sums, other) in statistics.iter_mut().zip(other) {
-            let sums = sums.as_mut().iter_mut();
-            sums.zip(other.as_ref()).for_each(|(sum, other)| *sum += other);
-        }
-    }
-
-    fn reestimate(
-        &self,
-        statistics: &Vec<F::Sums>,
-        pseudo_count: f64,
-    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let maximize = |(index, part): (usize, &F)| {
-            let mut sums = statistics[index].clone();
-            if let Some((prior, count)) = &self.prior {
-                part.add_expected(&mut sums, &prior[index], *count);
-            }
-            part.add_pseudo_count(&mut sums, pseudo_count);
-            if sums.as_ref()[0] < f64::MIN_POSITIVE {
-                return Ok(part.clone());
-            }
-            let (component, state) = (index / self.states, index % self.states);
-            part.maximize(&sums).map_err(|error| at(error, state, Some(component)))
-        };
-        let parts = self.parts.iter().enumerate().map(maximize).collect::<Result<_, _>>()?;
-        Ok(Self { parts, prior: self.prior.clone(), ..*self })
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        let from_counts: f64 = self.parts.iter().map(|part| part.log_prior(pseudo_count)).sum();
-        let prior = self.prior.iter().flat_map(|(prior, count)| {
-            let parts = self.parts.iter().zip(prior);
-            parts.map(move |(part, prior)| count * part.expected_log_density(prior))
-        });
-        from_counts + prior.sum::<f64>()
-    }
-
-    fn free_parameters(&self) -> usize {
-        self.parts.iter().map(Univariate::free_parameters).sum()
     }
 }
 

@@ -1,0 +1,71 @@
+//! Learning of each component by itself.
+
+use std::error::Error;
+
+use super::{Independent, at};
+use crate::emission::Univariate;
+use crate::likelihood::LearnLikelihood;
+
+impl<F: Univariate> LearnLikelihood for Independent<F> {
+    /// Sums of component c in state i, at c n + i.
+    type Statistics = Vec<F::Sums>;
+
+    fn statistics(&self) -> Vec<F::Sums> {
+        vec![F::Sums::default(); self.parts.len()]
+    }
+
+    /// Adds one observation; one for which there is no [`diagonal`](Likelihood::diagonal) adds
+    /// nothing from its first invalid component on.
+    fn add(&self, statistics: &mut Vec<F::Sums>, observation: &[f64], posterior: &[f64]) {
+        let n = self.states;
+        let _ = self.visit(observation, |component, point, parts| {
+            let sums = &mut statistics[component * n..];
+            for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
+                if weight > 0.0 {
+                    part.add(sums, &point, weight);
+                }
+            }
+        });
+    }
+
+    fn merge(&self, statistics: &mut Vec<F::Sums>, other: &Vec<F::Sums>) {
+        for (sums, other) in statistics.iter_mut().zip(other) {
+            let sums = sums.as_mut().iter_mut();
+            sums.zip(other.as_ref()).for_each(|(sum, other)| *sum += other);
+        }
+    }
+
+    fn reestimate(
+        &self,
+        statistics: &Vec<F::Sums>,
+        pseudo_count: f64,
+    ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        let maximize = |(index, part): (usize, &F)| {
+            let mut sums = statistics[index].clone();
+            if let Some((prior, count)) = &self.prior {
+                part.add_expected(&mut sums, &prior[index], *count);
+            }
+            part.add_pseudo_count(&mut sums, pseudo_count);
+            if sums.as_ref()[0] < f64::MIN_POSITIVE {
+                return Ok(part.clone());
+            }
+            let (component, state) = (index / self.states, index % self.states);
+            part.maximize(&sums).map_err(|error| at(error, state, Some(component)))
+        };
+        let parts = self.parts.iter().enumerate().map(maximize).collect::<Result<_, _>>()?;
+        Ok(Self { parts, prior: self.prior.clone(), ..*self })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        let from_counts: f64 = self.parts.iter().map(|part| part.log_prior(pseudo_count)).sum();
+        let prior = self.prior.iter().flat_map(|(prior, count)| {
+            let parts = self.parts.iter().zip(prior);
+            parts.map(move |(part, prior)| count * part.expected_log_density(prior))
+        });
+        from_counts + prior.sum::<f64>()
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.parts.iter().map(Univariate::free_parameters).sum()
+    }
+}
