@@ -23,6 +23,7 @@
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
 mod bernoulli;
+mod clusters;
 mod columns;
 mod concentration;
 mod error;
@@ -46,6 +47,7 @@ mod von_mises;
 mod von_mises_fisher;
 
 pub use bernoulli::Bernoulli;
+pub use clusters::Clusters;
 pub use columns::Columns;
 pub use error::EmissionError;
 pub use gamma::Gamma;
@@ -60,7 +62,7 @@ pub use poisson::Poisson;
 pub use rows::{Rows, RowsError};
 #[cfg(feature = "csv")]
 pub use series::{Series, SeriesError};
-pub use start::{Clusters, starts};
+pub use start::starts;
 pub use student_t::{StudentT, StudentTStatistics};
 pub use univariate::Univariate;
 pub use von_mises::VonMises;

@@ -1,5 +1,8 @@
 //! Special functions, to the last digits over the whole range of their arguments.
 
+#[cfg(test)]
+mod tests;
+
 use std::f64::consts::{FRAC_2_PI, TAU};
 
 /// u − ln(1 + u), which is 0 at 0 and above it elsewhere, for u ≥ −1; ∞ at −1.
