@@ -41,7 +41,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// results: for G groups, the root of (G − 1) / G times the sum of squares about their mean.
     /// With a group for each sequence and many sequences this estimates the same as a sandwich
     /// of derivatives (White 1982), so it holds for models that are not true as well; but
-    /// sequences must be independent of each other, and the parameters not at a bound. Learn to a
+    /// sequences must be independent of each other, and the parameters not at a bound. A single
+    /// long sequence may be cut into pieces, if they last much longer than a state does. Learn to a
     /// small tolerance: differences that learning leaves unfinished count as errors.
     ///
     /// Runs in parallel with the feature `rayon`. The cost is that of learning G times, from a

@@ -89,12 +89,11 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let starts = starts.iter().enumerate().collect();
-        let mut attempts =
-            in_parallel::map(starts, |(index, start): (usize, &Self), (): &mut ()| {
-                let learned = start.learn(sequences, learning);
-                done(index, &learned);
-                learned
-            });
+        let attempts = in_parallel::map(starts, |(index, start): (usize, &Self), (): &mut ()| {
+            let learned = start.learn(sequences, learning);
+            done(index, &learned);
+            learned
+        });
         let mut best: Option<(usize, f64)> = None;
         for (index, learned) in attempts.iter().enumerate() {
             if let Ok(learned) = learned
@@ -103,15 +102,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 best = Some((index, learned.objective()));
             }
         }
-        match best {
-            Some((best, _)) => Ok(Restarts { attempts, best }),
-            None if attempts.is_empty() => {
-                Err(LearnError::Nothing { sequences: sequences.len(), first: None })
-            }
-            None => match attempts.swap_remove(0) {
-                Err(error) => Err(error),
-                Ok(_) => unreachable!("all starts failed"),
-            },
-        }
+        let Some((best, _)) = best else {
+            let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+            return Err(attempts.into_iter().find_map(Result::err).unwrap_or(nothing));
+        };
+        Ok(Restarts { attempts, best })
     }
 }

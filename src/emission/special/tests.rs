@@ -41,7 +41,8 @@ fn gamma_functions() {
         (100.0, 0.000_833_330_555_634_914_7, 0.005_008_333_250_003_967, -0.005_016_666_333_357_139),
         (1e8, 8.333_333_333_333_334e-10, 5.000_000_008_333_333_6e-9, -5.000_000_016_666_667e-9),
     ] {
-        right("stirling", a, stirling(a), error);
+        // It is added to logarithms, of which it is a small part.
+        assert!((stirling(a) - error).abs() < 1e-15 * error.max(1.0), "stirling({a:e})");
         let found = ln_minus_digamma(a);
         right("ln_minus_digamma", a, found.0, gap);
         // Only Newton's method uses it.
