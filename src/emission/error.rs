@@ -4,7 +4,7 @@ use std::error::Error;
 use std::fmt;
 use std::sync::Arc;
 
-use crate::error::LikelihoodError;
+use crate::error::{LearnError, LikelihoodError};
 
 /// An invalid parameter or observation of a family, or statistics that determine no parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,6 +116,11 @@ fn of_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |state| format!(" of state {state}"))
 }
 
+/// A weight without the digits that rounding leaves.
+fn rounded(weight: f64) -> f64 {
+    if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
+}
+
 impl fmt::Display for EmissionError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -140,6 +145,7 @@ impl fmt::Display for EmissionError {
             Self::TooFew { state, component, what, weight, reason } => {
                 write!(f, "the {what}{}", of_state(*state))?;
                 component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                let weight = rounded(*weight);
                 write!(f, " cannot be estimated from {weight} expected observations: {reason}")
             }
             Self::Components { found, expected } => {
@@ -164,5 +170,11 @@ impl Error for EmissionError {}
 impl From<EmissionError> for LikelihoodError {
     fn from(source: EmissionError) -> Self {
         Self::Sensor(Arc::new(source))
+    }
+}
+
+impl From<EmissionError> for LearnError {
+    fn from(source: EmissionError) -> Self {
+        Self::Likelihood(source.into())
     }
 }

@@ -80,7 +80,7 @@ proptest! {
         numbers in vec(-1.5..1.5, 30),
         rows in vec(vec(prop_oneof![1 => Just(f64::NAN), 4 => -3.0..3.0, 1 => -60.0..60.0], 2), 20),
         weights in weights(2, 20),
-        fixed: bool,
+        fixed in 0..5_u8,
         with_prior: bool,
     ) {
         let family = family(kind, n, 2, &numbers).with_missing();
@@ -88,7 +88,12 @@ proptest! {
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.5, &[0.1, -0.2]).unwrap();
         let prior = prior.with_covariance(0.7, &[0.3, 0.2]).unwrap();
         let family = if with_prior { family.with_prior(prior).unwrap() } else { family };
-        let family = if fixed { family.with_fixed_degrees() } else { family };
+        let family = match fixed {
+            1 => family.with_fixed_means(),
+            2 => family.with_fixed_covariances(),
+            3 => family.with_fixed_degrees(),
+            _ => family,
+        };
         assert_never_falls(&family, &rows, &weights, 0.0);
     }
 
