@@ -163,11 +163,11 @@ impl Multinomial {
         };
         let mut trials = 0.0;
         for entry in observation.iter().enumerate() {
-            if Count::new(*entry.1).is_none() {
+            if !Count::is_valid(*entry.1) {
                 return refused(entry, "a whole number from 0 to 2^53");
             }
             trials += entry.1;
-            if Count::new(trials).is_none() {
+            if !Count::is_valid(trials) {
                 return refused(entry, "counts with a sum of up to 2^53");
             }
         }
