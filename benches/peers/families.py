@@ -42,8 +42,9 @@ def run(name, times, out):
 
 def compare(case, who, learner):
     """How far what is learned is off."""
-    learned = learner.learn(1 + case.sizes["more"])
-    expected = case.sizes["log_likelihoods"][:len(learned.log_likelihoods)]
+    iterations = 1 + case.sizes["more"]
+    learned = learner.learn(iterations)
+    expected = case.sizes["log_likelihoods"][:iterations]
     off = within(f"{case.name}, {who}", of_numbers(learned.log_likelihoods, expected))
     for name, found in learned.parameters.items():
         right = case[f"learned_{name}"]

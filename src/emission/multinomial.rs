@@ -150,7 +150,7 @@ impl Multinomial {
     }
 
     /// Returns the number of trials of a valid row, or `None` if it is missing.
-    fn check(&self, observation: &[f64]) -> Result<Option<Count>, EmissionError> {
+    fn check(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
         let (found, expected) = (observation.len(), self.components());
         if found != expected {
             return Err(EmissionError::Components { found, expected });
@@ -171,7 +171,7 @@ impl Multinomial {
                 return refused(entry, "counts with a sum of up to 2^53");
             }
         }
-        Ok(Count::new(trials))
+        Ok(Some(trials))
     }
 }
 
@@ -190,7 +190,9 @@ impl Likelihood for Multinomial {
         let n = self.states;
         let logs = scratch.values(n);
         logs.fill(0.0);
-        let Some(trials) = self.check(observation)? else { return Ok(Diagonal::log(logs)) };
+        let Some(trials) = self.check(observation)?.and_then(Count::new) else {
+            return Ok(Diagonal::log(logs));
+        };
         let number = trials.value();
         let (whole, rest) = trials.ln_factorial();
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));

@@ -51,6 +51,7 @@ static FACTORIALS: LazyLock<[(f64, f64); KEPT]> =
     LazyLock::new(|| std::array::from_fn(|n| computed_ln_factorial(n as f64)));
 
 /// ln(n!) of a whole number n, and n (ln n − 1) less than that.
+#[inline]
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
     if n < KEPT as f64 { FACTORIALS[n as usize] } else { computed_ln_factorial(n) }
 }
