@@ -52,6 +52,7 @@ static FACTORIALS: LazyLock<[(f64, f64); KEPT]> =
 
 /// ln(n!) of a whole number n, and n (ln n − 1) less than that.
 #[inline]
+#[expect(clippy::cast_sign_loss, reason = "a number of things is at least 0")]
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
     if n < KEPT as f64 { FACTORIALS[n as usize] } else { computed_ln_factorial(n) }
 }
