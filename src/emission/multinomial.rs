@@ -150,7 +150,7 @@ impl Multinomial {
     }
 
     /// Returns the number of trials of a valid row, or `None` if it is missing.
-    fn check(&self, observation: &[f64]) -> Result<Option<Count>, EmissionError> {
+    fn check(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
         let (found, expected) = (observation.len(), self.components());
         if found != expected {
             return Err(EmissionError::Components { found, expected });
@@ -163,15 +163,15 @@ impl Multinomial {
         };
         let mut trials = 0.0;
         for entry in observation.iter().enumerate() {
-            if Count::new(*entry.1).is_none() {
+            if !Count::is_valid(*entry.1) {
                 return refused(entry, "a whole number from 0 to 2^53");
             }
             trials += entry.1;
-            if Count::new(trials).is_none() {
+            if !Count::is_valid(trials) {
                 return refused(entry, "counts with a sum of up to 2^53");
             }
         }
-        Ok(Count::new(trials))
+        Ok(Some(trials))
     }
 }
 
@@ -190,7 +190,9 @@ impl Likelihood for Multinomial {
         let n = self.states;
         let logs = scratch.values(n);
         logs.fill(0.0);
-        let Some(trials) = self.check(observation)? else { return Ok(Diagonal::log(logs)) };
+        let Some(trials) = self.check(observation)?.and_then(Count::new) else {
+            return Ok(Diagonal::log(logs));
+        };
         let number = trials.value();
         let (whole, rest) = trials.ln_factorial();
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
