@@ -402,12 +402,12 @@ fn observations_of_little_weight_count() {
 fn covariances_are_about_the_means_that_are_kept() {
     let unit = 16384.0; // the distance of doubles at 1e20
     let rows: Vec<Vec<f64>> =
-        [0.0, 1.0, 1.0, -1.0, 2.0].iter().map(|k| vec![1e20 + unit * k, *k]).collect();
+        [0.0, 7.0, 7.0, -7.0, 14.0].iter().map(|k| vec![1e20 + unit * k, k * k]).collect();
     let weights = vec![vec![1.0]; 5];
     let start = Gaussian::full(&[[1e20, 0.0]], &[[unit * unit, 0.0, 0.0, 1.0]]).unwrap();
     let learned = reestimated(&start, &rows, &weights, 0.0).unwrap();
     let mean = learned.mean(0).unwrap().to_vec();
-    assert_eq!(mean[0], 1e20 + unit); // rounded from 0.6 units
+    assert_eq!(mean[0], 1e20 + 4.0 * unit); // rounded from 4.2 units
     let entry = |i: usize, j: usize| {
         rows.iter().map(|y| (y[i] - mean[i]) * (y[j] - mean[j])).sum::<f64>() / 5.0
     };
