@@ -7,6 +7,7 @@ use rand_distr::{Binomial, Distribution};
 
 use super::error::EmissionError;
 use super::independent::shape;
+use super::special::log_excess;
 use super::univariate::Count;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
@@ -22,7 +23,8 @@ const MANY: f64 = 64.0;
 /// words of a document.
 ///
 /// p(y) = N! Π_c p_c^{y_c} / y_c!, of whole numbers y_c ≥ 0; the number of trials, N = Σ y_c, is that of the row, at
-/// most 2^53, and may differ from row to row. With one trial a step it is a
+/// most 2^53, and may differ from row to row; probabilities are taken in proportion to their sum,
+/// which is one but for rounding. With one trial a step it is a
 /// [table](crate::TableLikelihood). Learning sets the probabilities to the weighted shares of the
 /// counts.
 ///
@@ -211,10 +213,12 @@ impl Likelihood for Multinomial {
             }
         }
         if number >= MANY {
+            // A sum of probabilities that is not one, such as by rounding, counts in its square.
             let above = logs.iter_mut().zip(&self.above_one);
-            above.for_each(|(log, above)| *log += rest + number * above);
+            above.for_each(|(log, above)| *log += rest + number * log_excess(*above));
         } else {
-            logs.iter_mut().for_each(|log| *log += whole);
+            let above = logs.iter_mut().zip(&self.above_one);
+            above.for_each(|(log, above)| *log += whole - number * above.ln_1p());
         }
         Ok(Diagonal::log(logs))
     }

@@ -37,15 +37,20 @@ impl Normals {
         };
         let changes: Vec<f64> = (0..count * d).map(|k| change(k / d, k % d)).collect();
         let means: Vec<f64> = self.means.iter().zip(&changes).map(|(m, c)| m + c).collect();
+        // Rounding errors of these sums, exactly (Knuth's): covariances are about the means that
+        // are kept, of which they are then the maximum.
+        let rounded = |k: usize| {
+            let (old, change, new) = (self.means[k], changes[k], means[k]);
+            let part = new - old;
+            (old - (new - part)) + (change - part)
+        };
         // S + N (m − μ)(m − μ)' + κ (μ − μ0)(μ − μ0)'
         let scatter = |at: usize, i: usize, j: usize| {
             let from = |c: usize| means[at * d + c] - origin(c);
-            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c];
+            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c] + rounded(at * d + c);
             let about_prior = if kappa == 0.0 { 0.0 } else { kappa * from(i) * from(j) };
             let about_mean = if known(at, i) {
-                let is_mean = kappa == 0.0 && !fixed_means;
-                let shift = if is_mean { 0.0 } else { weight(at, i) * moved(i) * moved(j) };
-                moments.scatter(at, i, j) + shift
+                moments.scatter(at, i, j) + weight(at, i) * moved(i) * moved(j)
             } else {
                 0.0
             };

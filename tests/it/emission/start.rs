@@ -160,3 +160,23 @@ fn series_come_from_the_named_columns() {
     let missing = Series::from_csv_file("no such file", &["a"]).unwrap_err().to_string();
     assert!(missing.starts_with("no such file cannot be read: "), "{missing}");
 }
+
+/// Centres are means of observations as they were given, however large others are.
+#[test]
+fn centres_keep_their_digits_beside_huge_values() {
+    let (tiny, most) = (f64::from_bits(3), f64::MAX);
+    for (values, count, centres) in [
+        (vec![1e150, 0.25, 0.5, 0.75, 1e150], 2, vec![0.5, 1e150]),
+        (vec![-1e20, 1.5, 2.5, -1e20, 2.0], 2, vec![-1e20, 2.0]),
+        (vec![most, -most, most, -most, most], 2, vec![-most, most]),
+        (vec![tiny, -tiny, tiny], 2, vec![-tiny, tiny]),
+        (vec![most, 0.9 * most], 1, vec![0.95 * most]),
+    ] {
+        let series: Vec<[f64; 1]> = values.iter().map(|y| [*y]).collect();
+        let clusters = Clusters::new(&[series], count, &mut rng(4)).unwrap();
+        for (k, expected) in centres.iter().enumerate() {
+            let found = clusters.centre(k)[0];
+            assert!((found / expected - 1.0).abs() < 1e-15, "{values:?}: {found}");
+        }
+    }
+}

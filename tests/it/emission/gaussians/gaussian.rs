@@ -411,3 +411,61 @@ fn stored_to_the_bit() {
         assert!(serde_json::from_str::<Gaussian>(&broken).is_err());
     }
 }
+
+/// An observation far away with a weight far below 1e-16 still counts by its square.
+#[test]
+fn observations_of_little_weight_count() {
+    let near = [1.0, -1.0, 3.0, 2.0];
+    for (far, little) in [(1e12, 1e-20), (1e20, 1e-30), (1e100, 1e-190)] {
+        for kind in TYPES {
+            for place in 0..5 {
+                let mut seen: Vec<(f64, f64)> = near.iter().map(|y| (*y, 1.0)).collect();
+                seen.insert(place, (far, little));
+                let rows: Vec<Vec<f64>> = seen.iter().map(|(y, _)| vec![*y]).collect();
+                let weights: Vec<Vec<f64>> = seen.iter().map(|(_, w)| vec![*w]).collect();
+                let start = Gaussian::new(kind, &[[0.0]], &[[1.0]]).unwrap();
+                let learned = reestimated(&start, &rows, &weights, 0.0).unwrap();
+                let (mean, sum) = (1.25 + far * little / 4.0, 8.75 + little * far * far);
+                let found = (learned.mean(0).unwrap()[0], learned.covariance(0).unwrap()[0]);
+                let text = format!("{far} at {place}, {kind:?}: {found:?}");
+                assert!((found.0 - mean).abs() < 1e-7 * far * little + 1e-12, "{text}");
+                assert!((found.1 / (sum / 4.0) - 1.0).abs() < 1e-7, "{text}, not {}", sum / 4.0);
+            }
+        }
+    }
+}
+
+/// A mean is a double, which may lie beside that of the observations: the covariance is about it.
+#[test]
+fn covariances_are_about_the_means_that_are_kept() {
+    let unit = 16384.0; // the distance of doubles at 1e20
+    let rows: Vec<Vec<f64>> =
+        [0.0, 7.0, 7.0, -7.0, 14.0].iter().map(|k| vec![1e20 + unit * k, k * k]).collect();
+    let weights = vec![vec![1.0]; 5];
+    let start = Gaussian::full(&[[1e20, 0.0]], &[[unit * unit, 0.0, 0.0, 1.0]]).unwrap();
+    let learned = reestimated(&start, &rows, &weights, 0.0).unwrap();
+    let mean = learned.mean(0).unwrap().to_vec();
+    assert_eq!(mean[0], 1e20 + 4.0 * unit); // rounded from 4.2 units
+    let entry = |i: usize, j: usize| {
+        rows.iter().map(|y| (y[i] - mean[i]) * (y[j] - mean[j])).sum::<f64>() / 5.0
+    };
+    let found = learned.covariance(0).unwrap();
+    for (k, value) in found.iter().enumerate() {
+        let expected = entry(k / 2, k % 2);
+        assert!((value - expected).abs() <= 1e-12 * expected.abs(), "{k}: {value}, not {expected}");
+    }
+}
+
+/// Inverses of the smallest covariances, whose products are beyond the range of doubles.
+#[test]
+fn priors_of_tiny_covariances_are_no_nan() {
+    let (variance, share) = (1e-307, 1.0 - 1e-11);
+    let covariance = [1.0, share, share, 1.0].map(|x| x * variance);
+    let prior = GaussianPrior::new(2).unwrap().with_covariance(1.0, &[0.0, variance]).unwrap();
+    let family = Gaussian::full(&[[0.0, 0.0]], &[covariance]).unwrap().with_prior(prior).unwrap();
+    // ln det Σ and the second entry of Σ⁻¹, times the variance.
+    let least = (1.0 - share) * (1.0 + share);
+    let expected = -0.5 * (2.0 * variance.ln() + least.ln() + 1.0 / least);
+    let found = family.log_prior(0.0);
+    assert!((found / expected - 1.0).abs() < 1e-4, "{found}, not {expected}");
+}

@@ -262,3 +262,31 @@ fn stored_to_the_bit() {
         assert_eq!(format!("{read:?}"), format!("{family:?}"));
     }
 }
+
+/// Outliers that have next to no weight, but squares that make up for it.
+#[test]
+fn outliers_of_any_size_count_once() {
+    let (nu, near) = (0.5, [0.5, -0.25, 1.5, 0.125]);
+    for far in [1e6, 1e12, -1e100, 1e150] {
+        for kind in TYPES {
+            for place in 0..5 {
+                let mut rows: Vec<Vec<f64>> = near.iter().map(|y| vec![*y]).collect();
+                rows.insert(place, vec![far]);
+                let start = StudentT::new(kind, &[nu], &[[0.0]], &[[1.0]]).unwrap();
+                let start = start.with_fixed_degrees();
+                let learned = reestimated(&start, &rows, &vec![vec![1.0]; 5], 0.0).unwrap();
+
+                let weight = |y: f64| (nu + 1.0) / (nu + y * y);
+                let total: f64 = near.iter().map(|y| weight(*y)).sum();
+                let mean = (near.iter().map(|y| weight(*y) * y).sum::<f64>() + weight(far) * far)
+                    / (total + weight(far));
+                let squares = near.iter().map(|y| weight(*y) * (y - mean).powi(2));
+                let scale = (squares.sum::<f64>() + weight(far) * (far - mean).powi(2)) / 5.0;
+                let found = (learned.mean(0).unwrap()[0], learned.scale(0).unwrap()[0]);
+                let text = format!("{far} at {place}, {kind:?}: {found:?}, not {mean} and {scale}");
+                assert!((found.0 - mean).abs() < 1e-12, "{text}");
+                assert!((found.1 / scale - 1.0).abs() < 1e-12, "{text}");
+            }
+        }
+    }
+}
