@@ -89,9 +89,32 @@ pub enum EmissionError {
         /// Error of the part, with the state.
         source: Box<EmissionError>,
     },
+    /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    Factor {
+        /// First component of a row that belongs to the factor, from 0.
+        from: usize,
+        /// Component after the last that does.
+        to: usize,
+        /// Error of the factor, which counts its components from 0.
+        source: Box<EmissionError>,
+    },
 }
 
 impl EmissionError {
+    /// Returns an error of the family of components `from` to `to` as that of the whole row: a
+    /// component of an observation is counted from the row's start.
+    pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
+        match self {
+            Self::Observation { component, value, expected } => {
+                Self::Observation { component: from + component, value, expected }
+            }
+            Self::Factor { from: inner, to, source } => {
+                Self::Factor { from: from + inner, to: from + to, source }
+            }
+            other => Self::Factor { from, to, source: Box::new(other) },
+        }
+    }
+
     /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
     /// state, or of all states, m each.
     pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
@@ -155,6 +178,12 @@ impl fmt::Display for EmissionError {
                 )
             }
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
+            Self::Factor { from, to, source } if from + 1 >= *to => {
+                write!(f, "component {from} of the row: {source}")
+            }
+            Self::Factor { from, to, source } => {
+                write!(f, "components {from} to {} of the row: {source}", to - 1)
+            }
         }
     }
 }

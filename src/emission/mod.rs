@@ -18,6 +18,7 @@
 //! | the same with outliers | [`StudentT`] |
 //! | outputs that depend on an input, or on the values before | [`LinearRegression`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
+//! | several sensors in one row, each with a family of its own | [`Product`] |
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
@@ -27,6 +28,7 @@ mod clusters;
 mod columns;
 mod concentration;
 mod error;
+mod family;
 mod gamma;
 mod gaussian;
 mod gaussian_mixture;
@@ -36,6 +38,7 @@ mod log_normal;
 mod multinomial;
 mod normal;
 mod poisson;
+mod product;
 mod rows;
 #[cfg(feature = "csv")]
 mod series;
@@ -50,6 +53,7 @@ pub use bernoulli::Bernoulli;
 pub use clusters::Clusters;
 pub use columns::Columns;
 pub use error::EmissionError;
+pub use family::Family;
 pub use gamma::Gamma;
 pub use gaussian::{Gaussian, GaussianStatistics};
 pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
@@ -59,6 +63,7 @@ pub use log_normal::LogNormal;
 pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};
 pub use poisson::Poisson;
+pub use product::Product;
 pub use rows::{Rows, RowsError};
 #[cfg(feature = "csv")]
 pub use series::{Series, SeriesError};
