@@ -2,4 +2,5 @@
 
 mod counts_and_directions;
 mod gaussians;
+mod product;
 mod start;
