@@ -42,6 +42,8 @@ mod product;
 mod rows;
 #[cfg(feature = "csv")]
 mod series;
+#[cfg(feature = "csv")]
+mod series_reader;
 mod special;
 mod start;
 mod student_t;
@@ -67,6 +69,8 @@ pub use product::Product;
 pub use rows::{Rows, RowsError};
 #[cfg(feature = "csv")]
 pub use series::{Series, SeriesError};
+#[cfg(feature = "csv")]
+pub use series_reader::SeriesReader;
 pub use start::starts;
 pub use student_t::{StudentT, StudentTStatistics};
 pub use univariate::Univariate;

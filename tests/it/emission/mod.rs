@@ -3,4 +3,6 @@
 mod counts_and_directions;
 mod gaussians;
 mod product;
+#[cfg(feature = "csv")]
+mod series;
 mod start;
