@@ -2,9 +2,10 @@
 //!
 //! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
 //! without copying it, [`Columns`] of a d × T matrix of faer, and `Series` reads the columns of a CSV
-//! file (feature `csv`). Each family is a [`Likelihood`](crate::Likelihood) with one set of
-//! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
-//! observations for [`Hmm::simulate`](crate::Hmm::simulate).
+//! file (feature `csv`), or `SeriesReader`, if texts such as `NA` stand for missing values. Each
+//! family is a [`Likelihood`](crate::Likelihood) with one set of parameters for each state; it is
+//! learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
+//! [`Hmm::simulate`](crate::Hmm::simulate).
 //!
 //! | for | use |
 //! |---|---|

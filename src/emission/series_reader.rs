@@ -154,7 +154,8 @@ impl SeriesReader {
 
 /// First line of a record after which the reader is at the start of the given line.
 fn line_of(record: &ByteRecord, next: u64) -> u64 {
-    let breaks = record.as_slice().iter().filter(|byte| **byte == b'\n').count();
+    let breaks = |field: &[u8]| field.split(|byte| *byte == b'\n').count() - 1;
+    let breaks: usize = record.iter().map(breaks).sum();
     next.saturating_sub(1 + breaks as u64).max(1)
 }
 

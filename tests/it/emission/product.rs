@@ -12,6 +12,8 @@ use wayfix::{Belief, DenseTransition, Fixed, Hmm, Likelihood, Prior, ReorderStat
 
 use crate::kit::{cases, close_logs, rng, says, text};
 
+const DRAWS: usize = 20_000;
+
 /// Two correlated numbers, an angle and a count.
 type Sensors = Product<Gaussian, Product<VonMises, Poisson>>;
 
@@ -361,7 +363,6 @@ fn draws_have_the_moments_of_both_factors() {
     let speeds = Gamma::new(&[[4.0]], &[[0.5]]).unwrap();
     let counts = Poisson::new(&[[3.0]]).unwrap();
     let family = Product::new(speeds, counts).unwrap();
-    const DRAWS: usize = 20_000;
     for seed in 0..4 {
         let mut rng = rng(seed);
         let rows: Vec<Vec<f64>> = (0..DRAWS).map(|_| family.sample(0, &mut rng)).collect();
