@@ -82,6 +82,15 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// A simulated output is beyond the range of doubles.
+    Diverged {
+        /// The step, from 1.
+        step: usize,
+        /// The component of the output, from 0.
+        component: usize,
+        /// Value drawn.
+        value: f64,
+    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -89,9 +98,32 @@ pub enum EmissionError {
         /// Error of the part, with the state.
         source: Box<EmissionError>,
     },
+    /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    Factor {
+        /// First component of a row that belongs to the factor, from 0.
+        from: usize,
+        /// Component after the last that does.
+        to: usize,
+        /// Error of the factor, which counts its components from 0.
+        source: Box<EmissionError>,
+    },
 }
 
 impl EmissionError {
+    /// Returns an error of the family of components `from` to `to` as that of the whole row: a
+    /// component of an observation is counted from the row's start.
+    pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
+        match self {
+            Self::Observation { component, value, expected } => {
+                Self::Observation { component: from + component, value, expected }
+            }
+            Self::Factor { from: inner, to, source } => {
+                Self::Factor { from: from + inner, to: from + to, source }
+            }
+            other => Self::Factor { from, to, source: Box::new(other) },
+        }
+    }
+
     /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
     /// state, or of all states, m each.
     pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
@@ -160,7 +192,17 @@ impl fmt::Display for EmissionError {
                     "component {component} of the observation is {value}, expected {expected}"
                 )
             }
+            Self::Diverged { step, component, value } => write!(
+                f,
+                "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
+            ),
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
+            Self::Factor { from, to, source } if from + 1 >= *to => {
+                write!(f, "component {from} of the row: {source}")
+            }
+            Self::Factor { from, to, source } => {
+                write!(f, "components {from} to {} of the row: {source}", to - 1)
+            }
         }
     }
 }

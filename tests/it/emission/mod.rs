@@ -2,4 +2,7 @@
 
 mod counts_and_directions;
 mod gaussians;
+mod product;
+#[cfg(feature = "csv")]
+mod series;
 mod start;
