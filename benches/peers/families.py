@@ -9,8 +9,6 @@ import with_hmmlearn
 from models import Case, of_distributions, of_numbers, of_paths, worst
 from race import elapsed, within
 
-# What a learned parameter may differ by, relatively to the largest of its array.
-OF_PARAMETERS = 1e-7
 # What logarithms of paths that tie may differ by, relatively.
 TIE = 1e-13
 
@@ -50,7 +48,7 @@ def compare(case, who, learner):
         right = case[f"learned_{name}"]
         assert found.shape == right.shape, (name, found.shape, right.shape)
         differs = float(np.abs(found - right).max() / np.abs(right).max())
-        off = worst(off, within(f"{case.name}, {who}, {name}", differs, OF_PARAMETERS))
+        off = worst(off, within(f"{case.name}, {who}, {name}", differs))
     within(f"{case.name}, {who}, paths", of_paths(*untied(case, learned.paths)))
     return off
 

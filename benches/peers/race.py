@@ -49,10 +49,10 @@ class Times:
         print(f"{case}, {routine}, {who}: {median:.4f} µs", file=sys.stderr)
 
 
-def within(what, difference, tolerance=TOLERANCE):
+def within(what, difference):
     """The difference, unless it is larger than the tolerance."""
-    if not difference <= tolerance:
-        sys.exit(f"{what}: differs by {difference:.1e}, more than {tolerance:.0e}")
+    if not difference <= TOLERANCE:
+        sys.exit(f"{what}: differs by {difference:.1e}, more than {TOLERANCE:.0e}")
     return difference
 
 
