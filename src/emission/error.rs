@@ -82,6 +82,40 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// There are no observations.
+    NoObservations,
+    /// A component is missing in all observations, so that nothing can be learned of it.
+    AllMissing {
+        /// The component, from 0.
+        component: usize,
+    },
+    /// There are fewer different observations than clusters.
+    TooFewDifferent {
+        /// Number of observations that differ in known components.
+        found: usize,
+        /// Number of clusters.
+        expected: usize,
+        /// Name of the clusters, such as "states".
+        what: &'static str,
+    },
+    /// A component has the same value in all observations, so that a family is not determined.
+    Constant {
+        /// The component of the observation, from 0.
+        component: usize,
+        /// The value.
+        value: f64,
+        /// What the family cannot estimate.
+        source: Box<EmissionError>,
+    },
+    /// An observation of several sequences is invalid.
+    Step {
+        /// The sequence, from 0.
+        sequence: usize,
+        /// The step, from 1.
+        step: usize,
+        /// Error of the observation.
+        source: Box<EmissionError>,
+    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -108,6 +142,15 @@ impl EmissionError {
         };
         *state = Some(known.unwrap_or(at / m));
         Self::Part { part: at % m, source: Box::new(self) }
+    }
+
+    /// The error of parameters that observations do not determine, of a part or of a state.
+    pub(super) fn undetermined(&self) -> Option<&Self> {
+        match self {
+            Self::TooFew { .. } => Some(self),
+            Self::Part { source, .. } => source.undetermined(),
+            _ => None,
+        }
     }
 }
 
@@ -153,6 +196,20 @@ impl fmt::Display for EmissionError {
                     f,
                     "component {component} of the observation is {value}, expected {expected}"
                 )
+            }
+            Self::NoObservations => write!(f, "there are no observations"),
+            Self::AllMissing { component } => {
+                write!(f, "component {component} is missing in all observations")
+            }
+            Self::TooFewDifferent { found, expected, what } => {
+                write!(f, "{found} different observations cannot start {expected} {what}")
+            }
+            Self::Constant { component, value, source } => write!(
+                f,
+                "component {component} is always {value}; leave it out, or give a prior: {source}"
+            ),
+            Self::Step { sequence, step, source } => {
+                write!(f, "sequence {sequence}, step {step}: {source}")
             }
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
         }

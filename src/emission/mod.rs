@@ -23,6 +23,7 @@
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
 mod bernoulli;
+mod clustered;
 mod clusters;
 mod columns;
 mod concentration;
@@ -31,6 +32,7 @@ mod gamma;
 mod gaussian;
 mod gaussian_mixture;
 mod independent;
+mod k_means;
 mod linear_regression;
 mod log_normal;
 mod multinomial;
@@ -47,6 +49,7 @@ mod von_mises;
 mod von_mises_fisher;
 
 pub use bernoulli::Bernoulli;
+pub use clustered::{ClusteredObservations, StartFromClusters};
 pub use clusters::Clusters;
 pub use columns::Columns;
 pub use error::EmissionError;

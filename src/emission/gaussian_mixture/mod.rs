@@ -1,6 +1,7 @@
 //! Mixtures of Gaussians.
 
 mod learn;
+mod start;
 
 use rand::Rng;
 
@@ -15,6 +16,7 @@ use crate::random::index;
 use crate::reorder::ReorderStates;
 
 pub use learn::GaussianMixtureStatistics;
+pub(super) use start::gaussian;
 
 /// Mixtures of m Gaussians for each state, with full covariances or variances: the counterpart of
 /// hmmlearn's `GMMHMM`.

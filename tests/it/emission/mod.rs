@@ -3,3 +3,4 @@
 mod counts_and_directions;
 mod gaussians;
 mod start;
+mod start_parameters;
