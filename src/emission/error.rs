@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::{LearnError, LikelihoodError};
@@ -91,6 +92,40 @@ pub enum EmissionError {
         /// Value drawn.
         value: f64,
     },
+    /// There are no observations.
+    NoObservations,
+    /// A component is missing in all observations, so that nothing can be learned of it.
+    AllMissing {
+        /// The component, from 0.
+        component: usize,
+    },
+    /// There are fewer different observations than clusters.
+    TooFewDifferent {
+        /// Number of observations that differ in known components.
+        found: usize,
+        /// Number of clusters.
+        expected: usize,
+        /// Name of the clusters, such as "states".
+        what: &'static str,
+    },
+    /// A component has the same value in all observations, so that a family is not determined.
+    Constant {
+        /// The component of the observation, from 0.
+        component: usize,
+        /// The value.
+        value: f64,
+        /// What the family cannot estimate.
+        source: Box<EmissionError>,
+    },
+    /// An observation of several sequences is invalid.
+    Step {
+        /// The sequence, from 0.
+        sequence: usize,
+        /// The step, from 1.
+        step: usize,
+        /// Error of the observation.
+        source: Box<EmissionError>,
+    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -140,6 +175,19 @@ impl EmissionError {
         };
         *state = Some(known.unwrap_or(at / m));
         Self::Part { part: at % m, source: Box::new(self) }
+    }
+
+    /// If observations do not determine a parameter: its component, if there is one, and those of
+    /// its family in the row.
+    pub(super) fn undetermined(&self) -> Option<(Option<usize>, Range<usize>)> {
+        match self {
+            Self::TooFew { component, .. } => Some((*component, 0..usize::MAX)),
+            Self::Part { source, .. } => source.undetermined(),
+            Self::Factor { from, to, source } => source
+                .undetermined()
+                .map(|(component, _)| (component.map(|component| from + component), *from..*to)),
+            _ => None,
+        }
     }
 }
 
@@ -196,6 +244,20 @@ impl fmt::Display for EmissionError {
                 f,
                 "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
             ),
+            Self::NoObservations => write!(f, "there are no observations"),
+            Self::AllMissing { component } => {
+                write!(f, "component {component} is missing in all observations")
+            }
+            Self::TooFewDifferent { found, expected, what } => {
+                write!(f, "{found} different observations cannot start {expected} {what}")
+            }
+            Self::Constant { component, value, source } => write!(
+                f,
+                "component {component} is always {value}; leave it out, or give a prior: {source}"
+            ),
+            Self::Step { sequence, step, source } => {
+                write!(f, "sequence {sequence}, step {step}: {source}")
+            }
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
             Self::Factor { from, to, source } if from + 1 >= *to => {
                 write!(f, "component {from} of the row: {source}")

@@ -1,6 +1,7 @@
 //! Mixtures of Gaussians.
 
 mod learn;
+mod start;
 
 use rand::Rng;
 

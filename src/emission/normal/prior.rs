@@ -22,7 +22,9 @@ use super::{Normals, Shape};
 ///
 /// or its diagonal, or the mean of that. Each of κ, ν and Ψ may be 0; without a prior, all are.
 /// Ψ = 0.01 times the variances of all observations, with ν = 0, keeps covariances positive
-/// definite, and hardly changes them otherwise.
+/// definite, and hardly changes them otherwise. A component that is always the same has a variance
+/// of 0, and so would Ψ: give it the square of the sensor's resolution instead (1 for whole numbers),
+/// which leaves a variance of Ψ / N, or leave the component out.
 ///
 /// # From hmmlearn
 ///

@@ -6,7 +6,7 @@ use wayfix::Hmm;
 use wayfix::emission::{Clusters, EmissionError, Gaussian, Rows, starts};
 use wayfix::inference::{LearnError, LearningOptions, Simulation};
 
-use crate::kit::{cases, rng};
+use crate::kit::{cases, rng, says};
 
 /// Rows of two numbers of very different units, some missing.
 fn rows() -> impl Strategy<Value = Vec<Vec<f64>>> {
@@ -68,15 +68,22 @@ proptest! {
 
 #[test]
 fn clusters_that_cannot_be_are_errors() {
-    let error = |rows: &[Vec<f64>], count| Clusters::new(&[rows], count, &mut rng(1)).unwrap_err();
+    let says = |rows: &[Vec<f64>], count, expected: &str| {
+        says(Clusters::new(&[rows], count, &mut rng(1)), expected);
+    };
     let one = vec![vec![1.0, 2.0]; 9];
-    assert!(matches!(error(&one, 2), EmissionError::TooFew { state: Some(1), .. }));
-    assert_eq!(error(&one, 0), EmissionError::Empty { states: 0, components: 2 });
-    assert_eq!(error(&[], 1), EmissionError::Empty { states: 1, components: 0 });
+    says(&one, 2, "1 different observations cannot start 2 clusters");
+    let none =
+        "a family needs at least one state and one component, found 0 states and 2 components";
+    says(&one, 0, none);
+    says(&[], 1, "there are no observations");
     let ragged = [vec![1.0, 2.0], vec![1.0]];
-    assert_eq!(error(&ragged, 1), EmissionError::Components { found: 1, expected: 2 });
+    says(&ragged, 1, "sequence 0, step 2: the observation has 1 components, expected 2");
     let infinite = [vec![1.0, 2.0], vec![1.0, f64::INFINITY]];
-    assert!(matches!(error(&infinite, 1), EmissionError::Observation { component: 1, .. }));
+    let expected = "component 1 of the observation is inf, expected a finite value";
+    says(&infinite, 1, &format!("sequence 0, step 2: {expected}"));
+    let second = Clusters::new(&[&one[..], &infinite[..]], 1, &mut rng(1));
+    assert!(matches!(second, Err(EmissionError::Step { sequence: 1, step: 2, .. })));
 }
 
 /// The known components of two well separated groups are told apart from any start, and learning
