@@ -119,6 +119,14 @@ pub enum LearnError {
     Likelihood(Box<dyn Error + Send + Sync>),
     /// The estimated parts do not fit together.
     Hmm(HmmError),
+    /// The log-density of the priors is not finite at parameters that were learned: a prior rules
+    /// out what it led to, or its numbers are too large or too small.
+    LogPrior {
+        /// Number of the iteration, from 1.
+        iteration: usize,
+        /// Value found.
+        value: f64,
+    },
     /// The objective decreased by more than rounding explains: a part's re-estimation does not
     /// maximise it.
     Fell {
@@ -175,6 +183,10 @@ impl fmt::Display for LearnError {
             }
             Self::Likelihood(source) => write!(f, "the sensor cannot be estimated: {source}"),
             Self::Hmm(error) => fmt::Display::fmt(error, f),
+            Self::LogPrior { iteration, value } => write!(
+                f,
+                "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?"
+            ),
             Self::Fell { iteration, before, after } => write!(
                 f,
                 "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)"

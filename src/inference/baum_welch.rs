@@ -30,7 +30,7 @@ pub struct LearningOptions {
     /// Largest number of re-estimations; 100 by default.
     pub iterations: usize,
     /// Gain of a re-estimation below which learning stops, in nats of the objective; 1e-3 by
-    /// default.
+    /// default. With 0, all iterations are made.
     pub tolerance: f64,
     /// True to keep the prior as it is. (Other parts of the model are kept by
     /// [`Fixed`](crate::Fixed).)
@@ -85,9 +85,10 @@ pub enum StopReason {
     /// discarded: a part does not maximise the objective, such as a sensor with a floor that is
     /// not in its prior. [`LearnedModel::cause`] has the values.
     Fell,
-    /// The next re-estimation failed, such as that of a covariance from one observation, and the
-    /// model before is kept. [`LearnedModel::cause`] has the error. The likelihood may have no
-    /// bound near this model, so that its value means little beside that of others.
+    /// The next re-estimation failed, such as that of a covariance from one observation, or its
+    /// model rules out a sequence, and the model before is kept. [`LearnedModel::cause`] has the
+    /// error. The likelihood may have no bound near this model, so that its value means little
+    /// beside that of others.
     Failed,
     /// The function given to [`Hmm::learn_with`] broke off.
     Stopped,
@@ -209,10 +210,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`LearnError`] if there is no sequence to learn from, a number of `learning` is not valid,
-    /// a part cannot be re-estimated the first time, the objective falls by more than a
-    /// thousandth (which an operator or sensor of your own may cause), or a learned model rules
-    /// out a sequence. Later, smaller trouble ends learning with the best model; see
-    /// [`LearnedModel::reason`].
+    /// a prior rules out what was learned, a part cannot be re-estimated the first time or
+    /// then rules out a sequence, or the objective falls by more than a thousandth (which an
+    /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
+    /// best model; see [`LearnedModel::reason`].
     pub fn learn<S>(
         &self,
         sequences: &[S],
@@ -286,11 +287,17 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             };
             let failed;
             (expected, failed) = model.expect(&kept);
-            if let Some(error) = failed.into_iter().next() {
-                return Err(LearnError::Sequence(error));
+            match failed.into_iter().next().map(LearnError::Sequence) {
+                Some(error) if iteration == 1 => return Err(error),
+                Some(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),
+                None => {}
             }
             let log_likelihood = expected.log_likelihood();
-            let objective = log_likelihood + model.log_prior(learning);
+            let log_prior = model.log_prior(learning);
+            if !log_prior.is_finite() {
+                return Err(LearnError::LogPrior { iteration, value: log_prior });
+            }
+            let objective = log_likelihood + log_prior;
             let before = best.objective();
             let fall = (before - objective) / objective.abs().max(1.0);
             if fall.is_nan() || fall > ROUNDING {

@@ -296,7 +296,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`LearnError::Sequence`] for the first sequence that the model rules out or that is not
-    /// valid.
+    /// valid; [`LearnError::Nothing`] without observations.
     pub fn criteria<S>(&self, sequences: &[S]) -> Result<Criteria, LearnError>
     where
         A: Sync,
@@ -308,6 +308,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             sum.add(log?);
         }
         let observations = sequences.iter().map(Sequence::steps).sum();
+        if observations == 0 {
+            return Err(LearnError::Nothing { sequences: sequences.len(), first: None });
+        }
         let parameters = self.free_parameters();
         Ok(Criteria { log_likelihood: sum.value(), parameters, observations })
     }

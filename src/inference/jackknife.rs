@@ -74,7 +74,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError::Groups`] for fewer than two groups, or fewer sequences than groups; and the
+    /// [`LearnError::Groups`] for fewer than two groups, or fewer sequences than groups;
+    /// [`LearnError::Sequence`] for one that the model rules out or that is not valid; and the
     /// first error of learning.
     pub fn jackknife<S>(
         &self,
@@ -89,6 +90,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     {
         if groups < 2 || sequences.len() < groups {
             return Err(LearnError::Groups { groups, sequences: sequences.len() });
+        }
+        let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
+        if let Some(error) = self.expect(&all).1.into_iter().next() {
+            return Err(error.into());
         }
         let without = |group: usize, (): &mut ()| {
             let all = sequences.iter().enumerate();

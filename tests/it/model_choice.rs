@@ -357,6 +357,18 @@ fn learning_can_be_watched_and_broken_off() {
 }
 
 #[test]
+fn what_cannot_be_chosen_or_doubted_is_an_error() {
+    let hmm = random_model(2, 3, 5);
+    let none: [Vec<usize>; 1] = [vec![]];
+    assert!(matches!(hmm.criteria(&none), Err(LearnError::Nothing { sequences: 1, .. })));
+    // Symbol 3 does not exist.
+    let sequences = [vec![0, 1, 2, 2], vec![0, 3], vec![1, 1, 0]];
+    let read = |hmm: &Model| vec![hmm.transition().get(0, 0)];
+    let error = hmm.jackknife(&sequences, 2, &LearningOptions::default(), read).unwrap_err();
+    assert!(matches!(&error, LearnError::Sequence(error) if error.sequence == 1), "{error}");
+}
+
+#[test]
 fn free_parameters_are_counted() {
     let prior = || Prior::AtFirstObservation(Belief::new(vec![0.5, 0.0, 0.5]).unwrap());
     let sparse = SparseTransition::from_rows(&[[0.5, 0.0, 0.5], [0.5, 0.5, 0.0], [0.0, 0.5, 0.5]]);

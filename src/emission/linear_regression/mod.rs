@@ -29,6 +29,9 @@ pub use learn::LinearRegressionStatistics;
 /// input, and [`Hmm::simulate_autoregressive`](crate::Hmm::simulate_autoregressive) a sequence
 /// whose inputs are the outputs before.
 ///
+/// An intercept is the output at an input of 0: inputs that are far from 0 beside their spread, such
+/// as times of a clock, lose digits there, and should have a constant subtracted before.
+///
 /// Learning is weighted least squares in closed form (Quandt and Ramsey 1978; Hamilton 1989 for
 /// states that follow a Markov chain). Inputs of a state that do not vary in all directions are an
 /// error, unless there is [a ridge](Self::with_ridge). A step takes O(n d (p + d)), eight states

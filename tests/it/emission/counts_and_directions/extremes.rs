@@ -6,7 +6,7 @@ use proptest::test_runner::TestRunner;
 use wayfix::emission::{
     Bernoulli, EmissionError, Gamma, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
 };
-use wayfix::inference::LearningOptions;
+use wayfix::inference::{LearnError, LearningOptions};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
 
 use super::kit::{Family, fit, for_all_families, try_density};
@@ -271,4 +271,16 @@ fn rare_outcomes_in_many_trials_have_their_probability() {
             assert!((found - expected).abs() < 1e-9, "{rare}, {count}: {found}, not {expected}");
         }
     }
+}
+
+/// A prior of so little weight that a probability of 0 is learned, which it rules out.
+#[test]
+fn priors_that_are_lost_in_rounding_are_an_error() {
+    let prior = Bernoulli::new(&[[0.5]]).unwrap();
+    let family = Bernoulli::new(&[[0.3], [0.6]]).unwrap().with_prior(prior, 5e-324).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let transition = DenseTransition::from_rows(&[[0.8, 0.3], [0.2, 0.7]]).unwrap();
+    let hmm = Hmm::new(prior, transition, family).unwrap();
+    let error = hmm.learn(&[vec![vec![0.0]; 9]], &LearningOptions::default()).unwrap_err();
+    assert!(matches!(error, LearnError::LogPrior { iteration: 1, .. }), "{error}");
 }
