@@ -134,7 +134,7 @@
 //! # Crate features
 //!
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
-//!   road networks.
+//!   road networks, `emission::Series` columns of numbers (with `emission`).
 //! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.

@@ -2,9 +2,10 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
-use crate::error::LikelihoodError;
+use crate::error::{LearnError, LikelihoodError};
 
 /// An invalid parameter or observation of a family, or statistics that determine no parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,6 +117,15 @@ pub enum EmissionError {
         /// Error of the observation.
         source: Box<EmissionError>,
     },
+    /// A simulated output is beyond the range of doubles.
+    Diverged {
+        /// The step, from 1.
+        step: usize,
+        /// The component of the output, from 0.
+        component: usize,
+        /// Value drawn.
+        value: f64,
+    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -123,9 +133,32 @@ pub enum EmissionError {
         /// Error of the part, with the state.
         source: Box<EmissionError>,
     },
+    /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    Factor {
+        /// First component of a row that belongs to the factor, from 0.
+        from: usize,
+        /// Component after the last that does.
+        to: usize,
+        /// Error of the factor, which counts its components from 0.
+        source: Box<EmissionError>,
+    },
 }
 
 impl EmissionError {
+    /// Returns an error of the family of components `from` to `to` as that of the whole row: a
+    /// component of an observation is counted from the row's start.
+    pub(super) fn in_factor(self, from: usize, to: usize) -> Self {
+        match self {
+            Self::Observation { component, value, expected } => {
+                Self::Observation { component: from + component, value, expected }
+            }
+            Self::Factor { from: inner, to, source } => {
+                Self::Factor { from: from + inner, to: from + to, source }
+            }
+            other => Self::Factor { from, to, source: Box::new(other) },
+        }
+    }
+
     /// Returns an error of a Gaussian as that of a part of a mixture: among the parts of the
     /// state, or of all states, m each.
     pub(super) fn in_part(mut self, known: Option<usize>, m: usize) -> Self {
@@ -144,11 +177,18 @@ impl EmissionError {
         Self::Part { part: at % m, source: Box::new(self) }
     }
 
-    /// The error of parameters that observations do not determine, of a part or of a state.
-    pub(super) fn undetermined(&self) -> Option<&Self> {
+    /// Components of the family whose parameters observations do not determine, and among them
+    /// the one of these parameters, if it is known. `all` are those of the family with the error.
+    pub(super) fn undetermined(&self, all: Range<usize>) -> Option<(Range<usize>, Option<usize>)> {
         match self {
-            Self::TooFew { .. } => Some(self),
-            Self::Part { source, .. } => source.undetermined(),
+            Self::TooFew { component, .. } => {
+                let component = component.map(|component| all.start + component);
+                Some((all, component))
+            }
+            Self::Part { source, .. } => source.undetermined(all),
+            Self::Factor { from, to, source } => {
+                source.undetermined(all.start + from..all.start + to)
+            }
             _ => None,
         }
     }
@@ -157,6 +197,11 @@ impl EmissionError {
 /// " of state 3", or nothing.
 fn of_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |state| format!(" of state {state}"))
+}
+
+/// A weight without the digits that rounding leaves.
+fn rounded(weight: f64) -> f64 {
+    if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
 }
 
 impl fmt::Display for EmissionError {
@@ -183,6 +228,7 @@ impl fmt::Display for EmissionError {
             Self::TooFew { state, component, what, weight, reason } => {
                 write!(f, "the {what}{}", of_state(*state))?;
                 component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                let weight = rounded(*weight);
                 write!(f, " cannot be estimated from {weight} expected observations: {reason}")
             }
             Self::Components { found, expected } => {
@@ -211,7 +257,17 @@ impl fmt::Display for EmissionError {
             Self::Step { sequence, step, source } => {
                 write!(f, "sequence {sequence}, step {step}: {source}")
             }
+            Self::Diverged { step, component, value } => write!(
+                f,
+                "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
+            ),
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
+            Self::Factor { from, to, source } if from + 1 >= *to => {
+                write!(f, "component {from} of the row: {source}")
+            }
+            Self::Factor { from, to, source } => {
+                write!(f, "components {from} to {} of the row: {source}", to - 1)
+            }
         }
     }
 }
@@ -221,5 +277,11 @@ impl Error for EmissionError {}
 impl From<EmissionError> for LikelihoodError {
     fn from(source: EmissionError) -> Self {
         Self::Sensor(Arc::new(source))
+    }
+}
+
+impl From<EmissionError> for LearnError {
+    fn from(source: EmissionError) -> Self {
+        Self::Likelihood(source.into())
     }
 }

@@ -29,12 +29,12 @@ pub(super) fn k_means<R: Rng + ?Sized>(
     let components = rows.first().map_or(1, |row| row.len());
     let mut scaled = rows.concat();
     let units = standardize(&mut scaled, components);
-    let rows = scaled.chunks_exact(components);
-    let mut centres = draw(&rows, count, rng)?;
-    let mut nearest = vec![0; rows.len()];
+    let scaled = scaled.chunks_exact(components);
+    let mut centres = draw(&scaled, count, rng)?;
+    let mut nearest = vec![0; scaled.len()];
     for round in 0..ROUNDS {
         let mut moved = round == 0;
-        for (label, row) in nearest.iter_mut().zip(rows.clone()) {
+        for (label, row) in nearest.iter_mut().zip(scaled.clone()) {
             let new = closest(&centres, row).0;
             moved |= *label != new;
             *label = new;
@@ -42,12 +42,14 @@ pub(super) fn k_means<R: Rng + ?Sized>(
         if !moved {
             break;
         }
-        recentre(&mut centres, rows.clone().zip(&nearest));
+        recentre(&mut centres, scaled.clone().zip(&nearest));
     }
     centres.chunks_exact_mut(components).for_each(|centre| {
         let units = centre.iter_mut().zip(&units);
         units.for_each(|(c, (mean, deviation))| *c = mean + *c * deviation);
     });
+    // From the observations themselves, whose digits a deviation of 1e150 would cover.
+    recentre(&mut centres, rows.iter().copied().zip(&nearest));
     Ok(KMeans { centres, nearest })
 }
 
@@ -73,7 +75,15 @@ pub(super) fn standardize(values: &mut [f64], components: usize) -> Vec<(f64, f6
     };
     let units: Vec<(f64, f64)> = (0..components).map(unit).collect();
     for row in values.chunks_exact_mut(components) {
-        row.iter_mut().zip(&units).for_each(|(y, (mean, deviation))| *y = (*y - mean) / deviation);
+        for (y, (mean, deviation)) in row.iter_mut().zip(&units) {
+            let difference = *y - mean;
+            // In halves where the difference of two large values is infinite.
+            *y = if difference.is_finite() {
+                difference / deviation
+            } else {
+                (0.5 * *y - 0.5 * mean) / deviation * 2.0
+            };
+        }
     }
     units
 }
@@ -125,13 +135,19 @@ fn draw<'a, R: Rng + ?Sized>(
 }
 
 /// Moves each centre to the mean of its rows; one without rows stays.
-fn recentre<'a>(centres: &mut [f64], rows: impl Iterator<Item = (&'a [f64], &'a usize)>) {
-    let mut sums = vec![(0.0, 0.0); centres.len()];
-    for (row, &label) in rows {
-        for (sum, y) in sums[label * row.len()..].iter_mut().zip(row).filter(|(_, y)| !y.is_nan()) {
-            *sum = (sum.0 + y, sum.1 + 1.0);
-        }
-    }
-    let counted = centres.iter_mut().zip(sums).filter(|(_, sum)| sum.1 > 0.0);
-    counted.for_each(|(centre, (sum, count))| *centre = sum / count);
+fn recentre<'a>(centres: &mut [f64], rows: impl Iterator<Item = (&'a [f64], &'a usize)> + Clone) {
+    let known = |(row, label): (&'a [f64], &'a usize)| {
+        let first = label * row.len();
+        row.iter().enumerate().filter(|(_, y)| !y.is_nan()).map(move |(c, y)| (first + c, *y))
+    };
+    // In units of the largest value, as above.
+    let (mut units, mut sums) = (vec![0.0_f64; centres.len()], vec![(0.0, 0.0); centres.len()]);
+    rows.clone().flat_map(known).for_each(|(at, y)| units[at] = units[at].max(y.abs()));
+    rows.flat_map(known).for_each(|(at, y)| {
+        let part = if units[at] == 0.0 { 0.0 } else { y / units[at] };
+        sums[at] = (sums[at].0 + part, sums[at].1 + 1.0);
+    });
+    let counted =
+        centres.iter_mut().zip(units.iter().zip(sums)).filter(|(_, (_, sum))| sum.1 > 0.0);
+    counted.for_each(|(centre, (unit, (sum, count)))| *centre = sum / count * unit);
 }

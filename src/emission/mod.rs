@@ -2,9 +2,10 @@
 //!
 //! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
 //! without copying it, [`Columns`] of a d × T matrix of faer, and `Series` reads the columns of a CSV
-//! file (feature `csv`). Each family is a [`Likelihood`](crate::Likelihood) with one set of
-//! parameters for each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws
-//! observations for [`Hmm::simulate`](crate::Hmm::simulate).
+//! file (feature `csv`), or `SeriesReader`, if texts such as `NA` stand for missing values. Each
+//! family is a [`Likelihood`](crate::Likelihood) with one set of parameters for each state; it is
+//! learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
+//! [`Hmm::simulate`](crate::Hmm::simulate).
 //!
 //! | for | use |
 //! |---|---|
@@ -18,6 +19,7 @@
 //! | the same with outliers | [`StudentT`] |
 //! | outputs that depend on an input, or on the values before | [`LinearRegression`] |
 //! | components of a distribution of your own | [`Independent`] of a [`Univariate`] |
+//! | several sensors in one row, each with a family of its own | [`Product`] |
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
@@ -28,6 +30,7 @@ mod clusters;
 mod columns;
 mod concentration;
 mod error;
+mod family;
 mod gamma;
 mod gaussian;
 mod gaussian_mixture;
@@ -38,9 +41,12 @@ mod log_normal;
 mod multinomial;
 mod normal;
 mod poisson;
+mod product;
 mod rows;
 #[cfg(feature = "csv")]
 mod series;
+#[cfg(feature = "csv")]
+mod series_reader;
 mod special;
 mod start;
 mod student_t;
@@ -53,6 +59,7 @@ pub use clustered::{ClusteredObservations, StartFromClusters};
 pub use clusters::Clusters;
 pub use columns::Columns;
 pub use error::EmissionError;
+pub use family::Family;
 pub use gamma::Gamma;
 pub use gaussian::{Gaussian, GaussianStatistics};
 pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
@@ -62,9 +69,12 @@ pub use log_normal::LogNormal;
 pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};
 pub use poisson::Poisson;
+pub use product::Product;
 pub use rows::{Rows, RowsError};
 #[cfg(feature = "csv")]
 pub use series::{Series, SeriesError};
+#[cfg(feature = "csv")]
+pub use series_reader::SeriesReader;
 pub use start::starts;
 pub use student_t::{StudentT, StudentTStatistics};
 pub use univariate::Univariate;

@@ -2,15 +2,13 @@
 
 use std::error::Error;
 use std::fmt;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use csv::{ErrorKind, ReaderBuilder, StringRecord, Trim};
+use super::{Rows, SeriesReader};
 
-use super::Rows;
-
-/// Numbers from some columns of a CSV file, a row for each observation (feature `csv`).
+/// Numbers from some columns of a CSV file, a row for each observation (feature `csv`). A
+/// [`SeriesReader`] reads files that write missing values as a text, such as `NA`.
 ///
 /// ```
 /// use wayfix::emission::Series;
@@ -22,13 +20,14 @@ use super::Rows;
 /// assert!(rows[1][0].is_nan()); // missing
 ///
 /// let error = Series::from_csv("a\nx\n".as_bytes(), &["a"]).unwrap_err();
-/// assert_eq!(error.to_string(), "the input, line 2: a is \"x\", expected a number, or nothing");
+/// let expected = "the input, line 2: a is \"x\", expected a finite number or nothing";
+/// assert_eq!(error.to_string(), expected);
 /// # Ok::<(), wayfix::emission::SeriesError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    values: Vec<f64>,
-    components: usize,
+    pub(super) values: Vec<f64>,
+    pub(super) components: usize,
 }
 
 /// A file that is no series.
@@ -66,18 +65,16 @@ impl Error for SeriesError {}
 
 impl Series {
     /// Reads the named columns of a CSV file with a header, in the order of the names. An empty
-    /// field is a missing component, NaN, which a family takes if it was told so. O(file).
+    /// field is a missing component, NaN, which a family takes if it was told so. Empty lines are
+    /// skipped. O(file).
     ///
     /// # Errors
     ///
-    /// [`SeriesError`] with the line if a column is missing, a field is not a number, or a line
-    /// has another number of fields; or if the file cannot be read.
+    /// [`SeriesError`] with the line if a column is missing or there twice, a field is not a finite
+    /// number, or a line has another number of fields than the header; or if the file cannot be
+    /// read.
     pub fn from_csv_file(path: impl AsRef<Path>, columns: &[&str]) -> Result<Self, SeriesError> {
-        let name = path.as_ref().display().to_string();
-        let open = File::open(path.as_ref());
-        let file = open
-            .map_err(|error| SeriesError::Read { file: name.clone(), reason: error.to_string() })?;
-        read(&name, file, columns)
+        SeriesReader::new(columns).read_file(path)
     }
 
     /// Reads from a reader, as [`from_csv_file`](Self::from_csv_file); errors call it "the input".
@@ -86,7 +83,7 @@ impl Series {
     ///
     /// As [`from_csv_file`](Self::from_csv_file).
     pub fn from_csv(input: impl Read, columns: &[&str]) -> Result<Self, SeriesError> {
-        read("the input", input, columns)
+        SeriesReader::new(columns).read(input)
     }
 
     /// The numbers as a sequence.
@@ -100,37 +97,4 @@ impl Series {
     pub fn values(&self) -> &[f64] {
         &self.values
     }
-}
-
-fn read(file: &str, input: impl Read, columns: &[&str]) -> Result<Series, SeriesError> {
-    let at =
-        |line: u64, problem: String| SeriesError::Line { file: file.to_owned(), line, problem };
-    let failed = |line: u64, error: &csv::Error| match error.kind() {
-        ErrorKind::Io(error) => {
-            SeriesError::Read { file: file.to_owned(), reason: error.to_string() }
-        }
-        _ => at(error.position().map_or(line, csv::Position::line), error.to_string()),
-    };
-    if columns.is_empty() {
-        return Err(at(1, "no column is asked for".to_owned()));
-    }
-    let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(input);
-    let header = reader.headers().map_err(|error| failed(1, &error))?.clone();
-    let place = |name: &&str| {
-        let found = header.iter().position(|known| known == *name);
-        found.ok_or_else(|| at(1, format!("there is no column {name}")))
-    };
-    let places = columns.iter().map(place).collect::<Result<Vec<usize>, _>>()?;
-    let (mut values, mut record) = (Vec::new(), StringRecord::new());
-    while reader.read_record(&mut record).map_err(|error| failed(0, &error))? {
-        let line = record.position().map_or(0, csv::Position::line);
-        for (&place, name) in places.iter().zip(columns) {
-            let text = record.get(place).unwrap_or_default();
-            let number = if text.is_empty() { Ok(f64::NAN) } else { text.parse::<f64>() };
-            values.push(number.map_err(|_| {
-                at(line, format!("{name} is {text:?}, expected a number, or nothing"))
-            })?);
-        }
-    }
-    Ok(Series { values, components: columns.len() })
 }

@@ -1,5 +1,6 @@
 //! Simulation: states and observations drawn from the model.
 
+use std::convert::Infallible;
 use std::ops::Deref;
 
 use rand::Rng;
@@ -9,13 +10,14 @@ use super::labelled::LabelledSequence;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::SampleObservation;
+use crate::likelihood::{Likelihood, SampleObservation};
 use crate::random::index;
 use crate::transition::TransitionEntries;
 
 /// A simulated drive: its true states and its observations.
 ///
-/// Made by [`Hmm::simulate`] and [`Filter::simulate`].
+/// Made by [`Hmm::simulate`] and [`Filter::simulate`]; of an autoregressive model, by
+/// `Hmm::simulate_autoregressive` (feature `emission`).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation<Y> {
     initial: Option<usize>,
@@ -121,6 +123,24 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         controls: &[A::Control],
         rng: &mut R,
     ) -> Simulation<B::Sample> {
+        let sample = |_: usize, state: usize, rng: &mut R| {
+            Ok::<_, Infallible>(self.likelihood().sample(state, rng))
+        };
+        let Ok(drawn) = self.draw_with(belief, taken, controls, rng, sample);
+        drawn
+    }
+}
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// Draws states, and after each the observation that `sample` returns for its step and state.
+    pub(crate) fn draw_with<Y, E, R: Rng + ?Sized>(
+        &self,
+        belief: &[f64],
+        taken: usize,
+        controls: &[A::Control],
+        rng: &mut R,
+        mut sample: impl FnMut(usize, usize, &mut R) -> Result<Y, E>,
+    ) -> Result<Simulation<Y>, E> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
         let initial = self.prior().moves_at(taken + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
@@ -133,9 +153,9 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
                 state = index(ways(), total, rng);
             }
             states.push(state);
-            observations.push(self.likelihood().sample(state, rng));
+            observations.push(sample(step, state, rng)?);
         }
-        Simulation { initial, states, observations }
+        Ok(Simulation { initial, states, observations })
     }
 }
 

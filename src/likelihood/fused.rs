@@ -87,18 +87,7 @@ where
         let (left, right) = parts.split_at_mut(1);
         let first = self.first.diagonal(first, &mut left[0])?;
         let second = self.second.diagonal(second, &mut right[0])?;
-        let largest = (first.check(n)?, second.check(n)?);
-        let log_factor = first.log_factor + second.log_factor;
-        if multiply(first.values, second.values, product) {
-            return Ok(Diagonal { log_factor, ..Diagonal::linear(product) });
-        }
-        // The maxima are subtracted first, so that the sums keep their precision.
-        let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
-        let shift = (shift(is_log(&first), largest.0), shift(is_log(&second), largest.1));
-        let logs = first.logs().zip(second.logs());
-        product.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
-        let log_factor = log_factor + (shift.0 + shift.1);
-        Ok(Diagonal { log_factor, ..Diagonal::log(product) })
+        product_of(&first, &second, product)
     }
 }
 
@@ -148,6 +137,26 @@ where
         self.first.standing_out(first, states);
         self.second.standing_out(second, states);
     }
+}
+
+/// Product of two diagonals, written to `out`, which has a value for each state.
+pub(crate) fn product_of<'a>(
+    first: &Diagonal<'_>,
+    second: &Diagonal<'_>,
+    out: &'a mut [f64],
+) -> Result<Diagonal<'a>, LikelihoodError> {
+    let largest = (first.check(out.len())?, second.check(out.len())?);
+    let log_factor = first.log_factor + second.log_factor;
+    if multiply(first.values, second.values, out) {
+        return Ok(Diagonal { log_factor, ..Diagonal::linear(out) });
+    }
+    // The maxima are subtracted first, so that the sums keep their precision.
+    let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
+    let shift = (shift(is_log(first), largest.0), shift(is_log(second), largest.1));
+    let logs = first.logs().zip(second.logs());
+    out.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
+    let log_factor = log_factor + (shift.0 + shift.1);
+    Ok(Diagonal { log_factor, ..Diagonal::log(out) })
 }
 
 /// Shift of logarithms with the given maximum; 0 for linear values.

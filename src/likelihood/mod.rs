@@ -13,7 +13,7 @@
 //! | a function of observation and state | [`LogLikelihoodFn`] |
 //! | a place that is known at some steps (a toll gate, a label) | [`OptionalLikelihood`] of a [`SparseLikelihood`], with [`SparseObservation::known`] |
 //! | observations that may be missing | [`OptionalLikelihood`] |
-//! | several sensors | [`FusedLikelihood`] |
+//! | several sensors | [`FusedLikelihood`]; for families that are learned, in one row of numbers, `emission::Product` |
 //! | a sensor that sees only part of a state | [`GroupedLikelihood`], with [`Groups`] |
 //! | several references for each state | [`PooledLikelihood`] |
 //!
@@ -41,6 +41,8 @@ pub(crate) use diagonal::Values;
 pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
+#[cfg(feature = "emission")]
+pub(crate) use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::{LocalLikelihood, Unlisted};
@@ -112,7 +114,7 @@ pub trait Likelihood {
     /// # Errors
     ///
     /// [`LikelihoodError`] if the observation has no valid likelihood. A sensor's own errors go
-    /// into [`LikelihoodError::Sensor`].
+    /// into [`LikelihoodError::Sensor`], by [`LikelihoodError::sensor`].
     fn diagonal<'a>(
         &'a self,
         observation: &'a Self::Observation,

@@ -101,6 +101,7 @@
 //! | `emission::Gamma` | `shapes`, `scales`, `missing`, `prior` |
 //! | `emission::LogNormal` | `means`, `deviations`, `missing`, `prior` |
 //! | `emission::VonMises`, `emission::VonMisesFisher` | `means`, `concentrations`, `missing`, `prior` |
+//! | `emission::Product` | `first`, `second` |
 //! | `FilterSnapshot` | `steps`, `steps_in_logs`, `belief`; `logs`, its logarithms (null for −∞), or null; `log_likelihood`, as sum and remainder |
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `PrunedFilterSnapshot` | `states` of the model, `steps`; `tolerance`, or null for ∞; `most_active`, or null for any number; the states that are `active`, and for each its `estimate`, `lower` bound and the `excess` above that (null for ∞); `others`, the bounds on another state and on all of these; `bound`; `log_likelihood` and `log_excess`, as sum and remainder; `log_lost`, whether nothing is known of it; `share`, the part of the tolerance that a step may drop |
@@ -128,6 +129,8 @@ mod counts_and_directions;
 mod gaussians;
 mod likelihood;
 mod motion;
+#[cfg(feature = "emission")]
+mod products;
 mod recognition;
 mod state;
 mod transition;

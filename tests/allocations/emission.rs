@@ -6,7 +6,7 @@ use std::fmt::Debug;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::emission::{
     Bernoulli, Gamma, Gaussian, GaussianMixture, LinearRegression, LogNormal, Multinomial, Poisson,
-    StudentT, VonMises, VonMisesFisher,
+    Product, StudentT, VonMises, VonMisesFisher,
 };
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
@@ -63,6 +63,16 @@ where
     steps_allocate_nothing(&format!("{name}, missing"), with_missing(family), &rows);
 }
 
+/// Place, heading and count, of which any may be missing.
+type Sensors = Product<Gaussian, Product<VonMises, Poisson>>;
+
+fn with_missing(sensors: Sensors) -> Sensors {
+    let (place, others) = sensors.into_parts();
+    let (heading, count) = others.into_parts();
+    let others = Product::new(heading.with_missing(), count.with_missing()).unwrap();
+    Product::new(place.with_missing(), others).unwrap()
+}
+
 #[test]
 fn families_allocate_nothing_in_a_step() {
     let means = [[0.0, 1.0, 2.0], [3.0, 1.0, -1.0]];
@@ -106,6 +116,12 @@ fn families_allocate_nothing_in_a_step() {
     drawn("von Mises-Fisher", directions, None);
     let counts = Multinomial::new(&[[0.2, 0.3, 0.5], [0.6, 0.3, 0.1]]).unwrap();
     drawn("multinomial", counts.with_trials(20), None);
+
+    let place = Gaussian::full(&[[0.0, 1.0], [3.0, 4.0]], &[[2.0, 0.5, 0.5, 1.0]; 2]).unwrap();
+    let heading = VonMises::new(&[[0.0], [2.0]], &[[1.0], [5.0]]).unwrap();
+    let count = Poisson::new(&[[2.0], [7.0]]).unwrap();
+    let sensors = Product::new(place, Product::new(heading, count).unwrap()).unwrap();
+    drawn("product", sensors, Some(with_missing));
 
     let lines = LinearRegression::full(
         &[[0.5, 1.0], [-0.5, 2.0]],

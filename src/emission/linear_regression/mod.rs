@@ -1,13 +1,14 @@
 //! Linear regression on an input.
 
 mod learn;
+mod simulate;
 mod step;
 
 use rand::Rng;
 
 use super::EmissionError;
 use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, flatten};
+use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten};
 use crate::kernels::{Eight, LANES};
 use crate::reorder::ReorderStates;
 
@@ -25,7 +26,8 @@ pub use learn::LinearRegressionStatistics;
 ///
 /// Inputs have no distribution: nothing can be simulated by
 /// [`Hmm::simulate`](crate::Hmm::simulate), but [`sample`](Self::sample) draws an output for an
-/// input.
+/// input, and [`Hmm::simulate_autoregressive`](crate::Hmm::simulate_autoregressive) a sequence
+/// whose inputs are the outputs before.
 ///
 /// Learning is weighted least squares in closed form (Quandt and Ramsey 1978; Hamilton 1989 for
 /// states that follow a Markov chain). Inputs of a state that do not vary in all directions are an
@@ -60,7 +62,8 @@ pub use learn::LinearRegressionStatistics;
 ///
 /// With the observations before as the input, from [`Rows::lagged`](super::Rows::lagged), this is
 /// the autoregressive Gaussian of some order: B has d × (order · d) coefficients, those of the
-/// oldest observation first.
+/// oldest observation first. [`Hmm::simulate_autoregressive`](crate::Hmm::simulate_autoregressive)
+/// draws sequences from it.
 ///
 /// ```
 /// use wayfix::emission::{LinearRegression, Rows};
@@ -152,7 +155,7 @@ impl LinearRegression {
         let coefficients = flatten("list of coefficients", coefficients, d * p)?;
         let intercepts = flatten("intercept", intercepts, d)?;
         let covariances = flatten_covariances(kind, covariances, d)?;
-        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, false)?;
+        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, Settings::default())?;
         let each = coefficients.chunks_exact(p).zip(&intercepts);
         let lines = each.flat_map(|(slopes, c)| [*c].into_iter().chain(slopes.iter().copied()));
         Ok(Self::of(noise, p, lines.collect(), 0.0, None))
@@ -256,7 +259,7 @@ impl LinearRegression {
     /// True if components of the output may be missing.
     #[must_use]
     pub fn takes_missing(&self) -> bool {
-        self.noise.takes_missing()
+        self.noise.settings().missing
     }
 
     /// The ridge λ.

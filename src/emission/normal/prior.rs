@@ -181,8 +181,9 @@ impl GaussianPrior {
                     let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
                     pairs
                         .map(|(i, j)| {
-                            let weights = normals.inverse(at, row, i) * normals.inverse(at, row, j);
-                            weights * self.scale[i * d + j]
+                            // In this order: a product of the weights may be infinite.
+                            let scaled = normals.inverse(at, row, i) * self.scale[i * d + j];
+                            scaled * normals.inverse(at, row, j)
                         })
                         .sum::<f64>()
                 })

@@ -2,5 +2,8 @@
 
 mod counts_and_directions;
 mod gaussians;
+mod product;
+#[cfg(feature = "csv")]
+mod series;
 mod start;
 mod start_parameters;

@@ -148,22 +148,22 @@ fn rows_are_those_of_the_matrix() {
     assert_eq!(Rows::new(&[], 2).unwrap().lagged(1), Err(RowsError::TooFew { rows: 0, order: 1 }));
 }
 
-/// Names, order and lines of a CSV file.
-#[cfg(feature = "csv")]
+/// Centres are means of observations as they were given, however large others are.
 #[test]
-fn series_come_from_the_named_columns() {
-    use wayfix::emission::Series;
-    let text = "a, b ,c\n1,2,3\n\n4,,6e1\n";
-    let series = Series::from_csv(text.as_bytes(), &["c", "b"]).unwrap();
-    assert_eq!(series.values()[..3], [3.0, 2.0, 60.0]);
-    assert!(series.values()[3].is_nan());
-    assert_eq!(series.rows().iter().count(), 2);
-    let error = |text: &str, columns: &[&str]| {
-        Series::from_csv(text.as_bytes(), columns).unwrap_err().to_string()
-    };
-    assert_eq!(error(text, &["d"]), "the input, line 1: there is no column d");
-    assert_eq!(error(text, &[]), "the input, line 1: no column is asked for");
-    assert!(error("a,b\n1,2\n3\n", &["a"]).starts_with("the input, line 3: "));
-    let missing = Series::from_csv_file("no such file", &["a"]).unwrap_err().to_string();
-    assert!(missing.starts_with("no such file cannot be read: "), "{missing}");
+fn centres_keep_their_digits_beside_huge_values() {
+    let (tiny, most) = (f64::from_bits(3), f64::MAX);
+    for (values, count, centres) in [
+        (vec![1e150, 0.25, 0.5, 0.75, 1e150], 2, vec![0.5, 1e150]),
+        (vec![-1e20, 1.5, 2.5, -1e20, 2.0], 2, vec![-1e20, 2.0]),
+        (vec![most, -most, most, -most, most], 2, vec![-most, most]),
+        (vec![tiny, -tiny, tiny], 2, vec![-tiny, tiny]),
+        (vec![most, 0.9 * most], 1, vec![0.95 * most]),
+    ] {
+        let series: Vec<[f64; 1]> = values.iter().map(|y| [*y]).collect();
+        let clusters = Clusters::new(&[series], count, &mut rng(4)).unwrap();
+        for (k, expected) in centres.iter().enumerate() {
+            let found = clusters.centre(k)[0];
+            assert!((found / expected - 1.0).abs() < 1e-15, "{values:?}: {found}");
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Gaussian families and their kin.
 
+mod autoregressive;
 mod gaussian;
 mod kit;
 mod mixture;

@@ -1,0 +1,78 @@
+//! Families of rows of a known width.
+
+use std::rc::Rc;
+use std::sync::Arc;
+
+use super::{
+    Gaussian, GaussianMixture, Independent, LinearRegression, Multinomial, StudentT, Univariate,
+    VonMisesFisher,
+};
+use crate::fixed::Fixed;
+use crate::likelihood::Likelihood;
+
+/// A likelihood of rows of numbers that says how many a row has, so that a
+/// [`Product`](super::Product) knows which part of a longer row is its own.
+///
+/// All families of this module implement it. A sensor of your own takes part with its
+/// [`Likelihood`] and one more method:
+///
+/// ```
+/// use wayfix::emission::{Family, Poisson, Product};
+/// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
+///
+/// /// Height above the ground, by a barometer: floors of three metres.
+/// struct Barometer(usize);
+///
+/// impl Likelihood for Barometer {
+///     type Observation = [f64];
+///     fn states(&self) -> usize {
+///         self.0
+///     }
+///     fn diagonal<'a>(&'a self, height: &'a [f64], scratch: &'a mut Scratch) -> Result<Diagonal<'a>, LikelihoodError> {
+///         let logs = scratch.values(self.0);
+///         logs.iter_mut().enumerate().for_each(|(i, log)| *log = -(height[0] - 3.0 * i as f64).powi(2));
+///         Ok(Diagonal::log(logs))
+///     }
+/// }
+///
+/// impl Family for Barometer {
+///     fn components(&self) -> usize {
+///         1
+///     }
+/// }
+///
+/// let networks = Poisson::new(&[[2.0], [9.0]])?; // that are received on either floor
+/// let both = Product::new(Barometer(2), networks)?;
+/// assert_eq!(both.components(), 2);
+/// # Ok::<(), wayfix::emission::EmissionError>(())
+/// ```
+pub trait Family: Likelihood<Observation = [f64]> {
+    /// Number of components of a row, d.
+    fn components(&self) -> usize;
+}
+
+macro_rules! families {
+    ($([$($generics:tt)*] $family:ty, |$self:ident| $components:expr;)*) => {$(
+        impl<$($generics)*> Family for $family {
+            fn components(&self) -> usize {
+                let $self = self;
+                $components
+            }
+        }
+    )*};
+}
+
+families! {
+    [F: Univariate] Independent<F>, |family| family.components();
+    [] Gaussian, |family| family.components();
+    [] GaussianMixture, |family| family.components();
+    [] StudentT, |family| family.components();
+    [] LinearRegression, |family| family.inputs() + family.outputs();
+    [] Multinomial, |family| family.components();
+    [] VonMisesFisher, |family| family.components();
+    [B: Family] Fixed<B>, |family| family.0.components();
+    [B: Family + ?Sized] &B, |family| (**family).components();
+    [B: Family + ?Sized] Box<B>, |family| (**family).components();
+    [B: Family + ?Sized] Rc<B>, |family| (**family).components();
+    [B: Family + ?Sized] Arc<B>, |family| (**family).components();
+}

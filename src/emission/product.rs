@@ -1,0 +1,245 @@
+//! Several families in one row.
+
+use std::borrow::Borrow;
+use std::error::Error;
+
+use rand::Rng;
+
+use super::{ClusteredObservations, EmissionError, Family, StartFromClusters};
+use crate::error::LikelihoodError;
+use crate::likelihood::{
+    Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, product_of,
+};
+use crate::reorder::ReorderStates;
+
+/// Several sensors in one row: its first components are observations of one family, the others
+/// of another, independent of each other given the state.
+///
+/// The density of a row is the product of both densities. Nest it for more than two; each family
+/// keeps its own settings, such as missing components and priors, and is learned by itself.
+/// [`Fixed`](crate::Fixed) excludes one of them from learning, and a sensor of your own takes part
+/// as a [`Family`].
+///
+/// A step costs what those of both families cost and O(n) more, and allocates nothing.
+///
+/// ```
+/// use wayfix::emission::{Gamma, Poisson, Product, VonMises};
+/// use wayfix::inference::LearningOptions;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// // A vehicle on one of two roads, with a heading in radians, a speed in metres per second and
+/// // the number of satellites in view.
+/// let heading = VonMises::new(&[[0.0], [1.6]], &[[2.0], [2.0]])?;
+/// let speed = Gamma::new(&[[2.0], [2.0]], &[[3.0], [8.0]])?; // shapes, then scales
+/// let satellites = Poisson::new(&[[6.0], [10.0]])?;
+/// let sensors = Product::new(heading, Product::new(speed, satellites)?)?;
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     sensors,
+/// )?;
+/// let street = [[0.1, 6.2, 5.0], [-0.1, 7.9, 4.0], [0.0, 5.1, 7.0], [0.2, 6.8, 4.0]];
+/// let motorway = [[1.5, 25.0, 11.0], [1.7, 27.5, 12.0], [1.6, 26.1, 11.0], [1.5, 24.8, 12.0]];
+/// let rows = [street, motorway].concat();
+/// assert_eq!(hmm.viterbi(&rows)?.states(), [0, 0, 0, 0, 1, 1, 1, 1]);
+///
+/// let learned = hmm.learn(&[rows], &LearningOptions::default())?;
+/// let (heading, others) = learned.model().likelihood().clone().into_parts();
+/// assert!((heading.means()[1][0] - 1.575).abs() < 1e-3);
+/// let (shapes, scales) = (others.first().shapes(), others.first().scales());
+/// assert!((shapes[0][0] * scales[0][0] - 6.5).abs() < 1e-3);
+/// assert!((others.second().rates()[1][0] - 11.5).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Product<A, B> {
+    first: A,
+    second: B,
+}
+
+impl<A: Family, B: Family> Product<A, B> {
+    /// Creates the family of rows with the components of `first`, and then those of `second`.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Length`] if the two differ in their number of states.
+    pub fn new(first: A, second: B) -> Result<Self, EmissionError> {
+        let (expected, found) = (first.states(), second.states());
+        if found != expected {
+            let what = "list of states of the second factor";
+            return Err(EmissionError::Length { what, state: None, found, expected });
+        }
+        Ok(Self { first, second })
+    }
+
+    /// Number of components of a row: those of the first family and those of the second.
+    #[must_use]
+    pub fn components(&self) -> usize {
+        self.first.components() + self.second.components()
+    }
+
+    /// The components of either family, or `None` if the row has another number of them.
+    fn split<'a>(&self, row: &'a [f64]) -> Option<(&'a [f64], &'a [f64])> {
+        let parts = row.split_at_checked(self.first.components())?;
+        (parts.1.len() == self.second.components()).then_some(parts)
+    }
+
+    /// Components from the first of the second family to the end of the row.
+    fn others(&self) -> (usize, usize) {
+        (self.first.components(), self.components())
+    }
+}
+
+impl<A, B> Product<A, B> {
+    /// Family of the first components.
+    #[must_use]
+    pub fn first(&self) -> &A {
+        &self.first
+    }
+
+    /// Family of the components after those of the first.
+    #[must_use]
+    pub fn second(&self) -> &B {
+        &self.second
+    }
+
+    /// Both families.
+    #[must_use]
+    pub fn into_parts(self) -> (A, B) {
+        (self.first, self.second)
+    }
+}
+
+impl<A: Family, B: Family> Family for Product<A, B> {
+    fn components(&self) -> usize {
+        self.components()
+    }
+}
+
+impl<A: Family, B: Family> Likelihood for Product<A, B> {
+    type Observation = [f64];
+
+    fn states(&self) -> usize {
+        self.first.states()
+    }
+
+    fn diagonal<'a>(
+        &'a self,
+        row: &'a [f64],
+        scratch: &'a mut Scratch,
+    ) -> Result<Diagonal<'a>, LikelihoodError> {
+        let Some((first, second)) = self.split(row) else {
+            let (found, expected) = (row.len(), self.components());
+            return Err(EmissionError::Components { found, expected }.into());
+        };
+        let (out, parts) = scratch.with_parts(self.states(), 2);
+        let (left, right) = parts.split_at_mut(1);
+        let whole = |(from, to)| move |error| in_factor(error, from, to);
+        let first = self.first.diagonal(first, &mut left[0]);
+        let first = first.map_err(whole((0, self.first.components())))?;
+        let second = self.second.diagonal(second, &mut right[0]).map_err(whole(self.others()))?;
+        product_of(&first, &second, out)
+    }
+}
+
+/// Returns an error of the family of components `from` to `to` as that of the whole row.
+fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError {
+    if let LikelihoodError::Sensor(source) = &error
+        && let Some(source) = source.downcast_ref::<EmissionError>()
+    {
+        return source.clone().in_factor(from, to).into();
+    }
+    error
+}
+
+type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+impl<A, B> LearnLikelihood for Product<A, B>
+where
+    A: Family + LearnLikelihood,
+    B: Family + LearnLikelihood,
+{
+    /// Statistics of either family.
+    type Statistics = (A::Statistics, B::Statistics);
+
+    fn statistics(&self) -> Self::Statistics {
+        (self.first.statistics(), self.second.statistics())
+    }
+
+    /// Adds one observation; one with another number of components adds nothing.
+    fn add(&self, statistics: &mut Self::Statistics, row: &[f64], posterior: &[f64]) {
+        if let Some((first, second)) = self.split(row) {
+            self.first.add(&mut statistics.0, first, posterior);
+            self.second.add(&mut statistics.1, second, posterior);
+        }
+    }
+
+    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
+        self.first.merge(&mut statistics.0, &other.0);
+        self.second.merge(&mut statistics.1, &other.1);
+    }
+
+    /// Learns either family. Their errors, if they are [`EmissionError`]s, name the components
+    /// of the row.
+    fn reestimate(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
+        let (from, to) = self.others();
+        let first = self.first.reestimate(&statistics.0, pseudo_count);
+        let second = self.second.reestimate(&statistics.1, pseudo_count);
+        Ok(Self { first: learned(first, 0, from)?, second: learned(second, from, to)? })
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.first.log_prior(pseudo_count) + self.second.log_prior(pseudo_count)
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.first.free_parameters() + self.second.free_parameters()
+    }
+}
+
+/// Returns what was learned of the family of components `from` to `to`, or its error.
+fn learned<F>(outcome: Outcome<F>, from: usize, to: usize) -> Outcome<F> {
+    outcome.map_err(|error| match error.downcast::<EmissionError>() {
+        Ok(error) => error.in_factor(from, to).into(),
+        Err(other) => other,
+    })
+}
+
+impl<A, B> StartFromClusters for Product<A, B>
+where
+    A: Family + StartFromClusters,
+    B: Family + StartFromClusters,
+{
+    /// Starts either family from its own components. Errors are as those of learning.
+    fn start<R: Rng + ?Sized>(
+        &self,
+        observations: &ClusteredObservations<'_>,
+        rng: &mut R,
+    ) -> Outcome<Self> {
+        let (from, to) = self.others();
+        let first = self.first.start(&observations.columns(0..from), rng);
+        let second = self.second.start(&observations.columns(from..to), rng);
+        Ok(Self { first: learned(first, 0, from)?, second: learned(second, from, to)? })
+    }
+}
+
+impl<A, B> SampleObservation for Product<A, B>
+where
+    A: Family + SampleObservation,
+    B: Family + SampleObservation,
+{
+    type Sample = Vec<f64>;
+
+    fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
+        let first = self.first.sample(state, rng);
+        let second = self.second.sample(state, rng);
+        [first.borrow(), second.borrow()].concat()
+    }
+}
+
+impl<A: ReorderStates, B: ReorderStates> ReorderStates for Product<A, B> {
+    fn reordered(&self, order: &[usize]) -> Self {
+        Self { first: self.first.reordered(order), second: self.second.reordered(order) }
+    }
+}
