@@ -44,8 +44,9 @@ use crate::transition::DenseTransition;
 /// `family` is a placeholder. It decides the number of states, the kind of covariance, the
 /// [prior](super::GaussianPrior) of its parameters, whether components may be missing, and the
 /// number of a mixture's parts, which come from clusters within that of a state. It also keeps
-/// what observations do not give: probabilities of 0, and in the start, but not in learning, the
-/// degrees of freedom of a [`StudentT`](super::StudentT). Its other parameters have no influence,
+/// what is fixed (put fixed means in ascending order, as clusters are) and what observations do
+/// not give: probabilities of 0, and in the start, but not in learning, the degrees of freedom of a
+/// [`StudentT`](super::StudentT). Its other parameters have no influence,
 /// but for the choice among equals (a mean direction of observations that have none).
 ///
 /// Without a prior a state may take hold of one observation, or of several that are the same:

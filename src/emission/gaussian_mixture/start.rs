@@ -5,17 +5,21 @@ use std::error::Error;
 use rand::Rng;
 
 use super::GaussianMixture;
+use crate::emission::normal::{GaussianPrior, Normals, Settings};
 use crate::emission::{ClusteredObservations, EmissionError, Gaussian, StartFromClusters};
 use crate::likelihood::Likelihood;
 
 impl StartFromClusters for GaussianMixture {
     /// Takes the parts of each state from clusters within that of the state. A part with a weight
-    /// of 0 stays as it is.
+    /// of 0 stays as it is. Means that are fixed divide the observations of a state between them.
     fn start<R: Rng + ?Sized>(
         &self,
         observations: &ClusteredObservations<'_>,
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
+        if self.has_fixed_means() {
+            return observations.estimate(self);
+        }
         let m = self.parts;
         let mut weights = Vec::with_capacity(self.weights.len());
         let (mut means, mut covariances) = (Vec::new(), Vec::new());
@@ -30,17 +34,30 @@ impl StartFromClusters for GaussianMixture {
                 Ok(error) => error.in_part(Some(state), m).into(),
                 Err(error) => error,
             })?;
-            means.push(parts.means());
-            covariances.push(parts.covariances());
+            means.extend(parts.means().concat());
+            covariances.extend(parts.covariances().concat());
             // Every part has a weight, since one of 0 would stay so.
             let counts = division.counts.iter().map(|(part, count)| (*part, *count.max(&1) as f64));
             let total: f64 = counts.clone().map(|(_, count)| count).sum();
-            let mut shares = vec![0.0; m];
-            counts.for_each(|(part, count)| shares[part] = count / total);
-            weights.push(shares);
+            weights.resize((state + 1) * m, 0.0);
+            counts.for_each(|(part, count)| weights[state * m + part] = count / total);
         }
-        let new = Self::new(self.covariance_type(), &weights, &means, &covariances)?;
-        let normals = new.normals.with_settings(self.normals.settings());
-        Ok(Self { normals, prior: self.prior.clone(), ..new })
+        let (kind, d) = (self.covariance_type(), self.components());
+        let normals = Normals::new(kind, d, means, covariances, self.normals.settings())
+            .map_err(|error| error.in_part(None, m))?;
+        Ok(Self::of(normals, m, weights, self.prior.clone()))
     }
+}
+
+/// Returns densities as a family of states.
+pub(in crate::emission) fn gaussian(
+    normals: &Normals,
+    prior: Option<&GaussianPrior>,
+) -> Result<Gaussian, EmissionError> {
+    let family = Gaussian::new(normals.kind(), &normals.means(), &normals.covariances())?;
+    let Settings { missing, fixed_means, fixed_covariances } = normals.settings();
+    let family = if missing { family.with_missing() } else { family };
+    let family = if fixed_means { family.with_fixed_means() } else { family };
+    let family = if fixed_covariances { family.with_fixed_covariances() } else { family };
+    prior.map_or(Ok(family.clone()), |prior| family.with_prior(prior.clone()))
 }

@@ -300,6 +300,30 @@ fn students_t_starts_with_its_degrees() {
     assert!(fixed[0].likelihood().has_fixed_degrees());
 }
 
+/// What learning keeps is kept in starts, which have the settings of the placeholder.
+#[test]
+fn starts_keep_what_is_fixed() {
+    let rows = parts(100.0, 51);
+    let means = [[[99.0], [101.0]], [[120.0], [123.0]]];
+    let family = GaussianMixture::diagonal(&[[0.5; 2]; 2], &means, &[[[0.3]; 2]; 2]).unwrap();
+    let started = |family: GaussianMixture| {
+        starts(&family, &[&*rows], 1, &mut rng(1)).unwrap().remove(0).into_parts().2
+    };
+    let fixed = started(family.clone().with_missing().with_fixed_means());
+    assert!(fixed.takes_missing() && fixed.has_fixed_means() && !fixed.has_fixed_covariances());
+    assert_eq!(fixed.means().concat().concat(), [99.0, 101.0, 120.0, 123.0]);
+    assert!(fixed.covariance(0, 0).unwrap()[0] != 0.3);
+    let fixed = started(family.with_fixed_covariances());
+    assert!(!fixed.has_fixed_means() && fixed.has_fixed_covariances());
+    assert_eq!(fixed.covariances().concat().concat(), [0.3; 4]);
+    assert!(fixed.mean(0, 0).unwrap()[0] != 99.0);
+    let family = StudentT::diagonal(&[5.0; 2], &[[0.0]; 2], &[[0.3]; 2]).unwrap();
+    let starts = starts(&family.with_fixed_covariances(), &[&*rows], 1, &mut rng(1)).unwrap();
+    let found = starts[0].likelihood();
+    assert!(found.has_fixed_covariances() && !found.has_fixed_degrees());
+    assert_eq!(found.scales().concat(), [0.3; 2]);
+}
+
 #[test]
 fn the_same_seed_gives_the_same_starts() {
     let rows = parts(0.0, 41);
@@ -347,6 +371,11 @@ fn what_cannot_start_is_named() {
     let rows: Vec<Vec<f64>> = (0..24).map(|k| vec![f64::from(k % 6 + 1), 5.0]).collect();
     let error = starts(&positive, &[&*rows], 1, &mut rng(1)).unwrap_err().to_string();
     assert!(error.contains("component 1 is always 5; leave it out, or give a prior"), "{error}");
+    // Of two families in a row, the second has the constant one.
+    let both = Product::new(Poisson::new(&[[1.0]; 2]).unwrap(), family(2)).unwrap();
+    let rows: Vec<Vec<f64>> = rows.iter().map(|row| vec![7.0, row[0], row[1]]).collect();
+    let error = starts(&both, &[&*rows], 1, &mut rng(1)).unwrap_err().to_string();
+    assert!(error.contains("component 2 is always 5; leave it out, or give a prior"), "{error}");
     // Sequence and step of an invalid observation.
     let good = vec![vec![0.0, 1.0], vec![2.0, 5.0], vec![4.0, 3.0]];
     for (row, expected) in [
