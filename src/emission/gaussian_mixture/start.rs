@@ -5,7 +5,7 @@ use std::error::Error;
 use rand::Rng;
 
 use super::GaussianMixture;
-use crate::emission::normal::{GaussianPrior, Normals, Settings};
+use crate::emission::normal::Normals;
 use crate::emission::{ClusteredObservations, EmissionError, Gaussian, StartFromClusters};
 use crate::likelihood::Likelihood;
 
@@ -47,17 +47,4 @@ impl StartFromClusters for GaussianMixture {
             .map_err(|error| error.in_part(None, m))?;
         Ok(Self::of(normals, m, weights, self.prior.clone()))
     }
-}
-
-/// Returns densities as a family of states.
-pub(in crate::emission) fn gaussian(
-    normals: &Normals,
-    prior: Option<&GaussianPrior>,
-) -> Result<Gaussian, EmissionError> {
-    let family = Gaussian::new(normals.kind(), &normals.means(), &normals.covariances())?;
-    let Settings { missing, fixed_means, fixed_covariances } = normals.settings();
-    let family = if missing { family.with_missing() } else { family };
-    let family = if fixed_means { family.with_fixed_means() } else { family };
-    let family = if fixed_covariances { family.with_fixed_covariances() } else { family };
-    prior.map_or(Ok(family.clone()), |prior| family.with_prior(prior.clone()))
 }

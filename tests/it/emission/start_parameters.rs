@@ -403,22 +403,23 @@ fn factors_of_a_product_start_by_themselves() {
     let row = |k: usize| {
         let group = (k / 20 % 2) as f64;
         let part = if k % 3 == 0 { 6.0 } else { 0.0 };
-        vec![1000.0 + 40.0 * group + part + normal(), 3.0 + group, (k % 4) as f64]
+        vec![1000.0 + 40.0 * group + part + normal(), 3.0 + 20.0 * group + (k % 2) as f64]
     };
     let rows: Vec<Vec<f64>> = (0..200).map(row).collect();
     let placeholder = |mean: f64, rate: f64| {
         let mixture =
             GaussianMixture::diagonal(&[[0.5; 2]; 2], &[[[mean]; 2]; 2], &[[[1.0]; 2]; 2]).unwrap();
-        let counts = Poisson::new(&[[rate, rate]; 2]).unwrap();
+        let counts = Poisson::new(&[[rate]; 2]).unwrap();
         Product::new(mixture, counts).unwrap()
     };
     same([placeholder(0.0, 1.0), placeholder(-7.0, 30.0)], &rows, |product| {
         [product.first().means().concat().concat(), product.second().rates().concat()].concat()
     });
     let start = &starts(&placeholder(0.0, 1.0), &[&rows], 1, &mut rng(1)).unwrap()[0];
-    let means = start.likelihood().first().means();
-    for (found, expected) in means.iter().flatten().zip([1000.0, 1006.0, 1040.0, 1046.0]) {
-        assert!((found[0] - expected).abs() < 4.0, "{means:?}");
+    let mut means = start.likelihood().first().means().concat().concat();
+    means.sort_by(f64::total_cmp);
+    for (found, expected) in means.iter().zip([1000.0, 1006.0, 1040.0, 1046.0]) {
+        assert!((found - expected).abs() < 5.0, "{means:?}");
     }
     // The component that is always the same is that of the row.
     let family = Product::new(Poisson::new(&[[1.0]; 2]).unwrap(), {
