@@ -63,7 +63,8 @@
 //! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator
 //! and pass each result to a visitor; [`Hmm::forward_all`], [`Hmm::smooth_all`],
 //! [`Hmm::log_likelihood_all`] and [`Hmm::viterbi_all`] return the results of a slice.
-//! [`Hmm::simulate`] and [`Filter::simulate`] sample from the model. Methods of a stream whose names end in `_with`
+//! [`Hmm::simulate`] and [`Filter::simulate`] sample from the model, [`Hmm::simulate_after`] from an
+//! autoregressive one. Methods of a stream whose names end in `_with`
 //! take a control.
 //!
 //! The root holds the names that nearly every program needs. Everything else is in a module,

@@ -117,15 +117,6 @@ pub enum EmissionError {
         /// Error of the observation.
         source: Box<EmissionError>,
     },
-    /// A simulated output is beyond the range of doubles.
-    Diverged {
-        /// The step, from 1.
-        step: usize,
-        /// The component of the output, from 0.
-        component: usize,
-        /// Value drawn.
-        value: f64,
-    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -257,10 +248,6 @@ impl fmt::Display for EmissionError {
             Self::Step { sequence, step, source } => {
                 write!(f, "sequence {sequence}, step {step}: {source}")
             }
-            Self::Diverged { step, component, value } => write!(
-                f,
-                "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
-            ),
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
             Self::Factor { from, to, source } if from + 1 >= *to => {
                 write!(f, "component {from} of the row: {source}")

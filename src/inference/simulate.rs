@@ -1,5 +1,6 @@
 //! Simulation: states and observations drawn from the model.
 
+use std::borrow::Borrow;
 use std::convert::Infallible;
 use std::ops::Deref;
 
@@ -10,14 +11,14 @@ use super::labelled::LabelledSequence;
 use super::step::Step;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::likelihood::{Likelihood, SampleObservation};
+use crate::likelihood::{Likelihood, SampleNext, SampleObservation};
 use crate::random::index;
 use crate::transition::TransitionEntries;
 
 /// A simulated drive: its true states and its observations.
 ///
 /// Made by [`Hmm::simulate`] and [`Filter::simulate`]; of an autoregressive model, by
-/// `Hmm::simulate_autoregressive` (feature `emission`).
+/// [`Hmm::simulate_after`] and [`Filter::simulate_after`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Simulation<Y> {
     initial: Option<usize>,
@@ -123,7 +124,7 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         controls: &[A::Control],
         rng: &mut R,
     ) -> Simulation<B::Sample> {
-        let sample = |_: usize, state: usize, rng: &mut R| {
+        let sample = |_: usize, state: usize, _: Option<&B::Sample>, rng: &mut R| {
             Ok::<_, Infallible>(self.likelihood().sample(state, rng))
         };
         let Ok(drawn) = self.draw_with(belief, taken, controls, rng, sample);
@@ -131,15 +132,79 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     }
 }
 
+impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
+    /// Draws `steps` hidden states and observations that depend on the one before, which is
+    /// `before` for the first: sequences of an autoregressive model.
+    ///
+    /// The same generator in the same state gives the same sequence. The cost is that of
+    /// [`simulate`](Self::simulate).
+    ///
+    /// ```
+    /// # #[cfg(feature = "emission")]
+    /// # {
+    /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// use wayfix::emission::LinearRegression;
+    /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+    ///
+    /// // Each value is 0.9 of the one before, with much noise in state 1.
+    /// let family = LinearRegression::diagonal(&[[0.9]; 2], &[[0.0]; 2], &[[0.01], [4.0]])?;
+    /// let hmm = Hmm::new(
+    ///     Prior::AtFirstObservation(Belief::uniform(2)?),
+    ///     DenseTransition::from_rows(&[[0.95, 0.05], [0.05, 0.95]])?,
+    ///     family,
+    /// )?;
+    /// let drawn = hmm.simulate_after(&[3.0], 100, &mut ChaCha8Rng::seed_from_u64(1))?;
+    /// // An observation is a row of the value before and the value.
+    /// let series: Vec<f64> = drawn.observations().iter().map(|row| row[1]).collect();
+    /// assert_eq!(drawn.observations()[7], [series[6], series[7]]);
+    ///
+    /// let path = hmm.viterbi(drawn.observations())?;
+    /// let right = path.states().iter().zip(drawn.states()).filter(|(a, b)| a == b).count();
+    /// assert!(right > 80);
+    /// # }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Likelihood`] with the step for which nothing can be drawn: the first, if
+    /// `before` is not valid, or one where values grow beyond the range of doubles.
+    pub fn simulate_after<R: Rng + ?Sized>(
+        &self,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.draw_after(self.prior().belief().as_slice(), 0, before, steps, rng)
+    }
+
+    fn draw_after<R: Rng + ?Sized>(
+        &self,
+        belief: &[f64],
+        taken: usize,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
+            let last = last.map_or(before, Borrow::borrow);
+            let drawn = self.likelihood().sample_next(state, last, rng);
+            drawn.map_err(|source| InferenceError::Likelihood { step, source })
+        };
+        self.draw_with(belief, taken, &vec![(); steps], rng, sample)
+    }
+}
+
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
-    /// Draws states, and after each the observation that `sample` returns for its step and state.
-    pub(crate) fn draw_with<Y, E, R: Rng + ?Sized>(
+    /// Draws states, and after each the observation that `sample` returns for its step and state,
+    /// and the observation before if there is one.
+    fn draw_with<Y, E, R: Rng + ?Sized>(
         &self,
         belief: &[f64],
         taken: usize,
         controls: &[A::Control],
         rng: &mut R,
-        mut sample: impl FnMut(usize, usize, &mut R) -> Result<Y, E>,
+        sample: impl Fn(usize, usize, Option<&Y>, &mut R) -> Result<Y, E>,
     ) -> Result<Simulation<Y>, E> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
         let initial = self.prior().moves_at(taken + 1).then_some(state);
@@ -153,7 +218,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
                 state = index(ways(), total, rng);
             }
             states.push(state);
-            observations.push(sample(step, state, rng)?);
+            observations.push(sample(step, state, observations.last(), rng)?);
         }
         Ok(Simulation { initial, states, observations })
     }
@@ -196,5 +261,27 @@ where
     ) -> Result<Simulation<B::Sample>, InferenceError> {
         self.model().check_controls(self.steps(), controls)?;
         Ok(self.model().draw(self.belief().as_slice(), self.steps(), controls, rng))
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: SampleNext,
+{
+    /// Draws a possible future after the last observation, `before`, as
+    /// [`simulate`](Self::simulate), of an autoregressive model.
+    ///
+    /// # Errors
+    ///
+    /// As [`Hmm::simulate_after`]; steps are counted from the first of the filter.
+    pub fn simulate_after<R: Rng + ?Sized>(
+        &self,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.model().draw_after(self.belief().as_slice(), self.steps(), before, steps, rng)
     }
 }

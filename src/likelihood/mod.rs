@@ -1,8 +1,8 @@
 //! Likelihood operators: from an observation to a diagonal, `b_i` = p(y | state i).
 //!
 //! [`Likelihood`] is the trait, [`Diagonal`] the values that it returns, at any scale. Pruned
-//! algorithms require [`LocalLikelihood`], simulation [`SampleObservation`], learning
-//! [`LearnLikelihood`].
+//! algorithms require [`LocalLikelihood`], simulation [`SampleObservation`] or, if observations depend
+//! on those before, [`SampleNext`], learning [`LearnLikelihood`].
 //!
 //! | for | use |
 //! |---|---|
@@ -25,6 +25,7 @@ mod fused;
 mod grouped;
 mod learn;
 mod local;
+mod next;
 mod optional;
 mod owned;
 mod pooled;
@@ -46,6 +47,7 @@ pub(crate) use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::{LocalLikelihood, Unlisted};
+pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
 pub use sparse::{SparseLikelihood, SparseObservation};

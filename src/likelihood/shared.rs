@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
+use super::{
+    Diagonal, Likelihood, LocalLikelihood, SampleNext, SampleObservation, Scratch, Unlisted,
+};
 use crate::error::LikelihoodError;
 use crate::fixed::Fixed;
 use crate::groups::Groups;
@@ -77,5 +79,18 @@ impl<B: SampleObservation> SampleObservation for Fixed<B> {
 
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> B::Sample {
         self.0.sample(state, rng)
+    }
+}
+
+impl<B: SampleNext> SampleNext for Fixed<B> {
+    type Sample = B::Sample;
+
+    fn sample_next<R: Rng + ?Sized>(
+        &self,
+        state: usize,
+        before: &B::Observation,
+        rng: &mut R,
+    ) -> Result<B::Sample, LikelihoodError> {
+        self.0.sample_next(state, before, rng)
     }
 }

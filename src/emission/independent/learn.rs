@@ -14,7 +14,7 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
         vec![F::Sums::default(); self.parts.len()]
     }
 
-    /// Adds one observation; one for which there is no [`diagonal`](Likelihood::diagonal) adds
+    /// Adds one observation; one for which there is no [`diagonal`](crate::Likelihood::diagonal) adds
     /// nothing from its first invalid component on.
     fn add(&self, statistics: &mut Vec<F::Sums>, observation: &[f64], posterior: &[f64]) {
         let n = self.states;

@@ -26,8 +26,8 @@ pub use learn::LinearRegressionStatistics;
 ///
 /// Inputs have no distribution: nothing can be simulated by
 /// [`Hmm::simulate`](crate::Hmm::simulate), but [`sample`](Self::sample) draws an output for an
-/// input, and [`Hmm::simulate_autoregressive`](crate::Hmm::simulate_autoregressive) a sequence
-/// whose inputs are the outputs before.
+/// input, and [`Hmm::simulate_after`](crate::Hmm::simulate_after) a sequence whose inputs are the
+/// outputs before.
 ///
 /// An intercept is the output at an input of 0: inputs that are far from 0 beside their spread, such
 /// as times of a clock, lose digits there, and should have a constant subtracted before.
@@ -65,8 +65,9 @@ pub use learn::LinearRegressionStatistics;
 ///
 /// With the observations before as the input, from [`Rows::lagged`](super::Rows::lagged), this is
 /// the autoregressive Gaussian of some order: B has d × (order · d) coefficients, those of the
-/// oldest observation first. [`Hmm::simulate_autoregressive`](crate::Hmm::simulate_autoregressive)
-/// draws sequences from it.
+/// oldest observation first. [`Hmm::simulate_after`](crate::Hmm::simulate_after) draws sequences
+/// from it, after `order` values that are given, and
+/// [`Filter::simulate_after`](crate::Filter::simulate_after) what may follow a series.
 ///
 /// ```
 /// use wayfix::emission::{LinearRegression, Rows};

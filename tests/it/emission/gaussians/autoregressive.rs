@@ -1,10 +1,10 @@
 //! Sequences that autoregressive models draw.
 
-use wayfix::emission::{EmissionError, LinearRegression, Rows};
+use wayfix::emission::{LinearRegression, Rows};
 use wayfix::inference::{LearningOptions, Simulation};
-use wayfix::{Belief, DenseTransition, Hmm, Prior};
+use wayfix::{Belief, DenseTransition, Fixed, Hmm, InferenceError, Prior};
 
-use crate::kit::{rng, says};
+use crate::kit::{rng, says, text};
 
 const STEPS: usize = 20_000;
 const FIRST: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
@@ -22,7 +22,7 @@ fn second_order() -> Hmm<DenseTransition, LinearRegression> {
 }
 
 fn drawn(hmm: &Hmm<DenseTransition, LinearRegression>, seed: u64) -> Simulation<Vec<f64>> {
-    hmm.simulate_autoregressive(&FIRST, STEPS, &mut rng(seed)).unwrap()
+    hmm.simulate_after(&FIRST, STEPS, &mut rng(seed)).unwrap()
 }
 
 /// An observation is the outputs before and its own, as lagged rows of the whole.
@@ -38,7 +38,7 @@ fn rows_are_those_of_the_sequence() {
     assert!(rows.iter().eq(found.observations()));
     assert_eq!(drawn(&hmm, 3), found);
     assert_ne!(drawn(&hmm, 4), found);
-    let none = hmm.simulate_autoregressive(&FIRST, 0, &mut rng(3)).unwrap();
+    let none = hmm.simulate_after(&FIRST, 0, &mut rng(3)).unwrap();
     assert!(none.observations().is_empty());
 }
 
@@ -106,33 +106,54 @@ fn learning_finds_the_model_that_drew() {
     }
 }
 
+/// A filter goes on after the last row of a series.
+#[test]
+fn a_future_follows_the_last_row() {
+    let hmm = second_order();
+    let past = hmm.simulate_after(&FIRST, 50, &mut rng(5)).unwrap();
+    let mut filter = hmm.filter();
+    past.observations().iter().for_each(|row| _ = filter.step(row).unwrap());
+    let last = past.observations().last().unwrap();
+    let future = filter.simulate_after(last, 9, &mut rng(6)).unwrap();
+    assert_eq!(future.observations().len(), 9);
+    assert!(future.initial().is_some_and(|state| filter.belief().as_slice()[state] > 0.0));
+    assert_eq!(future.observations()[0][..4], last[2..]);
+    assert_eq!(filter.simulate_after(&last[2..], 9, &mut rng(6)).unwrap(), future);
+    let error = filter.simulate_after(&[f64::NAN; 4], 9, &mut rng(6)).unwrap_err();
+    assert!(matches!(error, InferenceError::Likelihood { step: 51, .. }), "{error}");
+}
+
 #[test]
 fn what_cannot_be_drawn_is_an_error() {
     let hmm = second_order();
-    let draw = |first: &[f64]| hmm.simulate_autoregressive(first, 10, &mut rng(1));
-    says(draw(&[1.0, 2.0]), "the list of first values has 2 values, expected 4");
-    says(
-        draw(&[1.0, 2.0, f64::NAN, 4.0]),
-        "the list of first values, component 2, is NaN, expected finite values",
-    );
+    let draw = |first: &[f64]| hmm.simulate_after(first, 10, &mut rng(1));
+    let step = |step| format!("step {step} has no valid likelihood: the sensor failed: ");
+    let components = "the observation has 2 components, expected 4";
+    says(draw(&[1.0, 2.0]), &format!("{}{components}", step(1)));
+    assert!(text(draw(&[0.0; 5])).contains("5 components, expected 4"));
+    let finite = "component 2 of the observation is NaN, expected a finite value";
+    let error = text(draw(&[1.0, 2.0, f64::NAN, 4.0]));
+    assert!(error.starts_with(&format!("{}{finite}", step(1))), "{error}");
+
     let still = |family: LinearRegression| {
         let prior = Prior::AtFirstObservation(Belief::uniform(1).unwrap());
-        Hmm::new(prior, DenseTransition::from_rows(&[[1.0]]).unwrap(), family).unwrap()
+        Hmm::new(prior, DenseTransition::from_rows(&[[1.0]]).unwrap(), Fixed(family)).unwrap()
     };
     let grows = LinearRegression::diagonal(&[[10.0]], &[[0.0]], &[[1e-6]]).unwrap();
-    // 10^308 is a double, 10^309 is none.
-    let error = still(grows.clone()).simulate_autoregressive(&[1.5], 400, &mut rng(1)).unwrap_err();
-    assert_eq!(
-        error,
-        EmissionError::Diverged { step: 309, component: 0, value: f64::INFINITY },
-        "{error}"
+    // 1.5 · 10^308 is a double, 1.5 · 10^309 is none.
+    let diverges =
+        "component 1 of the observation is inf, expected a finite value, but the model diverges";
+    says(
+        still(grows.clone()).simulate_after(&[1.5], 400, &mut rng(1)),
+        &format!("{}{diverges}", step(309)),
     );
-    assert!(error.to_string().contains("drawn at step 309 is inf"), "{error}");
-    assert!(still(grows).simulate_autoregressive(&[1.5], 308, &mut rng(1)).is_ok());
+    assert!(still(grows).simulate_after(&[1.5], 308, &mut rng(1)).is_ok());
     // Three inputs are no outputs before, if an output has two numbers.
     let other = LinearRegression::diagonal(&[[1.0; 6]], &[[0.0; 2]], &[[1.0; 2]]).unwrap();
+    let multiple =
+        "the number of components of the input is 3, expected a multiple of that of the output";
     says(
-        still(other).simulate_autoregressive(&[1.0; 3], 10, &mut rng(1)),
-        "the number of components of the input is 3, expected a multiple of that of the output, as of an autoregressive model",
+        still(other).simulate_after(&[1.0; 3], 10, &mut rng(1)),
+        &format!("{}{multiple}", step(1)),
     );
 }
