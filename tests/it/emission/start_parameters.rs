@@ -54,7 +54,7 @@ fn covariances(kind: CovarianceType, variance: f64) -> Vec<Vec<f64>> {
         CovarianceType::Spherical => vec![vec![variance]; 2],
         CovarianceType::Diagonal => vec![vec![variance; 3]; 2],
         CovarianceType::Full => vec![(0..9).map(matrix).collect(); 2],
-        _ => vec![(0..9).map(matrix).collect()],
+        CovarianceType::Tied => vec![(0..9).map(matrix).collect()],
     }
 }
 
@@ -283,7 +283,7 @@ fn mixtures_start_from_clusters_of_few_observations() {
 fn students_t_starts_with_its_degrees() {
     let mut normal = normal(31);
     let value = |k: usize| {
-        let outlier = if k % 29 == 0 { 30.0 } else { 1.0 };
+        let outlier = if k.is_multiple_of(29) { 30.0 } else { 1.0 };
         [1000.0 + 60.0 * (k / 20 % 2) as f64 + outlier * normal()]
     };
     let rows: Vec<[f64; 1]> = (0..600).map(value).collect();
