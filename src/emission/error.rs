@@ -83,6 +83,15 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// A simulated output is beyond the range of doubles.
+    Diverged {
+        /// The step, from 1.
+        step: usize,
+        /// The component of the output, from 0.
+        component: usize,
+        /// Value drawn.
+        value: f64,
+    },
     /// There are no observations.
     NoObservations,
     /// A component is missing in all observations, so that nothing can be learned of it.
@@ -116,15 +125,6 @@ pub enum EmissionError {
         step: usize,
         /// Error of the observation.
         source: Box<EmissionError>,
-    },
-    /// A simulated output is beyond the range of doubles.
-    Diverged {
-        /// The step, from 1.
-        step: usize,
-        /// The component of the output, from 0.
-        component: usize,
-        /// Value drawn.
-        value: f64,
     },
     /// A part of a state's mixture has an error.
     Part {
@@ -177,18 +177,15 @@ impl EmissionError {
         Self::Part { part: at % m, source: Box::new(self) }
     }
 
-    /// Components of the family whose parameters observations do not determine, and among them
-    /// the one of these parameters, if it is known. `all` are those of the family with the error.
-    pub(super) fn undetermined(&self, all: Range<usize>) -> Option<(Range<usize>, Option<usize>)> {
+    /// If observations do not determine a parameter: its component, if there is one, and those of
+    /// its family in the row.
+    pub(super) fn undetermined(&self) -> Option<(Option<usize>, Range<usize>)> {
         match self {
-            Self::TooFew { component, .. } => {
-                let component = component.map(|component| all.start + component);
-                Some((all, component))
-            }
-            Self::Part { source, .. } => source.undetermined(all),
-            Self::Factor { from, to, source } => {
-                source.undetermined(all.start + from..all.start + to)
-            }
+            Self::TooFew { component, .. } => Some((*component, 0..usize::MAX)),
+            Self::Part { source, .. } => source.undetermined(),
+            Self::Factor { from, to, source } => source
+                .undetermined()
+                .map(|(component, _)| (component.map(|component| from + component), *from..*to)),
             _ => None,
         }
     }
@@ -243,6 +240,10 @@ impl fmt::Display for EmissionError {
                     "component {component} of the observation is {value}, expected {expected}"
                 )
             }
+            Self::Diverged { step, component, value } => write!(
+                f,
+                "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
+            ),
             Self::NoObservations => write!(f, "there are no observations"),
             Self::AllMissing { component } => {
                 write!(f, "component {component} is missing in all observations")
@@ -257,10 +258,6 @@ impl fmt::Display for EmissionError {
             Self::Step { sequence, step, source } => {
                 write!(f, "sequence {sequence}, step {step}: {source}")
             }
-            Self::Diverged { step, component, value } => write!(
-                f,
-                "component {component} of the output drawn at step {step} is {value}, beyond the range of doubles: the model diverges"
-            ),
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
             Self::Factor { from, to, source } if from + 1 >= *to => {
                 write!(f, "component {from} of the row: {source}")

@@ -167,6 +167,10 @@ impl Gaussian {
         self.normals.covariances()
     }
 
+    pub(super) fn of(normals: Normals, prior: Option<GaussianPrior>) -> Self {
+        Self { normals, prior }
+    }
+
     pub(super) fn into_parts(self) -> (Normals, Option<GaussianPrior>) {
         (self.normals, self.prior)
     }

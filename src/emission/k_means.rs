@@ -48,7 +48,7 @@ pub(super) fn k_means<R: Rng + ?Sized>(
         let units = centre.iter_mut().zip(&units);
         units.for_each(|(c, (mean, deviation))| *c = mean + *c * deviation);
     });
-    // From the observations themselves, whose digits a deviation of 1e150 would cover.
+    // From the rows themselves, whose digits a deviation of 1e150 would cover.
     recentre(&mut centres, rows.iter().copied().zip(&nearest));
     Ok(KMeans { centres, nearest })
 }
@@ -147,7 +147,6 @@ fn recentre<'a>(centres: &mut [f64], rows: impl Iterator<Item = (&'a [f64], &'a 
         let part = if units[at] == 0.0 { 0.0 } else { y / units[at] };
         sums[at] = (sums[at].0 + part, sums[at].1 + 1.0);
     });
-    let counted =
-        centres.iter_mut().zip(units.iter().zip(sums)).filter(|(_, (_, sum))| sum.1 > 0.0);
-    counted.for_each(|(centre, (unit, (sum, count)))| *centre = sum / count * unit);
+    let counted = centres.iter_mut().zip(units).zip(sums).filter(|(_, sum)| sum.1 > 0.0);
+    counted.for_each(|((centre, unit), (sum, count))| *centre = sum / count * unit);
 }

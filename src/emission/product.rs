@@ -211,16 +211,20 @@ where
     A: Family + StartFromClusters,
     B: Family + StartFromClusters,
 {
-    /// Starts either family from its own components. Errors are as those of learning.
+    /// Starts either family from its part of the observations.
     fn start<R: Rng + ?Sized>(
         &self,
         observations: &ClusteredObservations<'_>,
         rng: &mut R,
     ) -> Outcome<Self> {
         let (from, to) = self.others();
-        let first = self.first.start(&observations.columns(0..from), rng);
-        let second = self.second.start(&observations.columns(from..to), rng);
-        Ok(Self { first: learned(first, 0, from)?, second: learned(second, from, to)? })
+        let part = |first: usize, end: usize| {
+            let rows = observations.iter().map(move |(row, state)| (&row[first..end], state));
+            ClusteredObservations::new(self.states(), rows)
+        };
+        let first = learned(self.first.start(&part(0, from), rng), 0, from)?;
+        let second = learned(self.second.start(&part(from, to), rng), from, to)?;
+        Ok(Self { first, second })
     }
 }
 

@@ -4,7 +4,6 @@ mod parts;
 
 use std::borrow::Cow;
 use std::error::Error;
-use std::ops::Range;
 
 use rand::Rng;
 
@@ -93,12 +92,6 @@ impl<'a> ClusteredObservations<'a> {
         self.rows.iter().copied().zip(self.clusters.iter().copied())
     }
 
-    /// The same observations with the components of one of several families in a row.
-    pub(super) fn columns(&self, components: Range<usize>) -> Self {
-        let rows = self.iter().map(|(row, cluster)| (&row[components.clone()], cluster));
-        Self::new(self.pooled.len(), rows)
-    }
-
     /// Estimates a family from the observations of each state's cluster, with a tenth of the
     /// weight from all observations.
     ///
@@ -174,8 +167,9 @@ impl<'a> ClusteredObservations<'a> {
             known.all(|y| y.is_nan() || *y == value).then_some((component, value))
         };
         let components = self.rows.first().map_or(0, |row| row.len());
-        let found = source.undetermined(0..components).and_then(|(mut all, component)| {
-            component.and_then(constant).or_else(|| all.find_map(constant))
+        let found = source.undetermined().and_then(|(component, of)| {
+            let named = component.and_then(constant);
+            named.or_else(|| (of.start..of.end.min(components)).find_map(constant))
         });
         match found {
             None => source,

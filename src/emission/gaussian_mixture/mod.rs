@@ -16,7 +16,6 @@ use crate::random::index;
 use crate::reorder::ReorderStates;
 
 pub use learn::GaussianMixtureStatistics;
-pub(super) use start::gaussian;
 
 /// Mixtures of m Gaussians for each state, with full covariances or variances: the counterpart of
 /// hmmlearn's `GMMHMM`.

@@ -5,7 +5,6 @@ use std::error::Error;
 use rand::Rng;
 
 use super::GaussianMixture;
-use crate::emission::normal::{GaussianPrior, Normals, Settings};
 use crate::emission::{ClusteredObservations, EmissionError, Gaussian, StartFromClusters};
 use crate::likelihood::Likelihood;
 
@@ -28,36 +27,23 @@ impl StartFromClusters for GaussianMixture {
             let possible: Vec<usize> = (0..m).filter(is_possible).collect();
             let division = observations.divide(state, &possible, rng)?;
             let parts: Vec<usize> = (state * m..(state + 1) * m).collect();
-            let parts = gaussian(&self.normals.select(&parts), self.prior.as_ref())?;
+            let parts = Gaussian::of(self.normals.select(&parts), self.prior.clone());
             let parts = observations.estimate_parts(&parts, state, &division);
             let parts = parts.map_err(|error| match error.downcast::<EmissionError>() {
                 Ok(error) => error.in_part(Some(state), m).into(),
                 Err(error) => error,
             })?;
-            means.extend(parts.means().concat());
-            covariances.extend(parts.covariances().concat());
+            means.push(parts.means());
+            covariances.push(parts.covariances());
             // Every part has a weight, since one of 0 would stay so.
             let counts = division.counts.iter().map(|(part, count)| (*part, *count.max(&1) as f64));
             let total: f64 = counts.clone().map(|(_, count)| count).sum();
-            weights.resize((state + 1) * m, 0.0);
-            counts.for_each(|(part, count)| weights[state * m + part] = count / total);
+            let mut shares = vec![0.0; m];
+            counts.for_each(|(part, count)| shares[part] = count / total);
+            weights.push(shares);
         }
-        let (kind, d) = (self.covariance_type(), self.components());
-        let normals = Normals::new(kind, d, means, covariances, self.normals.settings())
-            .map_err(|error| error.in_part(None, m))?;
-        Ok(Self::of(normals, m, weights, self.prior.clone()))
+        let new = Self::new(self.covariance_type(), &weights, &means, &covariances)?;
+        let normals = new.normals.with_settings(self.normals.settings());
+        Ok(Self { normals, prior: self.prior.clone(), ..new })
     }
-}
-
-/// Returns densities as a family of states.
-pub(in crate::emission) fn gaussian(
-    normals: &Normals,
-    prior: Option<&GaussianPrior>,
-) -> Result<Gaussian, EmissionError> {
-    let family = Gaussian::new(normals.kind(), &normals.means(), &normals.covariances())?;
-    let Settings { missing, fixed_means, fixed_covariances } = normals.settings();
-    let family = if missing { family.with_missing() } else { family };
-    let family = if fixed_means { family.with_fixed_means() } else { family };
-    let family = if fixed_covariances { family.with_fixed_covariances() } else { family };
-    prior.map_or(Ok(family.clone()), |prior| family.with_prior(prior.clone()))
 }

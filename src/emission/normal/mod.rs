@@ -133,10 +133,14 @@ impl Normals {
         self.settings
     }
 
-    pub(super) fn with_missing(self) -> Self {
-        let Self { kind, d, means, covariances, settings, .. } = self;
-        let settings = Settings { missing: true, ..settings };
+    pub(super) fn with_settings(self, settings: Settings) -> Self {
+        let Self { kind, d, means, covariances, .. } = self;
         Self::new(kind, d, means, covariances, settings).expect("these have been factored before")
+    }
+
+    pub(super) fn with_missing(self) -> Self {
+        let settings = Settings { missing: true, ..self.settings };
+        self.with_settings(settings)
     }
 
     pub(super) fn with_fixed_means(self) -> Self {

@@ -6,8 +6,7 @@ use rand::Rng;
 
 use super::StudentT;
 use crate::emission::clustered::ROUNDS;
-use crate::emission::gaussian_mixture::gaussian;
-use crate::emission::{ClusteredObservations, StartFromClusters};
+use crate::emission::{ClusteredObservations, Gaussian, StartFromClusters};
 
 impl StartFromClusters for StudentT {
     /// Takes means and covariances from the clusters, as a Gaussian has them, and learns means and
@@ -18,7 +17,8 @@ impl StartFromClusters for StudentT {
         observations: &ClusteredObservations<'_>,
         _: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let gaussian = observations.estimate(&gaussian(&self.normals, self.prior.as_ref())?)?;
+        let gaussian =
+            observations.estimate(&Gaussian::of(self.normals.clone(), self.prior.clone()))?;
         let first = Self::of_gaussian(&self.degrees, gaussian)?.with_fixed_degrees();
         let last = (0..ROUNDS).try_fold(first, |family, _| observations.round(&family))?;
         Ok(Self { fixed: self.fixed, ..last })
