@@ -263,9 +263,10 @@ fn rare_outcomes_in_many_trials_have_their_probability() {
     let trials = 1e15;
     for rare in (0..50).map(|k| 3.8e-15 + 7e-18 * f64::from(k)) {
         let family = Multinomial::new(&[[rare, 1.0 - rare]]).unwrap();
-        for count in [0.0, 1.0, 4.0, 12.0] {
+        for many in [0_u32, 1, 4, 12] {
             let ways: f64 =
-                (0..count as u32).map(|i| ((trials - f64::from(i)) / f64::from(i + 1)).ln()).sum();
+                (0..many).map(|i| ((trials - f64::from(i)) / f64::from(i + 1)).ln()).sum();
+            let count = f64::from(many);
             let expected = ways + count * rare.ln() + (trials - count) * (-rare).ln_1p();
             let found = try_density(&family, 0, &[count, trials - count]).unwrap();
             assert!((found - expected).abs() < 1e-9, "{rare}, {count}: {found}, not {expected}");
