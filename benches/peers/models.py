@@ -3,6 +3,7 @@
 import json
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -49,6 +50,14 @@ class Case:
             "smooth": both(self["smoothed"]),
             "viterbi": lambda path: of_paths(path, self["path"]),
         }[routine]
+
+
+class Learned(NamedTuple):
+    """Log-likelihoods before each re-estimation, and what the last one ends at."""
+
+    log_likelihoods: list
+    parameters: dict
+    paths: np.ndarray
 
 
 def of_numbers(found, expected):

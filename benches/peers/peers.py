@@ -10,6 +10,7 @@ import argparse
 import csv
 import os
 import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +25,9 @@ def parse_arguments():
                         help="the folder for models, answers and tables")
     parser.add_argument("--graph", type=Path,
                         help="a folder with a road graph, nodes.csv and edges.csv")
+    parser.add_argument("--case", action="append", metavar="NAME",
+                        help="only this case; may be given often; `families` stands for all with "
+                        "a family of observations")
     parser.add_argument("--repetitions", type=int, default=9,
                         help="how often each routine is timed, 7 or more")
     parser.add_argument("--core", type=int, choices=sorted(cores), default=max(cores),
@@ -45,8 +49,7 @@ os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_paralleli
 os.environ["JAX_PLATFORMS"] = "cpu"
 os.environ["JAX_ENABLE_X64"] = "1"
 
-import gaussian  # noqa: E402
-import learning  # noqa: E402
+import families  # noqa: E402
 import many  # noqa: E402
 import report  # noqa: E402
 from libraries import of_dynamax, of_hmmlearn, of_scipy  # noqa: E402
@@ -89,11 +92,18 @@ def main():
         many.NAME: many.run,
         "two states": partial(given, "two states", routines, both),
         "dense 1000": partial(given, "dense 1000", routines, both),
-        learning.NAME: learning.run,
-        gaussian.NAME: gaussian.run,
     }
+    cases |= {name: partial(families.run, name) for name in families.NAMES}
     if not ARGUMENTS.graph:
         del cases["graph"]
+    if ARGUMENTS.case:
+        asked = set(ARGUMENTS.case)
+        if "families" in asked:
+            asked = asked - {"families"} | set(families.NAMES)
+        if asked - set(cases):
+            sys.exit(f"no case {', '.join(sorted(asked - set(cases)))}; there are "
+                     f"{', '.join(cases)}, and families")
+        cases = {name: run for name, run in cases.items() if name in asked}
     ARGUMENTS.out.mkdir(parents=True, exist_ok=True)
     rust, times = {}, Times(ARGUMENTS.repetitions)
     for name, run in cases.items():

@@ -19,7 +19,7 @@ use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, starts};
-use wayfix::inference::{LearnError, LearningOptions, ModelSelection};
+use wayfix::inference::{LearnError, LearnedModel, LearningOptions, ModelSelection};
 use wayfix::{DenseTransition, Hmm};
 
 use market::Year;
@@ -30,6 +30,7 @@ const STARTS: usize = 5;
 const AHEAD: usize = 60;
 
 type Model = Hmm<DenseTransition, Gaussian>;
+type Learned = LearnedModel<DenseTransition, Gaussian>;
 
 #[derive(Parser)]
 #[command(about = "Finds the regimes of a simulated market")]
@@ -68,24 +69,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Learns a model from several starts, with its regimes in ascending order of their volatility.
+/// Learns a model from several starts.
 ///
 /// The prior covariance counts for ten days: without one, a regime of three odd days would be as
 /// probable as one pleases.
-fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Model, LearnError> {
+fn learn(states: usize, years: &[&Year], seed: u64) -> Result<Learned, LearnError> {
     let prior = GaussianPrior::new(2).and_then(|prior| prior.with_covariance(10.0, &[10.0, 0.5]));
     let family = Gaussian::new(
         CovarianceType::Full,
         &vec![[0.0; 2]; states],
         &vec![[1.0, 0.0, 0.0, 1.0]; states],
     )
-    .and_then(|family| family.with_prior(prior?))
-    .map_err(|error| LearnError::Likelihood(error.into()))?;
+    .and_then(|family| family.with_prior(prior?))?;
     let starts = starts(&family, years, STARTS, &mut ChaCha8Rng::seed_from_u64(seed))?;
     let fits = Hmm::learn_best(&starts, years, &LearningOptions::default(), |_, _| ())?;
-    let model = fits.into_best().into_model();
+    Ok(fits.into_best())
+}
+
+/// Returns a model with its regimes in ascending order of their volatility.
+fn ordered(model: &Model) -> Result<Model, LearnError> {
     let variances: Vec<f64> = model.likelihood().covariances().iter().map(|c| c[0]).collect();
-    let mut order: Vec<usize> = (0..states).collect();
+    let mut order: Vec<usize> = (0..variances.len()).collect();
     order.sort_by(|&a, &b| variances[a].total_cmp(&variances[b]));
     Ok(model.reordered(&order)?)
 }
@@ -98,9 +102,9 @@ fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError
     let bar =
         ProgressBar::new(fits).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let selection = ModelSelection::new(2..=6, years, 4, |&states, some: &[&Year]| {
-        let model = learn(states, some, seed);
+        let learned = learn(states, some, seed);
         bar.inc(1);
-        model
+        learned
     });
     bar.finish_and_clear();
     selection
@@ -109,7 +113,7 @@ fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError
 /// Prints the regimes and what the days after the last may bring, and draws them.
 fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(), Box<dyn Error>> {
     let all: Vec<&Year> = years.iter().collect();
-    let model = learn(states, &all, seed)?;
+    let model = ordered(learn(states, &all, seed)?.model())?;
     println!("regime   mean return   volatility   volume   days at a time");
     for state in 0..states {
         let (Some(mean), Some(covariance)) =

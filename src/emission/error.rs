@@ -2,9 +2,10 @@
 
 use std::error::Error;
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
-use crate::error::LikelihoodError;
+use crate::error::{LearnError, LikelihoodError};
 
 /// An invalid parameter or observation of a family, or statistics that determine no parameter.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,6 +83,40 @@ pub enum EmissionError {
         /// Valid values, in words.
         expected: &'static str,
     },
+    /// There are no observations.
+    NoObservations,
+    /// A component is missing in all observations, so that nothing can be learned of it.
+    AllMissing {
+        /// The component, from 0.
+        component: usize,
+    },
+    /// There are fewer different observations than clusters.
+    TooFewDifferent {
+        /// Number of observations that differ in known components.
+        found: usize,
+        /// Number of clusters.
+        expected: usize,
+        /// Name of the clusters, such as "states".
+        what: &'static str,
+    },
+    /// A component has the same value in all observations, so that a family is not determined.
+    Constant {
+        /// The component of the observation, from 0.
+        component: usize,
+        /// The value.
+        value: f64,
+        /// What the family cannot estimate.
+        source: Box<EmissionError>,
+    },
+    /// An observation of several sequences is invalid.
+    Step {
+        /// The sequence, from 0.
+        sequence: usize,
+        /// The step, from 1.
+        step: usize,
+        /// Error of the observation.
+        source: Box<EmissionError>,
+    },
     /// A part of a state's mixture has an error.
     Part {
         /// The part, from 0.
@@ -132,11 +167,29 @@ impl EmissionError {
         *state = Some(known.unwrap_or(at / m));
         Self::Part { part: at % m, source: Box::new(self) }
     }
+
+    /// If observations do not determine a parameter: its component, if there is one, and those of
+    /// its family in the row.
+    pub(super) fn undetermined(&self) -> Option<(Option<usize>, Range<usize>)> {
+        match self {
+            Self::TooFew { component, .. } => Some((*component, 0..usize::MAX)),
+            Self::Part { source, .. } => source.undetermined(),
+            Self::Factor { from, to, source } => source
+                .undetermined()
+                .map(|(component, _)| (component.map(|component| from + component), *from..*to)),
+            _ => None,
+        }
+    }
 }
 
 /// " of state 3", or nothing.
 fn of_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |state| format!(" of state {state}"))
+}
+
+/// A weight without the digits that rounding leaves.
+fn rounded(weight: f64) -> f64 {
+    if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
 }
 
 impl fmt::Display for EmissionError {
@@ -163,6 +216,7 @@ impl fmt::Display for EmissionError {
             Self::TooFew { state, component, what, weight, reason } => {
                 write!(f, "the {what}{}", of_state(*state))?;
                 component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
+                let weight = rounded(*weight);
                 write!(f, " cannot be estimated from {weight} expected observations: {reason}")
             }
             Self::Components { found, expected } => {
@@ -176,6 +230,20 @@ impl fmt::Display for EmissionError {
                     f,
                     "component {component} of the observation is {value}, expected {expected}"
                 )
+            }
+            Self::NoObservations => write!(f, "there are no observations"),
+            Self::AllMissing { component } => {
+                write!(f, "component {component} is missing in all observations")
+            }
+            Self::TooFewDifferent { found, expected, what } => {
+                write!(f, "{found} different observations cannot start {expected} {what}")
+            }
+            Self::Constant { component, value, source } => write!(
+                f,
+                "component {component} is always {value}; leave it out, or give a prior: {source}"
+            ),
+            Self::Step { sequence, step, source } => {
+                write!(f, "sequence {sequence}, step {step}: {source}")
             }
             Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
             Self::Factor { from, to, source } if from + 1 >= *to => {
@@ -193,5 +261,11 @@ impl Error for EmissionError {}
 impl From<EmissionError> for LikelihoodError {
     fn from(source: EmissionError) -> Self {
         Self::Sensor(Arc::new(source))
+    }
+}
+
+impl From<EmissionError> for LearnError {
+    fn from(source: EmissionError) -> Self {
+        Self::Likelihood(source.into())
     }
 }

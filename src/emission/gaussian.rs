@@ -6,8 +6,8 @@ use rand::Rng;
 
 use super::EmissionError;
 use super::normal::{
-    CovarianceType, GaussianPrior, Moments, Normals, check_covariances, eights, flatten, in_blocks,
-    settings,
+    CovarianceType, GaussianPrior, Moments, Normals, Settings, check_covariances, eights, flatten,
+    in_blocks, settings,
 };
 use crate::error::LikelihoodError;
 use crate::kernels::Eight;
@@ -130,7 +130,8 @@ impl Gaussian {
             return Err(EmissionError::Length { what, state, found, expected });
         }
         let covariances = flatten_covariances(kind, covariances, d)?;
-        Ok(Self { normals: Normals::new(kind, d, means, covariances, false)?, prior: None })
+        let normals = Normals::new(kind, d, means, covariances, Settings::default())?;
+        Ok(Self { normals, prior: None })
     }
 
     settings!();
@@ -164,6 +165,10 @@ impl Gaussian {
     #[must_use]
     pub fn covariances(&self) -> Vec<Vec<f64>> {
         self.normals.covariances()
+    }
+
+    pub(super) fn of(normals: Normals, prior: Option<GaussianPrior>) -> Self {
+        Self { normals, prior }
     }
 
     pub(super) fn into_parts(self) -> (Normals, Option<GaussianPrior>) {

@@ -25,6 +25,7 @@
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
 
 mod bernoulli;
+mod clustered;
 mod clusters;
 mod columns;
 mod concentration;
@@ -34,6 +35,7 @@ mod gamma;
 mod gaussian;
 mod gaussian_mixture;
 mod independent;
+mod k_means;
 mod linear_regression;
 mod log_normal;
 mod multinomial;
@@ -53,6 +55,7 @@ mod von_mises;
 mod von_mises_fisher;
 
 pub use bernoulli::Bernoulli;
+pub use clustered::{ClusteredObservations, StartFromClusters};
 pub use clusters::Clusters;
 pub use columns::Columns;
 pub use error::EmissionError;

@@ -7,6 +7,7 @@ use rand_distr::{Binomial, Distribution};
 
 use super::error::EmissionError;
 use super::independent::shape;
+use super::special::log_excess;
 use super::univariate::Count;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
@@ -22,7 +23,8 @@ const MANY: f64 = 64.0;
 /// words of a document.
 ///
 /// p(y) = N! Π_c p_c^{y_c} / y_c!, of whole numbers y_c ≥ 0; the number of trials, N = Σ y_c, is that of the row, at
-/// most 2^53, and may differ from row to row. With one trial a step it is a
+/// most 2^53, and may differ from row to row; probabilities are taken in proportion to their sum,
+/// which is one but for rounding. With one trial a step it is a
 /// [table](crate::TableLikelihood). Learning sets the probabilities to the weighted shares of the
 /// counts.
 ///
@@ -150,7 +152,7 @@ impl Multinomial {
     }
 
     /// Returns the number of trials of a valid row, or `None` if it is missing.
-    fn check(&self, observation: &[f64]) -> Result<Option<Count>, EmissionError> {
+    fn check(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
         let (found, expected) = (observation.len(), self.components());
         if found != expected {
             return Err(EmissionError::Components { found, expected });
@@ -163,15 +165,15 @@ impl Multinomial {
         };
         let mut trials = 0.0;
         for entry in observation.iter().enumerate() {
-            if Count::new(*entry.1).is_none() {
+            if !Count::is_valid(*entry.1) {
                 return refused(entry, "a whole number from 0 to 2^53");
             }
             trials += entry.1;
-            if Count::new(trials).is_none() {
+            if !Count::is_valid(trials) {
                 return refused(entry, "counts with a sum of up to 2^53");
             }
         }
-        Ok(Count::new(trials))
+        Ok(Some(trials))
     }
 }
 
@@ -190,7 +192,9 @@ impl Likelihood for Multinomial {
         let n = self.states;
         let logs = scratch.values(n);
         logs.fill(0.0);
-        let Some(trials) = self.check(observation)? else { return Ok(Diagonal::log(logs)) };
+        let Some(trials) = self.check(observation)?.and_then(Count::new) else {
+            return Ok(Diagonal::log(logs));
+        };
         let number = trials.value();
         let (whole, rest) = trials.ln_factorial();
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
@@ -209,10 +213,12 @@ impl Likelihood for Multinomial {
             }
         }
         if number >= MANY {
+            // A sum of probabilities that is not one, such as by rounding, counts in its square.
             let above = logs.iter_mut().zip(&self.above_one);
-            above.for_each(|(log, above)| *log += rest + number * above);
+            above.for_each(|(log, above)| *log += rest + number * log_excess(*above));
         } else {
-            logs.iter_mut().for_each(|log| *log += whole);
+            let above = logs.iter_mut().zip(&self.above_one);
+            above.for_each(|(log, above)| *log += whole - number * above.ln_1p());
         }
         Ok(Diagonal::log(logs))
     }

@@ -5,7 +5,7 @@ use std::error::Error;
 
 use rand::Rng;
 
-use super::{EmissionError, Family};
+use super::{ClusteredObservations, EmissionError, Family, StartFromClusters};
 use crate::error::LikelihoodError;
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, product_of,
@@ -204,6 +204,28 @@ fn learned<F>(outcome: Outcome<F>, from: usize, to: usize) -> Outcome<F> {
         Ok(error) => error.in_factor(from, to).into(),
         Err(other) => other,
     })
+}
+
+impl<A, B> StartFromClusters for Product<A, B>
+where
+    A: Family + StartFromClusters,
+    B: Family + StartFromClusters,
+{
+    /// Starts either family from its part of the observations.
+    fn start<R: Rng + ?Sized>(
+        &self,
+        observations: &ClusteredObservations<'_>,
+        rng: &mut R,
+    ) -> Outcome<Self> {
+        let (from, to) = self.others();
+        let part = |first: usize, end: usize| {
+            let rows = observations.iter().map(move |(row, state)| (&row[first..end], state));
+            ClusteredObservations::new(self.states(), rows)
+        };
+        let first = learned(self.first.start(&part(0, from), rng), 0, from)?;
+        let second = learned(self.second.start(&part(from, to), rng), from, to)?;
+        Ok(Self { first, second })
+    }
 }
 
 impl<A, B> SampleObservation for Product<A, B>

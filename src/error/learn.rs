@@ -48,6 +48,13 @@ pub enum LearnError {
         /// Value found.
         value: f64,
     },
+    /// There are fewer sequences than groups (folds, say) to divide them into, or one group.
+    Groups {
+        /// Number of groups asked for.
+        groups: usize,
+        /// Number of sequences given.
+        sequences: usize,
+    },
     /// A labelled drive does not have one state per observation.
     Length {
         /// The drive, from 0.
@@ -135,6 +142,10 @@ impl fmt::Display for LearnError {
             Self::Parameter { what, value } => {
                 write!(f, "the {what} is {value}, expected a finite value of at least 0")
             }
+            Self::Groups { groups, sequences } => write!(
+                f,
+                "{sequences} sequences cannot be divided into {groups} groups, expected 2 groups or more, of at least a sequence each: cut long sequences into pieces"
+            ),
             Self::Length { drive, states, observations } => write!(
                 f,
                 "drive {drive} has {states} states for {observations} observations, expected one each"

@@ -59,8 +59,22 @@ pub enum LikelihoodError {
         /// Number of states.
         states: usize,
     },
-    /// A sensor defined outside this crate failed.
+    /// A sensor failed; those defined outside this crate make it by [`sensor`](Self::sensor).
     Sensor(Arc<dyn Error + Send + Sync>),
+}
+
+impl LikelihoodError {
+    /// Failure of a sensor of one's own, from an error or a message.
+    ///
+    /// ```
+    /// use wayfix::LikelihoodError;
+    ///
+    /// let error = LikelihoodError::sensor("the image has no pixels");
+    /// assert_eq!(error.to_string(), "the sensor failed: the image has no pixels");
+    /// ```
+    pub fn sensor(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        Self::Sensor(Arc::from(error.into()))
+    }
 }
 
 impl fmt::Display for LikelihoodError {

@@ -211,7 +211,7 @@ impl Backward {
             *out += back;
         }
         match normalize_logs(values, gamma) {
-            Some(log) if log.abs() <= 1e-6 + 16.0 * f64::EPSILON * size => Ok(()),
+            Some(log) if log.abs() <= range::log_rounding(size) => Ok(()),
             sum => {
                 let sum = sum.map_or(0.0, f64::exp);
                 Err(InferenceError::PredictedSum { step: step.number, sum })

@@ -1,6 +1,8 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
 //! section III-C).
 
+use std::ops::ControlFlow;
+
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::Hmm;
 use crate::likelihood::{LearnLikelihood, Likelihood};
@@ -37,7 +39,9 @@ pub struct LearningOptions {
     pub prior_pseudo_count: f64,
     /// Pseudo-count of the transition operator; 0 by default.
     pub transition_pseudo_count: f64,
-    /// Pseudo-count of the sensor; 0 by default.
+    /// Pseudo-count of the sensor, for tables of probabilities (symbols, events that happen or
+    /// not, counts of several kinds, weights of mixtures); 0 by default. Other families take no
+    /// notice of it: their priors are their own (`with_prior`).
     pub likelihood_pseudo_count: f64,
 }
 
@@ -82,8 +86,11 @@ pub enum StopReason {
     /// not in its prior. [`LearnedModel::cause`] has the values.
     Fell,
     /// The next re-estimation failed, such as that of a covariance from one observation, and the
-    /// model before is kept. [`LearnedModel::cause`] has the error.
+    /// model before is kept. [`LearnedModel::cause`] has the error. The likelihood may have no
+    /// bound near this model, so that its value means little beside that of others.
     Failed,
+    /// The function given to [`Hmm::learn_with`] broke off.
+    Stopped,
 }
 
 /// A learned model, with the course of learning.
@@ -217,6 +224,45 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         Self: Clone + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
+        self.learn_with(sequences, learning, |_| ControlFlow::Continue(()))
+    }
+
+    /// Learns as [`learn`](Self::learn), and shows the model after each re-estimation to `each`,
+    /// which may print or store it, and may break off.
+    ///
+    /// ```
+    /// use std::ops::ControlFlow;
+    /// use wayfix::inference::{LearningOptions, StopReason};
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let hmm = Hmm::new(
+    /// #     Prior::AtFirstObservation(Belief::uniform(2)?),
+    /// #     DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?,
+    /// #     TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?,
+    /// # )?;
+    /// let seen = [vec![0, 0, 0, 0, 1, 1, 1], vec![1, 1, 1, 0, 0, 0, 0, 0]];
+    /// let learned = hmm.learn_with(&seen, &LearningOptions::default(), |now| {
+    ///     println!("{}: {}", now.iterations(), now.objective());
+    ///     if now.iterations() < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    /// })?;
+    /// assert_eq!((learned.iterations(), learned.reason()), (3, StopReason::Stopped));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError`] as [`learn`](Self::learn).
+    pub fn learn_with<S>(
+        &self,
+        sequences: &[S],
+        learning: &LearningOptions,
+        mut each: impl FnMut(&LearnedModel<A, B>) -> ControlFlow<()>,
+    ) -> Result<LearnedModel<A, B>, LearnError>
+    where
+        A: LearnTransition,
+        B: LearnLikelihood,
+        Self: Clone + Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
         learning.check()?;
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
         let (expected, left_out) = self.expect(&all);
@@ -258,8 +304,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
             best.objectives.push(objective);
             best = LearnedModel { model, log_likelihood, ..best };
+            let stopped = each(&best).is_break();
             if objective - before < learning.tolerance {
                 return Ok(best.stopped(StopReason::Converged, None));
+            }
+            if stopped {
+                return Ok(best.stopped(StopReason::Stopped, None));
             }
         }
         Ok(best)

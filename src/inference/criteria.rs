@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::LogSum;
+use super::baum_welch::{LearnedModel, StopReason};
 use super::in_parallel;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::Hmm;
@@ -79,7 +80,7 @@ impl HeldOut {
 ///     };
 ///     let (a, b) = (DenseTransition::from_rows(&rows)?, TableLikelihood::from_rows(&table)?);
 ///     let learned = Hmm::new(prior, a, b)?.learn(years, &LearningOptions::default())?;
-///     Ok::<_, Box<dyn Error + Send + Sync>>(learned.into_model())
+///     Ok::<_, Box<dyn Error + Send + Sync>>(learned)
 /// };
 /// let selection = ModelSelection::new([1, 2], &years, 3, learn)?;
 /// assert_eq!(selection.best_by_bic(), &2);
@@ -89,25 +90,42 @@ impl HeldOut {
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelSelection<C> {
-    rows: Vec<(C, Criteria, Option<HeldOut>)>,
+    rows: Vec<Candidate<C>>,
+}
+
+/// A candidate of a [`ModelSelection`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate<C> {
+    /// The candidate, as it was given.
+    pub candidate: C,
+    /// Criteria of the model that was learned from all sequences.
+    pub criteria: Criteria,
+    /// Likelihood of held-out sequences, if there were folds.
+    pub held_out: Option<HeldOut>,
+    /// Number of models, of all sequences and of each fold, whose learning ended as
+    /// [`StopReason::Failed`]. The likelihood of such a model may have no bound (a state has shrunk
+    /// to one observation), so that its criteria mean little.
+    pub failed: usize,
 }
 
 impl<C> ModelSelection<C> {
     /// Learns a model for each candidate by `learn`, from all sequences and, for `folds` of at
     /// least 2, as often from all sequences but those of a fold (sequence s is in fold s modulo
-    /// `folds`). `folds` of 0 or 1 leave that out.
+    /// `folds`). `folds` of 0 or 1 leave that out. A single long sequence may be cut into pieces,
+    /// such as `values.chunks(500)`, much longer than a state lasts.
     ///
     /// Folds run in parallel with the feature `rayon`. The cost is that of all the learning.
     ///
     /// # Errors
     ///
-    /// The first error of `learn`; as one of its kind, [`LearnError::Nothing`] for no candidate, or fewer sequences
-    /// than folds; [`LearnError::Sequence`] if a model learned from all sequences rules one out.
+    /// The first error of `learn`; as one of its kind, [`LearnError::Nothing`] for no candidate,
+    /// [`LearnError::Groups`] for fewer sequences than folds, and [`LearnError::Sequence`] if a
+    /// model learned from all sequences rules one out.
     pub fn new<A, B, S, E>(
         candidates: impl IntoIterator<Item = C>,
         sequences: &[S],
         folds: usize,
-        learn: impl Fn(&C, &[&S]) -> Result<Hmm<A, B>, E> + Sync,
+        learn: impl Fn(&C, &[&S]) -> Result<LearnedModel<A, B>, E> + Sync,
     ) -> Result<Self, E>
     where
         C: Sync,
@@ -116,55 +134,66 @@ impl<C> ModelSelection<C> {
         B: LearnLikelihood + Sync,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
         if folds > sequences.len() {
-            return Err(nothing.into());
+            return Err(LearnError::Groups { groups: folds, sequences: sequences.len() }.into());
         }
         let mut rows = Vec::new();
         for candidate in candidates {
             let all: Vec<&S> = sequences.iter().collect();
-            let criteria = learn(&candidate, &all)?.criteria(&all)?;
-            let held_out = match folds {
-                0 | 1 => None,
-                _ => Some(held_out(sequences, folds, |some| learn(&candidate, some))?),
+            let learned = learn(&candidate, &all)?;
+            let criteria = learned.model().criteria(&all)?;
+            let (held_out, failed) = match folds {
+                0 | 1 => (None, 0),
+                _ => {
+                    let (found, failed) =
+                        held_out(sequences, folds, |some| learn(&candidate, some))?;
+                    (Some(found), failed)
+                }
             };
-            rows.push((candidate, criteria, held_out));
+            let failed = failed + usize::from(learned.reason() == StopReason::Failed);
+            rows.push(Candidate { candidate, criteria, held_out, failed });
         }
-        if rows.is_empty() { Err(nothing.into()) } else { Ok(Self { rows }) }
+        if rows.is_empty() {
+            let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+            return Err(nothing.into());
+        }
+        Ok(Self { rows })
     }
 
-    /// Candidates with their criteria and, if there were folds, the likelihood of held-out
-    /// sequences.
+    /// Candidates with their criteria, in the order given.
     #[must_use]
-    pub fn rows(&self) -> &[(C, Criteria, Option<HeldOut>)] {
+    pub fn rows(&self) -> &[Candidate<C>] {
         &self.rows
     }
 
-    fn best_by(&self, value: impl Fn(&(C, Criteria, Option<HeldOut>)) -> f64) -> &C {
-        let better =
-            |best, at| if value(&self.rows[at]) < value(&self.rows[best]) { at } else { best };
-        &self.rows[(1..self.rows.len()).fold(0, better)].0
+    /// The lowest value, of candidates of which no model failed before any others.
+    fn best_by(&self, value: impl Fn(&Candidate<C>) -> f64) -> &C {
+        let rank = |row: &Candidate<C>| (row.failed > 0, value(row));
+        let better = |best, row| if rank(row) < rank(best) { row } else { best };
+        &self.rows.iter().skip(1).fold(&self.rows[0], better).candidate
     }
 
-    /// The candidate with the lowest BIC, the first of several.
+    /// The candidate with the lowest BIC, the first of several. One with a
+    /// [failed](Candidate::failed) model comes after all others, here and below.
     #[must_use]
     pub fn best_by_bic(&self) -> &C {
-        self.best_by(|row| row.1.bic())
+        self.best_by(|row| row.criteria.bic())
     }
 
     /// The candidate with the lowest AIC, the first of several.
     #[must_use]
     pub fn best_by_aic(&self) -> &C {
-        self.best_by(|row| row.1.aic())
+        self.best_by(|row| row.criteria.aic())
     }
 
     /// The candidate with the highest likelihood of held-out sequences, the first of several;
     /// `None` without folds.
     #[must_use]
     pub fn best_held_out(&self) -> Option<&C> {
-        self.rows.iter().all(|row| row.2.is_some()).then(|| {
-            self.best_by(|row| row.2.as_ref().map_or(f64::INFINITY, |h| -h.log_likelihood()))
-        })
+        let minus = |row: &Candidate<C>| {
+            row.held_out.as_ref().map_or(f64::INFINITY, |found| -found.log_likelihood())
+        };
+        self.rows.iter().all(|row| row.held_out.is_some()).then(|| self.best_by(minus))
     }
 }
 
@@ -175,11 +204,11 @@ impl<C: fmt::Display> fmt::Display for ModelSelection<C> {
             "{:>12} {:>10} {:>14} {:>12} {:>12}",
             "model", "parameters", "log-likelihood", "AIC", "BIC"
         )?;
-        let folds = self.rows.iter().any(|row| row.2.is_some());
+        let folds = self.rows.iter().any(|row| row.held_out.is_some());
         if folds {
             write!(f, " {:>14}", "held out")?;
         }
-        for (candidate, criteria, held_out) in &self.rows {
+        for Candidate { candidate, criteria, held_out, failed } in &self.rows {
             let (p, l) = (criteria.parameters, criteria.log_likelihood);
             let name = candidate.to_string();
             write!(
@@ -189,17 +218,21 @@ impl<C: fmt::Display> fmt::Display for ModelSelection<C> {
                 criteria.bic()
             )?;
             held_out.iter().try_for_each(|h| write!(f, " {:>14.2}", h.log_likelihood()))?;
+            if *failed > 0 {
+                write!(f, "  {failed} failed")?;
+            }
         }
         Ok(())
     }
 }
 
-/// Likelihood of the sequences of each fold under a model learned from the others.
+/// Likelihood of the sequences of each fold under a model learned from the others, and the number
+/// of these models whose learning failed.
 fn held_out<A, B, S, E>(
     sequences: &[S],
     folds: usize,
-    learn: impl Fn(&[&S]) -> Result<Hmm<A, B>, E> + Sync,
-) -> Result<HeldOut, E>
+    learn: impl Fn(&[&S]) -> Result<LearnedModel<A, B>, E> + Sync,
+) -> Result<(HeldOut, usize), E>
 where
     E: From<LearnError> + Send,
     A: LearnTransition + Sync,
@@ -211,7 +244,9 @@ where
             let all = sequences.iter().enumerate();
             all.filter(move |(s, _)| (s % folds == fold) == held).map(|(_, s)| s)
         };
-        let hmm = learn(&of(false).collect::<Vec<_>>())?;
+        let learned = learn(&of(false).collect::<Vec<_>>())?;
+        let failed = usize::from(learned.reason() == StopReason::Failed);
+        let hmm = learned.model();
         let mut sum = LogSum::default();
         for (sequence, source) in of(true).map(|s| hmm.log_likelihood(s)).enumerate() {
             match source {
@@ -225,11 +260,12 @@ where
                 }
             }
         }
-        Ok((sum.value(), of(true).map(Sequence::steps).sum()))
+        Ok((sum.value(), of(true).map(Sequence::steps).sum::<usize>(), failed))
     });
-    let results = results.into_iter().collect::<Result<Vec<(f64, usize)>, E>>()?;
-    let (folds, observations) = results.into_iter().unzip();
-    Ok(HeldOut { folds, observations })
+    let results = results.into_iter().collect::<Result<Vec<_>, E>>()?;
+    let failed = results.iter().map(|fold| fold.2).sum();
+    let (folds, observations) = results.into_iter().map(|fold| (fold.0, fold.1)).unzip();
+    Ok((HeldOut { folds, observations }, failed))
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {

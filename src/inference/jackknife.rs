@@ -74,7 +74,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError::Nothing`] for fewer than two groups, or fewer sequences than groups; and the
+    /// [`LearnError::Groups`] for fewer than two groups, or fewer sequences than groups; and the
     /// first error of learning.
     pub fn jackknife<S>(
         &self,
@@ -88,7 +88,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         if groups < 2 || sequences.len() < groups {
-            return Err(LearnError::Nothing { sequences: sequences.len(), first: None });
+            return Err(LearnError::Groups { groups, sequences: sequences.len() });
         }
         let without = |group: usize, (): &mut ()| {
             let all = sequences.iter().enumerate();

@@ -90,7 +90,7 @@ pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use baum_welch::{LearnedModel, LearningOptions, StopReason};
 pub use beam::BeamPath;
 pub use checkpoints::{Order, SmoothedStep};
-pub use criteria::{Criteria, HeldOut, ModelSelection};
+pub use criteria::{Candidate, Criteria, HeldOut, ModelSelection};
 pub use expectations::Expectations;
 pub use filter::Filter;
 pub use filter_snapshot::FilterSnapshot;

@@ -2,6 +2,7 @@
 
 use std::f64::consts::LN_2;
 use std::fmt;
+use std::ops::Range;
 
 use super::form::Held;
 use crate::error::InferenceError;
@@ -43,14 +44,19 @@ impl<A: TransitionEntries> Pairs<'_, A> {
                 Move { from, to, weight }
             })
         });
-        let logs = logs.flat_map(move |from| {
+        let logs =
+            self.log_moves_from(logs).map(|(from, to, log)| Move { from, to, weight: log.exp() });
+        linear.chain(logs)
+    }
+
+    /// Moves out of these states, with the logarithms of their probabilities.
+    fn log_moves_from(&self, states: Range<usize>) -> impl Iterator<Item = (usize, usize, f64)> {
+        states.flat_map(move |from| {
             let outgoing = self.transition.outgoing_log2(self.control, from);
             outgoing.map(move |(to, log2)| {
-                let log = self.alpha.log(from) + log2 * LN_2 + self.ratio[to];
-                Move { from, to, weight: log.exp() }
+                (from, to, self.alpha.log(from) + log2 * LN_2 + self.ratio[to])
             })
-        });
-        linear.chain(logs)
+        })
     }
 
     /// Adds the moves of this step to others. They must sum to one, since an operator may list
@@ -60,7 +66,30 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         counts: &mut MoveCounts,
         step: usize,
     ) -> Result<(), InferenceError> {
+        if self.in_logs {
+            return self.add_logs_to(counts, step);
+        }
         let sum = counts.add(self.moves());
         if range::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+    }
+
+    /// As [`add_to`](Self::add_to) from logarithms, which sum to one up to their digits: those of
+    /// two likely moves may differ by the rounding of log-likelihoods of −1e15.
+    #[cold]
+    fn add_logs_to(&self, counts: &mut MoveCounts, step: usize) -> Result<(), InferenceError> {
+        let logs = || self.log_moves_from(0..self.ratio.len());
+        let largest = logs().fold(f64::NEG_INFINITY, |most, (_, _, log)| most.max(log));
+        let sum = largest + logs().map(|(_, _, log)| (log - largest).exp()).sum::<f64>().ln();
+        let terms = (0..self.ratio.len())
+            .map(|state| self.alpha.log(state))
+            .chain(self.ratio.iter().copied());
+        let size =
+            terms.filter(|log| log.is_finite()).fold(0.0, |size, log| f64::max(size, log.abs()));
+        // Without a possible move the sum is NaN here, and 0.
+        if sum.is_nan() || sum.abs() > range::log_rounding(size) {
+            return Err(InferenceError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
+        }
+        counts.add(logs().map(|(from, to, log)| Move { from, to, weight: (log - sum).exp() }));
+        Ok(())
     }
 }

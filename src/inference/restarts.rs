@@ -1,6 +1,6 @@
 //! Learning from several starts.
 
-use super::baum_welch::{LearnedModel, LearningOptions};
+use super::baum_welch::{LearnedModel, LearningOptions, StopReason};
 use super::in_parallel;
 use crate::error::LearnError;
 use crate::hmm::Hmm;
@@ -23,13 +23,16 @@ impl<A, B> Restarts<A, B> {
         &self.attempts
     }
 
-    /// Index of the start with the highest objective, the lowest of several.
+    /// Index of the start with the highest objective, the lowest of several. Those that ended as
+    /// [`StopReason::Failed`] come after all others, since theirs may have no bound; if one of
+    /// them is best, all others failed too.
     #[must_use]
     pub fn best_index(&self) -> usize {
         self.best
     }
 
-    /// Returns the learned model with the highest objective. The others are dropped.
+    /// Returns the [best](Self::best_index) learned model, whose
+    /// [`reason`](LearnedModel::reason) tells whether it failed. The others are dropped.
     #[must_use]
     pub fn into_best(mut self) -> LearnedModel<A, B> {
         match self.attempts.swap_remove(self.best) {
@@ -41,7 +44,8 @@ impl<A, B> Restarts<A, B> {
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Learns from each of several starts, and tells which came to the highest objective:
-    /// expectation–maximisation ends at a local maximum, which depends on the start.
+    /// expectation–maximisation ends at a local maximum, which depends on the start. Attempts
+    /// that end as [`StopReason::Failed`] are kept, but rank last.
     ///
     /// `done` is called with the index and the result of each start as it ends, in any order.
     /// Runs in parallel with the feature `rayon`. The cost is that of as many calls of
@@ -94,12 +98,12 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             done(index, &learned);
             learned
         });
-        let mut best: Option<(usize, f64)> = None;
+        let mut best: Option<(usize, (bool, f64))> = None;
         for (index, learned) in attempts.iter().enumerate() {
-            if let Ok(learned) = learned
-                && best.is_none_or(|best| learned.objective() > best.1)
-            {
-                best = Some((index, learned.objective()));
+            let Ok(learned) = learned else { continue };
+            let rank = (learned.reason() != StopReason::Failed, learned.objective());
+            if best.is_none_or(|best| rank > best.1) {
+                best = Some((index, rank));
             }
         }
         let Some((best, _)) = best else {

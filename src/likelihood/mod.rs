@@ -116,7 +116,7 @@ pub trait Likelihood {
     /// # Errors
     ///
     /// [`LikelihoodError`] if the observation has no valid likelihood. A sensor's own errors go
-    /// into [`LikelihoodError::Sensor`].
+    /// into [`LikelihoodError::Sensor`], by [`LikelihoodError::sensor`].
     fn diagonal<'a>(
         &'a self,
         observation: &'a Self::Observation,

@@ -16,13 +16,11 @@ stored! {
         means: Vec<Vec<f64>> = family.means(),
         covariances: Vec<Vec<f64>> = family.covariances(),
         missing: bool = family.takes_missing(),
+        fixed_means: bool = family.has_fixed_means(),
+        fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(covariance_type, &means, &covariances)
-        .map(|family| if missing { family.with_missing() } else { family })
-        .and_then(|family| match prior {
-            Some(prior) => family.with_prior(prior),
-            None => Ok(family),
-        });
+        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
 
     [] GaussianMixture in emission: [], |family| {
         full: bool = (family.covariance_type() == CovarianceType::Full),
@@ -30,13 +28,11 @@ stored! {
         means: Vec<Vec<Vec<f64>>> = family.means(),
         covariances: Vec<Vec<Vec<f64>>> = family.covariances(),
         missing: bool = family.takes_missing(),
+        fixed_means: bool = family.has_fixed_means(),
+        fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(matrices(full), &weights, &means, &covariances)
-        .map(|family| if missing { family.with_missing() } else { family })
-        .and_then(|family| match prior {
-            Some(prior) => family.with_prior(prior),
-            None => Ok(family),
-        });
+        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
 
     [] StudentT in emission: [], |family| {
         scale_type: CovarianceType = family.scale_type(),
@@ -45,14 +41,12 @@ stored! {
         scales: Vec<Vec<f64>> = family.scales(),
         fixed_degrees: bool = family.has_fixed_degrees(),
         missing: bool = family.takes_missing(),
+        fixed_means: bool = family.has_fixed_means(),
+        fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(scale_type, &degrees, &means, &scales)
         .map(|family| if fixed_degrees { family.with_fixed_degrees() } else { family })
-        .map(|family| if missing { family.with_missing() } else { family })
-        .and_then(|family| match prior {
-            Some(prior) => family.with_prior(prior),
-            None => Ok(family),
-        });
+        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
 
     [] LinearRegression in emission: [], |family| {
         full: bool = (family.covariance_type() == CovarianceType::Full),

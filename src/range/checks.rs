@@ -11,6 +11,12 @@ pub(crate) fn is_one(sum: f64) -> bool {
     (sum - 1.0).abs() <= 1e-6
 }
 
+/// Most by which the logarithm of a sum of one may differ from 0, where the logarithms of its
+/// terms are sums of numbers up to `size`.
+pub(crate) fn log_rounding(size: f64) -> f64 {
+    1e-6 + 16.0 * f64::EPSILON * size
+}
+
 /// Returns true if likelihoods with this largest value need no division.
 #[inline]
 pub(crate) fn is_unscaled(largest: f64) -> bool {

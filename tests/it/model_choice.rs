@@ -1,13 +1,14 @@
 //! Learning in parts, from several starts and in trouble, and the choice among models.
 
 use std::error::Error;
+use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rand::RngExt;
 use wayfix::inference::{
-    Expectations, LearnError, LearnedModel, LearningOptions, ModelSelection, StopReason,
+    Candidate, Expectations, LearnError, LearningOptions, ModelSelection, StopReason,
 };
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
@@ -303,6 +304,58 @@ fn the_best_of_several_starts_is_returned() {
     assert!(matches!(error, LearnError::Nothing { .. }));
 }
 
+/// Attempts whose likelihood may have no bound do not win, nor do such candidates.
+#[test]
+fn failed_fits_rank_last() {
+    let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
+    let (failing, sequences) = spoiled(60, Trouble::Failure);
+    let (whole, _) = spoiled(1000, Trouble::Failure);
+    // Of the second, less than the first has come to.
+    let short = LearningOptions { iterations: 1, ..learning.clone() };
+    let worse = whole.learn(&sequences, &short).unwrap();
+    let failed = failing.learn(&sequences, &learning).unwrap();
+    assert!(worse.objective() < failed.objective());
+
+    let short = LearningOptions { iterations: 61, ..learning };
+    let starts = [failing.clone(), whole.clone()];
+    let restarts = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
+    assert_eq!(restarts.best_index(), 1);
+    let restarts = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
+    assert_eq!(restarts.into_best().reason(), StopReason::Failed);
+
+    let learn = |&fails: &bool, some: &[&Vec<usize>]| {
+        let (hmm, iterations) = if fails { (&failing, 61) } else { (&whole, 1) };
+        hmm.learn(some, &LearningOptions { iterations, ..short.clone() })
+    };
+    let selection = ModelSelection::new([true, false], &sequences, 2, learn).unwrap();
+    let [first, second] = selection.rows() else { panic!("two rows") };
+    assert_eq!((first.failed, second.failed), (3, 0));
+    assert!(first.criteria.bic() < second.criteria.bic());
+    assert_eq!((selection.best_by_bic(), selection.best_held_out()), (&false, Some(&false)));
+    assert!(selection.to_string().lines().nth(1).unwrap().ends_with("3 failed"), "{selection}");
+}
+
+#[test]
+fn learning_can_be_watched_and_broken_off() {
+    let hmm = random_model(3, 4, 5);
+    let sequences: Vec<_> =
+        (0..5).map(|seed| hmm.simulate(40, &mut rng(seed)).observations().to_vec()).collect();
+    let start = random_model(3, 4, 6);
+    let learning = LearningOptions { iterations: 9, tolerance: 0.0, ..LearningOptions::default() };
+    let mut seen = Vec::new();
+    let learned = start.learn_with(&sequences, &learning, |now| {
+        assert_eq!(now.iterations(), seen.len() + 1);
+        seen.push(now.objective());
+        if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    let learned = learned.unwrap();
+    assert_eq!((learned.reason(), learned.iterations()), (StopReason::Stopped, 4));
+    assert_eq!(learned.objectives()[1..], seen);
+    let all = start.learn(&sequences, &learning).unwrap();
+    assert_eq!(all.objectives()[..=4], *learned.objectives());
+    assert_eq!(all.reason(), StopReason::Iterations);
+}
+
 #[test]
 fn free_parameters_are_counted() {
     let prior = || Prior::AtFirstObservation(Belief::new(vec![0.5, 0.0, 0.5]).unwrap());
@@ -326,13 +379,13 @@ fn models_are_chosen_by_criteria_and_folds() {
     let sequences: Vec<_> =
         (0..7).map(|seed| truth.simulate(30, &mut rng(seed)).observations().to_vec()).collect();
     let learning = LearningOptions { iterations: 5, ..LearningOptions::default() };
-    let learn = |&states: &usize, some: &[&Vec<usize>]| {
-        random_model(states, 3, 77).learn(some, &learning).map(LearnedModel::into_model)
-    };
+    let learn =
+        |&states: &usize, some: &[&Vec<usize>]| random_model(states, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
-    for (states, criteria, held_out) in selection.rows() {
+    for Candidate { candidate: states, criteria, held_out, failed } in selection.rows() {
+        assert_eq!(*failed, 0);
         let all: Vec<_> = sequences.iter().collect();
-        let model = learn(states, &all).unwrap();
+        let model = learn(states, &all).unwrap().into_model();
         let sum: f64 = model.log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
         assert!(near(criteria.log_likelihood, sum));
         assert_eq!(criteria.observations, 210);
@@ -344,7 +397,7 @@ fn models_are_chosen_by_criteria_and_folds() {
         assert_eq!(held_out.observations, [90, 60, 60]);
         for (fold, log) in held_out.folds.iter().enumerate() {
             let others: Vec<_> = (0..7).filter(|s| s % 3 != fold).map(|s| &sequences[s]).collect();
-            let model = learn(states, &others).unwrap();
+            let model = learn(states, &others).unwrap().into_model();
             let held = (0..7).filter(|s| s % 3 == fold).map(|s| &sequences[s]);
             let sum: f64 = held.map(|s| model.log_likelihood(s).unwrap()).sum();
             assert!(near(*log, sum));
@@ -354,9 +407,9 @@ fn models_are_chosen_by_criteria_and_folds() {
     let lowest = |value: &dyn Fn(usize) -> f64| {
         (1..3).fold(0, |best, at| if value(at) < value(best) { at } else { best }) + 1
     };
-    assert_eq!(*selection.best_by_bic(), lowest(&|at| selection.rows()[at].1.bic()));
-    assert_eq!(*selection.best_by_aic(), lowest(&|at| selection.rows()[at].1.aic()));
-    let held_out = |at: usize| -selection.rows()[at].2.as_ref().unwrap().log_likelihood();
+    assert_eq!(*selection.best_by_bic(), lowest(&|at| selection.rows()[at].criteria.bic()));
+    assert_eq!(*selection.best_by_aic(), lowest(&|at| selection.rows()[at].criteria.aic()));
+    let held_out = |at: usize| -selection.rows()[at].held_out.as_ref().unwrap().log_likelihood();
     assert_eq!(*selection.best_held_out().unwrap(), lowest(&held_out));
     let table = selection.to_string();
     assert_eq!(table.lines().count(), 4);
@@ -366,7 +419,7 @@ fn models_are_chosen_by_criteria_and_folds() {
     assert_eq!(without.best_held_out(), None);
     assert!(matches!(
         ModelSelection::new([1], &sequences, 8, learn),
-        Err(LearnError::Nothing { .. })
+        Err(LearnError::Groups { groups: 8, sequences: 7 })
     ));
     let none: [usize; 0] = [];
     assert!(matches!(
@@ -380,11 +433,9 @@ fn models_are_chosen_by_criteria_and_folds() {
 fn what_was_never_seen_is_held_against_a_fold() {
     let sequences = [vec![0, 0, 1], vec![0, 1, 0], vec![2, 0, 0]];
     let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
-    let learn = |(): &(), some: &[&Vec<usize>]| {
-        random_model(2, 3, 77).learn(some, &learning).map(LearnedModel::into_model)
-    };
+    let learn = |(): &(), some: &[&Vec<usize>]| random_model(2, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([()], &sequences, 3, learn).unwrap();
-    let folds = &selection.rows()[0].2.as_ref().unwrap().folds;
+    let folds = &selection.rows()[0].held_out.as_ref().unwrap().folds;
     assert!(folds[0].is_finite() && folds[1].is_finite());
     assert_eq!(folds[2], f64::NEG_INFINITY);
 }
@@ -407,7 +458,7 @@ fn standard_errors_of_a_share_are_those_of_counting() {
     assert!(near(errors.errors()[0], (0.2_f64 * 0.8 / 39.0).sqrt()));
     for groups in [0, 1, 41] {
         let error = learned.jackknife(&sequences, groups, &learning, share).unwrap_err();
-        assert!(matches!(error, LearnError::Nothing { sequences: 40, .. }));
+        assert!(matches!(error, LearnError::Groups { sequences: 40, .. }));
     }
 }
 

@@ -52,9 +52,8 @@ fn main() -> Result<(), Failure> {
         (cases::many::CASE, cases::many::run),
         (cases::two_states::CASE, cases::two_states::run),
         (cases::thousand::CASE, cases::thousand::run),
-        (cases::learning::CASE, cases::learning::run),
-        (cases::gaussian::CASE, cases::gaussian::run),
     ];
+    cases.extend(cases::families::CASES);
     if graph.is_some() {
         cases.insert(1, (cases::graph::CASE, cases::graph::run));
     }

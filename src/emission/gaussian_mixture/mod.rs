@@ -1,12 +1,13 @@
 //! Mixtures of Gaussians.
 
 mod learn;
+mod start;
 
 use rand::Rng;
 
 use super::EmissionError;
 use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, eights, flatten, settings};
+use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, eights, flatten, settings};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
 use crate::kernels::Eight;
@@ -146,7 +147,7 @@ impl GaussianMixture {
         let covariance = |rows: &[Q]| flatten_covariances(kind, rows, d);
         let covariances =
             of_parts("list of covariances", covariances, [states, parts], covariance)?;
-        let normals = Normals::new(kind, d, means, covariances, false)
+        let normals = Normals::new(kind, d, means, covariances, Settings::default())
             .map_err(|error| error.in_part(None, parts))?;
         Ok(Self::of(normals, parts, weights, None))
     }

@@ -204,8 +204,8 @@ impl<F: Univariate> Independent<F> {
             }
             let point = if value.is_nan() { None } else { F::point(value) };
             let expected = F::VALUES;
-            let error = EmissionError::Observation { component, value, expected };
-            then(component, point.ok_or(error)?, parts);
+            let error = || EmissionError::Observation { component, value, expected };
+            then(component, point.ok_or_else(error)?, parts);
         }
         Ok(())
     }

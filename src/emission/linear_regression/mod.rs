@@ -8,7 +8,7 @@ use rand::Rng;
 
 use super::EmissionError;
 use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, flatten};
+use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten};
 use crate::kernels::{Eight, LANES};
 use crate::reorder::ReorderStates;
 
@@ -156,7 +156,7 @@ impl LinearRegression {
         let coefficients = flatten("list of coefficients", coefficients, d * p)?;
         let intercepts = flatten("intercept", intercepts, d)?;
         let covariances = flatten_covariances(kind, covariances, d)?;
-        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, false)?;
+        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, Settings::default())?;
         let each = coefficients.chunks_exact(p).zip(&intercepts);
         let lines = each.flat_map(|(slopes, c)| [*c].into_iter().chain(slopes.iter().copied()));
         Ok(Self::of(noise, p, lines.collect(), 0.0, None))
@@ -260,7 +260,7 @@ impl LinearRegression {
     /// True if components of the output may be missing.
     #[must_use]
     pub fn takes_missing(&self) -> bool {
-        self.noise.takes_missing()
+        self.noise.settings().missing
     }
 
     /// The ridge λ.

@@ -1,7 +1,7 @@
 //! Maximum of the expected log-likelihood of normal densities, with its prior.
 
 use super::super::EmissionError;
-use super::{CovarianceType, GaussianPrior, Moments, Normals, Shape, check_covariances};
+use super::{CovarianceType, GaussianPrior, Moments, Normals, Settings, Shape, check_covariances};
 
 const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";
 
@@ -23,9 +23,11 @@ impl Normals {
             |at: usize, c: usize| counts.map_or(weight(at, c), |counts| counts[at * d + c]);
         let known = |at: usize, c: usize| weight(at, c) >= f64::MIN_POSITIVE;
 
+        let Settings { fixed_means, fixed_covariances, .. } = self.settings;
+
         // Changes of the means, 0 without observations.
         let change = |at: usize, c: usize| {
-            if !known(at, c) {
+            if fixed_means || !known(at, c) {
                 return 0.0;
             }
             let (weight, old) = (weight(at, c), self.means[at * d + c]);
@@ -35,14 +37,20 @@ impl Normals {
         };
         let changes: Vec<f64> = (0..count * d).map(|k| change(k / d, k % d)).collect();
         let means: Vec<f64> = self.means.iter().zip(&changes).map(|(m, c)| m + c).collect();
+        // Rounding errors of these sums, exactly (Knuth's): covariances are about the means that
+        // are kept, of which they are then the maximum.
+        let rounded = |k: usize| {
+            let (old, change, new) = (self.means[k], changes[k], means[k]);
+            let part = new - old;
+            (old - (new - part)) + (change - part)
+        };
         // S + N (m − μ)(m − μ)' + κ (μ − μ0)(μ − μ0)'
         let scatter = |at: usize, i: usize, j: usize| {
             let from = |c: usize| means[at * d + c] - origin(c);
-            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c];
+            let moved = |c: usize| moments.mean(at, c) - changes[at * d + c] + rounded(at * d + c);
             let about_prior = if kappa == 0.0 { 0.0 } else { kappa * from(i) * from(j) };
             let about_mean = if known(at, i) {
-                let shift = if kappa == 0.0 { 0.0 } else { weight(at, i) * moved(i) * moved(j) };
-                moments.scatter(at, i, j) + shift
+                moments.scatter(at, i, j) + weight(at, i) * moved(i) * moved(j)
             } else {
                 0.0
             };
@@ -51,7 +59,8 @@ impl Normals {
         let mut covariances = self.covariances.clone();
         let each = self.kind.values(d);
         let all_of = |at: usize| (0..d).map(move |c| counted(at, c)).sum::<f64>();
-        for (position, value) in covariances.iter_mut().enumerate() {
+        let learned = if fixed_covariances { 0 } else { covariances.len() };
+        for (position, value) in covariances[..learned].iter_mut().enumerate() {
             let at = position / each;
             // The same sums on both sides of the diagonal, so that it is symmetric to the bit.
             let (i, j) = (position % each / d, position % d);
@@ -88,7 +97,7 @@ impl Normals {
         };
         let is_rounding = |k: &usize| {
             let (at, c) = (k / d, k % d);
-            known(at, c) && new.covariance(at, c, c) <= rounding(at, c)
+            !fixed_covariances && known(at, c) && new.covariance(at, c, c) <= rounding(at, c)
         };
         match (0..count * d).find(is_rounding) {
             None => Ok(new),
@@ -114,7 +123,7 @@ impl Normals {
             return Err(EmissionError::Parameter { what, state, component, value, expected });
         }
         let new = check_covariances(self.kind, self.d, &covariances)
-            .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.missing));
+            .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.settings));
         new.map_err(|error| match error {
             EmissionError::Parameter { value, .. }
                 if value.is_nan() || value >= f64::MIN_POSITIVE =>
@@ -140,12 +149,14 @@ impl Normals {
 
     /// True if a component that is missing does not count, instead of being expected.
     pub(in super::super) fn counts_by_component(&self) -> bool {
-        self.missing && self.kind.shape() == Shape::Diagonal
+        self.settings.missing && self.kind.shape() == Shape::Diagonal
     }
 
     /// Number of parameters that may be chosen freely.
     pub(in super::super) fn free_parameters(&self) -> usize {
+        let Settings { fixed_means, fixed_covariances, .. } = self.settings;
         let covariances = if self.kind == CovarianceType::Tied { 1 } else { self.count() };
-        self.count() * self.d + covariances * self.kind.free(self.d)
+        let of_means = if fixed_means { 0 } else { self.count() * self.d };
+        of_means + if fixed_covariances { 0 } else { covariances * self.kind.free(self.d) }
     }
 }

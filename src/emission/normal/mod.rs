@@ -23,7 +23,7 @@ pub(super) use form::Shape;
 pub(super) use lanes::Differences;
 pub(super) use moments::Moments;
 pub use prior::GaussianPrior;
-pub(super) use settings::settings;
+pub(super) use settings::{Settings, settings};
 pub(super) use step::{add_missing, density, eights, in_blocks};
 
 /// ln 2π.
@@ -38,7 +38,7 @@ pub(super) struct Normals {
     means: Vec<f64>,
     /// One covariance after the other; a single one if they are tied.
     covariances: Vec<f64>,
-    missing: bool,
+    settings: Settings,
     centres: Vec<Eight>,
     /// Inverse Cholesky factors, or inverse deviations.
     factors: Vec<Eight>,
@@ -56,7 +56,7 @@ impl Normals {
         d: usize,
         means: Vec<f64>,
         covariances: Vec<f64>,
-        missing: bool,
+        settings: Settings,
     ) -> Result<Self, EmissionError> {
         let (count, shape) = (means.len() / d, kind.shape());
         let (blocks, entries) = (count.div_ceil(LANES), shape.entries(d));
@@ -66,7 +66,7 @@ impl Normals {
             d,
             means,
             covariances,
-            missing,
+            settings,
             centres: zeros(d),
             factors: zeros(entries),
             log_norms: zeros(1),
@@ -84,7 +84,7 @@ impl Normals {
                 new.centres[block * d + c][l] = new.means[at * d + c];
             }
         }
-        if missing {
+        if settings.missing {
             new.parts = zeros(entries);
             // Identities where there is no density, which can be factored, too.
             for at in 0..blocks * LANES {
@@ -129,13 +129,26 @@ impl Normals {
         self.d
     }
 
-    pub(super) fn takes_missing(&self) -> bool {
-        self.missing
+    pub(super) fn settings(&self) -> Settings {
+        self.settings
+    }
+
+    pub(super) fn with_settings(self, settings: Settings) -> Self {
+        let Self { kind, d, means, covariances, .. } = self;
+        Self::new(kind, d, means, covariances, settings).expect("these have been factored before")
     }
 
     pub(super) fn with_missing(self) -> Self {
-        let Self { kind, d, means, covariances, .. } = self;
-        Self::new(kind, d, means, covariances, true).expect("these have been factored before")
+        let settings = Settings { missing: true, ..self.settings };
+        self.with_settings(settings)
+    }
+
+    pub(super) fn with_fixed_means(self) -> Self {
+        Self { settings: Settings { fixed_means: true, ..self.settings }, ..self }
+    }
+
+    pub(super) fn with_fixed_covariances(self) -> Self {
+        Self { settings: Settings { fixed_covariances: true, ..self.settings }, ..self }
     }
 
     pub(super) fn mean(&self, at: usize) -> Option<&[f64]> {
@@ -222,7 +235,7 @@ impl Normals {
         } else {
             pick(&self.covariances, each)
         };
-        Self::new(self.kind, self.d, pick(&self.means, self.d), covariances, self.missing)
+        Self::new(self.kind, self.d, pick(&self.means, self.d), covariances, self.settings)
             .expect("these have been factored before")
     }
 }

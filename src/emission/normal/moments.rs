@@ -78,6 +78,15 @@ impl Moments {
                 let share = b / (a + b).max(f64::MIN_POSITIVE);
                 (if b == 0.0 { 0.0 } else { delta }, a * share, share)
             };
+            let mean = |this: &Self, c: usize| {
+                let (old, (delta, between, share)) =
+                    (this.means[block * d + c][l], change(this, c));
+                if share <= 0.5 {
+                    return old + delta * share;
+                }
+                let kept = between / other.weights[weight(c)][l];
+                other.means[block * d + c][l] - delta * kept
+            };
             let (mut entry, scatter) = (0, block * entries);
             for r in 0..d {
                 let (delta, between, _) = change(self, r);
@@ -90,8 +99,7 @@ impl Moments {
                 }
             }
             for c in 0..d {
-                let (delta, _, share) = change(self, c);
-                self.means[block * d + c][l] += delta * share;
+                self.means[block * d + c][l] = mean(self, c);
             }
             for c in 0..each {
                 self.weights[weight(c)][l] += other.weights[weight(c)][l];
@@ -141,7 +149,8 @@ impl WithSimd for Add<'_> {
             let sums = &mut moments.weights[block * each..][..each];
             let means = &mut moments.means[block * d..][..d];
             let scatter = &mut moments.scatters[block * entries..][..entries];
-            let (mut share, mut rest) = (s.splat(0.0), s.splat(0.0));
+            let zero = s.splat(0.0);
+            let (mut share, mut kept, mut rest) = (zero, zero, zero);
             for (c, (mean, delta)) in means.iter_mut().zip(deltas.iter_mut()).enumerate() {
                 let y = match row {
                     Row::From(y, _) if y[c].is_nan() => continue,
@@ -149,16 +158,23 @@ impl WithSimd for Add<'_> {
                     Row::Each(differences) => s.load(&differences[c]),
                 };
                 if c < each {
-                    let sum = s.add(s.load(&sums[c]), w);
+                    let before = s.load(&sums[c]);
+                    let sum = s.add(before, w);
                     s.store(sum, &mut sums[c]);
-                    share = s.div(w, s.max(sum, s.splat(f64::MIN_POSITIVE)));
-                    rest = s.mul(w, s.sub(s.splat(1.0), share));
+                    let sum = s.max(sum, s.splat(f64::MIN_POSITIVE));
+                    (share, kept) = (s.div(w, sum), s.div(before, sum));
+                    // Not w (1 − share), which is 0 where the weights before are below 1e-16 w.
+                    rest = s.mul(before, share);
                 }
                 let old = s.load(mean);
                 let change = s.sub(y, old);
-                s.store(s.add(old, s.mul(share, change)), mean);
+                // From the side with more weight: the other may be so far away that a difference
+                // from it has no digit of this one.
+                let (from_old, from_y) =
+                    (s.add(old, s.mul(share, change)), s.sub(y, s.mul(kept, change)));
+                s.store(s.select(s.lt(s.splat(0.5), share), from_y, from_old), mean);
                 if shape == Shape::Diagonal {
-                    let sum = s.add(s.load(&scatter[c]), s.mul(rest, s.mul(change, change)));
+                    let sum = s.add(s.load(&scatter[c]), s.mul(s.mul(rest, change), change));
                     s.store(sum, &mut scatter[c]);
                 } else {
                     s.store(change, delta);

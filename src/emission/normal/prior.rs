@@ -22,7 +22,9 @@ use super::{Normals, Shape};
 ///
 /// or its diagonal, or the mean of that. Each of κ, ν and Ψ may be 0; without a prior, all are.
 /// Ψ = 0.01 times the variances of all observations, with ν = 0, keeps covariances positive
-/// definite, and hardly changes them otherwise.
+/// definite, and hardly changes them otherwise. A component that is always the same has a variance
+/// of 0, and so would Ψ: give it the square of the sensor's resolution instead (1 for whole numbers),
+/// which leaves a variance of Ψ / N, or leave the component out.
 ///
 /// # From hmmlearn
 ///
@@ -179,8 +181,9 @@ impl GaussianPrior {
                     let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
                     pairs
                         .map(|(i, j)| {
-                            let weights = normals.inverse(at, row, i) * normals.inverse(at, row, j);
-                            weights * self.scale[i * d + j]
+                            // In this order: a product of the weights may be infinite.
+                            let scaled = normals.inverse(at, row, i) * self.scale[i * d + j];
+                            scaled * normals.inverse(at, row, j)
                         })
                         .sum::<f64>()
                 })

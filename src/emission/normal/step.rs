@@ -13,7 +13,7 @@ impl Normals {
 
     /// Number of blocks of memory that distances take.
     pub(in super::super) fn memory(&self) -> usize {
-        let elimination = self.missing && self.kind.shape() == Shape::Triangular;
+        let elimination = self.settings.missing && self.kind.shape() == Shape::Triangular;
         2 * self.blocks() + self.d + if elimination { self.elimination() } else { 0 }
     }
 
@@ -77,12 +77,12 @@ impl Normals {
         if y.iter().map(|y| y * 0.0).sum::<f64>() == 0.0 {
             return Ok(found);
         }
-        let is_missing = |y: &f64| self.missing && y.is_nan();
+        let is_missing = |y: &f64| self.settings.missing && y.is_nan();
         let wrong = y.iter().position(|y| !y.is_finite() && !is_missing(y));
         match wrong {
             None => Ok(y.iter().filter(|y| !y.is_nan()).count()),
             Some(component) => {
-                let expected = if self.missing {
+                let expected = if self.settings.missing {
                     "a finite value, or NaN if it is missing"
                 } else {
                     "a finite value (NaN for a missing one only with `with_missing`)"
@@ -157,7 +157,7 @@ impl Normals {
         conditional: &[Eight],
         memory: &mut [Eight],
     ) {
-        let is_complete = !self.missing || y.iter().all(|y| !y.is_nan());
+        let is_complete = !self.settings.missing || y.iter().all(|y| !y.is_nan());
         if is_complete || self.kind.shape() == Shape::Diagonal {
             return moments.add(weights, y, &self.centres);
         }

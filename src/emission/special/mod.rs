@@ -4,6 +4,7 @@
 mod tests;
 
 use std::f64::consts::{FRAC_2_PI, TAU};
+use std::sync::LazyLock;
 
 /// u − ln(1 + u), which is 0 at 0 and above it elsewhere, for u ≥ −1; ∞ at −1.
 ///
@@ -46,8 +47,20 @@ pub(super) fn stirling(mut a: f64) -> f64 {
     sum + x * series.iter().fold(1.0 / 1188.0, |sum, term| sum * square + term)
 }
 
+/// Number of factorials that are kept, of 0 and the counts after it.
+const KEPT: usize = 256;
+
+static FACTORIALS: LazyLock<[(f64, f64); KEPT]> =
+    LazyLock::new(|| std::array::from_fn(|n| computed_ln_factorial(n as f64)));
+
 /// ln(n!) of a whole number n, and n (ln n − 1) less than that.
+#[inline]
+#[expect(clippy::cast_sign_loss, reason = "a number of things is at least 0")]
 pub(super) fn ln_factorial(n: f64) -> (f64, f64) {
+    if n < KEPT as f64 { FACTORIALS[n as usize] } else { computed_ln_factorial(n) }
+}
+
+fn computed_ln_factorial(n: f64) -> (f64, f64) {
     if n == 0.0 {
         return (0.0, 0.0);
     }

@@ -1,6 +1,7 @@
 //! Student's t distribution of vectors.
 
 mod learn;
+mod start;
 
 use rand::Rng;
 use rand_distr::{ChiSquared, Distribution};

@@ -41,19 +41,25 @@ impl Poisson {
     }
 }
 
-/// A count, with logarithms.
+/// A count, with the logarithm of its factorial.
 #[derive(Debug)]
 pub struct Count {
     value: f64,
-    ln: f64,
     ln_factorial: (f64, f64),
 }
 
 impl Count {
-    /// Returns a whole number from 0 to 2^53 with its logarithms.
+    /// True for a whole number from 0 to 2^53.
+    #[inline]
+    pub(in crate::emission) fn is_valid(value: f64) -> bool {
+        // A cast, since there is no instruction for the fraction on every processor.
+        (0.0..=MOST).contains(&value) && value as i64 as f64 == value
+    }
+
+    /// Returns a whole number from 0 to 2^53.
+    #[inline]
     pub(in crate::emission) fn new(value: f64) -> Option<Self> {
-        let count = || Self { value, ln: value.ln(), ln_factorial: ln_factorial(value) };
-        ((0.0..=MOST).contains(&value) && value.fract() == 0.0).then(count)
+        Self::is_valid(value).then(|| Self { value, ln_factorial: ln_factorial(value) })
     }
 
     pub(in crate::emission) fn value(&self) -> f64 {
@@ -66,14 +72,24 @@ impl Count {
     }
 
     /// Logarithm of its probability in a Poisson distribution.
+    #[inline]
     pub(in crate::emission) fn log_probability(&self, rate: f64, ln_rate: f64) -> f64 {
-        let &Self { value, ln, ln_factorial: (whole, rest) } = self;
+        let &Self { value, ln_factorial: (whole, _) } = self;
         if value == 0.0 {
             -rate
         } else if value < PLAIN {
             value * ln_rate - rate - whole
-        } else if rate < 0.1 * value {
-            value * (ln_rate - ln) + (value - rate) - rest
+        } else {
+            self.log_probability_of_many(rate, ln_rate)
+        }
+    }
+
+    /// Apart, since its logarithm would otherwise be computed for few, too.
+    #[cold]
+    fn log_probability_of_many(&self, rate: f64, ln_rate: f64) -> f64 {
+        let &Self { value, ln_factorial: (_, rest) } = self;
+        if rate < 0.1 * value {
+            value * (ln_rate - value.ln()) + (value - rate) - rest
         } else {
             -value * log_excess((rate - value) / value) - rest
         }
@@ -85,14 +101,17 @@ impl Univariate for Poisson {
     type Point = Count;
     type Sums = [f64; 2];
 
+    #[inline]
     fn point(value: f64) -> Option<Count> {
         Count::new(value)
     }
 
+    #[inline]
     fn log_density(&self, y: &Count) -> f64 {
         y.log_probability(self.rate, self.ln_rate)
     }
 
+    #[inline]
     fn add(&self, sums: &mut [f64; 2], y: &Count, weight: f64) {
         add_scaled(sums, weight, [1.0, y.value]);
     }

@@ -79,7 +79,8 @@ impl Angle {
 
 /// Returns the same direction as an angle from −π to π.
 fn wrapped(angle: f64) -> f64 {
-    if angle.abs() <= PI { angle } else { (angle + PI).rem_euclid(TAU) - PI }
+    // Sine and cosine know 2π to all its digits, a remainder only to those of a double.
+    if angle.abs() <= PI { angle } else { angle.sin().atan2(angle.cos()) }
 }
 
 impl Univariate for VonMises {

@@ -6,3 +6,4 @@ mod product;
 #[cfg(feature = "csv")]
 mod series;
 mod start;
+mod start_parameters;

@@ -6,7 +6,7 @@ use wayfix::Hmm;
 use wayfix::emission::{Clusters, EmissionError, Gaussian, Rows, starts};
 use wayfix::inference::{LearnError, LearningOptions, Simulation};
 
-use crate::kit::{cases, rng};
+use crate::kit::{cases, rng, says};
 
 /// Rows of two numbers of very different units, some missing.
 fn rows() -> impl Strategy<Value = Vec<Vec<f64>>> {
@@ -68,15 +68,22 @@ proptest! {
 
 #[test]
 fn clusters_that_cannot_be_are_errors() {
-    let error = |rows: &[Vec<f64>], count| Clusters::new(&[rows], count, &mut rng(1)).unwrap_err();
+    let says = |rows: &[Vec<f64>], count, expected: &str| {
+        says(Clusters::new(&[rows], count, &mut rng(1)), expected);
+    };
     let one = vec![vec![1.0, 2.0]; 9];
-    assert!(matches!(error(&one, 2), EmissionError::TooFew { state: Some(1), .. }));
-    assert_eq!(error(&one, 0), EmissionError::Empty { states: 0, components: 2 });
-    assert_eq!(error(&[], 1), EmissionError::Empty { states: 1, components: 0 });
+    says(&one, 2, "1 different observations cannot start 2 clusters");
+    let none =
+        "a family needs at least one state and one component, found 0 states and 2 components";
+    says(&one, 0, none);
+    says(&[], 1, "there are no observations");
     let ragged = [vec![1.0, 2.0], vec![1.0]];
-    assert_eq!(error(&ragged, 1), EmissionError::Components { found: 1, expected: 2 });
+    says(&ragged, 1, "sequence 0, step 2: the observation has 1 components, expected 2");
     let infinite = [vec![1.0, 2.0], vec![1.0, f64::INFINITY]];
-    assert!(matches!(error(&infinite, 1), EmissionError::Observation { component: 1, .. }));
+    let expected = "component 1 of the observation is inf, expected a finite value";
+    says(&infinite, 1, &format!("sequence 0, step 2: {expected}"));
+    let second = Clusters::new(&[&one[..], &infinite[..]], 1, &mut rng(1));
+    assert!(matches!(second, Err(EmissionError::Step { sequence: 1, step: 2, .. })));
 }
 
 /// The known components of two well separated groups are told apart from any start, and learning
@@ -139,4 +146,24 @@ fn rows_are_those_of_the_matrix() {
     assert_eq!(Rows::new(&values, 5), Err(RowsError::Incomplete { values: 12, components: 5 }));
     assert_eq!(Rows::new(&[], 2).unwrap().steps(), 0);
     assert_eq!(Rows::new(&[], 2).unwrap().lagged(1), Err(RowsError::TooFew { rows: 0, order: 1 }));
+}
+
+/// Centres are means of observations as they were given, however large others are.
+#[test]
+fn centres_keep_their_digits_beside_huge_values() {
+    let (tiny, most) = (f64::from_bits(3), f64::MAX);
+    for (values, count, centres) in [
+        (vec![1e150, 0.25, 0.5, 0.75, 1e150], 2, vec![0.5, 1e150]),
+        (vec![-1e20, 1.5, 2.5, -1e20, 2.0], 2, vec![-1e20, 2.0]),
+        (vec![most, -most, most, -most, most], 2, vec![-most, most]),
+        (vec![tiny, -tiny, tiny], 2, vec![-tiny, tiny]),
+        (vec![most, 0.9 * most], 1, vec![0.95 * most]),
+    ] {
+        let series: Vec<[f64; 1]> = values.iter().map(|y| [*y]).collect();
+        let clusters = Clusters::new(&[series], count, &mut rng(4)).unwrap();
+        for (k, expected) in centres.iter().enumerate() {
+            let found = clusters.centre(k)[0];
+            assert!((found / expected - 1.0).abs() < 1e-15, "{values:?}: {found}");
+        }
+    }
 }

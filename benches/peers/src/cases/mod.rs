@@ -1,8 +1,7 @@
-//! One case a file.
+//! One case a file, and those of families of observations in a folder.
 
-pub(crate) mod gaussian;
+pub(crate) mod families;
 pub(crate) mod graph;
-pub(crate) mod learning;
 pub(crate) mod many;
 pub(crate) mod road_map;
 pub(crate) mod symbols;

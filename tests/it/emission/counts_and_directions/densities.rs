@@ -146,6 +146,19 @@ const LN_VON_MISES: f64 = 12.441_824_673_873_047;
 const LN_MULTINOMIAL: f64 = -37.108_013_373_408_525;
 
 #[test]
+fn neighbouring_counts_have_the_ratio_of_the_rate_and_the_count() {
+    for rate in [0.5, 40.0, 300.0] {
+        let family = Poisson::new(&[[rate]]).unwrap();
+        let log = |count: u16| density(&family, 0, &[f64::from(count)]);
+        for count in 1..600 {
+            let (before, after) = (log(count - 1), log(count));
+            let expected = before + (rate / f64::from(count)).ln();
+            assert!((after - expected).abs() < 1e-14 * (10.0 + after.abs()), "{rate}, {count}");
+        }
+    }
+}
+
+#[test]
 fn multinomial_counts_are_poisson_counts_given_their_sum() {
     let shares = [0.2, 0.0, 0.5, 0.3];
     let multinomial = Multinomial::new(&[shares]).unwrap();

@@ -217,3 +217,58 @@ fn a_spread_that_is_not_determined_is_an_error() {
     let vectors = VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], &[1.0, 2.0]).unwrap();
     assert_too_few(vectors, &[0.0, 0.6, 0.8], None, "concentration");
 }
+
+/// Angles after many turns: 2π is no double, and its error counts as often as there are turns.
+#[test]
+fn directions_of_large_angles_keep_their_digits() {
+    for start in [1e6, 1e9, -1e15, 1e300] {
+        let seen: Vec<f64> = [0.0, 0.25, -0.125, 0.5].iter().map(|x| start + x).collect();
+        let family = VonMises::new(&[[start]], &[[2.0]]).unwrap();
+        let rows: Vec<_> = seen.iter().map(|y| (vec![*y], 1.0)).chain([(vec![1.0], 1.0)]).collect();
+        let learned = fit(&family, &rows, 0.0).means()[0][0];
+        let all = || rows.iter().map(|(y, _)| y[0]);
+        let mean = f64::atan2(all().map(f64::sin).sum(), all().map(f64::cos).sum());
+        assert!((learned - mean).sin().abs() < 1e-14, "{start}: {learned}, not {mean}");
+    }
+}
+
+/// Two moves that are as unlikely, among counts of 1e15: their logarithms have no digit left behind
+/// the point, but the moves still sum to one.
+#[test]
+fn counts_of_1e15_beside_small_ones_leave_moves_that_sum_to_one() {
+    let rows = [[0.875, 1.0, 1.0], [3e-5, 0.0, 0.0], [0.12497, 0.0, 0.0]];
+    let mut checked = 0;
+    for rate in (0..40).map(|k| 7.5e14 + 0.125 * f64::from(k)) {
+        let hmm = Hmm::new(
+            Prior::AtFirstObservation(Belief::uniform(3).unwrap()),
+            DenseTransition::from_rows(&rows).unwrap(),
+            Poisson::new(&[[rate], [2.5e-29], [1e-29]]).unwrap(),
+        )
+        .unwrap();
+        for second in [0.0, 1.0, 3.0] {
+            let seen = [[2.0], [second], [1e15], [0.0], [1.0]];
+            let (expected, failed) = hmm.expectations(&[&seen[..2], &seen[..], &seen[3..]]);
+            assert!(failed.is_empty(), "{rate}, {second}: {}", failed[0]);
+            let moves: f64 = expected.moves()[0].moves().map(|m| m.weight).sum();
+            assert!((moves - 6.0).abs() < 1e-9, "{rate}, {second}: {moves}");
+            checked += 1;
+        }
+    }
+    assert_eq!(checked, 120);
+}
+
+/// A probability just below one is rounded, which 1e15 trials would multiply.
+#[test]
+fn rare_outcomes_in_many_trials_have_their_probability() {
+    let trials = 1e15;
+    for rare in (0..50).map(|k| 3.8e-15 + 7e-18 * f64::from(k)) {
+        let family = Multinomial::new(&[[rare, 1.0 - rare]]).unwrap();
+        for count in [0.0, 1.0, 4.0, 12.0] {
+            let ways: f64 =
+                (0..count as u32).map(|i| ((trials - f64::from(i)) / f64::from(i + 1)).ln()).sum();
+            let expected = ways + count * rare.ln() + (trials - count) * (-rare).ln_1p();
+            let found = try_density(&family, 0, &[count, trials - count]).unwrap();
+            assert!((found - expected).abs() < 1e-9, "{rare}, {count}: {found}, not {expected}");
+        }
+    }
+}

@@ -58,7 +58,8 @@ fn with_prior(family: Gaussian, prior: Option<GaussianPrior>) -> Gaussian {
     }
 }
 
-/// A small family with rows, weights of states, and a prior.
+/// A small family with rows, weights of states, and a prior. In some, means or covariances are
+/// fixed.
 fn problems(missing: bool) -> impl Strategy<Value = (Gaussian, Vec<Vec<f64>>, Vec<Vec<f64>>)> {
     (types(), 1..=2_usize, 1..=3_usize, 1..14_usize).prop_flat_map(move |(kind, n, d, count)| {
         let value = if missing {
@@ -68,16 +69,21 @@ fn problems(missing: bool) -> impl Strategy<Value = (Gaussian, Vec<Vec<f64>>, Ve
         };
         let rows = vec(vec(value, d), count);
         let numbers = vec(-2.0..2.0, n * d + d * d);
-        (numbers, rows, weights(n, count), priors(d)).prop_map(
-            move |(numbers, rows, weights, prior)| {
+        (numbers, rows, weights(n, count), priors(d), 0..4_u8).prop_map(
+            move |(numbers, rows, weights, prior, fixed)| {
                 let family = with_prior(family(kind, n, d, &numbers), prior);
+                let family = match fixed {
+                    1 => family.with_fixed_means(),
+                    2 => family.with_fixed_covariances(),
+                    _ => family,
+                };
                 (if missing { family.with_missing() } else { family }, rows, weights)
             },
         )
     })
 }
 
-/// Families near another: each parameter changed both ways.
+/// Families near another: each parameter that is not fixed, changed both ways.
 fn neighbours(family: &Gaussian) -> Vec<Gaussian> {
     let (means, covariances) = (family.means(), family.covariances());
     let (kind, d) = (family.covariance_type(), family.components());
@@ -87,12 +93,14 @@ fn neighbours(family: &Gaussian) -> Vec<Gaussian> {
     };
     let mut all = Vec::new();
     for step in [-1e-3, 1e-3] {
-        for (state, c) in (0..means.len()).flat_map(|i| (0..d).map(move |c| (i, c))) {
+        let of_means = if family.has_fixed_means() { 0 } else { means.len() };
+        for (state, c) in (0..of_means).flat_map(|i| (0..d).map(move |c| (i, c))) {
             let mut other = means.clone();
             other[state][c] += step;
             all.extend(with(&other, &covariances));
         }
-        for (at, covariance) in covariances.iter().enumerate() {
+        let of_covariances = if family.has_fixed_covariances() { 0 } else { covariances.len() };
+        for (at, covariance) in covariances.iter().enumerate().take(of_covariances) {
             for entry in 0..covariance.len() {
                 let mut other = covariances.clone();
                 let step = step * covariance[entry].abs();
@@ -136,6 +144,9 @@ proptest! {
         weights[0].iter_mut().for_each(|w| *w = w.max(0.01));
         if let Ok(best) = reestimated(&family, &rows, &weights, 0.0) {
             assert_maximum(&best, neighbours(&best), &rows, &weights);
+            prop_assert!(!family.has_fixed_means() || best.means() == family.means());
+            let kept = best.covariances() == family.covariances();
+            prop_assert!(!family.has_fixed_covariances() || kept);
         }
     }
 
@@ -293,6 +304,28 @@ fn free_parameters() {
     let numbers = [0.1; 20];
     let count = TYPES.map(|kind| family(kind, 3, 2, &numbers).free_parameters());
     assert_eq!(count, [6 + 3, 6 + 6, 6 + 9, 6 + 3]);
+    let fixed = TYPES.map(|kind| family(kind, 3, 2, &numbers).with_fixed_covariances());
+    assert_eq!(fixed.map(|family| family.free_parameters()), [6; 4]);
+    let fixed = TYPES.map(|kind| family(kind, 3, 2, &numbers).with_fixed_means());
+    assert_eq!(fixed.clone().map(|family| family.free_parameters()), [3, 6, 9, 3]);
+    let both = fixed.map(Gaussian::with_fixed_covariances);
+    assert_eq!(both.map(|family| family.free_parameters()), [0; 4]);
+}
+
+#[test]
+fn fixed_covariances_need_no_spread() {
+    // All rows alike: without the covariance, the mean has an estimate.
+    let rows = vec![vec![7.0, 1.0]; 5];
+    let weights = vec![vec![1.0]; 5];
+    for kind in TYPES {
+        let family = family(kind, 1, 2, &[0.3, 0.1, 0.8, -0.2, 0.5, 0.4]);
+        let error = reestimated(&family, &rows, &weights, 0.0).unwrap_err();
+        assert!(error.to_string().contains("cannot be estimated"), "{error}");
+        let fixed = family.clone().with_fixed_covariances();
+        let learned = reestimated(&fixed, &rows, &weights, 0.0).unwrap();
+        assert_eq!(learned.mean(0), Some(&[7.0, 1.0][..]));
+        assert_eq!(learned.covariances(), family.covariances());
+    }
 }
 
 #[test]
@@ -365,6 +398,11 @@ fn stored_to_the_bit() {
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.1, &[0.2, 0.3]).unwrap();
         let prior = prior.with_covariance(0.1, &[0.2, 0.3]).unwrap();
         let family = family(kind, 3, 2, &numbers).with_missing().with_prior(prior).unwrap();
+        let family = if kind == CovarianceType::Full {
+            family.with_fixed_means()
+        } else {
+            family.with_fixed_covariances()
+        };
         let text = serde_json::to_string(&family).unwrap();
         let read: Gaussian = serde_json::from_str(&text).unwrap();
         assert_eq!(format!("{read:?}"), format!("{family:?}"));
@@ -372,4 +410,62 @@ fn stored_to_the_bit() {
             text.replace("\"version\":1,\"covariance_type\"", "\"version\":2,\"covariance_type\"");
         assert!(serde_json::from_str::<Gaussian>(&broken).is_err());
     }
+}
+
+/// An observation far away with a weight far below 1e-16 still counts by its square.
+#[test]
+fn observations_of_little_weight_count() {
+    let near = [1.0, -1.0, 3.0, 2.0];
+    for (far, little) in [(1e12, 1e-20), (1e20, 1e-30), (1e100, 1e-190)] {
+        for kind in TYPES {
+            for place in 0..5 {
+                let mut seen: Vec<(f64, f64)> = near.iter().map(|y| (*y, 1.0)).collect();
+                seen.insert(place, (far, little));
+                let rows: Vec<Vec<f64>> = seen.iter().map(|(y, _)| vec![*y]).collect();
+                let weights: Vec<Vec<f64>> = seen.iter().map(|(_, w)| vec![*w]).collect();
+                let start = Gaussian::new(kind, &[[0.0]], &[[1.0]]).unwrap();
+                let learned = reestimated(&start, &rows, &weights, 0.0).unwrap();
+                let (mean, sum) = (1.25 + far * little / 4.0, 8.75 + little * far * far);
+                let found = (learned.mean(0).unwrap()[0], learned.covariance(0).unwrap()[0]);
+                let text = format!("{far} at {place}, {kind:?}: {found:?}");
+                assert!((found.0 - mean).abs() < 1e-7 * far * little + 1e-12, "{text}");
+                assert!((found.1 / (sum / 4.0) - 1.0).abs() < 1e-7, "{text}, not {}", sum / 4.0);
+            }
+        }
+    }
+}
+
+/// A mean is a double, which may lie beside that of the observations: the covariance is about it.
+#[test]
+fn covariances_are_about_the_means_that_are_kept() {
+    let unit = 16384.0; // the distance of doubles at 1e20
+    let rows: Vec<Vec<f64>> =
+        [0.0, 7.0, 7.0, -7.0, 14.0].iter().map(|k| vec![1e20 + unit * k, k * k]).collect();
+    let weights = vec![vec![1.0]; 5];
+    let start = Gaussian::full(&[[1e20, 0.0]], &[[unit * unit, 0.0, 0.0, 1.0]]).unwrap();
+    let learned = reestimated(&start, &rows, &weights, 0.0).unwrap();
+    let mean = learned.mean(0).unwrap().to_vec();
+    assert_eq!(mean[0], 1e20 + 4.0 * unit); // rounded from 4.2 units
+    let entry = |i: usize, j: usize| {
+        rows.iter().map(|y| (y[i] - mean[i]) * (y[j] - mean[j])).sum::<f64>() / 5.0
+    };
+    let found = learned.covariance(0).unwrap();
+    for (k, value) in found.iter().enumerate() {
+        let expected = entry(k / 2, k % 2);
+        assert!((value - expected).abs() <= 1e-12 * expected.abs(), "{k}: {value}, not {expected}");
+    }
+}
+
+/// Inverses of the smallest covariances, whose products are beyond the range of doubles.
+#[test]
+fn priors_of_tiny_covariances_are_no_nan() {
+    let (variance, share) = (1e-307, 1.0 - 1e-11);
+    let covariance = [1.0, share, share, 1.0].map(|x| x * variance);
+    let prior = GaussianPrior::new(2).unwrap().with_covariance(1.0, &[0.0, variance]).unwrap();
+    let family = Gaussian::full(&[[0.0, 0.0]], &[covariance]).unwrap().with_prior(prior).unwrap();
+    // ln det Σ and the second entry of Σ⁻¹, times the variance.
+    let least = (1.0 - share) * (1.0 + share);
+    let expected = -0.5 * (2.0 * variance.ln() + least.ln() + 1.0 / least);
+    let found = family.log_prior(0.0);
+    assert!((found / expected - 1.0).abs() < 1e-4, "{found}, not {expected}");
 }

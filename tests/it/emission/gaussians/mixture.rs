@@ -70,8 +70,14 @@ proptest! {
         weights in weights(2, 20),
         pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
         with_prior: bool,
+        fixed in 0..4_u8,
     ) {
         let (mixture, _) = family(full, [n, 2, 2], &numbers);
+        let mixture = match fixed {
+            1 => mixture.with_fixed_means(),
+            2 => mixture.with_fixed_covariances(),
+            _ => mixture,
+        };
         let mixture = mixture.with_missing();
         let weights: Vec<Vec<f64>> = weights.iter().map(|w| w[..n].to_vec()).collect();
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.5, &[0.1, -0.2]).unwrap();

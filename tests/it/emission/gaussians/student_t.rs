@@ -80,7 +80,7 @@ proptest! {
         numbers in vec(-1.5..1.5, 30),
         rows in vec(vec(prop_oneof![1 => Just(f64::NAN), 4 => -3.0..3.0, 1 => -60.0..60.0], 2), 20),
         weights in weights(2, 20),
-        fixed: bool,
+        fixed in 0..5_u8,
         with_prior: bool,
     ) {
         let family = family(kind, n, 2, &numbers).with_missing();
@@ -88,7 +88,12 @@ proptest! {
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.5, &[0.1, -0.2]).unwrap();
         let prior = prior.with_covariance(0.7, &[0.3, 0.2]).unwrap();
         let family = if with_prior { family.with_prior(prior).unwrap() } else { family };
-        let family = if fixed { family.with_fixed_degrees() } else { family };
+        let family = match fixed {
+            1 => family.with_fixed_means(),
+            2 => family.with_fixed_covariances(),
+            3 => family.with_fixed_degrees(),
+            _ => family,
+        };
         assert_never_falls(&family, &rows, &weights, 0.0);
     }
 
@@ -255,5 +260,33 @@ fn stored_to_the_bit() {
         let text = serde_json::to_string(&family).unwrap();
         let read: StudentT = serde_json::from_str(&text).unwrap();
         assert_eq!(format!("{read:?}"), format!("{family:?}"));
+    }
+}
+
+/// Outliers that have next to no weight, but squares that make up for it.
+#[test]
+fn outliers_of_any_size_count_once() {
+    let (nu, near) = (0.5, [0.5, -0.25, 1.5, 0.125]);
+    for far in [1e6, 1e12, -1e100, 1e150] {
+        for kind in TYPES {
+            for place in 0..5 {
+                let mut rows: Vec<Vec<f64>> = near.iter().map(|y| vec![*y]).collect();
+                rows.insert(place, vec![far]);
+                let start = StudentT::new(kind, &[nu], &[[0.0]], &[[1.0]]).unwrap();
+                let start = start.with_fixed_degrees();
+                let learned = reestimated(&start, &rows, &vec![vec![1.0]; 5], 0.0).unwrap();
+
+                let weight = |y: f64| (nu + 1.0) / (nu + y * y);
+                let total: f64 = near.iter().map(|y| weight(*y)).sum();
+                let mean = (near.iter().map(|y| weight(*y) * y).sum::<f64>() + weight(far) * far)
+                    / (total + weight(far));
+                let squares = near.iter().map(|y| weight(*y) * (y - mean).powi(2));
+                let scale = (squares.sum::<f64>() + weight(far) * (far - mean).powi(2)) / 5.0;
+                let found = (learned.mean(0).unwrap()[0], learned.scale(0).unwrap()[0]);
+                let text = format!("{far} at {place}, {kind:?}: {found:?}, not {mean} and {scale}");
+                assert!((found.0 - mean).abs() < 1e-12, "{text}");
+                assert!((found.1 / scale - 1.0).abs() < 1e-12, "{text}");
+            }
+        }
     }
 }
