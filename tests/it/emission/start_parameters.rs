@@ -402,7 +402,7 @@ fn factors_of_a_product_start_by_themselves() {
     let mut normal = normal(3);
     let row = |k: usize| {
         let group = (k / 20 % 2) as f64;
-        let part = if k % 3 == 0 { 6.0 } else { 0.0 };
+        let part = if k.is_multiple_of(3) { 6.0 } else { 0.0 };
         vec![1000.0 + 40.0 * group + part + normal(), 3.0 + 20.0 * group + (k % 2) as f64]
     };
     let rows: Vec<Vec<f64>> = (0..200).map(row).collect();
