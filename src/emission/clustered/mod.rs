@@ -10,7 +10,7 @@ use rand::Rng;
 use super::{
     EmissionError, Gaussian, Independent, LinearRegression, Multinomial, Univariate, VonMisesFisher,
 };
-use crate::Fixed;
+use crate::fixed::Fixed;
 use crate::likelihood::{GroupedLikelihood, LearnLikelihood, Likelihood, Scratch};
 
 /// Weight of all observations in the start of a state, as a part of that of its cluster, so that
