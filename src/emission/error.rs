@@ -105,7 +105,7 @@ pub enum EmissionError {
         component: usize,
         /// The value.
         value: f64,
-        /// What the family cannot estimate.
+        /// Error of the family, which names the parameter.
         source: Box<EmissionError>,
     },
     /// An observation of several sequences is invalid.

@@ -13,7 +13,7 @@ use crate::transition::DenseTransition;
 /// Models to start learning from: as many as asked for, each from other random
 /// [`Clusters`], whose observations give the family its parameters.
 ///
-/// Those are estimated from the observations of each cluster, with a tenth of the weight from all
+/// Parameters are estimated from the observations of each cluster, with a tenth of the weight from all
 /// observations. A transition is what the clusters of successive observations show, with one more
 /// of each; the prior is uniform at the first observation. [`Hmm::learn_best`] learns from all and
 /// keeps the best:
@@ -87,8 +87,8 @@ use crate::transition::DenseTransition;
 ///
 /// # Complexity
 ///
-/// Of each start: that of [`Clusters`], and of one iteration of learning without its recursions;
-/// of four to seven if components are missing, or for a [`StudentT`](super::StudentT).
+/// Each start costs as much as [`Clusters`] and one iteration of learning without its recursions;
+/// as four to seven iterations if components are missing, or for a [`StudentT`](super::StudentT).
 pub fn starts<B, S, R>(
     family: &B,
     sequences: &[S],

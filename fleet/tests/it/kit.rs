@@ -2,10 +2,15 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+#[cfg(target_os = "linux")]
+use std::process::{Command, Stdio};
 use std::sync::Arc;
+#[cfg(target_os = "linux")]
+use std::{thread, time::Duration};
 
 use arrow::array::{
-    ArrayRef, AsArray, Int64Array, ListArray, RecordBatch, StringArray, UInt32Array,
+    Array, ArrayRef, AsArray, Float64Array, Int64Array, ListArray, RecordBatch, StringArray,
+    StructArray, UInt32Array,
 };
 use arrow::buffer::OffsetBuffer;
 use arrow::compute::concat_batches;
@@ -268,4 +273,37 @@ pub(crate) fn assert_learned(
             near(p(&learned), p(expected));
         }
     }
+}
+
+/// Lists of states with their likelihoods.
+pub(crate) fn lists_of_pairs<'a>(
+    lists: impl Iterator<Item = &'a [(usize, f64)]> + Clone,
+) -> ListArray {
+    let all = || lists.clone().flatten();
+    let states = Int64Array::from_iter_values(all().map(|(state, _)| *state as i64));
+    let likelihoods = Float64Array::from_iter_values(all().map(|(_, p)| *p));
+    let pairs = StructArray::from(vec![
+        (Arc::new(Field::new("state", DataType::Int64, false)), Arc::new(states) as ArrayRef),
+        (Arc::new(Field::new("likelihood", DataType::Float64, false)), Arc::new(likelihoods)),
+    ]);
+    let item = Arc::new(Field::new_list_field(pairs.data_type().clone(), false));
+    let offsets = OffsetBuffer::from_lengths(lists.map(<[_]>::len));
+    ListArray::try_new(item, offsets, Arc::new(pairs), None).unwrap()
+}
+
+/// Largest memory of a command, in bytes.
+#[cfg(target_os = "linux")]
+pub(crate) fn peak_memory(command: &mut Command) -> u64 {
+    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
+    let mut most = 0;
+    let status = format!("/proc/{}/status", child.id());
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kilobytes = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        most = most.max(kilobytes.unwrap_or(0) * 1024);
+        thread::sleep(Duration::from_millis(2));
+    }
+    assert!(child.wait().unwrap().success());
+    most
 }

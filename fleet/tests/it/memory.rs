@@ -1,10 +1,7 @@
 //! Memory does not grow with the file.
 #![cfg(target_os = "linux")]
 
-use std::fs;
-use std::process::{Command, Stdio};
-use std::thread;
-use std::time::Duration;
+use std::process::Command;
 
 use crate::kit::*;
 
@@ -15,18 +12,7 @@ fn peak(folder: &Folder, input: &str) -> u64 {
     command.arg("--model").arg(folder.path("model.json"));
     command.arg("--input").arg(folder.path(input));
     command.arg("--output").arg(folder.path(&format!("{input}.out")));
-    let mut child = command.stdout(Stdio::null()).spawn().unwrap();
-    let mut most = 0;
-    let status = format!("/proc/{}/status", child.id());
-    while child.try_wait().unwrap().is_none() {
-        let text = fs::read_to_string(&status).unwrap_or_default();
-        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-        let kilobytes = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
-        most = most.max(kilobytes.unwrap_or(0) * 1024);
-        thread::sleep(Duration::from_millis(2));
-    }
-    assert!(child.wait().unwrap().success());
-    most
+    peak_memory(&mut command)
 }
 
 #[test]

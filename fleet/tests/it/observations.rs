@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use arrow::array::{
     Array, ArrayRef, Float32Array, Float64Array, Float64Builder, Int64Array, Int64Builder,
-    ListArray, ListBuilder, RecordBatch, StructArray,
+    ListArray, ListBuilder, RecordBatch,
 };
 use arrow::buffer::OffsetBuffer;
 use arrow::datatypes::{DataType, Field};
@@ -158,21 +158,7 @@ fn a_few_states() {
         .collect();
     let model = Hmm::new(prior(), transition(&mut rng), SparseLikelihood::new(STATES)).unwrap();
     let folder = Folder::new(&model);
-    let all = || seen.iter().flat_map(|seen| seen.listed().iter().copied());
-    let pairs = StructArray::from(vec![
-        (
-            Arc::new(Field::new("state", DataType::Int64, false)),
-            Arc::new(Int64Array::from_iter_values(all().map(|(state, _)| state as i64)))
-                as ArrayRef,
-        ),
-        (
-            Arc::new(Field::new("likelihood", DataType::Float64, false)),
-            Arc::new(Float64Array::from_iter_values(all().map(|(_, p)| p))) as ArrayRef,
-        ),
-    ]);
-    let item = Arc::new(Field::new_list_field(pairs.data_type().clone(), false));
-    let offsets = OffsetBuffer::from_lengths(seen.iter().map(|seen| seen.listed().len()));
-    let lists = ListArray::try_new(item, offsets, Arc::new(pairs), None).unwrap();
+    let lists = lists_of_pairs(seen.iter().map(SparseObservation::listed));
     let elsewhere = Float64Array::from_iter_values(seen.iter().map(SparseObservation::elsewhere));
     let rows = table(vec![("observation", Arc::new(lists)), ("elsewhere", Arc::new(elsewhere))]);
     let text = |seen: &SparseObservation| {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use arrow::array::{
     Array, ArrayRef, Float32Array, Float64Array, Float64Builder, Int64Array, Int64Builder,
-    LargeListArray, ListArray, ListBuilder, RecordBatch, StructArray,
+    LargeListArray, ListArray, ListBuilder, RecordBatch,
 };
 use arrow::buffer::OffsetBuffer;
 use arrow::datatypes::{DataType, Field};
@@ -140,21 +140,7 @@ fn a_few_states() {
         })
         .collect();
     let elsewhere: Vec<f64> = (0..ALL).map(|_| rng.random_range(0.01..0.1)).collect();
-    let all = || listed.iter().flatten().copied();
-    let pairs = StructArray::from(vec![
-        (
-            Arc::new(Field::new("state", DataType::Int64, false)),
-            Arc::new(Int64Array::from_iter_values(all().map(|(state, _)| state as i64)))
-                as ArrayRef,
-        ),
-        (
-            Arc::new(Field::new("likelihood", DataType::Float64, false)),
-            Arc::new(Float64Array::from_iter_values(all().map(|(_, p)| p))) as ArrayRef,
-        ),
-    ]);
-    let item = Arc::new(Field::new_list_field(pairs.data_type().clone(), false));
-    let offsets = OffsetBuffer::from_lengths(listed.iter().map(Vec::len));
-    let lists = ListArray::try_new(item, offsets, Arc::new(pairs), None).unwrap();
+    let lists = lists_of_pairs(listed.iter().map(Vec::as_slice));
     let table = nest(&[
         ("seen", Arc::new(lists)),
         ("others", Arc::new(Float64Array::from(elsewhere.clone()))),

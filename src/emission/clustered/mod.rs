@@ -56,7 +56,7 @@ impl<B: Likelihood<Observation = [f64]> + Clone> StartFromClusters for Fixed<B> 
 
 /// Observations, each in the cluster of a state, from which a family takes its parameters.
 ///
-/// Those without any known component are left out.
+/// Observations without any known component are left out.
 #[derive(Debug, Clone)]
 pub struct ClusteredObservations<'a> {
     rows: Vec<&'a [f64]>,
@@ -102,9 +102,9 @@ impl<'a> ClusteredObservations<'a> {
     /// Estimates a family from the observations of each state's cluster, with a tenth of the
     /// weight from all observations.
     ///
-    /// What is missing has at first the values of other observations of the cluster; the family
-    /// from these then expects it, three times, as in learning. So the parameters do not depend on
-    /// those of `family`, if complete observations are added alike whatever they are.
+    /// Missing components have at first the values of other observations of the cluster; the
+    /// family from these then expects them, three times, as in learning. So the parameters do not
+    /// depend on those of `family`, if complete observations are added alike whatever they are.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ impl<'a> ClusteredObservations<'a> {
         if self.completed.is_empty() {
             return self.round_by(family, weights);
         }
-        // What others had beside a value may not go with the rest of the row.
+        // A value of another row may be impossible beside the rest of this one.
         let mut scratch = Scratch::default();
         let rows = self.completed.iter().map(|row| &**row).enumerate();
         let valid = rows.filter(|(_, row)| family.diagonal(row, &mut scratch).is_ok());
