@@ -52,16 +52,19 @@ impl Envelope {
     ) -> Predicted {
         self.clear();
         let mut predicted = Predicted { sum: 0.0, terms: 1 };
-        // Mass that comes from inactive states only: to each state, and to all.
+        // Mass that comes from inactive states only: to each state, and to all. It is lifted before
+        // it is multiplied, since bounds on entries may be as small as evidence: what then still
+        // underflows is below the 1e-290 that are added.
+        let (elsewhere, outside) = (before.elsewhere * LIFT, before.outside * LIFT);
         let (each, all) = match moves {
             Some(Moves { bounds, .. }) => {
-                let by_row = bounds.row * before.elsewhere;
-                (by_row.min(bounds.entry * before.outside), bounds.column * before.outside)
+                let by_row = times(bounds.row, elsewhere);
+                (by_row.min(times(bounds.entry, outside)), times(bounds.column, outside))
             }
-            None => (before.elsewhere, before.outside),
+            None => (elsewhere, outside),
         };
-        let lift = |x: f64| if before.is_open() { x * LIFT * ROUNDED_UP + LOST } else { 0.0 };
-        (self.elsewhere, self.outside) = (lift(each), lift(all));
+        let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
+        (self.elsewhere, self.outside) = (round_up(each), round_up(all));
         for &i in active_set.candidates() {
             if !active_set.is_reached(i) {
                 self.push(i, 0.0, 0.0, self.elsewhere);
@@ -70,7 +73,7 @@ impl Envelope {
             let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / LIFT;
-            excess += times(beyond, before.elsewhere * LIFT);
+            excess += times(beyond, elsewhere);
             // NaN is an entry of 0 times an infinite excess: nothing is known.
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             let (lower, excess) = count_lost(estimate, lower, excess);

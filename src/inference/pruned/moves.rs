@@ -8,7 +8,7 @@ use crate::transition::{Transition, TransitionEntries};
 const COLUMN: f64 = 1.0 + 1.1e-9;
 /// Relative error of an entry whose logarithm is on a grid.
 const GRID: f64 = 4e-14;
-/// Relative rounding error for each unit of the logarithm, and for four more.
+/// Relative rounding error for each unit of the logarithms, and for four more.
 const ROUNDING: f64 = f64::EPSILON;
 /// Largest exponent of two by which entries out of active states may be below the largest entry.
 const SPREAD: f64 = 500.0;
@@ -142,7 +142,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
             }
             Form::Log2 { taken_out } => {
                 let entries = self.transition.incoming_log2(self.control, to);
-                entries.for_each(|(j, log2)| add_power(log2 - taken_out, |a, off| add(j, a, off)));
+                entries.for_each(|(j, log2)| add_power(log2, taken_out, |a, off| add(j, a, off)));
             }
         }
     }
@@ -155,7 +155,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
             }
             Form::Log2 { taken_out } => {
                 let entries = self.transition.outgoing_log2(self.control, from);
-                entries.for_each(|entry| add_power(entry.1 - taken_out, &mut add));
+                entries.for_each(|entry| add_power(entry.1, taken_out, &mut add));
             }
         }
     }
@@ -176,10 +176,13 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     }
 }
 
-fn add_power(log2: f64, mut add: impl FnMut(f64, f64)) {
-    let a = log2.exp2();
+fn add_power(log2: f64, taken_out: f64, mut add: impl FnMut(f64, f64)) {
+    let difference = log2 - taken_out;
+    let a = difference.exp2();
     let a = if a < f64::MIN_POSITIVE { 0.0 } else { a };
-    add(a, GRID + (log2.abs() + 4.0) * ROUNDING);
+    // The logarithm itself was rounded as a number of its size, which evidence of 1e5 nats makes
+    // large; the difference and the power round once more each.
+    add(a, GRID + (log2.abs() + difference.abs() + 4.0) * ROUNDING);
 }
 
 /// Upper bounds on the largest entry of a row or column, and on its sum.

@@ -2,7 +2,11 @@
 
 use proptest::prelude::*;
 use wayfix::inference::Pruning;
-use wayfix::{Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood};
+use wayfix::transition::EvidenceTransition;
+use wayfix::{
+    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
+    SparseTransition, TransitionEntries,
+};
 
 use crate::kit::{Kind, Model, cases, measured_models};
 
@@ -114,5 +118,53 @@ proptest! {
     #[test]
     fn a_beam_with_evidence_proves_what_is_true(model in measured_models(Kind::Plain, true), width in prop_oneof![Just(0.0), 0.1..50.0, Just(f64::INFINITY)]) {
         check_beam(&model, width)?;
+    }
+}
+
+/// Two states that stay, and evidence on both moves with these logarithms.
+fn staying(logs: [f64; 2]) -> Hmm<impl TransitionEntries<Control = ()>, LikelihoodVector> {
+    let still = SparseTransition::from_triplets(2, [(0, 0, 1.0), (1, 1, 1.0)]).unwrap();
+    let moves = EvidenceTransition::new(still, move |(): &(), to, _| logs[to]).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    Hmm::new(prior, moves, LikelihoodVector::linear(2)).unwrap()
+}
+
+#[test]
+fn mass_that_was_dropped_counts_however_unlikely_the_evidence_is() {
+    // The second state is dropped at 1e-285, and the evidence takes it below the smallest double;
+    // then the sensor names it.
+    for log in [-60.0, -100.0, -150.0, -700.0, -1500.0] {
+        let hmm = staying([log; 2]);
+        let mut pruned = hmm.pruned_filter(Pruning::default());
+        pruned.step(&[1.0, 1e-285]).unwrap();
+        assert_eq!(pruned.active(), [0]);
+        let certificate = pruned.step_with(&(), &[1e-150, 1e150]).unwrap();
+        let distance = 1.0 - pruned.probability(1).unwrap(); // the exact belief is [1e-15, 1]
+        assert!(certificate.bound() >= distance - 1e-14, "{log}: {certificate:?} for {distance}");
+        let (range, exact) = (pruned.log_likelihood(), log + 1e-135_f64.ln() + 0.5_f64.ln());
+        assert!(*range.start() <= exact && exact <= *range.end(), "{log}: {exact} in {range:?}");
+    }
+}
+
+#[test]
+fn logarithms_of_large_evidence_count_with_their_rounding() {
+    for at in [1e3, 1e5, 1e7, 1e9, 1e12] {
+        let (mut largest, mut bounds) = (0.0_f64, Vec::new());
+        for number in 0..50_u32 {
+            let logs = [-at - f64::from(number) / 7.0, -at - f64::from(50 - number) / 9.0];
+            let hmm = staying(logs);
+            let mut pruned = hmm.pruned_filter(Pruning::default());
+            pruned.step(&[1.0, 1.0]).unwrap();
+            let bound = pruned.step_with(&(), &[1.0, 1.0]).unwrap().bound();
+            // The difference of two numbers this near each other is exact.
+            let exact = 1.0 / (1.0 + (logs[1] - logs[0]).exp());
+            let distance = (pruned.probability(0).unwrap() - exact).abs();
+            assert!(distance <= bound, "{logs:?}: {distance:e} > {bound:e}");
+            largest = largest.max(distance);
+            bounds.push(bound);
+        }
+        // The bound says something: it is of the size of the rounding.
+        let bound = bounds.iter().copied().fold(0.0, f64::max);
+        assert!(bound <= 1e-12 + 1e-14 * at, "{at:e}: {bound:e}, seen {largest:e}");
     }
 }
