@@ -5,12 +5,14 @@ use wayfix::motion::{
     OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates,
     ViewEvidence,
 };
-use wayfix::transition::{RestartTransition, SwitchedTransition, WindowTransition};
+use wayfix::transition::{
+    EvidenceTransition, RestartTransition, SwitchedTransition, WindowTransition,
+};
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::draw::Draw;
 use crate::model::{Matrix, Range, weight};
-use crate::operators::{Driven, Plain};
+use crate::operators::{Driven, Measured, Measurement, Plain};
 
 pub(crate) fn matrix(draw: &mut Draw<'_>, n: usize, range: Range) -> Matrix {
     let columns: Vec<Vec<f64>> =
@@ -81,7 +83,7 @@ fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)
 /// of each of its controls.
 pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Vec<Matrix>) {
     let count = 1 + draw.below(3);
-    match draw.below(4) {
+    match draw.below(6) {
         0 | 1 => {
             let matrices: Vec<Matrix> = (0..count).map(|_| matrix(draw, n, range)).collect();
             let switched = SwitchedTransition::new(matrices.iter().map(sparse).collect());
@@ -108,6 +110,7 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             let matrices = controls.iter().map(|u| listed(&distance, u)).collect();
             (Driven::Distance(distance, controls), matrices)
         }
+        3 | 4 => measured(draw, n, range, count),
         _ => {
             let route = route(draw, n);
             let control = |draw: &mut Draw<'_>| {
@@ -124,6 +127,53 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             (Driven::Route(route, controls), matrices)
         }
     }
+}
+
+/// Any evidence on the moves of a matrix, with restarts or without. Likelihoods are beyond
+/// ordinary ones, but not beyond doubles.
+fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, Vec<Matrix>) {
+    let base = matrix(draw, n, Range::Plain);
+    let measurement = |draw: &mut Draw<'_>| -> Measurement {
+        let shift = draw.pick(&[0.0, -60.0, -150.0, -300.0, 100.0]);
+        let log = |draw: &mut Draw<'_>| match (draw.below(8), range) {
+            (7, _) => f64::NEG_INFINITY,
+            (6, Range::Wide) => draw.unit() * 300.0 - 150.0,
+            _ => draw.unit().ln(),
+        };
+        let logs = (0..n).map(|_| (0..n).map(|_| log(draw) + shift).collect()).collect();
+        (logs, draw.pick(&[0.0, shift, shift + 3.0, shift - 40.0]))
+    };
+    let controls: Vec<Measurement> = (0..count).map(|_| measurement(draw)).collect();
+    let moves: fn(&Measurement, usize, usize) -> f64 = |u, to, from| u.0[to][from];
+    let factor: fn(&Measurement) -> f64 = |u| u.1;
+    let operator: Measured = EvidenceTransition::new(sparse(&base), moves)
+        .expect("a stochastic matrix")
+        .with_log_factor(factor);
+    let entry = |(logs, factor): &Measurement, to: usize, from: usize| {
+        base[to][from] * (logs[to][from] - factor).exp()
+    };
+    let all = |entry: &dyn Fn(&Measurement, usize, usize) -> f64| -> Vec<Matrix> {
+        let rows = |u| (0..n).map(|i| (0..n).map(|j| entry(u, i, j)).collect()).collect();
+        controls.iter().map(rows).collect()
+    };
+    if draw.one_in(2) {
+        let matrices = all(&entry);
+        return (Driven::Measured(operator, controls), matrices);
+    }
+    let rate = draw.pick(&[0.25, 1e-9, 1.0, 0.0]);
+    let belief = draw.distribution(n, |draw| weight(draw, Range::Plain));
+    let log = draw.pick(&[None, Some(0.0), Some(-150.0), Some(-7.0), Some(90.0)]);
+    let matrices = all(&|u, to, from| {
+        let restart = rate * belief[to] * (log.unwrap_or(u.1) - u.1).exp();
+        (1.0 - rate) * entry(u, to, from) + restart
+    });
+    let belief = Belief::new(belief.clone()).expect("a distribution");
+    let restart = RestartTransition::new(operator, rate, belief).expect("a rate");
+    let restart = match log {
+        Some(log) => restart.with_evidence(log).expect("a number"),
+        None => restart,
+    };
+    (Driven::Restart(restart, controls), matrices)
 }
 
 /// A route with `n` states: of `n` places at one speed, or of fewer at several, or off the

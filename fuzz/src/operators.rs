@@ -4,9 +4,21 @@
 use wayfix::motion::{DistanceTransition, OdometryReading};
 use wayfix::motion::{RouteControl, RouteTransition};
 use wayfix::transition::{
-    LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition, WindowTransition,
+    EvidenceTransition, LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition,
+    WindowTransition,
 };
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
+
+use crate::model::Matrix;
+
+/// Log-likelihoods of moves, `logs[to][from]`, and the factor that is taken out of them.
+pub(crate) type Measurement = (Matrix, f64);
+pub(crate) type Measured = EvidenceTransition<
+    SparseTransition,
+    Measurement,
+    fn(&Measurement, usize, usize) -> f64,
+    fn(&Measurement) -> f64,
+>;
 
 /// Operators without a control.
 #[derive(Debug, Clone)]
@@ -23,6 +35,8 @@ pub(crate) enum Driven {
     Switched(SwitchedTransition<SparseTransition>, Vec<usize>),
     Route(RouteTransition, Vec<RouteControl>),
     Distance(DistanceTransition, Vec<Option<OdometryReading>>),
+    Measured(Measured, Vec<Measurement>),
+    Restart(RestartTransition<Measured>, Vec<Measurement>),
 }
 
 /// Evaluates the same expression for each operator `a` under its control `u`.
@@ -50,6 +64,14 @@ macro_rules! driven {
                 $value
             }
             Driven::Distance($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Measured($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Restart($a, controls) => {
                 let $u = &controls[*$control];
                 $value
             }
@@ -150,6 +172,8 @@ impl Transition for Driven {
             Self::Switched(a, _) => a.states(),
             Self::Route(a, _) => a.states(),
             Self::Distance(a, _) => a.states(),
+            Self::Measured(a, _) => a.states(),
+            Self::Restart(a, _) => a.states(),
         }
     }
 
@@ -186,6 +210,7 @@ impl Transition for Driven {
             Self::Switched(_, controls) => controls.len(),
             Self::Route(_, controls) => controls.len(),
             Self::Distance(_, controls) => controls.len(),
+            Self::Measured(_, controls) | Self::Restart(_, controls) => controls.len(),
         };
         if *control >= count {
             return Err(TransitionError::Control(format!("{control} of {count}")));

@@ -8,6 +8,20 @@ use crate::model::{Matrix, Observation, Scene};
 pub(crate) enum Stop {
     Impossible(usize),
     Invalid(usize),
+    /// An invalid observation after a move that cannot have been measured: either is an answer.
+    Either(usize),
+}
+
+impl Stop {
+    /// True if an impossible observation or move is an answer.
+    pub(crate) fn is_impossible(self, step: usize) -> bool {
+        matches!(self, Self::Impossible(at) | Self::Either(at) if at == step)
+    }
+
+    /// True if an invalid observation is an answer.
+    pub(crate) fn is_invalid(self, step: usize) -> bool {
+        matches!(self, Self::Invalid(at) | Self::Either(at) if at == step)
+    }
 }
 
 /// A sequence through a model, in logarithms.
@@ -72,14 +86,6 @@ impl Chain {
             stop: None,
         };
         for (step, observation) in (1..).zip(drive) {
-            let Some(mut seen) = scene.logs(observation) else {
-                chain.stop = Some(Stop::Invalid(step));
-                break;
-            };
-            let largest = seen.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            if largest > f64::NEG_INFINITY {
-                seen.iter_mut().for_each(|log| *log -= largest);
-            }
             let still = step == 1 && scene.at_first;
             let (matrix, evidence) = if still {
                 (identity(n), None)
@@ -90,9 +96,19 @@ impl Chain {
             let predicted = product(&matrix, &chain.filtered[step - 1]);
             let log_factor = evidence.unwrap_or(0.0);
             let evidence = evidence.map_or(0.0, |log_factor| sum(&predicted) + log_factor);
-            if evidence == f64::NEG_INFINITY {
+            let is_impossible = evidence == f64::NEG_INFINITY;
+            let Some(mut seen) = scene.logs(observation) else {
+                let stop = if is_impossible { Stop::Either } else { Stop::Invalid };
+                chain.stop = Some(stop(step));
+                break;
+            };
+            if is_impossible {
                 chain.stop = Some(Stop::Impossible(step));
                 break;
+            }
+            let largest = seen.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if largest > f64::NEG_INFINITY {
+                seen.iter_mut().for_each(|log| *log -= largest);
             }
             let predicted = normalized(&predicted);
             let joint: Vec<f64> = predicted.iter().zip(&seen).map(|(p, b)| p + b).collect();

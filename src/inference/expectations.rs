@@ -244,7 +244,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(sequence.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {
-                    result = pairs.add_to(moves, number);
+                    result = pairs.count_to(moves, number);
                 }
             }
         })?;

@@ -6,8 +6,9 @@ use std::ops::Range;
 
 use super::form::Held;
 use crate::error::InferenceError;
+use crate::kernels;
 use crate::range;
-use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
+use crate::transition::{LearnTransition, Move, MoveCounts, Transition, TransitionEntries, log};
 
 /// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
 /// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
@@ -37,25 +38,24 @@ impl<A: TransitionEntries> Pairs<'_, A> {
     pub fn moves(&self) -> impl Iterator<Item = Move> {
         let states = 0..self.ratio.len();
         let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
-        let linear = linear.filter(|&from| self.alpha.linear[from] > 0.0).flat_map(move |from| {
-            let outgoing = self.transition.outgoing(self.control, from);
-            outgoing.map(move |(to, p)| {
-                let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
-                Move { from, to, weight }
-            })
-        });
+        let linear = linear
+            .filter(|&from| self.alpha.linear[from] > 0.0)
+            .flat_map(move |from| self.out_of(from, self.transition.outgoing(self.control, from)));
+        let list = |from| self.transition.outgoing_log2(self.control, from);
         let logs =
-            self.log_moves_from(logs).map(|(from, to, log)| Move { from, to, weight: log.exp() });
+            self.log_moves(logs, list).map(|(from, to, log)| Move { from, to, weight: log.exp() });
         linear.chain(logs)
     }
 
-    /// Moves out of these states, with the logarithms of their probabilities.
-    fn log_moves_from(&self, states: Range<usize>) -> impl Iterator<Item = (usize, usize, f64)> {
-        states.flat_map(move |from| {
-            let outgoing = self.transition.outgoing_log2(self.control, from);
-            outgoing.map(move |(to, log2)| {
-                (from, to, self.alpha.log(from) + log2 * LN_2 + self.ratio[to])
-            })
+    /// Moves out of a state by entries, in linear space.
+    fn out_of(
+        &self,
+        from: usize,
+        entries: impl Iterator<Item = (usize, f64)>,
+    ) -> impl Iterator<Item = Move> {
+        entries.map(move |(to, p)| {
+            let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
+            Move { from, to, weight }
         })
     }
 
@@ -66,20 +66,39 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         counts: &mut MoveCounts,
         step: usize,
     ) -> Result<(), InferenceError> {
-        if self.in_logs {
-            return self.add_logs_to(counts, step);
+        if !self.in_logs {
+            return one(counts.add(self.moves()), step);
         }
-        let sum = counts.add(self.moves());
-        if range::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+        let list = |from| self.transition.outgoing_log2(self.control, from);
+        self.add_logs_to(counts, step, list, f64::NEG_INFINITY)
     }
 
-    /// As [`add_to`](Self::add_to) from logarithms, which sum to one up to their digits: those of
-    /// two likely moves may differ by the rounding of log-likelihoods of −1e15.
+    /// Moves out of these states by entries, with the logarithms of their probabilities.
+    fn log_moves<I: Iterator<Item = (usize, f64)>>(
+        &self,
+        states: Range<usize>,
+        list: impl Fn(usize) -> I,
+    ) -> impl Iterator<Item = (usize, usize, f64)> {
+        states.flat_map(move |from| {
+            let log = self.alpha.log(from);
+            list(from).map(move |(to, log2)| (from, to, log + log2 * LN_2 + self.ratio[to]))
+        })
+    }
+
+    /// Adds moves from logarithms, which sum to one with the probability of others, up to their
+    /// digits: those of two likely moves may differ by the rounding of log-likelihoods of −1e15.
     #[cold]
-    fn add_logs_to(&self, counts: &mut MoveCounts, step: usize) -> Result<(), InferenceError> {
-        let logs = || self.log_moves_from(0..self.ratio.len());
-        let largest = logs().fold(f64::NEG_INFINITY, |most, (_, _, log)| most.max(log));
-        let sum = largest + logs().map(|(_, _, log)| (log - largest).exp()).sum::<f64>().ln();
+    fn add_logs_to<I: Iterator<Item = (usize, f64)>>(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+        list: impl Fn(usize) -> I,
+        others: f64,
+    ) -> Result<(), InferenceError> {
+        let logs = || self.log_moves(0..self.ratio.len(), &list);
+        let largest = logs().fold(others, |most, (_, _, log)| most.max(log));
+        let sum: f64 = logs().map(|(_, _, log)| (log - largest).exp()).sum();
+        let sum = largest + (sum + (others - largest).exp()).ln();
         let terms = (0..self.ratio.len())
             .map(|state| self.alpha.log(state))
             .chain(self.ratio.iter().copied());
@@ -92,4 +111,41 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         counts.add(logs().map(|(from, to, log)| Move { from, to, weight: (log - sum).exp() }));
         Ok(())
     }
+}
+
+impl<A: LearnTransition> Pairs<'_, A> {
+    /// Adds the moves of this step that learning counts to others, as [`add_to`](Self::add_to)
+    /// does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
+    /// sum of their row's part of A over the ratios.
+    pub(super) fn count_to(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+    ) -> Result<(), InferenceError> {
+        let (transition, states) = (self.transition, 0..self.ratio.len());
+        let restart = |to: usize| transition.restart_log2(self.control, to);
+        if !self.in_logs {
+            let from = states.clone().filter(|&from| self.alpha.linear[from] > 0.0);
+            let sum = counts.add(
+                from.flat_map(|from| self.out_of(from, transition.counted(self.control, from))),
+            );
+            let into = |to: usize| match restart(to) {
+                f64::NEG_INFINITY => 0.0,
+                log2 => log2.exp2() * self.ratio[to],
+            };
+            let restarts: f64 = states.map(into).sum();
+            let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
+            return one(sum + before * restarts * self.scale, step);
+        }
+        let sum = |logs: &mut dyn Iterator<Item = f64>| logs.fold(f64::NEG_INFINITY, log::add);
+        let restarts = sum(&mut states.clone().map(|to| restart(to) * LN_2 + self.ratio[to]));
+        let others = restarts + sum(&mut states.map(|from| self.alpha.log(from)));
+        let list = |from| transition.counted_log2(self.control, from);
+        self.add_logs_to(counts, step, list, others)
+    }
+}
+
+/// Checks the sum of the moves of a step.
+fn one(sum: f64, step: usize) -> Result<(), InferenceError> {
+    if range::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
 }

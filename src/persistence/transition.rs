@@ -53,7 +53,8 @@ stored! {
         inner: A = a.inner,
         keep: f64 = a.keep,
         restart: Vec<f64> = a.restart,
-    } => restarting(inner, keep, restart);
+        evidence: Option<f64> = a.evidence,
+    } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
 
     [A: Transition] OffMapTransition<A> in motion: [A], |a| {
         inner: A = a.inner,

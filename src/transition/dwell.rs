@@ -348,7 +348,7 @@ impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
 }
 
 /// log2(2^a + 2^b), rounded to the grid of scores.
-fn add_log2(a: f64, b: f64) -> f64 {
+pub(super) fn add_log2(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }
 }

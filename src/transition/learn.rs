@@ -9,7 +9,9 @@ use crate::error::TransitionError;
 /// [`DenseTransition`](crate::DenseTransition) have a free parameter for each
 /// entry above 0, [`TiedTransition`](crate::transition::TiedTransition) shares some of them,
 /// [`SwitchedTransition`](crate::transition::SwitchedTransition) learns each of its
-/// operators, and [`Fixed`](crate::Fixed) keeps any operator as it is.
+/// operators, [`RestartTransition`](crate::transition::RestartTransition) and
+/// [`EvidenceTransition`](crate::transition::EvidenceTransition) learn the operator within, and
+/// [`Fixed`](crate::Fixed) keeps any operator as it is.
 #[diagnostic::on_unimplemented(
     message = "`{Self}` does not say how it is learned",
     note = "to keep it as it is, wrap it in `wayfix::Fixed`"
@@ -26,6 +28,31 @@ pub trait LearnTransition: TransitionEntries + Sized {
     fn family(&self, control: &Self::Control) -> usize {
         let _ = control;
         0
+    }
+
+    /// Lists the entries out of a state whose moves are counted: all, by default, or those of A
+    /// less the same [restarts](Self::restart_log2) out of all states.
+    fn counted(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.outgoing(control, from)
+    }
+
+    /// Lists the same entries as powers of two, as
+    /// [`outgoing_log2`](TransitionEntries::outgoing_log2) does.
+    fn counted_log2(
+        &self,
+        control: &Self::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.outgoing_log2(control, from)
+    }
+
+    /// The part of row `to` of A that is the same for all states and not counted, as log2 p; −∞, the
+    /// default, if all moves are counted.
+    ///
+    /// An iteration of learning then takes O(counted entries + n) a step, where there are n² moves.
+    fn restart_log2(&self, control: &Self::Control, to: usize) -> f64 {
+        let _ = (control, to);
+        f64::NEG_INFINITY
     }
 
     /// Returns the operator that makes these moves most probable, with `pseudo_count` added to the

@@ -124,6 +124,18 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
         control
     }
 
+    fn counted(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].counted(&(), from)
+    }
+
+    fn counted_log2(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.operators[control].counted_log2(&(), from)
+    }
+
+    fn restart_log2(&self, &control: &usize, to: usize) -> f64 {
+        self.operators[control].restart_log2(&(), to)
+    }
+
     fn reestimate(
         &self,
         counts: &[MoveCounts],

@@ -1,20 +1,32 @@
 //! A vehicle that may turn up anywhere.
 
+use std::f64::consts::LOG2_E;
 use std::ops::Add;
 
-use super::{Transition, TransitionEntries, best_of, check_probability, log, merge, scaled};
+use super::dwell::add_log2;
+use super::{LearnTransition, MoveCounts, Transition, TransitionEntries};
+use super::{best_of, check_probability, log, merge, scaled};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
+
+/// Largest entry taken in linear space.
+const LARGEST: f64 = 1e300;
 
 /// An operator with random restarts: (1 − ε) A + ε r 1'. For a
 /// vehicle that was towed, carried by a ferry, or lost.
 ///
 /// With probability `rate` ε a step draws its state from `restart` r, wherever it came from.
-/// Products cost O(n) more than those of A.
 ///
-/// Rows of states that r reaches are dense: their entries take O(n) to list. Viterbi does not
-/// list them: O(entries of A + n) a step.
+/// If A has [evidence on moves](Transition::evidence), such as odometry, a restart has a likelihood
+/// of its own, the same for all: [`with_evidence`](Self::with_evidence). The evidence belongs
+/// inside: an [`EvidenceTransition`](super::EvidenceTransition) around a restart takes restarts
+/// for moves, and evaluates its likelihood for all n² of them.
+///
+/// Products, and so filters and smoothers, cost O(n) more than those of A. Viterbi takes
+/// O(entries of A + n) a step. But r reaches its states from everywhere: routines that list single
+/// moves take O(n) for each of them, up to n² a step, and
+/// [`expected_moves`](crate::Hmm::expected_moves) returns up to n² numbers.
 ///
 /// ```
 /// use wayfix::transition::RestartTransition;
@@ -36,6 +48,8 @@ pub struct RestartTransition<A> {
     /// ε r, and its logarithms.
     pub(crate) restart: Vec<f64>,
     log2_restart: Vec<f64>,
+    /// ln p(u) at a restart.
+    pub(crate) evidence: Option<f64>,
 }
 
 impl<A: Transition> RestartTransition<A> {
@@ -59,6 +73,30 @@ impl<A: Transition> RestartTransition<A> {
         Ok(Self::from_parts(inner, 1.0 - rate, restart))
     }
 
+    /// Sets the log-likelihood of [evidence on moves](Transition::evidence) at a restart: such as
+    /// −ln 500 for a distance that may then be anything up to 500 m.
+    ///
+    /// By default it is the log factor that the inner operator takes out of its likelihoods. If
+    /// that is the largest, any measurement is as likely at a restart as for the best move.
+    ///
+    /// # Errors
+    ///
+    /// [`TransitionError::Parameter`] unless it is finite.
+    pub fn with_evidence(self, log_likelihood: f64) -> Result<Self, TransitionError> {
+        self.with_optional_evidence(Some(log_likelihood))
+    }
+
+    pub(crate) fn with_optional_evidence(
+        self,
+        evidence: Option<f64>,
+    ) -> Result<Self, TransitionError> {
+        if let Some(value) = evidence.filter(|log| !log.is_finite()) {
+            let what = "the log-likelihood of evidence at a restart".to_owned();
+            return Err(TransitionError::Parameter { what, value, expected: "a finite number" });
+        }
+        Ok(Self { evidence, ..self })
+    }
+
     /// The operator without restarts.
     #[must_use]
     pub fn inner(&self) -> &A {
@@ -68,7 +106,7 @@ impl<A: Transition> RestartTransition<A> {
     /// Builds the operator from 1 − ε and ε r, which the caller has checked.
     pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
         let log2_restart = restart.iter().map(|&r| log2(r)).collect();
-        Self { inner, keep, restart, log2_restart }
+        Self { inner, keep, restart, log2_restart, evidence: None }
     }
 
     /// The entries of ε r above 0.
@@ -83,6 +121,38 @@ impl<A: Transition> RestartTransition<A> {
     ) -> impl Iterator<Item = (usize, f64)> {
         entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
     }
+
+    /// The same as logarithms.
+    fn kept_log2(
+        &self,
+        entries: impl Iterator<Item = (usize, f64)>,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let keep = log2(self.keep);
+        entries
+            .map(move |(state, log2)| (state, keep + log2))
+            .filter(|entry| entry.1 > f64::NEG_INFINITY)
+    }
+
+    /// All states if a restart leads to this one, else none.
+    fn origins(&self, to: usize) -> std::ops::Range<usize> {
+        if self.restart[to] > 0.0 { 0..self.restart.len() } else { 0..0 }
+    }
+
+    /// Logarithm of the factor of restarts at a step; 0 without evidence.
+    fn log_factor(&self, control: &A::Control) -> f64 {
+        let log = |taken_out: f64| self.evidence.map_or(0.0, |log| log - taken_out);
+        self.inner.evidence(control).map_or(0.0, log)
+    }
+
+    /// The same as a power of two, on the grid of scores.
+    fn log2_factor(&self, control: &A::Control) -> f64 {
+        kernels::on_grid(self.log_factor(control) * LOG2_E)
+    }
+}
+
+/// A product that is 0 if either factor is, even with an infinite other one.
+fn times(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }
 
 impl<A: Transition> Transition for RestartTransition<A> {
@@ -98,21 +168,21 @@ impl<A: Transition> Transition for RestartTransition<A> {
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.inner.apply(control, x, out);
-        let total = kernels::sum(x);
+        let restarting = times(kernels::sum(x), self.log_factor(control).exp());
         for (out, restart) in out.iter_mut().zip(&self.restart) {
-            *out = self.keep * *out + restart * total;
+            *out = times(self.keep, *out) + times(*restart, restarting);
         }
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.inner.apply_transpose(control, x, out);
-        let restarted = kernels::dot(&self.restart, x);
-        out.iter_mut().for_each(|out| *out = self.keep * *out + restarted);
+        let restarted = times(kernels::dot(&self.restart, x), self.log_factor(control).exp());
+        out.iter_mut().for_each(|out| *out = times(self.keep, *out) + restarted);
     }
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.inner.apply_log(control, x, out);
-        let total = log::sum((0..x.len()).map(|j| (j, 1.0)), x);
+        let total = self.log_factor(control) + log::sum((0..x.len()).map(|j| (j, 1.0)), x);
         for (out, restart) in out.iter_mut().zip(&self.restart) {
             *out = log::add(self.keep.ln() + *out, restart.ln() + total);
         }
@@ -120,28 +190,67 @@ impl<A: Transition> Transition for RestartTransition<A> {
 
     fn apply_transpose_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.inner.apply_transpose_log(control, x, out);
-        let restarted = log::sum(self.restarts(), x);
+        let restarted = self.log_factor(control) + log::sum(self.restarts(), x);
         out.iter_mut().for_each(|out| *out = log::add(self.keep.ln() + *out, restarted));
     }
 
+    fn evidence(&self, control: &A::Control) -> Option<f64> {
+        self.inner.evidence(control)
+    }
+
+    fn needs_logs(&self, control: &A::Control) -> bool {
+        let log = self.log_factor(control);
+        let in_range = |p: f64| (f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
+        self.inner.needs_logs(control)
+            || (log != 0.0 && !self.restarts().all(|entry| in_range(entry.1)))
+    }
+
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
-        super::refuse_evidence(&self.inner, control, "RestartTransition")
+        self.inner.check_control(control)
     }
 }
 
 impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let restart = self.restart[to];
-        let from = if restart > 0.0 { 0..self.states() } else { 0..0 };
-        merge(
-            self.kept(self.inner.incoming(control, to)),
-            from.map(move |j| (j, restart)),
-            f64::add,
-        )
+        let restart = times(self.restart[to], self.log_factor(control).exp());
+        let restarts = self.origins(to).map(move |j| (j, restart)).filter(|entry| entry.1 > 0.0);
+        merge(self.kept(self.inner.incoming(control, to)), restarts, f64::add)
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        merge(self.kept(self.inner.outgoing(control, from)), self.restarts(), f64::add)
+        let factor = self.log_factor(control).exp();
+        let restarts = self.restarts().map(move |(i, restart)| (i, restart * factor));
+        let restarts = restarts.filter(|entry| entry.1 > 0.0);
+        merge(self.kept(self.inner.outgoing(control, from)), restarts, f64::add)
+    }
+
+    // Without evidence, an entry is the logarithm of a sum, as that of a stored matrix would be, so
+    // that the same paths tie. With evidence it is the sum of logarithms, of any size.
+
+    fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        let measured = self.inner.evidence(control).is_some();
+        let sums = (!measured).then(|| self.incoming(control, to).map(|(j, p)| (j, log2(p))));
+        let logs = measured.then(|| {
+            let restart = self.log2_restart[to] + self.log2_factor(control);
+            let restarts = self.origins(to).map(move |j| (j, restart));
+            merge(self.kept_log2(self.inner.incoming_log2(control, to)), restarts, add_log2)
+        });
+        sums.into_iter().flatten().chain(logs.into_iter().flatten())
+    }
+
+    fn outgoing_log2(
+        &self,
+        control: &A::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let measured = self.inner.evidence(control).is_some();
+        let sums = (!measured).then(|| self.outgoing(control, from).map(|(i, p)| (i, log2(p))));
+        let logs = measured.then(|| {
+            let factor = self.log2_factor(control);
+            let restarts = self.restarts().map(move |(i, _)| (i, self.log2_restart[i] + factor));
+            merge(self.kept_log2(self.inner.outgoing_log2(control, from)), restarts, add_log2)
+        });
+        sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
@@ -150,15 +259,27 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         // the state at ε r_i too changes no maximum, and if the offer ties, so does the entry.
         // Hence the first of all best states, and those with an entry, are enough.
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
+        let measured = self.inner.evidence(control).is_some();
+        let (keep, factor) = (log2(self.keep), self.log2_factor(control));
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let restart = self.restart[i];
-            let mut best = (self.log2_restart[i] + most, first);
-            for (j, p) in self.inner.incoming(control, i) {
-                let p = self.keep * p + restart;
-                if log2_bound(p) + x[j] >= best.0 {
-                    let value = log2(p) + x[j];
-                    if value > best.0 || (value == best.0 && j < best.1 as usize) {
-                        best = (value, j as u32);
+            let restart = self.log2_restart[i] + factor;
+            let mut best = (restart + most, first);
+            let mut offer = |value: f64, j: usize| {
+                if value > best.0 || (value == best.0 && j < best.1 as usize) {
+                    best = (value, j as u32);
+                }
+                best.0
+            };
+            if measured {
+                for (j, p) in self.inner.incoming_log2(control, i) {
+                    offer(add_log2(keep + p, restart) + x[j], j);
+                }
+            } else {
+                let mut least = restart + most;
+                for (j, p) in self.inner.incoming(control, i) {
+                    let p = self.keep * p + self.restart[i];
+                    if log2_bound(p) + x[j] >= least {
+                        least = offer(log2(p) + x[j], j);
                     }
                 }
             }
@@ -167,7 +288,54 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 }
 
+/// Re-estimates the inner operator, and keeps the rate and the states of restarts. O(moves of the
+/// inner operator + n) a step and of memory.
+impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
+    fn families(&self) -> usize {
+        self.inner.families()
+    }
+
+    fn family(&self, control: &A::Control) -> usize {
+        self.inner.family(control)
+    }
+
+    fn counted(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.kept(self.inner.counted(control, from))
+    }
+
+    fn counted_log2(
+        &self,
+        control: &A::Control,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        self.kept_log2(self.inner.counted_log2(control, from))
+    }
+
+    fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
+        let within = log2(self.keep) + self.inner.restart_log2(control, to);
+        add_log2(self.log2_restart[to] + self.log2_factor(control), within)
+    }
+
+    fn reestimate(
+        &self,
+        counts: &[MoveCounts],
+        pseudo_count: f64,
+    ) -> Result<Self, TransitionError> {
+        let inner = self.inner.reestimate(counts, pseudo_count)?;
+        let again = Self::from_parts(inner, self.keep, self.restart.clone());
+        again.with_optional_evidence(self.evidence)
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        self.inner.log_prior(pseudo_count)
+    }
+
+    fn free_parameters(&self) -> usize {
+        self.inner.free_parameters()
+    }
+}
+
 /// Upper bound of log2 p, from the exponent alone: most entries need no more.
-pub(super) fn log2_bound(p: f64) -> f64 {
+fn log2_bound(p: f64) -> f64 {
     (p.to_bits() >> 52) as f64 - 1022.0
 }

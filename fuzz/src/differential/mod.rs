@@ -41,7 +41,7 @@ fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let controls = vec![(); scene.drives.iter().map(Vec::len).max().unwrap_or(0)];
     for (drive, chain) in scene.drives.iter().zip(&chains).take(3) {
         one(draw, &hmm, &controls[..drive.len()], drive, chain, counts);
-        pruned::check(draw, &hmm, scene, drive, chain, counts);
+        pruned::check(draw, &hmm, scene, (&controls[..drive.len()], drive), chain, counts);
     }
     batches::check(&hmm, &scene.drives, &chains, counts);
     learning::check(draw, scene, &operator, &matrix, &chains, counts);
@@ -64,7 +64,7 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
         };
         let chain = Chain::new(scene, moves, drive);
         one(draw, &hmm, &controls, drive, &chain, counts);
-        beam(draw, &hmm, &controls, drive, &chain, counts);
+        pruned::check(draw, &hmm, scene, (&controls, drive), &chain, counts);
     }
 }
 
@@ -84,18 +84,6 @@ fn one<A: TransitionEntries<Control: Clone + PartialEq>>(
     paths::check(draw, hmm, &sequence, chain, counts);
 }
 
-fn beam<A: TransitionEntries>(
-    draw: &mut Draw<'_>,
-    hmm: &Hmm<A, Sensor>,
-    controls: &[A::Control],
-    drive: &[Observation],
-    chain: &Chain,
-    counts: &mut Counts,
-) {
-    let sequence = Controlled::new(controls, drive).expect("a control each");
-    pruned::beam(draw, hmm, &sequence, chain, counts);
-}
-
 /// The result, if the reference has one; or else the same error at the same step.
 fn expect<R>(
     what: &str,
@@ -103,21 +91,25 @@ fn expect<R>(
     chain: &Chain,
     counts: &mut Counts,
 ) -> Option<R> {
-    match (result, chain.stop) {
-        (Ok(result), None) => Some(result),
-        (
-            Err(InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step }),
-            Some(Stop::Impossible(expected)),
-        )
-        | (Err(InferenceError::Likelihood { step, .. }), Some(Stop::Invalid(expected)))
-            if step == expected =>
-        {
-            counts.add("errors");
-            None
-        }
+    let (error, stop) = match (result, chain.stop) {
+        (Ok(result), None) => return Some(result),
         (Ok(_), Some(stop)) => panic!("{what}: a result, expected {stop:?}"),
-        (Err(error), stop) => panic!("{what}: {error} ({error:?}), expected {stop:?}"),
-    }
+        (Err(error), stop) => (error, stop),
+    };
+    assert!(stops(&error, stop), "{what}: {error} ({error:?}), expected {stop:?}");
+    counts.add("errors");
+    None
+}
+
+/// True if an error is that which the reference expects, at the same step.
+fn stops(error: &InferenceError, expected: Option<Stop>) -> bool {
+    expected.is_some_and(|stop| match *error {
+        InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
+            stop.is_impossible(step)
+        }
+        InferenceError::Likelihood { step, .. } => stop.is_invalid(step),
+        _ => false,
+    })
 }
 
 /// A sequence of any kind.

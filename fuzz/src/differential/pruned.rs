@@ -2,28 +2,28 @@
 
 use wayfix::inference::Pruning;
 use wayfix::likelihood::{LocalLikelihood, SparseObservation};
-use wayfix::{Hmm, InferenceError, SparseLikelihood, TransitionEntries};
+use wayfix::{Controlled, Hmm, InferenceError, Sequence, SparseLikelihood, TransitionEntries};
 
-use super::{Drive, close, paths};
+use super::{close, paths, stops};
 use crate::counts::Counts;
 use crate::draw::Draw;
 use crate::model::{Observation, Scene, Sensor};
-use crate::operators::Plain;
-use crate::reference::{Chain, Stop};
+use crate::reference::Chain;
 
 /// What the reference itself may be wrong by.
 const ROUNDING: f64 = 1e-12;
 
-pub(super) fn check(
+pub(super) fn check<A: TransitionEntries + Clone>(
     draw: &mut Draw<'_>,
-    hmm: &Hmm<Plain, Sensor>,
+    hmm: &Hmm<A, Sensor>,
     scene: &Scene,
-    drive: &[Observation],
+    (controls, drive): (&[A::Control], &[Observation]),
     chain: &Chain,
     counts: &mut Counts,
 ) {
-    filter(draw, hmm, drive, chain, counts);
-    beam(draw, hmm, &drive, chain, counts);
+    filter(draw, hmm, (controls, drive), chain, counts);
+    let sequence = Controlled::new(controls, drive).expect("a control each");
+    beam(draw, hmm, &sequence, chain, counts);
     if scene.logs {
         return;
     }
@@ -31,8 +31,9 @@ pub(super) fn check(
     let Some(lists) = lists else { return };
     let sensor = SparseLikelihood::new(scene.states);
     let hmm = Hmm::new(scene.prior(), hmm.transition().clone(), sensor).expect("a model");
-    filter(draw, &hmm, &lists, chain, counts);
-    beam_of(draw, &hmm, &lists, chain, counts);
+    filter(draw, &hmm, (controls, &lists), chain, counts);
+    let sequence = Controlled::new(controls, &lists).expect("a control each");
+    beam(draw, &hmm, &sequence, chain, counts);
 }
 
 /// The same as a list of states that are more likely than the others.
@@ -45,10 +46,10 @@ fn list(scene: &Scene, observation: &Observation) -> Option<SparseObservation> {
     Some(SparseObservation::new(above.collect(), least).expect("valid likelihoods"))
 }
 
-fn filter<B: LocalLikelihood<Observation: Sized>>(
+fn filter<A: TransitionEntries, B: LocalLikelihood<Observation: Sized>>(
     draw: &mut Draw<'_>,
-    hmm: &Hmm<Plain, B>,
-    drive: &[B::Observation],
+    hmm: &Hmm<A, B>,
+    (controls, drive): (&[A::Control], &[B::Observation]),
     chain: &Chain,
     counts: &mut Counts,
 ) {
@@ -56,21 +57,14 @@ fn filter<B: LocalLikelihood<Observation: Sized>>(
     let most_active = draw.pick(&[usize::MAX, usize::MAX, 1, 2, 4]);
     let mut filter = hmm.pruned_filter(Pruning { tolerance, most_active });
     let mut log = 0.0;
-    for (step, observation) in (1..).zip(drive) {
+    for (step, (control, observation)) in (1..).zip(controls.iter().zip(drive)) {
         let before = (filter.active().to_vec(), filter.probabilities().to_vec());
-        let bound = match filter.step(observation) {
+        let bound = match filter.step_with(control, observation) {
             Ok(certificate) => certificate.bound(),
             Err(error) => {
-                let expected = match error {
-                    InferenceError::Impossible { .. } | InferenceError::ImpossibleMove { .. } => {
-                        Some(Stop::Impossible(step))
-                    }
-                    InferenceError::Likelihood { .. } => Some(Stop::Invalid(step)),
-                    InferenceError::Pruned { .. } => None,
-                    other => panic!("pruned_filter: {other}"),
-                };
-                let true_at_all = expected.is_none() || (chain.stop == expected);
-                assert!(true_at_all, "pruned_filter: {error}, expected {:?}", chain.stop);
+                let pruned = matches!(error, InferenceError::Pruned { .. });
+                let is_true = pruned || stops(&error, chain.stop);
+                assert!(is_true, "pruned_filter: {error}, expected {:?}", chain.stop);
                 let after = (filter.active().to_vec(), filter.probabilities().to_vec());
                 assert_eq!(after, before, "the pruned filter after an error");
                 counts.add("errors of the pruned filter");
@@ -98,21 +92,9 @@ fn filter<B: LocalLikelihood<Observation: Sized>>(
     }
 }
 
-fn beam_of<B: LocalLikelihood<Observation: Sized>>(
+fn beam<A: TransitionEntries, B: LocalLikelihood, S: Sequence<A::Control, B::Observation>>(
     draw: &mut Draw<'_>,
-    hmm: &Hmm<Plain, B>,
-    drive: &[B::Observation],
-    chain: &Chain,
-    counts: &mut Counts,
-) {
-    let width = draw.pick(&WIDTHS);
-    let exact = hmm.viterbi(drive).ok().map(wayfix::inference::ViterbiPath::into_states);
-    say(hmm.beam_viterbi(drive, width), width, exact.as_deref(), chain, counts);
-}
-
-pub(super) fn beam<A: TransitionEntries, S: Drive<A>>(
-    draw: &mut Draw<'_>,
-    hmm: &Hmm<A, Sensor>,
+    hmm: &Hmm<A, B>,
     sequence: &S,
     chain: &Chain,
     counts: &mut Counts,
@@ -134,16 +116,9 @@ fn say(
     let found = match found {
         Ok(found) => found,
         Err(error) => {
-            let expected = match error {
-                InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
-                    Some(Stop::Impossible(step))
-                }
-                InferenceError::Likelihood { step, .. } => Some(Stop::Invalid(step)),
-                InferenceError::Pruned { .. } if width < f64::INFINITY => None,
-                other => panic!("beam_viterbi, width {width}: {other}"),
-            };
-            let true_at_all = expected.is_none() || (chain.stop == expected);
-            assert!(true_at_all, "beam_viterbi: {error}, expected {:?}", chain.stop);
+            let pruned = matches!(error, InferenceError::Pruned { .. }) && width < f64::INFINITY;
+            let is_true = pruned || stops(&error, chain.stop);
+            assert!(is_true, "beam_viterbi: {error}, expected {:?}", chain.stop);
             return counts.add("errors of the beam");
         }
     };

@@ -59,7 +59,9 @@ fn plain(draw: &mut Draw<'_>, n: usize, range: Range, belief: Belief, counts: &m
             operator(draw, &tied, &(), counts);
         }
         3 => {
-            let restart = RestartTransition::new(base, rate, belief);
+            let log = draw.pick(&[0.0, -7.0, 900.0]);
+            let restart = RestartTransition::new(base, rate, belief)
+                .and_then(|restart| restart.with_evidence(log));
             // A product that underflows is refused.
             restart.ok().iter().for_each(|a| operator(draw, a, &(), counts));
         }
@@ -109,6 +111,8 @@ fn driven(draw: &mut Draw<'_>, n: usize, range: Range, counts: &mut Counts) {
         Driven::Distance(a, controls) => {
             operator::<DistanceTransition>(draw, &a, &controls[0], counts);
         }
+        // Functions are not stored.
+        Driven::Measured(..) | Driven::Restart(..) => {}
     }
 }
 

@@ -2,6 +2,7 @@
 //! hand.
 
 mod bounds;
+mod restarts;
 mod wide;
 
 use proptest::prelude::*;

@@ -151,6 +151,22 @@ proptest! {
     }
 
     #[test]
+    fn evidence_of_restarts_is_what_it_is_said_to_be(
+        ((m, logs, log_factor), r) in parts(5).prop_flat_map(|part| { let n = part.0.len(); (Just(part), distribution(false, n)) }),
+        rate in rate(false),
+        restart in prop_oneof![Just(None), (-9.0..3.0).prop_map(Some), Just(Some(-800.0))],
+    ) {
+        let a = driven(&m, &logs, log_factor);
+        let a = RestartTransition::new(a, rate, Belief::new(r.clone()).unwrap()).unwrap();
+        let a = match restart { Some(log) => a.with_evidence(log).unwrap(), None => a };
+        let (restart, moves) = (restart.unwrap_or(log_factor), joint(&m, &logs));
+        let expected = matrix(m.len(), |i, j| {
+            log_sum([(1.0 - rate).ln() + moves[i][j], (rate * r[i]).ln() + restart].into_iter())
+        });
+        check(&a, 1.0, &expected, true)?;
+    }
+
+    #[test]
     fn side_by_side_evidence_multiplies(first in parts(3), second in parts(3)) {
         let a = driven(&first.0, &first.1, first.2);
         let b = driven(&second.0, &second.1, second.2);
@@ -176,7 +192,6 @@ fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
 fn operators_that_cannot_take_evidence_refuse_it() {
     let a = || EvidenceTransition::new(still(1), |_: &f64, _, _| -1.0).unwrap();
     let one = || Belief::certain(1, 0).unwrap();
-    refused(RestartTransition::new(a(), 0.5, one()).unwrap(), "RestartTransition");
     refused(PowerTransition::new(a(), 2), "PowerTransition");
     refused(DwellTransition::new(a(), &[[1.0]]).unwrap(), "DwellTransition");
     let inner = EvidenceTransition::new(still(1), |(): &(), _, _| -1.0).unwrap();
@@ -184,4 +199,8 @@ fn operators_that_cannot_take_evidence_refuse_it() {
     assert!(matches!(twice, Err(TransitionError::Control(_))));
     let off = OffMapTransition::new(a(), 0.5, 0.5, one()).unwrap();
     assert!(matches!(off.with_evidence(f64::NAN), Err(TransitionError::Parameter { .. })));
+    let restart = RestartTransition::new(a(), 0.5, one()).unwrap();
+    let error = restart.with_evidence(f64::INFINITY).unwrap_err().to_string();
+    let expected = "the log-likelihood of evidence at a restart is inf, expected a finite number";
+    assert_eq!(error, expected);
 }

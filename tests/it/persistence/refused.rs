@@ -55,7 +55,7 @@ fn the_format_is_as_documented() {
     let restart = RestartTransition::new(still.clone(), 0.25, Belief::uniform(1).unwrap());
     assert_eq!(
         json(&restart.unwrap()),
-        format!(r#"{{"version":1,"inner":{within},"keep":0.75,"restart":[0.25]}}"#)
+        format!(r#"{{"version":1,"inner":{within},"keep":0.75,"restart":[0.25],"evidence":null}}"#)
     );
     assert_eq!(
         json(&KroneckerTransition::new(still.clone(), still.clone()).unwrap()),
