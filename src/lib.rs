@@ -83,7 +83,7 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
-//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
+//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With

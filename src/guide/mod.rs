@@ -1,5 +1,5 @@
 //! Guides: the formulas of every routine, the limits of its speed, and the ways from image
-//! descriptors to a position and from GPS points to a route.
+//! descriptors to a position, from GPS points to a route, and from odometry to a lost robot.
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
@@ -15,6 +15,9 @@ pub mod performance {}
 
 #[doc = include_str!("from_descriptors.md")]
 pub mod from_descriptors {}
+
+#[doc = include_str!("lost_robot.md")]
+pub mod lost_robot {}
 
 #[cfg(feature = "matching")]
 #[doc = include_str!("from_gps.md")]

@@ -156,7 +156,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// of p(X_{k-1}, X_k | y_1 … y_T).
     ///
     /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds one
-    /// number for each entry of A, never n × n for a sparse one.
+    /// number, in 24 bytes, for each entry of A, never n × n for a sparse one. But where a state is
+    /// reached from all others, as by a
+    /// [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB for 16,000 states.
+    /// [Learning](Self::expectations) does not need these moves, and counts those within.
     ///
     /// ```
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};

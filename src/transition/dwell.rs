@@ -18,7 +18,11 @@ use crate::kernels::{self, log2};
 /// vehicle leaves the place with a probability that depends on the age, and
 /// moves by the operator `moves`; a move to the same place resets the age.
 ///
-/// Products and steps of Viterbi cost O(states) and one of `moves`. Place
+/// Products and steps of Viterbi cost O(states) and one of `moves`. There are as many states as
+/// ages in all places, 600 for each place with stays of up to ten minutes in steps of a second:
+/// the operator has 48 bytes for each, a filter seven numbers or more, a snapshot 8 bytes, and
+/// [`expected_moves`](crate::Hmm::expected_moves) 24 for each of its moves, to an older age and to
+/// every place beside. Place
 /// sensors are lifted to states by
 /// [`GroupedLikelihood`](crate::likelihood::GroupedLikelihood), results brought back to
 /// places by [`groups`](Self::groups).

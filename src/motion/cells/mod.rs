@@ -60,9 +60,8 @@ use turns::Turns;
 /// [`with_evidence_at_ends`](Self::with_evidence_at_ends) counts it: what would drive on from an
 /// end is impossible. Columns then sum to less than one, which is
 /// [evidence on the move](Transition::evidence) with the costs that this has in a
-/// [`PrunedFilter`](crate::PrunedFilter), and a
-/// [`RestartTransition`](crate::transition::RestartTransition) does not take. Better is a map
-/// without such [ends](Self::ends). A dead end with a way back is none.
+/// [`PrunedFilter`](crate::PrunedFilter). Better is a map without such [ends](Self::ends). A dead
+/// end with a way back is none.
 ///
 /// A vehicle turns around at nodes only, and not between them. For one that may be carried
 /// elsewhere, put it into a [`RestartTransition`](crate::transition::RestartTransition).
