@@ -151,7 +151,9 @@ impl<S: AsRef<[f64]>> Belief<S> {
         self.probabilities.as_ref()
     }
 
-    /// Probability of one state, or `None` if the state does not exist.
+    /// Probability of one state, or `None` if the state does not exist. For the most probable state
+    /// with its probability, a plain number, use [`peak`](Self::peak); for the sum over
+    /// some states, [`mass`](Self::mass).
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
         self.values().get(state).copied()

@@ -41,7 +41,9 @@
 //! | [`Hmm::online_viterbi`] | [`OnlineViterbi`]: the final part of the most probable path |
 //!
 //! A stream is plain data: `snapshot` and `restore` copy it,
-//! [`to_bytes`](inference::FilterSnapshot::to_bytes) and `from_bytes` store it, exact to the bit.
+//! [`to_bytes`](inference::FilterSnapshot::to_bytes) and `from_bytes` store it, exact to the bit. A
+//! fixed-lag smoother under a control keeps the last controls, which it stores by a function of
+//! yours: [`to_bytes_with`](inference::FixedLagSnapshot::to_bytes_with) and `from_bytes_with`.
 //!
 //! For a **whole [`Sequence`]** of observations, or of observations with
 //! [controls](Controlled):
@@ -130,7 +132,11 @@
 //! - Learning the parameters of structured operators (a window's weights, dwell times, rates).
 //! - Continuous states (Kalman and particle filters).
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
-//! - `no_std`.
+//! - Silent states, which emit nothing and take no step: compose the moves through them into the
+//!   operator, as probabilities of going from one emitting state to the next. (A step without an
+//!   observation is something else: `predict`, or [`OptionalLikelihood`].)
+//! - Reading `.npy` files: a crate such as `npyz` does, and every input here is a slice.
+//! - `no_std`. WebAssembly works (tests run on `wasm32-wasip1`), on one thread.
 //!
 //! # Crate features
 //!

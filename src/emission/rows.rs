@@ -7,8 +7,8 @@ use crate::sequence::Sequence;
 
 /// A T × d matrix, row after row, as a sequence of T observations of d numbers.
 ///
-/// Borrows the values, so nothing is copied: a slice, or `as_slice()` of a row-major array of
-/// `ndarray`. [`lagged`](Self::lagged) gives each observation those before it, for autoregressive
+/// Borrows the values, so nothing is copied: a slice, `as_slice()` of a row-major array of
+/// `ndarray`, or the vector that a crate such as `npyz` reads from a `.npy` file (float64, C order). [`lagged`](Self::lagged) gives each observation those before it, for autoregressive
 /// families.
 ///
 /// ```

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::fmt;
 
-use super::{BeliefError, HmmError, InferenceError, TransitionError};
+use super::{BeliefError, HmmError, InferenceError, TableError, TransitionError};
 
 /// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
@@ -224,6 +224,12 @@ impl From<BeliefError> for LearnError {
 impl From<TransitionError> for LearnError {
     fn from(source: TransitionError) -> Self {
         Self::Transition(source)
+    }
+}
+
+impl From<TableError> for LearnError {
+    fn from(source: TableError) -> Self {
+        Self::Likelihood(Box::new(source))
     }
 }
 

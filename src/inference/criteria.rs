@@ -65,8 +65,7 @@ impl HeldOut {
 /// Candidates for a model, each with its criteria, as a table.
 ///
 /// ```
-/// use std::error::Error;
-/// use wayfix::inference::{LearningOptions, ModelSelection};
+/// use wayfix::inference::{LearnError, LearningOptions, ModelSelection};
 /// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 ///
 /// // One or two kinds of days? Umbrellas come in spells here.
@@ -80,13 +79,13 @@ impl HeldOut {
 ///     };
 ///     let (a, b) = (DenseTransition::from_rows(&rows)?, TableLikelihood::from_rows(&table)?);
 ///     let learned = Hmm::new(prior, a, b)?.learn(years, &LearningOptions::default())?;
-///     Ok::<_, Box<dyn Error + Send + Sync>>(learned)
+///     Ok::<_, LearnError>(learned) // errors of all parts of a model become one
 /// };
 /// let selection = ModelSelection::new([1, 2], &years, 3, learn)?;
 /// assert_eq!(selection.best_by_bic(), &2);
 /// assert_eq!(selection.best_held_out(), Some(&2));
 /// println!("{selection}"); // a line for each: parameters, log-likelihood, AIC, BIC, held out
-/// # Ok::<(), Box<dyn Error + Send + Sync>>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModelSelection<C> {

@@ -97,8 +97,9 @@ impl<B: LearnLikelihood> Expectations<B> {
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns the expectations of all sequences, added up, and the errors of those that have
-    /// none: the model rules them out, or they are not valid.
+    /// Returns a pair: the expectations of all sequences, added up, and the errors of those that
+    /// have none, since the model rules them out, or they are not valid. (Where
+    /// [`learn`](Self::learn) is enough, its result has both by name.)
     ///
     /// Cost and memory are those of an iteration of [`learn`](Self::learn), in parallel with the
     /// feature `rayon`, with the same result to the bit.

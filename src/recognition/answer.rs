@@ -86,6 +86,21 @@ impl Recognizer {
 
     /// Returns the probability of all places at most `within` from `place`; NaN if one of
     /// theirs is.
+    ///
+    /// `places` is a belief over places as a slice: that of [`Track::places`](super::Track::places)
+    /// or of a step of [`PlaceBeliefs`](super::PlaceBeliefs::get). An entry for off the map is
+    /// left out.
+    ///
+    /// ```
+    /// use wayfix::recognition::{Options, Recognizer};
+    ///
+    /// let recognizer = Recognizer::from_distances(3, Options::default())?;
+    /// let beliefs = recognizer.recording(&[[0.1, 0.9, 0.8]], &[])?.single();
+    /// let places = beliefs.get(0).ok_or("no such step")?;
+    /// let near = recognizer.mass_near(places.as_slice(), 0, 1);
+    /// assert!((near - places.mass(0..2)?).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     #[must_use]
     pub fn mass_near(&self, places: &[f64], place: usize, within: usize) -> f64 {
         let n = self.references().min(places.len());

@@ -173,6 +173,10 @@ impl Recording {
 
     /// Single-image beliefs: of each step, given its query alone and a uniform prior, at the
     /// temperature of single images. O(n) a step.
+    ///
+    /// A baseline: the share of its answers that are right, beside that of
+    /// [`filtered`](Self::filtered), is what motion adds. Its odds are those of the sensor, with
+    /// standardized references and all that a fit has learned of them.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
         let mut beliefs = PlaceBeliefs::new(&self.recognizer, self.steps());
