@@ -138,7 +138,10 @@ impl<A: LearnTransition> Pairs<'_, A> {
             return one(sum + before * restarts * self.scale, step);
         }
         let sum = |logs: &mut dyn Iterator<Item = f64>| logs.fold(f64::NEG_INFINITY, log::add);
-        let restarts = sum(&mut states.clone().map(|to| restart(to) * LN_2 + self.ratio[to]));
+        // The ratio of a state that nothing leads to may be no number.
+        let restarted = states.clone().map(|to| (to, restart(to) * LN_2));
+        let restarted = restarted.filter(|entry| entry.1 > f64::NEG_INFINITY);
+        let restarts = sum(&mut restarted.map(|(to, log)| log + self.ratio[to]));
         let others = restarts + sum(&mut states.map(|from| self.alpha.log(from)));
         let list = |from| transition.counted_log2(self.control, from);
         self.add_logs_to(counts, step, list, others)

@@ -138,7 +138,7 @@ where
         Ok(learned) => {
             assert!(!nothing, "learned from nothing");
             let out: Vec<usize> = learned.left_out().iter().map(|e| e.sequence).collect();
-            assert_eq!(out, failed, "sequences left out");
+            assert_eq!(out, failed, "sequences left out, {:?}", learned.left_out());
             Some(learned)
         }
         Err(LearnError::Nothing { .. }) if nothing => {
