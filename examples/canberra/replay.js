@@ -2,9 +2,8 @@
 // the most probable first, in whole units; so its first entry is its mode.
 
 const $ = (id) => document.getElementById(id);
-const { units, listed, places, settings } = JSON.parse($("data").textContent);
+const { units, listed, full, places, settings } = JSON.parse($("data").textContent);
 const ESTIMATORS = ["filter", "smoother"];
-const FULL = 70; // The radius of probability 1, in pixels of the map.
 const PAUSE = 800; // Milliseconds between steps.
 
 let drive;
@@ -69,7 +68,7 @@ function show() {
     const rows = [];
     for (let i = 0; i < belief.length; i += 2) {
       const [place, p] = [belief[i], belief[i + 1] / units];
-      radii[place] = FULL * Math.sqrt(p);
+      radii[place] = full * Math.sqrt(p);
       if (i < 2 * listed) rows.push(row(place, p, place === truth));
     }
     radii.forEach((radius, place) => {
