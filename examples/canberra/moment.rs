@@ -135,6 +135,7 @@ impl Moment {
             let clear: f64 = if place == self.seen { 21.0 } else { 8.0 };
             let away = 20.0 + clear.max(SCALE * FULL * p.sqrt());
             let ((x, y), (dx, dy)) = (scaled(layout.places[place]), directions[place]);
+            let away = away / dx.hypot(dy);
             let at = (x + (away * dx).round() as i32, y + (away * dy).round() as i32);
             let bold = TextStyle::from(("sans-serif", 24, FontStyle::Bold).into_font());
             let style = anchored(&bold.color(&BLACK), HPos::Center);
