@@ -145,16 +145,16 @@ pub(crate) fn draw_all(
 
 /// Draws means and intervals beside the paper's values.
 fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
-    let (left, right, top, step) = (190, 870, 62, 28);
+    let (left, right, top, step) = (230, 870, 66, 28);
     let x =
         |accuracy: f64| left + (f64::from(right - left) * (accuracy - 0.2) / 0.8).round() as i32;
-    area.draw(&Text::new("Accuracy over 50 steps", (20, 16), font(20)))?;
+    area.draw(&Text::new("Accuracy over 50 steps", (20, 16), font(24)))?;
     let bottom = top + SETTINGS.len() as i32 * (4 * step + 16) - 10;
     for tenth in 2..=10 {
         let at = x(f64::from(tenth) / 10.0);
         area.draw(&PathElement::new([(at, top - 14), (at, bottom)], RGBColor(220, 220, 220)))?;
         let label = format!("{:.1}", f64::from(tenth) / 10.0);
-        area.draw(&Text::new(label, (at, bottom + 14), anchored(&font(14), HPos::Center)))?;
+        area.draw(&Text::new(label, (at, bottom + 14), anchored(&font(17), HPos::Center)))?;
     }
     for (i, row) in rows.iter().enumerate() {
         let group = (i / 4) as i32;
@@ -162,10 +162,10 @@ fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
         let style = colour(row.estimator);
         if i % 4 == 0 {
             let name = format!("start {}, σ = {}", row.setting.initial, row.setting.sigma);
-            area.draw(&Text::new(name, (20, y), anchored(&font(14), HPos::Left)))?;
+            area.draw(&Text::new(name, (20, y), anchored(&font(17), HPos::Left)))?;
         }
         let name = row.estimator.to_string();
-        area.draw(&Text::new(name, (left - 14, y), anchored(&font(14), HPos::Right)))?;
+        area.draw(&Text::new(name, (left - 14, y), anchored(&font(17), HPos::Right)))?;
         let bar = [(x(row.lo95.max(0.2)), y - 5), (x(row.hi95), y + 5)];
         area.draw(&Rectangle::new(bar, style.mix(0.35).filled()))?;
         area.draw(&Circle::new((x(row.mean), y), 5, style.filled()))?;
@@ -175,11 +175,11 @@ fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
     }
     let y = 26;
     area.draw(&Rectangle::new([(400, y - 5), (450, y + 5)], GREY.mix(0.35).filled()))?;
-    area.draw(&Text::new("95% of drives", (458, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("95% of drives", (458, y), anchored(&font(17), HPos::Left)))?;
     area.draw(&Circle::new((590, y), 5, GREY.filled()))?;
-    area.draw(&Text::new("mean", (602, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("mean", (602, y), anchored(&font(17), HPos::Left)))?;
     area.draw(&diamond((670, y)))?;
-    area.draw(&Text::new("the paper (one drive)", (682, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("the paper (one drive)", (682, y), anchored(&font(17), HPos::Left)))?;
     Ok(())
 }
 

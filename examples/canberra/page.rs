@@ -24,12 +24,14 @@ table { border-collapse: collapse; margin: 1rem 0; }
 th, td { padding: .25rem .8rem; text-align: right; border-bottom: 1px solid var(--rule); }
 th { font-weight: normal; color: var(--soft); }
 th:first-child, td:first-child { text-align: left; }
+td { white-space: nowrap; }
 tbody th { background: var(--head); color: var(--ink); font-weight: bold; }
 figure { margin: 2.5rem 0; }
 /* Pictures have a white ground, on which they are readable in the dark, too. */
 img { max-width: 100%; height: auto; border: 1px solid var(--rule); background: #fff; }
 figcaption { color: var(--soft); }
 @media (max-width: 40rem) {
+  h1 { font-size: 1.5rem; }
   table { width: 100%; font-size: .85rem; }
   th, td { padding: .25rem .2rem; }
 }
@@ -50,10 +52,10 @@ pub(crate) fn html(rows: &[Row], figures: &[Figure], runs: NonZeroUsize, seed: u
          matrices are lost, so the map is taken from the real streets, and the probabilities \
          follow from stated rules. Neither model nor seed was chosen by the accuracies. The paper \
          gives one drive of {STEPS} steps for each figure; here are {runs} drives for each (seed \
-         {seed}).</p>\n<h2>Table 1</h2>\n<p>A drive starts at place 5 or 90. The camera names a wrong \
-         place now and then; σ is the standard deviation of the noise that is added to it, in \
-         numbers of places. The sensor alone takes what the camera names.</p>\n<table>\n<thead><tr>\
-         <th></th><th>mean accuracy (and its error)</th><th>95% of drives</th><th>paper</th></tr></thead>\n"
+         {seed}).</p>\n<h2>Table 1</h2>\n<p>A drive starts at place 5 or 90. At each step the \
+         sensor names a place, often a wrong one; σ is the standard deviation of the Gaussian part \
+         of its errors, in numbers of places. The sensor alone is what it names.</p>\n<table>\n<thead><tr>\
+         <th></th><th>mean accuracy ± standard error</th><th>95% of drives</th><th>paper</th></tr></thead>\n"
     ));
     for rows in rows.chunks(ESTIMATORS.len()) {
         put(format_args!("{}", setting(&rows[0])));

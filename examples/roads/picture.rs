@@ -1,10 +1,6 @@
 //! Pictures of roads and of a matched drive, as SVG.
 
-#![expect(
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    reason = "pixels are small numbers above 0"
-)]
+#![expect(clippy::cast_sign_loss, reason = "pixels are small numbers above 0")]
 
 use std::error::Error;
 use std::path::Path;
