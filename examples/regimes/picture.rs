@@ -112,7 +112,7 @@ impl Shown<'_> {
         Ok(chart)
     }
 
-    fn today<'a>(&self, chart: &mut Chart<'a>, [least, most]: [f64; 2]) -> Drawn {
+    fn today(&self, chart: &mut Chart<'_>, [least, most]: [f64; 2]) -> Drawn {
         let today = self.year.days.len() as f64;
         let line = [(today, least), (today, most)];
         chart.draw_series([PathElement::new(line, BLACK.stroke_width(2))])?;
@@ -120,7 +120,7 @@ impl Shown<'_> {
     }
 
     /// Draws quantiles of the days after the year.
-    fn fan<'a>(&self, chart: &mut Chart<'a>, days: &[[f64; 4]]) -> Drawn {
+    fn fan(&self, chart: &mut Chart<'_>, days: &[[f64; 4]]) -> Drawn {
         let first = self.year.days.len() as f64 + 0.5;
         for ((low, high), colour) in [(0, 3), (1, 2)].into_iter().zip(FAN) {
             let x = |day: usize| first + day as f64;
