@@ -102,7 +102,8 @@ const click = async (selector, across = 0.5) => {
 const open = async (fragment, page = url) => {
   await ask("Page.navigate", { url: "about:blank" });
   await ask("Page.navigate", { url: page + fragment });
-  while (!await value("document.readyState === 'complete' && location.protocol === 'file:'")) {
+  const arrived = `document.readyState === "complete" && location.href.startsWith(${JSON.stringify(page)})`;
+  while (!await value(arrived)) {
     await sleep(20);
   }
 };
@@ -254,7 +255,8 @@ async function accessible() {
     const x = left + 20 + part * (width - 40);
     await ask("Input.dispatchTouchEvent", { type, touchPoints: part === undefined ? [] : [{ x, y }] });
   }
-  const dragged = Number((await shown()).step.match(/^Step (\d+) of/)[1]);
+  // A finger that misses the slider may leave the page.
+  const dragged = Number(await value("document.querySelector('#step')?.value"));
   assert.ok(Math.abs(dragged - 25) <= 2, `dragged to step ${dragged}, not to the middle`);
   await ask("Emulation.setTouchEmulationEnabled", { enabled: false });
 }
