@@ -1,6 +1,7 @@
-// Opens replay.html in a headless browser, uses it by keyboard and pointer, and compares
-// what it shows with the CSV files beside it: node replay.mjs BROWSER FOLDER. Speaks the
-// DevTools protocol over a pipe, so that it needs nothing but node.
+// Opens replay.html in a headless browser, uses it by keyboard, pointer and finger, and compares
+// what it shows with the CSV files beside it; then checks that it and index.html fit screens and
+// are readable, light and dark: node replay.mjs BROWSER FOLDER. Speaks the DevTools protocol over
+// a pipe, so that it needs nothing but node.
 import assert from "node:assert/strict";
 import { spawn } from "node:child_process";
 import { mkdtempSync, mkdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
@@ -11,6 +12,7 @@ import { pathToFileURL } from "node:url";
 const [browser, folder] = process.argv.slice(2);
 const file = resolve(folder, "replay.html");
 const url = pathToFileURL(file).href;
+const index = pathToFileURL(resolve(folder, "index.html")).href;
 const csv = (name) => {
   const [head, ...lines] = readFileSync(join(folder, name), "utf8").trim().split("\n");
   const names = head.split(",");
@@ -38,7 +40,7 @@ const child = spawn(browser, [
 const late = setTimeout(() => {
   console.error("replay: the browser does not answer");
   child.kill("SIGKILL");
-}, 120_000);
+}, 300_000);
 
 child.once("exit", () => {
   for (const [, failed] of asked.values()) failed(new Error("the browser has ended"));
@@ -64,7 +66,9 @@ child.stdio[4].setEncoding("utf8").on("data", (more) => {
       problems.push(JSON.stringify(params.args));
     } else if (method === "Network.requestWillBeSent") {
       const { url: wanted } = params.request;
-      const own = wanted.startsWith(url) || wanted.startsWith("data:");
+      // The index shows pictures beside it, the replay is one file.
+      const beside = wanted.startsWith(new URL(".", index).href) && params.documentURL === index;
+      const own = wanted.startsWith(url) || wanted.startsWith("data:") || beside;
       if (!own) problems.push(`asks for ${wanted}`);
     }
   }
@@ -95,10 +99,11 @@ const click = async (selector, across = 0.5) => {
     await ask("Input.dispatchMouseEvent", { type, x, y, button: "left", clickCount: 1 });
   }
 };
-const open = async (fragment) => {
+const open = async (fragment, page = url) => {
   await ask("Page.navigate", { url: "about:blank" });
-  await ask("Page.navigate", { url: url + fragment });
-  while (!await value("document.readyState === 'complete' && location.protocol === 'file:'")) {
+  await ask("Page.navigate", { url: page + fragment });
+  const arrived = `document.readyState === "complete" && location.href.startsWith(${JSON.stringify(page)})`;
+  while (!await value(arrived)) {
     await sleep(20);
   }
 };
@@ -236,26 +241,116 @@ async function accessible() {
   })`);
   assert.ok(phone.width <= 390, `${phone.width} pixels wide on a phone of 390`);
   assert.deepEqual(phone.small, [], "too small to touch");
-  for (let step = 1; step <= 50; step++) {
+
+  // A finger on the slider's thumb, from the first step to the middle.
+  const [left, width, y] = await value(`(() => {
+    const it = document.querySelector("#step");
+    it.scrollIntoView({ block: "center" });
+    const box = it.getBoundingClientRect();
+    return [box.left, box.width, box.top + box.height / 2];
+  })()`);
+  assert.ok(width >= 0.9 * 390, `the slider has ${width} of 390 pixels`);
+  await ask("Emulation.setTouchEmulationEnabled", { enabled: true });
+  for (const [type, part] of [["touchStart", 0], ["touchMove", 0.2], ["touchMove", 0.5], ["touchEnd"]]) {
+    const x = left + 20 + part * (width - 40);
+    await ask("Input.dispatchTouchEvent", { type, touchPoints: part === undefined ? [] : [{ x, y }] });
+  }
+  // A finger that misses the slider may leave the page.
+  const dragged = Number(await value("document.querySelector('#step')?.value"));
+  assert.ok(Math.abs(dragged - 25) <= 2, `dragged to step ${dragged}, not to the middle`);
+  await ask("Emulation.setTouchEmulationEnabled", { enabled: false });
+}
+
+// On screens of a phone and a desk, light and dark: nothing wider than the screen, text that
+// stands out from its ground, and numbers of places that are apart from each other.
+async function screens() {
+  for (const width of [390, 1280]) {
+    await size(width, width < 600 ? 844 : 900, width < 600);
+    for (const scheme of ["light", "dark"]) {
+      const features = [{ name: "prefers-color-scheme", value: scheme }];
+      await ask("Emulation.setEmulatedMedia", { features });
+      for (const page of [index, url]) {
+        const where = `${page.split("/").pop()} at ${width} pixels, ${scheme}`;
+        await open("", page);
+        const { wide, dim, dark } = await value(`(() => {
+          const light = (colour) => {
+            const [r, g, b] = colour.match(/[0-9.]+/g).map((part) => part / 255)
+              .map((part) => part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4);
+            return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+          };
+          const ground = (it) => {
+            const colour = getComputedStyle(it).backgroundColor;
+            return /, 0\\)$/.test(colour) ? ground(it.parentElement) : colour;
+          };
+          const dim = [...document.querySelectorAll("p, a, td, th, dd, dt, label, button, select, figcaption, h1, h2, li, strong, span")]
+            .filter((it) => it.textContent.trim() && it.offsetParent).filter((it) => {
+              const [a, b] = [light(getComputedStyle(it).color), light(ground(it))].sort((a, b) => b - a);
+              return (a + 0.05) / (b + 0.05) < 4.5;
+            }).map((it) => it.outerHTML.slice(0, 80));
+          return { wide: document.documentElement.scrollWidth, dim,
+            dark: light(ground(document.body)) < 0.2 };
+        })()`);
+        assert.ok(wide <= width, `${where}: ${wide} pixels wide`);
+        assert.deepEqual(dim, [], `${where}: too little contrast`);
+        assert.equal(dark, scheme === "dark", where);
+      }
+    }
+    await open("");
+    await value("document.head.append(Object.assign(document.createElement('style'), { textContent: '* { transition: none !important }' }))");
     const overlaps = await value(`(() => {
-      const boxes = [...document.querySelectorAll(".named")].map((it) => it.getBoundingClientRect());
-      return boxes.flatMap((a, i) => boxes.slice(0, i).filter((b) =>
-        a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom)).length;
+      const found = new Set();
+      const choose = (id, i) => {
+        document.querySelector(id).selectedIndex = i;
+        document.querySelector(id).onchange();
+      };
+      for (let s = 0; s < document.querySelector("#setting").length; s++) {
+        choose("#setting", s);
+        for (let d = 0; d < document.querySelector("#drive").length; d++) {
+          choose("#drive", d);
+          for (let step = 1; step <= 50; step++) {
+            const slider = document.querySelector("#step");
+            slider.value = step;
+            slider.oninput();
+            const texts = [...document.querySelectorAll("#numbers text")].filter((it) =>
+              it.getBoundingClientRect().width > 0 && getComputedStyle(it).visibility === "visible");
+            const boxes = texts.map((it) => [it.textContent, it.getBoundingClientRect()]);
+            const map = document.querySelector("#map").getBoundingClientRect();
+            for (const [i, [name, a]] of boxes.entries()) {
+              if (a.left < map.left || a.right > map.right || a.top < map.top || a.bottom > map.bottom) {
+                found.add(name + " is cut");
+              }
+              for (const [other, b] of boxes.slice(0, i)) {
+                if (a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom) {
+                  found.add(name + " and " + other);
+                }
+              }
+            }
+          }
+        }
+      }
+      return [...found];
     })()`);
-    assert.equal(overlaps, 0, `numbers of places overlap at step ${step}`);
-    await press("ArrowRight");
+    assert.deepEqual(overlaps, [], `numbers of places at ${width} pixels overlap`);
   }
 }
 
 async function screenshots(into) {
   mkdirSync(into, { recursive: true });
-  for (const [name, width, height, mobile] of [["desktop", 1200, 900, false], ["phone", 390, 844, true]]) {
-    await size(width, height, mobile);
-    for (const [setting, drive, step] of [[1, 1, 1], [2, 3, 16], [3, 7, 40]]) {
-      await open(`#setting=${setting}&drive=${drive}&step=${step}`);
-      await sleep(400);
-      const { data } = await ask("Page.captureScreenshot", { captureBeyondViewport: true });
-      writeFileSync(join(into, `${name}-${setting}-${drive}-${step}.png`), data, "base64");
+  for (const width of [390, 1280]) {
+    await size(width, width < 600 ? 844 : 900, width < 600);
+    for (const scheme of ["light", "dark"]) {
+      const features = [{ name: "prefers-color-scheme", value: scheme }];
+      await ask("Emulation.setEmulatedMedia", { features });
+      for (const [page, fragment] of [
+        [index, ""], [url, "#setting=1&drive=1&step=1"], [url, "#setting=2&drive=3&step=16"],
+        [url, "#setting=3&drive=7&step=40"],
+      ]) {
+        await open(fragment, page);
+        await sleep(400);
+        const { data } = await ask("Page.captureScreenshot", { captureBeyondViewport: true });
+        const name = page === index ? "index" : fragment.match(/\d+/g).join("-");
+        writeFileSync(join(into, `${name}-${width}-${scheme}.png`), data, "base64");
+      }
     }
   }
 }
@@ -269,6 +364,7 @@ try {
   await keyboardAndPointer();
   await numbers();
   await accessible();
+  await screens();
   if (process.env.WAYFIX_SCREENSHOTS) await screenshots(process.env.WAYFIX_SCREENSHOTS);
   assert.deepEqual(problems, [], "errors on the page");
   console.log("replay: plays, and says what the tables say");

@@ -1,5 +1,4 @@
-//! Figures of the paper as SVG: the map, true and estimated places, the two matrices; and Table 1
-//! as intervals.
+//! Figures of the paper as SVG: the map, true and estimated places; and Table 1 as intervals.
 
 #![expect(clippy::cast_possible_wrap, reason = "pixels and places are small numbers")]
 
@@ -9,11 +8,13 @@ use std::path::Path;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use wayfix::canberra;
 use wayfix::map::{RoadClass, RoadMap};
-use wayfix::{SparseTransition, TransitionEntries, canberra};
 
 use crate::experiment::{Drive, Estimator, Row, SETTINGS, STEPS};
 use crate::layout::{self, Layout};
+use crate::matrix;
+use crate::moment::{self, Moment};
 
 /// A picture with its caption.
 pub(crate) struct Figure {
@@ -21,14 +22,14 @@ pub(crate) struct Figure {
     pub(crate) caption: String,
 }
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = Result<(), Box<dyn Error>>;
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Drawn = Result<(), Box<dyn Error>>;
 
 // Okabe and Ito's palette, which is safe for the colour-blind.
-const BLUE: RGBColor = RGBColor(0, 114, 178);
-const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
+pub(crate) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 const GREEN: RGBColor = RGBColor(0, 158, 115);
-const GREY: RGBColor = RGBColor(110, 110, 110);
+pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
 const RED: RGBColor = RGBColor(190, 30, 45);
 
 fn colour(estimator: Estimator) -> RGBColor {
@@ -40,11 +41,11 @@ fn colour(estimator: Estimator) -> RGBColor {
     }
 }
 
-fn font(size: i32) -> TextStyle<'static> {
+pub(crate) fn font(size: i32) -> TextStyle<'static> {
     TextStyle::from(("sans-serif", size).into_font()).color(&BLACK)
 }
 
-fn anchored(style: &TextStyle<'static>, horizontal: HPos) -> TextStyle<'static> {
+pub(crate) fn anchored(style: &TextStyle<'static>, horizontal: HPos) -> TextStyle<'static> {
     style.pos(Pos::new(horizontal, VPos::Center))
 }
 
@@ -66,6 +67,9 @@ pub(crate) fn draw_all(
             figures.push(Figure { file: file.to_owned(), caption });
             Ok(())
         };
+
+    let moment = Moment::of(&SETTINGS[0], seed)?;
+    draw("belief.svg", moment::SIZE, moment.caption(map), &|area| moment.draw(area, map))?;
 
     let caption = "Table 1 as distributions: the mean accuracy (dot) and the central 95% of single \
                    drives (bar), with the paper's figure (diamond), which is one drive.";
@@ -108,7 +112,13 @@ pub(crate) fn draw_all(
     let transition = canberra::turning().into_transition();
     let caption = "Fig. A: the transition matrix. Columns, the ways out of a place, sum to one.";
     draw("figA_transition.svg", (970, 860), caption.into(), &|area| {
-        matrix(area, "Transition matrix A", "from place", "to place", &entries(&transition))
+        matrix::draw(
+            area,
+            "Transition matrix A",
+            "from place",
+            "to place",
+            &matrix::entries(&transition),
+        )
     })?;
     let sensor = canberra::sensor(1.0)?;
     let diagonal = (0..canberra::PLACES).filter_map(|i| sensor.probability(i, i)).sum::<f64>();
@@ -122,28 +132,29 @@ pub(crate) fn draw_all(
         let places = 0..canberra::PLACES;
         let pairs = places.clone().flat_map(|y| places.clone().map(move |x| (y, x)));
         let values = pairs.filter_map(|(y, x)| Some((y, x, sensor.probability(x, y)?)));
-        matrix(area, "Observation matrix", "true place", "place seen", &values.collect::<Vec<_>>())
+        matrix::draw(
+            area,
+            "Observation matrix",
+            "true place",
+            "place seen",
+            &values.collect::<Vec<_>>(),
+        )
     })?;
     Ok(figures)
 }
 
-fn entries(transition: &SparseTransition) -> Vec<(usize, usize, f64)> {
-    let columns = 0..canberra::PLACES;
-    columns.flat_map(|j| transition.outgoing(&(), j).map(move |(i, p)| (i, j, p))).collect()
-}
-
 /// Draws means and intervals beside the paper's values.
 fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
-    let (left, right, top, step) = (190, 870, 62, 28);
+    let (left, right, top, step) = (230, 870, 66, 28);
     let x =
         |accuracy: f64| left + (f64::from(right - left) * (accuracy - 0.2) / 0.8).round() as i32;
-    area.draw(&Text::new("Accuracy over 50 steps", (20, 16), font(20)))?;
+    area.draw(&Text::new("Accuracy over 50 steps", (20, 16), font(24)))?;
     let bottom = top + SETTINGS.len() as i32 * (4 * step + 16) - 10;
     for tenth in 2..=10 {
         let at = x(f64::from(tenth) / 10.0);
         area.draw(&PathElement::new([(at, top - 14), (at, bottom)], RGBColor(220, 220, 220)))?;
         let label = format!("{:.1}", f64::from(tenth) / 10.0);
-        area.draw(&Text::new(label, (at, bottom + 14), anchored(&font(14), HPos::Center)))?;
+        area.draw(&Text::new(label, (at, bottom + 14), anchored(&font(17), HPos::Center)))?;
     }
     for (i, row) in rows.iter().enumerate() {
         let group = (i / 4) as i32;
@@ -151,10 +162,10 @@ fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
         let style = colour(row.estimator);
         if i % 4 == 0 {
             let name = format!("start {}, σ = {}", row.setting.initial, row.setting.sigma);
-            area.draw(&Text::new(name, (20, y), anchored(&font(14), HPos::Left)))?;
+            area.draw(&Text::new(name, (20, y), anchored(&font(17), HPos::Left)))?;
         }
         let name = row.estimator.to_string();
-        area.draw(&Text::new(name, (left - 14, y), anchored(&font(14), HPos::Right)))?;
+        area.draw(&Text::new(name, (left - 14, y), anchored(&font(17), HPos::Right)))?;
         let bar = [(x(row.lo95.max(0.2)), y - 5), (x(row.hi95), y + 5)];
         area.draw(&Rectangle::new(bar, style.mix(0.35).filled()))?;
         area.draw(&Circle::new((x(row.mean), y), 5, style.filled()))?;
@@ -164,11 +175,11 @@ fn table1(area: &Area<'_>, rows: &[Row]) -> Drawn {
     }
     let y = 26;
     area.draw(&Rectangle::new([(400, y - 5), (450, y + 5)], GREY.mix(0.35).filled()))?;
-    area.draw(&Text::new("95% of drives", (458, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("95% of drives", (458, y), anchored(&font(17), HPos::Left)))?;
     area.draw(&Circle::new((590, y), 5, GREY.filled()))?;
-    area.draw(&Text::new("mean", (602, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("mean", (602, y), anchored(&font(17), HPos::Left)))?;
     area.draw(&diamond((670, y)))?;
-    area.draw(&Text::new("the paper (one drive)", (682, y), anchored(&font(14), HPos::Left)))?;
+    area.draw(&Text::new("the paper (one drive)", (682, y), anchored(&font(17), HPos::Left)))?;
     Ok(())
 }
 
@@ -267,65 +278,6 @@ fn track(area: &Area<'_>, title: &str, drive: &Drive, shown: &[Estimator]) -> Dr
             chart.draw_series(points(estimate).into_iter().map(|at| Circle::new(at, 7, style)))?;
         }
         x += 200;
-    }
-    Ok(())
-}
-
-/// Draws a matrix as lightness: the lighter, the larger.
-fn matrix(
-    area: &Area<'_>,
-    title: &str,
-    columns: &str,
-    rows: &str,
-    entries: &[(usize, usize, f64)],
-) -> Drawn {
-    const CELL: i32 = 7;
-    let (left, top) = (80, 60);
-    let side = CELL * canberra::PLACES as i32;
-    let largest = entries.iter().map(|entry| entry.2).fold(0.0, f64::max);
-    let colour = |p: f64| ViridisRGB.get_color(p / largest);
-    area.draw(&Text::new(title.to_owned(), (left, 18), font(20)))?;
-    area.draw(&Rectangle::new([(left, top), (left + side, top + side)], colour(0.0).filled()))?;
-    for &(i, j, p) in entries.iter().filter(|entry| entry.2 > 1e-3) {
-        let (x, y) = (left + CELL * j as i32, top + CELL * i as i32);
-        area.draw(&Rectangle::new([(x, y), (x + CELL, y + CELL)], colour(p).filled()))?;
-    }
-    for place in [1, 15, 30, 45, 60, 75, 90, 105] {
-        let at = CELL * place - CELL / 2;
-        let label = Text::new(
-            place.to_string(),
-            (left + at, top + side + 14),
-            anchored(&font(14), HPos::Center),
-        );
-        area.draw(&label)?;
-        area.draw(&Text::new(
-            place.to_string(),
-            (left - 8, top + at),
-            anchored(&font(14), HPos::Right),
-        ))?;
-    }
-    let middle = side / 2;
-    area.draw(&Text::new(
-        columns.to_owned(),
-        (left + middle, top + side + 38),
-        anchored(&font(16), HPos::Center),
-    ))?;
-    let turned = font(16).transform(FontTransform::Rotate270);
-    area.draw(&Text::new(
-        rows.to_owned(),
-        (left - 58, top + middle),
-        anchored(&turned, HPos::Center),
-    ))?;
-    // Colour scale.
-    let (x, height) = (left + side + 30, 400);
-    for y in 0..height {
-        let p = largest * f64::from(height - y) / f64::from(height);
-        area.draw(&Rectangle::new([(x, top + y), (x + 24, top + y + 1)], colour(p).filled()))?;
-    }
-    for tenth in 0..=(largest * 10.0).floor() as i32 {
-        let p = f64::from(tenth) / 10.0;
-        let y = top + height - (f64::from(height) * p / largest).round() as i32;
-        area.draw(&Text::new(format!("{p:.1}"), (x + 32, y), anchored(&font(14), HPos::Left)))?;
     }
     Ok(())
 }

@@ -5,6 +5,10 @@ use wayfix::map::{RoadClass, RoadMap};
 pub(crate) const WIDTH: u32 = 1500;
 pub(crate) const HEIGHT: u32 = 1240;
 
+/// Distance from the middle of a number to roads and other numbers at which it is legible.
+const ROOM: f64 = 14.0;
+const FARTHER: f64 = 1.6;
+
 type Pixel = (i32, i32);
 
 /// Layout of the map in a picture of [`WIDTH`] by [`HEIGHT`] pixels.
@@ -56,8 +60,8 @@ impl Layout {
         Self { places, roads }
     }
 
-    /// Direction from each place, as a unit vector, in which its number is farthest from roads
-    /// and from the numbers before it. A number is `away` from its place.
+    /// Direction from each place in which its number, `away` from it, is farthest from roads and
+    /// from the numbers before it. The length is 1, or [`FARTHER`] where there is no room nearer.
     pub(crate) fn directions(&self, away: f64) -> Vec<(f64, f64)> {
         let mut numbers: Vec<(f64, f64)> = Vec::new();
         let mut directions = Vec::new();
@@ -71,11 +75,16 @@ impl Layout {
                     numbers.iter().map(|(x, y)| (0.6 * (here.0 - x).abs()).max((here.1 - y).abs()));
                 roads.chain(others).fold(f64::MAX, f64::min)
             };
-            let turns = (0..16).map(|sixteenth| f64::from(sixteenth) / 16.0);
-            let best = turns
-                .map(|turn| (turn * std::f64::consts::TAU).sin_cos())
-                .max_by(|&a, &b| clear(a).total_cmp(&clear(b)))
-                .unwrap_or((0.0, -1.0));
+            let best = |length: f64| {
+                let turns = (0..16).map(|sixteenth| f64::from(sixteenth) / 16.0);
+                turns
+                    .map(|turn| (turn * std::f64::consts::TAU).sin_cos())
+                    .map(|(dx, dy)| (length * dx, length * dy))
+                    .max_by(|&a, &b| clear(a).total_cmp(&clear(b)))
+                    .unwrap_or((0.0, -length))
+            };
+            let nearest = Some(best(1.0)).filter(|&near| clear(near) > ROOM);
+            let best = nearest.unwrap_or_else(|| best(FARTHER));
             numbers.push(at(best));
             directions.push(best);
         }

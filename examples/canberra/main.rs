@@ -12,6 +12,8 @@
 mod experiment;
 mod figures;
 mod layout;
+mod matrix;
+mod moment;
 mod page;
 mod replay;
 
@@ -90,20 +92,20 @@ fn print_tables(rows: &[Row], runs: NonZeroUsize, seed: u64) {
         "A reconstruction of Table 1: accuracy over {STEPS} steps, {runs} drives a setting, seed {seed}.\n\
          The central 95% are of single drives, as each figure of the paper is one.\n"
     );
-    println!("initial  sigma  estimator     mean  std.err.  central 95%    paper");
+    println!("start  sigma  estimator        mean  std.err.  central 95%    paper");
     for row in rows {
         let Setting { initial, sigma, .. } = row.setting;
         let paper = row.paper().map_or(String::from("-"), |paper| format!("{paper:.2}"));
         println!(
-            "{initial:7}  {sigma:5}  {:<9}  {:7.4}  {:8.4}  {:.2} to {:.2}  {paper:>7}",
+            "{initial:5}  {sigma:5}  {:<12}  {:7.4}  {:8.4}  {:.2} to {:.2}  {paper:>7}",
             row.estimator, row.mean, row.std_error, row.lo95, row.hi95
         );
     }
-    println!("\ninitial  sigma  estimator  error: hops  metres  drives that are legal");
+    println!("\nstart  sigma  estimator     error: hops  metres  drives that are legal");
     for row in rows {
         let Setting { initial, sigma, .. } = row.setting;
         println!(
-            "{initial:7}  {sigma:5}  {:<9}  {:11.3}  {:6.1}  {:20.1}%",
+            "{initial:5}  {sigma:5}  {:<12}  {:11.3}  {:6.1}  {:20.1}%",
             row.estimator,
             row.hops,
             row.metres,
@@ -132,7 +134,7 @@ fn write_table1(path: &Path, rows: &[Row], runs: NonZeroUsize) -> Result<(), csv
             row.setting.sigma.to_string(),
             STEPS.to_string(),
             runs.to_string(),
-            row.estimator.to_string(),
+            row.estimator.column(),
             format!("{:.6}", row.mean),
             format!("{:.6}", row.std_error),
             format!("{:.2}", row.lo95),
@@ -146,7 +148,7 @@ fn write_table1(path: &Path, rows: &[Row], runs: NonZeroUsize) -> Result<(), csv
 /// Writes one line per drive, numbered from 1, with the accuracy of each estimator.
 fn write_drives(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
     let mut file = csv::Writer::from_path(path)?;
-    let estimators = ESTIMATORS.map(|estimator| estimator.to_string());
+    let estimators = ESTIMATORS.map(Estimator::column);
     file.write_record(
         ["initial", "sigma", "drive"].into_iter().map(String::from).chain(estimators),
     )?;
@@ -175,7 +177,7 @@ fn write_errors(path: &Path, rows: &[Row]) -> Result<(), csv::Error> {
         file.write_record([
             row.setting.initial.to_string(),
             row.setting.sigma.to_string(),
-            row.estimator.to_string(),
+            row.estimator.column(),
             format!("{:.6}", row.hops),
             format!("{:.3}", row.metres),
             format!("{:.6}", row.legal),
@@ -190,13 +192,20 @@ impl std::fmt::Display for Setting {
     }
 }
 
+impl Estimator {
+    /// Name in CSV files.
+    fn column(self) -> String {
+        self.to_string().to_lowercase().replace(' ', "_")
+    }
+}
+
 impl std::fmt::Display for Estimator {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.pad(match self {
-            Self::Raw => "raw",
+            Self::Raw => "sensor alone",
             Self::Filter => "filter",
             Self::Smoother => "smoother",
-            Self::Viterbi => "viterbi",
+            Self::Viterbi => "Viterbi",
         })
     }
 }

@@ -2,10 +2,12 @@
 // the most probable first, in whole units; so its first entry is its mode.
 
 const $ = (id) => document.getElementById(id);
-const { units, listed, places, settings } = JSON.parse($("data").textContent);
+const { units, listed, full, places, settings } = JSON.parse($("data").textContent);
 const ESTIMATORS = ["filter", "smoother"];
-const FULL = 70; // The radius of probability 1, in pixels of the map.
 const PAUSE = 800; // Milliseconds between steps.
+
+// Directions of a number and distances from its place, the preferred first.
+const TURNS = [1, 1.4, 1.8].flatMap((far) => [0, 1, 7, 2, 6, 3, 5, 4].map((eighth) => [eighth, far]));
 
 let drive;
 let timer = null;
@@ -69,7 +71,7 @@ function show() {
     const rows = [];
     for (let i = 0; i < belief.length; i += 2) {
       const [place, p] = [belief[i], belief[i + 1] / units];
-      radii[place] = FULL * Math.sqrt(p);
+      radii[place] = full * Math.sqrt(p);
       if (i < 2 * listed) rows.push(row(place, p, place === truth));
     }
     radii.forEach((radius, place) => {
@@ -109,32 +111,48 @@ function show() {
     `#setting=${$("setting").value}&drive=${$("drive").value}&step=${k + 1}`), 300);
 }
 
-/// Sets off the numbers of some places, each turned around its place until it
-/// is clear of those before it.
+/// Sets off the numbers of some places, each turned around its place until it is clear of those
+/// before it, of the edge and, if possible, of the marks; other numbers give way.
 function label(some) {
-  for (const text of document.querySelectorAll(".named")) {
-    text.classList.remove("named");
+  for (const text of $("numbers").children) {
+    text.classList.remove("named", "covered");
     turn(text, 0);
   }
+  const map = $("map").getBoundingClientRect();
+  const marks = ["truth", "sighting"].map((id) => $(id).getBoundingClientRect());
   const taken = [];
   for (const place of new Set(some)) {
     const text = $("numbers").children[place];
     text.classList.add("named");
-    [0, 1, 7, 2, 6, 3, 5, 4, 0].find((eighth) => {
-      turn(text, eighth);
-      return !taken.some((box) => overlap(box, text.getBoundingClientRect()));
-    });
-    taken.push(text.getBoundingClientRect());
+    let best = { cost: Infinity };
+    for (const [eighth, far] of TURNS) {
+      turn(text, eighth, far);
+      const box = text.getBoundingClientRect();
+      const cost = 10 * taken.filter((other) => overlap(other, box)).length
+        + 10 * (within(map, box) ? 0 : 1) + marks.filter((mark) => overlap(mark, box)).length;
+      if (cost < best.cost) best = { cost, eighth, far, box };
+      if (cost === 0) break;
+    }
+    turn(text, best.eighth, best.far);
+    taken.push(best.box);
+  }
+  for (const text of $("numbers").children) {
+    if (text.classList.contains("named")) continue;
+    const box = text.getBoundingClientRect();
+    text.classList.toggle("covered", taken.some((other) => overlap(other, box)));
   }
 }
 
-function turn(text, eighth) {
+function turn(text, eighth, far = 1) {
   const [x, y] = text.dataset.direction.split(" ").map(Number);
+  if (text.classList.contains("named")) far /= Math.hypot(x, y);
   const [cos, sin] = [Math.cos(eighth * Math.PI / 4), Math.sin(eighth * Math.PI / 4)];
-  text.style.setProperty("--x", x * cos - y * sin);
-  text.style.setProperty("--y", x * sin + y * cos);
+  text.style.setProperty("--x", far * (x * cos - y * sin));
+  text.style.setProperty("--y", far * (x * sin + y * cos));
 }
 
+const within = (whole, part) => whole.left <= part.left && part.right <= whole.right
+  && whole.top <= part.top && part.bottom <= whole.bottom;
 const overlap = (a, b) =>
   a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 
@@ -206,10 +224,15 @@ $("setting").onchange = $("drive").onchange = stop(() => {
   $("step").value = 1;
   showDrive();
 });
-$("strip").onclick = stop((event) => {
+const point = stop((event) => {
   const { left, width } = $("strip").getBoundingClientRect();
   goTo(Math.floor(((event.clientX - left) / width) * steps()));
 });
+$("strip").onpointerdown = (event) => {
+  $("strip").setPointerCapture(event.pointerId);
+  point(event);
+};
+$("strip").onpointermove = (event) => { if (event.buttons) point(event); };
 document.onkeydown = (event) => {
   const { target, key } = event;
   const own = target.matches("select")

@@ -15,8 +15,10 @@ use crate::layout::{Layout, RoadLine};
 const DRIVES: usize = 10;
 /// Least probability that the page includes, except that the most probable places that it lists
 /// are always included.
-const LEAST: f64 = 0.001;
+pub(crate) const LEAST: f64 = 0.001;
 const LISTED: usize = 5;
+/// Radius of the circle of probability 1, in pixels of the layout.
+pub(crate) const FULL: f64 = 70.0;
 /// Probabilities are written in units of 1 / `UNITS`.
 const UNITS: f64 = 10_000.0;
 
@@ -37,6 +39,7 @@ pub(crate) fn html(map: &RoadMap, runs: NonZeroUsize, seed: u64) -> Result<Strin
     let data = json!({
         "units": UNITS,
         "listed": LISTED,
+        "full": FULL,
         "places": places.collect::<Vec<_>>(),
         "settings": settings.collect::<Result<Vec<Value>, Box<dyn Error>>>()?,
     });

@@ -73,7 +73,9 @@ pub(crate) fn run(
                     Ok(matched) => {
                         output.write(&matched.lines).map_err(|e| cannot_write(out, e))?;
                         if let Some(drawn) = &matched.picture {
-                            let title = format!("Drive {picture}");
+                            let title = format!(
+                                "Drive {picture}: GPS points, and the route that was found"
+                            );
                             let file = out.join("drive.svg");
                             draw_drive(&file, &title, matcher.network(), drawn)
                                 .map_err(|e| cannot_write(out, e))?;

@@ -8,6 +8,7 @@
 //! The data are simulated from three regimes, so that the answers can be compared with the truth:
 //! no market is as simple.
 
+mod forecast;
 mod market;
 mod picture;
 
@@ -22,7 +23,9 @@ use wayfix::emission::{CovarianceType, Gaussian, GaussianPrior, starts};
 use wayfix::inference::{LearnError, LearnedModel, LearningOptions, ModelSelection};
 use wayfix::{DenseTransition, Hmm};
 
+use forecast::{FUTURES, Forecast};
 use market::Year;
+use picture::Shown;
 
 /// Random starts of each model.
 const STARTS: usize = 5;
@@ -110,24 +113,38 @@ fn choose(years: &[Year], seed: u64) -> Result<ModelSelection<usize>, LearnError
     selection
 }
 
+/// Names of regimes in ascending order of their volatility.
+fn names(states: usize) -> Vec<String> {
+    let known: &[&str] = match states {
+        2 => &["calm", "panic"],
+        3 => &["calm", "nervous", "panic"],
+        _ => &[],
+    };
+    let name = |state: usize| known.get(state).map(ToString::to_string);
+    (0..states)
+        .map(|state| name(state).unwrap_or_else(|| format!("regime {}", state + 1)))
+        .collect()
+}
+
 /// Prints the regimes and what the days after the last may bring, and draws them.
 fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(), Box<dyn Error>> {
     let all: Vec<&Year> = years.iter().collect();
     let model = ordered(learn(states, &all, seed)?.model())?;
-    println!("regime   mean return   volatility   volume   days at a time");
-    for state in 0..states {
+    println!("regime     mean return   volatility   volume   days at a time");
+    let (names, mut volatilities) = (names(states), Vec::new());
+    for (state, name) in names.iter().enumerate() {
         let (Some(mean), Some(covariance)) =
             (model.likelihood().mean(state), model.likelihood().covariance(state))
         else {
             continue;
         };
         let days = 1.0 / (1.0 - model.transition().get(state, state));
+        let volatility = covariance[0].sqrt();
         println!(
-            "{state:>6}   {:>9.3} %   {:>8.3} %   {:>6.2}   {days:>14.1}",
-            mean[0],
-            covariance[0].sqrt(),
-            mean[1]
+            "{name:<8}   {:>9.3} %   {volatility:>8.3} %   {:>6.2}   {days:>14.1}",
+            mean[0], mean[1]
         );
+        volatilities.push(volatility);
     }
 
     let year = &years[years.len() - 1];
@@ -136,22 +153,30 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         smoothed.posteriors().iter().map(|belief| belief.as_slice().to_vec()).collect();
     let mut filter = model.filter();
     year.days.iter().try_for_each(|day| filter.step(day.as_slice()).map(|_| ()))?;
-    let forecast = (1..=AHEAD)
+    let ahead = (1..=AHEAD)
         .map(|days| Ok(filter.forecast(days)?.as_slice().to_vec()))
         .collect::<Result<Vec<Vec<f64>>, Box<dyn Error>>>()?;
     println!("\nprobabilities of the regimes, today and {AHEAD} days ahead:");
-    for (name, belief) in
-        [("today", &probabilities[probabilities.len() - 1]), ("then", &forecast[AHEAD - 1])]
+    for (day, belief) in
+        [("today", &probabilities[probabilities.len() - 1]), ("then", &ahead[AHEAD - 1])]
     {
-        let shares: Vec<String> = belief.iter().map(|p| format!("{p:.3}")).collect();
-        println!("{name:>6}   {}", shares.join("   "));
+        let shares = names.iter().zip(belief).map(|(name, p)| format!("{name} {p:.3}"));
+        println!("{day:>6}   {}", shares.collect::<Vec<String>>().join("   "));
+    }
+    let forecast = Forecast::new(&filter, AHEAD, seed);
+    println!("\ncentral 90% of {FUTURES} simulated futures:");
+    for (what, [low, .., high]) in [
+        ("return of the next day", forecast.returns[0]),
+        (&format!("return of the day {AHEAD} days ahead"), forecast.returns[AHEAD - 1]),
+        (&format!("return of all {AHEAD} days"), forecast.total[AHEAD - 1]),
+    ] {
+        println!("{what:<32}   {low:>6.2} % to {high:>5.2} %");
     }
 
     fs::create_dir_all(out)?;
     let mut table = csv::Writer::from_path(out.join("days.csv"))?;
-    let names = (0..states).map(|state| format!("regime_{state}"));
     let head = ["day", "return", "volume", "true_regime"].map(String::from);
-    table.write_record(head.into_iter().chain(names))?;
+    table.write_record(head.into_iter().chain(names.iter().map(|name| name.replace(' ', "_"))))?;
     for (day, ((seen, truth), belief)) in
         (1..).zip(year.days.iter().zip(&year.regimes).zip(&probabilities))
     {
@@ -159,7 +184,11 @@ fn describe(years: &[Year], states: usize, seed: u64, out: &PathBuf) -> Result<(
         table.write_record(values.into_iter().chain(belief.iter().map(f64::to_string)))?;
     }
     table.flush()?;
-    picture::draw(&out.join("regimes.svg"), year, &probabilities, &forecast)?;
+    let names = names.iter().zip(volatilities);
+    let names = names.map(|(name, volatility)| format!("{name}: {volatility:.1} % a day"));
+    let beliefs = probabilities.into_iter().chain(ahead).collect();
+    let shown = Shown { year, names: names.collect(), beliefs, forecast };
+    shown.draw(&out.join("regimes.svg"))?;
     println!("\nwritten: {0}/regimes.svg, {0}/days.csv", out.display());
     Ok(())
 }

@@ -1,10 +1,6 @@
 //! Pictures of roads and of a matched drive, as SVG.
 
-#![expect(
-    clippy::cast_possible_wrap,
-    clippy::cast_sign_loss,
-    reason = "pixels are small numbers above 0"
-)]
+#![expect(clippy::cast_sign_loss, reason = "pixels are small numbers above 0")]
 
 use std::error::Error;
 use std::path::Path;
@@ -22,25 +18,27 @@ pub(crate) type Drawn = Result<(), Box<dyn Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Pixel = (i32, i32);
 
-const WIDTH: f64 = 1000.0;
+const WIDTH: f64 = 860.0;
 const LEAST_HEIGHT: f64 = 420.0;
-const MOST_HEIGHT: f64 = 1000.0;
+const MOST_HEIGHT: f64 = 800.0;
 /// Height above the map for title and legend.
-const HEAD: f64 = 64.0;
+const HEAD: f64 = 76.0;
 const MARGIN: f64 = 24.0;
 
 pub(crate) const GREY: RGBColor = RGBColor(214, 214, 214);
-/// Colours of a route that has at least these probabilities, of Okabe and Ito's palette.
-const CERTAINTY: [(f64, &str, RGBColor); 3] = [
-    (0.9, "route, probability from 0.9", RGBColor(0, 114, 178)),
-    (0.5, "from 0.5", RGBColor(230, 159, 0)),
-    (0.0, "below", RGBColor(213, 94, 0)),
+/// Colours, of Okabe and Ito's palette, and widths of a route that has at least these
+/// probabilities.
+const CERTAINTY: [(f64, &str, RGBColor, u32); 3] = [
+    (0.9, "probability 0.9 or more", RGBColor(0, 114, 178), 4),
+    (0.5, "0.5 to 0.9", RGBColor(230, 159, 0), 7),
+    (0.0, "below 0.5", RGBColor(213, 94, 0), 10),
 ];
 const OFF_ROAD: RGBColor = RGBColor(204, 121, 167);
 
 /// Area in which a part of the Earth is drawn.
 pub(crate) struct Canvas<'a> {
     area: Area<'a>,
+    title: String,
     /// Pixel of a metre east and north of the corner.
     scale: f64,
     corner: Position,
@@ -86,10 +84,8 @@ impl<'a> Canvas<'a> {
         let area =
             SVGBackend::new(file, (WIDTH as u32, (HEAD + height) as u32)).into_drawing_area();
         area.fill(&WHITE)?;
-        area.draw(&Text::new(title.to_owned(), (24, 22), font(18, HPos::Left)))?;
-        let canvas = Self { area, scale, corner, cosine, offset, size };
-        canvas.draw_scale()?;
-        Ok(canvas)
+        let title = title.to_owned();
+        Ok(Self { area, title, scale, corner, cosine, offset, size })
     }
 
     fn pixel(&self, Position { latitude, longitude }: Position) -> Pixel {
@@ -139,15 +135,25 @@ impl<'a> Canvas<'a> {
         Ok(())
     }
 
-    /// Draws entries of a legend in a row: a line of the style beside each text.
-    pub(crate) fn legend(&self, entries: &[(&str, ShapeStyle)]) -> Drawn {
+    /// Draws title, scale and, in a row, a line of its style beside each text, over roads that
+    /// reach there. Returns where the row ends.
+    pub(crate) fn legend(&self, entries: &[(&str, ShapeStyle)]) -> Result<i32, Box<dyn Error>> {
+        let head = [(0, 0), (WIDTH as i32, HEAD as i32 - 2)];
+        self.area.draw(&Rectangle::new(head, WHITE.filled()))?;
+        self.area.draw(&Text::new(self.title.clone(), (24, 22), font(22, HPos::Left)))?;
+        self.draw_scale()?;
         let mut x = 24;
         for (text, style) in entries {
-            self.area.draw(&PathElement::new([(x, 48), (x + 26, 48)], *style))?;
-            self.area.draw(&Text::new((*text).to_owned(), (x + 32, 48), font(13, HPos::Left)))?;
-            x += 50 + 7 * text.chars().count() as i32;
+            self.area.draw(&PathElement::new([(x, 54), (x + 26, 54)], *style))?;
+            self.area.draw(&Text::new((*text).to_owned(), (x + 32, 54), font(17, HPos::Left)))?;
+            x += 48 + (6.7 * text.chars().count() as f64) as i32;
         }
-        Ok(())
+        Ok(x)
+    }
+
+    fn point(&self, at: Pixel) -> Drawn {
+        self.area.draw(&Circle::new(at, 5, WHITE.filled()))?;
+        Ok(self.area.draw(&Circle::new(at, 3, BLACK.filled()))?)
     }
 
     fn draw_scale(&self) -> Drawn {
@@ -161,7 +167,7 @@ impl<'a> Canvas<'a> {
         self.area.draw(&PathElement::new(ticks, BLACK.stroke_width(1)))?;
         let text =
             if metres < 1000.0 { format!("{metres} m") } else { format!("{} km", metres / 1000.0) };
-        Ok(self.area.draw(&Text::new(text, (left - 8, 21), font(13, HPos::Right)))?)
+        Ok(self.area.draw(&Text::new(text, (left - 8, 21), font(17, HPos::Right)))?)
     }
 
     pub(crate) fn finish(&self) -> Drawn {
@@ -250,12 +256,11 @@ pub(crate) fn draw_drive(
             continue;
         };
         let level = CERTAINTY.iter().find(|level| probability >= level.0);
-        let colour = level.map_or(BLACK, |level| level.2);
-        let line = line_between(network, edge, stretch.enter, stretch.exit);
-        canvas.line(&line, colour.stroke_width(3))?;
+        let style = level.map_or(BLACK.into(), |level| level.2.stroke_width(level.3));
+        canvas.line(&line_between(network, edge, stretch.enter, stretch.exit), style)?;
     }
     for point in drive.points() {
-        canvas.area.draw(&Circle::new(canvas.pixel(point.position), 2, BLACK.filled()))?;
+        canvas.point(canvas.pixel(point.position))?;
     }
     let ends = drive.route().first().zip(drive.route().last());
     for (text, position) in
@@ -263,15 +268,18 @@ pub(crate) fn draw_drive(
     {
         let (x, y) = canvas.pixel(position);
         let style = if text == "start" { BLACK.stroke_width(2) } else { BLACK.filled() };
-        canvas.area.draw(&Circle::new((x, y), 6, style))?;
-        canvas.area.draw(&Text::new(text, (x + 10, y - 14), font(13, HPos::Left)))?;
+        canvas.area.draw(&Circle::new((x, y), 8, style))?;
+        canvas.area.draw(&Text::new(text, (x + 10, y - 16), font(18, HPos::Left)))?;
     }
     let mut entries: Vec<(&str, ShapeStyle)> =
-        CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(3))).collect();
+        CERTAINTY.iter().map(|level| (level.1, level.2.stroke_width(level.3))).collect();
     if drive.route().iter().any(|stretch| stretch.edge.is_none()) {
         entries.push(("off the road", OFF_ROAD.stroke_width(3)));
     }
     entries.push(("roads", GREY.stroke_width(5)));
-    canvas.legend(&entries)?;
+    let end = canvas.legend(&entries)?;
+    canvas.point((end + 10, 54))?;
+    let text = Text::new("GPS points", (end + 22, 54), font(17, HPos::Left));
+    canvas.area.draw(&text)?;
     canvas.finish()
 }

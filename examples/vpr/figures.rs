@@ -12,12 +12,10 @@ use super::measures::Measured;
 use super::style::{self, Area, Drawn, GREY, Look, PALE, Pixel, anchored, font, shortened};
 
 const PANEL: i32 = 425;
-const HEAD: i32 = 62;
+const HEAD: i32 = 72;
 const LEGEND: i32 = 250;
 const GAP: i32 = 16;
-/// Largest width of a picture that is readable on a page.
-const WIDTH: i32 = 1100;
-/// Number of steps below which a bin is drawn pale.
+/// Number of steps below which a bin is not drawn.
 const FEW: usize = 10;
 
 /// A curve of a chart.
@@ -32,8 +30,6 @@ struct Axes {
     title: String,
     /// Side of the panel, in pixels.
     side: i32,
-    /// Space between the title and the plot, in pixels.
-    space: i32,
     labels: [&'static str; 2],
     /// End of the first axis.
     x_end: f64,
@@ -45,7 +41,7 @@ struct Axes {
 impl Axes {
     fn new(title: String, x: &'static str, y: &'static str) -> Self {
         let labels = [x, y];
-        Self { title, side: PANEL, space: 6, labels, x_end: 1.0, y_start: 0.0, diagonal: false }
+        Self { title, side: PANEL, labels, x_end: 1.0, y_start: 0.0, diagonal: false }
     }
 }
 
@@ -58,9 +54,9 @@ fn picture(
     let size = (width.unsigned_abs(), height.unsigned_abs());
     let area = SVGBackend::new(file, size).into_drawing_area();
     area.fill(&WHITE)?;
-    area.draw(&Text::new(title.to_owned(), (20, 14), font(20)))?;
+    area.draw(&Text::new(title.to_owned(), (20, 14), font(24)))?;
     let name = shortened(name, size.0 as usize / 8);
-    area.draw(&Text::new(name, (20, 40), font(14).color(&GREY)))?;
+    area.draw(&Text::new(name, (20, 44), font(17).color(&GREY)))?;
     with(&area)?;
     Ok(area.present()?)
 }
@@ -73,14 +69,14 @@ fn panel(
     axes: &Axes,
 ) -> Result<impl Fn((f64, f64)) -> Pixel, Box<dyn std::error::Error>> {
     let part = area.clone().shrink(corner, (axes.side, axes.side));
-    let title = Text::new(axes.title.clone(), (axes.side / 2 + 24, 8), anchored(15, HPos::Center));
+    let title = Text::new(axes.title.clone(), (axes.side / 2 + 24, 8), anchored(18, HPos::Center));
     part.draw(&title)?;
     let mut chart = ChartBuilder::on(&part)
-        .margin_top(18 + axes.space)
+        .margin_top(28)
         .margin_right(16)
         .margin_left(4)
-        .x_label_area_size(44)
-        .y_label_area_size(58)
+        .x_label_area_size(50)
+        .y_label_area_size(64)
         .build_cartesian_2d(0.0..axes.x_end, axes.y_start..1.0)?;
     let x_digits = usize::from(axes.x_end <= 5.0);
     let y_digits = if axes.y_start < 0.55 { 1 } else { 2 };
@@ -92,8 +88,8 @@ fn panel(
         .y_labels(6)
         .x_label_formatter(&|x| format!("{x:.x_digits$}"))
         .y_label_formatter(&|y| format!("{y:.y_digits$}"))
-        .axis_desc_style(font(15))
-        .label_style(font(13))
+        .axis_desc_style(font(18))
+        .label_style(font(16))
         .light_line_style(TRANSPARENT)
         .bold_line_style(PALE)
         .draw()?;
@@ -202,55 +198,53 @@ pub(crate) fn lags(
     curves(file, ["What waiting brings", name], &[(axes, lines.collect())])
 }
 
-/// Draws reliability diagrams, one panel for each tolerance and each method with probabilities.
+/// Draws the reliability diagrams of all methods with probabilities of their own, to the first
+/// tolerance, in one panel. (Viterbi's are the smoother's.)
 pub(crate) fn reliability(file: &Path, name: &str, measured: &[Measured]) -> Drawn {
-    let diagrams = |at: usize| {
-        measured.iter().filter_map(move |method| {
-            let score = method.scores.get(at)?;
-            Some((method, score.tolerance, score.reliability.as_ref()?))
+    let diagrams: Vec<_> = measured
+        .iter()
+        .filter(|method| method.method != "viterbi")
+        .filter_map(|method| {
+            let score = method.scores.first()?;
+            Some((&method.method, score.tolerance, score.reliability.as_ref()?))
         })
-    };
-    let (columns, side) = (3, WIDTH / 3);
-    let rows = diagrams(0).count().div_ceil(columns);
-    let tolerances = measured.first().map_or(0, |method| method.scores.len());
-    let size = (WIDTH, HEAD + 30 + (rows * tolerances) as i32 * (side + GAP));
+        .collect();
+    let side = 580;
     let title = "Reliability: how often is an answer of some probability right?";
-    picture(file, size, [title, name], |area| {
-        let note = format!(
-            "Marks grow with the steps of a bin, whose number is above; of fewer than {FEW} they \
-             are pale. Bars: 95% intervals, were steps independent."
-        );
-        area.draw(&Text::new(note, (20, 64), font(13)))?;
-        let panels = (0..tolerances).flat_map(|at| {
-            diagrams(at).enumerate().map(move |(number, of)| (at * rows * columns + number, of))
-        });
-        for (number, (method, tolerance, diagram)) in panels {
-            let (name, look) = style::of_method(&method.method);
-            let title = format!("{name}, {}", within(tolerance));
-            let x = "probability that the answer is right";
-            let axes = Axes::new(title, x, "fraction that is right");
-            let axes = Axes { side, space: 24, diagonal: true, ..axes };
-            let (column, row) = ((number % columns) as i32, (number / columns) as i32);
-            let at = panel(area, (column * side, HEAD + 30 + row * (side + GAP)), &axes)?;
+    picture(file, (side + LEGEND, HEAD + side), [title, name], |area| {
+        let tolerance = diagrams.first().map_or(0, |of| of.1);
+        let title = format!("{}, in bins of at least {FEW} steps", within(tolerance));
+        let axes =
+            Axes::new(title, "probability that the answer is right", "fraction that is right");
+        let axes = Axes { side, diagonal: true, ..axes };
+        let at = panel(area, (0, HEAD), &axes)?;
+        for (number, (method, _, diagram)) in diagrams.iter().enumerate() {
+            let (name, look) = style::of_method(method);
+            let bins: Vec<&ReliabilityBin> =
+                diagram.bins().iter().filter(|bin| bin.count() >= FEW).collect();
             let mark = |bin: &ReliabilityBin| at((bin.mean_probability(), bin.fraction_true()));
-            look.pale().path(area, &diagram.bins().iter().map(mark).collect::<Vec<_>>())?;
-            let most = diagram.bins().iter().map(ReliabilityBin::count).max().unwrap_or(1);
-            for bin in diagram.bins() {
-                let look = if bin.count() < FEW { look.pale() } else { look };
+            look.path(area, &bins.iter().map(|bin| mark(bin)).collect::<Vec<_>>())?;
+            for bin in bins {
                 let (low, high) = interval(bin);
-                let p = bin.mean_probability();
-                let bar = [at((p, low)), at((p, high))];
-                area.draw(&PathElement::new(bar, look.colour.stroke_width(1)))?;
-                let radius = 3.0 + 4.0 * (bin.count() as f64 / most as f64).sqrt();
-                look.sized_mark(area, mark(bin), radius)?;
-                let middle = 0.5 * (bin.lower() + bin.upper());
-                let above = (at((middle, 1.0)).0, at((0.0, 1.0)).1 - 14);
-                let count = match bin.count() {
-                    count if count < 10_000 => count.to_string(),
-                    count => format!("{}k", count / 1000),
-                };
-                area.draw(&Text::new(count, above, anchored(11, HPos::Center).color(&GREY)))?;
+                let bar = [low, high].map(|end| at((bin.mean_probability(), end)));
+                area.draw(&PathElement::new(bar, look.pale().colour.stroke_width(1)))?;
+                look.sized_mark(area, mark(bin), 5.0)?;
             }
+            let (x, y) = (side + 10, HEAD + 60 + 56 * number as i32);
+            look.legend(area, (x, y), name.to_owned())?;
+            let error = format!("calibration error {:.3}", diagram.expected_calibration_error());
+            area.draw(&Text::new(error, (x + 44, y + 22), anchored(16, HPos::Left).color(&GREY)))?;
+        }
+        let notes = [
+            "On the diagonal, it is right",
+            "as often as it says.",
+            "",
+            "Thin bars: 95% intervals,",
+            "were steps independent.",
+        ];
+        for (line, note) in notes.iter().enumerate() {
+            let y = HEAD + 90 + 56 * diagrams.len() as i32 + 22 * line as i32;
+            area.draw(&Text::new(*note, (side + 10, y), anchored(16, HPos::Left)))?;
         }
         Ok(())
     })

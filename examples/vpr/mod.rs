@@ -13,6 +13,7 @@ pub(crate) mod recording;
 mod saved;
 mod seqslam;
 pub(crate) mod settings;
+mod shades;
 pub(crate) mod style;
 pub(crate) mod synthetic;
 pub(crate) mod tables;
@@ -241,7 +242,8 @@ fn write(
     figures::precision_recall(&out.join("precision_recall.svg"), name, measured)?;
     figures::reliability(&out.join("reliability.svg"), name, measured)?;
     figures::lags(&out.join("lag.svg"), name, tolerances, &lags)?;
-    belief::draw(&out.join("belief.svg"), recording, &estimates.belief, &settings.fit_on)?;
+    let file = out.join("belief.svg");
+    belief::draw(&file, recording, &estimates.belief, &estimates.answers, &settings.fit_on)?;
     let [table, picture] = ["roc.csv", "roc.svg"].map(|file| out.join(file));
     if measured.iter().any(|method| method.roc.is_some()) {
         tables::write_roc(&table, measured)?;

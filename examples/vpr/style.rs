@@ -162,6 +162,6 @@ impl Look {
     pub(crate) fn legend(&self, area: &Area<'_>, (x, y): Pixel, text: String) -> Drawn {
         self.path(area, &[(x, y), (x + 34, y)])?;
         self.mark(area, (x + 17, y))?;
-        Ok(area.draw(&Text::new(text, (x + 44, y), anchored(14, HPos::Left)))?)
+        Ok(area.draw(&Text::new(text, (x + 44, y), anchored(17, HPos::Left)))?)
     }
 }
