@@ -2,9 +2,9 @@
 //! take to move its bytes.
 //!
 //! ```text
-//! cargo bench --features rayon --bench large
-//! WAYFIX_PLACES=10000000 cargo bench --features rayon --bench large
-//! WAYFIX_PLACES=10000000 cargo bench --features rayon --bench large -- single
+//! cargo bench -p wayfix-benches --features rayon --bench large
+//! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large
+//! WAYFIX_PLACES=10000000 cargo bench -p wayfix-benches --features rayon --bench large -- single
 //! ```
 //!
 //! With the argument `single` or `double` only the matrix with values of 32 or of 64

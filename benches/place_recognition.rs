@@ -2,8 +2,8 @@
 //! live steps of a filter along them.
 //!
 //! ```text
-//! cargo bench --bench place_recognition
-//! cargo bench --bench place_recognition --features faer
+//! cargo bench -p wayfix-benches --bench place_recognition
+//! cargo bench -p wayfix-benches --bench place_recognition --features faer
 //! ```
 //!
 //! For descriptors, the name says how many references there are, of which dimension; bytes per

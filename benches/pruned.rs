@@ -2,7 +2,7 @@
 //! of 27,143 and of 10,000,000 places, with the same drive and the same sensor.
 //!
 //! ```text
-//! cargo bench --bench pruned
+//! cargo bench -p wayfix-benches --bench pruned
 //! ```
 //!
 //! The country takes some 3 GB and half a minute. From anywhere, the first steps go

@@ -84,7 +84,7 @@
 //! | [`recognition`] | place recognition by images, from references and queries to answers, live and afterwards |
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
-//! | [`canberra`] | the paper's instance with 105 intersections, built from public items only |
+//! | `canberra` | the paper's instance with 105 intersections, built from public items only (feature `canberra`) |
 //! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
@@ -140,6 +140,8 @@
 //!
 //! # Crate features
 //!
+//! - **`canberra`**: the module `canberra`, the instance of the paper. Compiles in its places and roads,
+//!   which are under the Open Database Licence 1.0, as the crate otherwise is not.
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
 //!   road networks, `emission::Series` columns of numbers (with `emission`).
 //! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
@@ -160,6 +162,9 @@
 //! National University. Where the printed equation has an error, the docs of the item give the
 //! intended one.
 
+// Labels what a feature brings, on docs.rs.
+#![cfg_attr(docsrs, feature(doc_cfg))]
+
 mod belief;
 mod error;
 mod fixed;
@@ -171,6 +176,7 @@ mod range;
 mod reorder;
 mod sequence;
 
+#[cfg(feature = "canberra")]
 pub mod canberra;
 #[cfg(feature = "emission")]
 pub mod emission;

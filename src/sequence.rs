@@ -48,6 +48,14 @@ pub trait Sequence<U, Y: ?Sized> {
     fn observation(&self, step: usize) -> &Y;
 }
 
+/// Returns the order of sequences by their numbers of steps; equal ones stay in order. It takes
+/// numbers, since a sort is long, and would be compiled again for each type of sequence.
+pub(crate) fn by_length(steps: &[usize]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..steps.len()).collect();
+    order.sort_by_key(|&sequence| steps[sequence]);
+    order
+}
+
 impl<Y: ?Sized, T: Borrow<Y>> Sequence<(), Y> for [T] {
     fn steps(&self) -> usize {
         self.len()

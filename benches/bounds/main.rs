@@ -2,9 +2,9 @@
 //! routines beside the time that they can't do without.
 //!
 //! ```text
-//! cargo bench --bench bounds
-//! WAYFIX_GRAPH=path/to/folder cargo bench --bench bounds --features faer,rayon
-//! cargo bench --bench bounds -- dense
+//! cargo bench -p wayfix-benches --bench bounds
+//! WAYFIX_GRAPH=path/to/folder cargo bench -p wayfix-benches --bench bounds --features faer,rayon
+//! cargo bench -p wayfix-benches --bench bounds -- dense
 //! ```
 //!
 //! With faer there is a ceiling of operations, with rayon the largest map is on all

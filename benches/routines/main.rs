@@ -1,11 +1,11 @@
 //! Every routine on every model, for one sequence and for many:
 //!
 //! ```text
-//! cargo bench --bench routines
-//! cargo bench --bench routines -- viterbi
-//! cargo bench --bench routines -- 'dense 1000/smooth'
-//! cargo bench --bench routines -- /batch
-//! WAYFIX_GRAPH=path/to/folder cargo bench --bench routines -- metro
+//! cargo bench -p wayfix-benches --bench routines
+//! cargo bench -p wayfix-benches --bench routines -- viterbi
+//! cargo bench -p wayfix-benches --bench routines -- 'dense 1000/smooth'
+//! cargo bench -p wayfix-benches --bench routines -- /batch
+//! WAYFIX_GRAPH=path/to/folder cargo bench -p wayfix-benches --bench routines -- metro
 //! ```
 //!
 //! `benches/compare OLD [NEW]` holds two commits, or a commit and the working tree, against

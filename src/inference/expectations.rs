@@ -12,7 +12,7 @@ use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::kernels::LANES;
 use crate::likelihood::LearnLikelihood;
-use crate::sequence::Sequence;
+use crate::sequence::{Sequence, by_length};
 use crate::transition::{LearnTransition, MoveCounts};
 
 /// Expected statistics of the hidden states of sequences, given their observations: the E-step of
@@ -167,13 +167,15 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        let mut order = sequences.to_vec();
         let together = plan::for_learning(sequences.len()) == Engine::Lanes
             && self.transition().families() <= 1;
         let batch = if together { BatchModel::new(self) } else { None };
-        if batch.is_some() {
-            order.sort_by_key(|(_, sequence)| sequence.steps());
-        }
+        let order = if batch.is_some() {
+            let steps: Vec<usize> = sequences.iter().map(|(_, s)| s.steps()).collect();
+            by_length(&steps).into_iter().map(|i| sequences[i]).collect()
+        } else {
+            sequences.to_vec()
+        };
         for some in order.chunks(64) {
             let results = match &batch {
                 Some(batch) => {
@@ -195,7 +197,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 }
             }
         }
-        failed.sort_unstable_by_key(|error: &SequenceError| error.sequence);
+        sort(&mut failed);
         (sum, failed)
     }
 
@@ -283,4 +285,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             .map_err(LearnError::Likelihood)?;
         Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
     }
+}
+
+/// Sorts by the sequence. One function, since each model would instantiate a sort.
+fn sort(failed: &mut [SequenceError]) {
+    failed.sort_unstable_by_key(|error| error.sequence);
 }

@@ -11,7 +11,7 @@ use super::viterbi::ViterbiPath;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::likelihood::Likelihood;
-use crate::sequence::Sequence;
+use crate::sequence::{self, Sequence};
 use crate::transition::{Transition, TransitionEntries};
 
 /// # Many sequences
@@ -254,8 +254,8 @@ fn by_length<U, Y: ?Sized, S: Sequence<U, Y>, R>(
     sequences: &[S],
     chunks: impl FnOnce(std::vec::IntoIter<&S>, Collect<'_, R>) -> ControlFlow<Infallible>,
 ) -> Vec<Result<R, SequenceError>> {
-    let mut order: Vec<usize> = (0..sequences.len()).collect();
-    order.sort_by_key(|&sequence| sequences[sequence].steps());
+    let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
+    let order = sequence::by_length(&steps);
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
     let ordered: Vec<_> = order.iter().map(|&sequence| &sequences[sequence]).collect();
     let ControlFlow::Continue(()) = chunks(ordered.into_iter(), &mut |index, result| {

@@ -12,7 +12,7 @@ use crate::inference::plan::{self, CHUNKS_AHEAD, ChunkSize, Engine, GroupSize, S
 use crate::inference::posteriors::Part;
 use crate::kernels::{self, Aligned, Eight, LANES, Packed};
 use crate::likelihood::Likelihood;
-use crate::sequence::Sequence;
+use crate::sequence::{Sequence, by_length};
 use crate::transition::Transition;
 
 /// Room for results that a routine needs, beside what it returns.
@@ -164,8 +164,8 @@ where
     R: Send,
 {
     let (states, size) = (model.ones.len(), model.group_size(routine.room));
-    let mut order: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-    order.sort_by_key(|(_, sequence)| sequence.steps());
+    let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
+    let order: Vec<_> = by_length(&steps).into_iter().map(|i| (i, &sequences[i])).collect();
     let in_lanes = |group: &Group<'_, S>| {
         plan::for_sequences(group.sequences.len(), states) == Engine::Lanes
             && size.engine(group.longest) == Engine::Lanes
