@@ -209,7 +209,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is no sequence to learn from, a number of `learning` is not valid,
+    /// [`LearnError`] if there is no observation to learn from, a number of `learning` is not valid,
     /// a prior rules out what was learned, a part cannot be re-estimated the first time or
     /// then rules out a sequence, or the objective falls by more than a thousandth (which an
     /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
@@ -269,7 +269,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let (expected, left_out) = self.expect(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
         let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
-        if kept.is_empty() {
+        if kept.iter().all(|(_, sequence)| sequence.steps() == 0) {
             let sequences = sequences.len();
             return Err(LearnError::Nothing { sequences, first: left_out.into_iter().next() });
         }

@@ -8,7 +8,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use rand::RngExt;
 use wayfix::inference::{
-    Candidate, Expectations, LearnError, LearningOptions, ModelSelection, StopReason,
+    Candidate, Expectations, LabelledSequence, LearnError, LearningOptions, ModelSelection,
+    StopReason,
 };
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
@@ -57,7 +58,8 @@ proptest! {
     #[test]
     fn iterations_in_parts_equal_learning(
         seed: u64,
-        sequences in vec(vec(0..3_usize, 0..12), 1..30),
+        sequences in vec(vec(0..3_usize, 0..12), 1..30)
+            .prop_filter("observations", |all| all.iter().any(|one| !one.is_empty())),
         parts in 1..6_usize,
         pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
     ) {
@@ -383,6 +385,39 @@ fn free_parameters_are_counted() {
     assert_eq!((tied.parameters(), tied.free_parameters()), (2, 1));
     let switched = SwitchedTransition::new(vec![sparse.clone(), sparse]).unwrap();
     assert_eq!(switched.free_parameters(), 6);
+}
+
+#[test]
+fn no_observation_is_nothing_to_learn_from() {
+    let hmm = random_model(2, 3, 5);
+    let learning = LearningOptions::default();
+    let empty: [Vec<usize>; 2] = [vec![], vec![]];
+    for sequences in [&empty[..0], &empty] {
+        let error = hmm.learn(sequences, &learning).unwrap_err();
+        let expected = format!(
+            "there is no observation to learn from, in {} sequences given",
+            sequences.len()
+        );
+        assert_eq!(error.to_string(), expected);
+        let labelled: Vec<_> = sequences
+            .iter()
+            .map(|y| LabelledSequence { initial: None, states: &[], sequence: y })
+            .collect();
+        assert_eq!(hmm.learn_labelled(&labelled, &learning).unwrap_err().to_string(), expected);
+        let starts = [hmm.clone(), hmm.clone()];
+        let error = Hmm::learn_best(&starts, sequences, &learning, |_, _| ()).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+    }
+    // What fails beside what is empty is named.
+    let error = hmm.learn(&[vec![], vec![7]], &learning).unwrap_err().to_string();
+    assert!(
+        error
+            .starts_with("there is no observation to learn from, in 2 sequences given: sequence 1")
+    );
+    // Empty sequences beside others have no influence.
+    let (some, alone) = ([vec![], vec![0, 1, 2], vec![]], [vec![0, 1, 2]]);
+    let [some, alone] = [&some[..], &alone].map(|all| hmm.learn(all, &learning).unwrap());
+    assert!(near(some.objective(), alone.objective()));
 }
 
 #[test]
