@@ -59,7 +59,7 @@
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
 //! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a maximum-likelihood model, from sequences without or with labels |
 //! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::reestimate`] | the same from several starts; an iteration in parts |
-//! | [`Hmm::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
+//! | [`inference::LearnedModel::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
 //!
 //! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],
 //! [`Hmm::log_likelihood_map_all`] and [`Hmm::viterbi_map_all`] take any number from an iterator

@@ -176,20 +176,37 @@ fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Drive
     (Driven::Restart(restart, controls), matrices)
 }
 
+/// So many speeds in ascending order: usual ones, or any, some of them nearly equal and others far
+/// apart.
+fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
+    let usual = [0.0, 1.0, -0.4, 0.5, -1.0, 2.0, 0.25, 3.0, 0.95, 0.99];
+    let (even, farthest) = (draw.one_in(2), draw.pick(&[1.5, 4.0, 64.0]));
+    let mut grid: Vec<f64> = Vec::new();
+    while grid.len() < count {
+        let speed = match grid.last() {
+            Some(last) if draw.one_in(3) => last + draw.pick(&[1e-15, 1e-9, 0.01, 0.1]),
+            _ if even => draw.pick(&usual),
+            _ => farthest * (2.0 * draw.unit() - 1.0),
+        };
+        // Without bytes left, each draw is the first choice again.
+        let unlike = |speed: f64| grid.iter().all(|other| *other != speed);
+        let upwards = || (0..).map(f64::from).find(|speed| unlike(*speed));
+        let speed = if unlike(speed) && speed <= 64.0 { Some(speed) } else { upwards() };
+        grid.extend(speed);
+    }
+    grid.sort_by(f64::total_cmp);
+    grid
+}
+
 /// A route with `n` states: of `n` places at one speed, or of fewer at several, or off the
 /// map.
 fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
     let fits: Vec<usize> = (1..=3).filter(|layers| n.is_multiple_of(*layers)).collect();
     let layers = draw.pick(&fits);
     let (places, off_map) = (n / layers, layers > 1 && draw.one_in(2));
-    let grids: [&[&[f64]]; 3] = [
-        &[&[0.0], &[1.0], &[-0.4]],
-        &[&[0.0, 1.0], &[-1.0, 2.0], &[0.25, 0.5]],
-        &[&[0.0, 0.5, 1.0], &[-1.0, 0.0, 3.0]],
-    ];
-    let grid = draw.pick(grids[layers - usize::from(off_map) - 1]);
+    let grid = grid(draw, layers - usize::from(off_map));
     let (nearby, anywhere) = draw.pick(&[(0.01, 0.005), (0.5, 0.25), (0.0, 0.0), (0.0, 1.0)]);
-    let speeds = Speeds::new(grid)
+    let speeds = Speeds::new(&grid)
         .and_then(|speeds| speeds.with_changes(nearby, anywhere))
         .and_then(|speeds| speeds.with_slack(draw.pick(&[0.02, 0.0, 0.5])))
         .expect("valid speeds");

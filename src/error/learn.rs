@@ -31,7 +31,8 @@ impl Error for SequenceError {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum LearnError {
-    /// There is no sequence to learn from: none was given, or all of them failed.
+    /// There is no observation to learn from: no sequence was given, all are empty, or all that
+    /// are not failed.
     Nothing {
         /// Number of sequences given.
         sequences: usize,
@@ -143,7 +144,7 @@ impl fmt::Display for LearnError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Nothing { sequences, first } => {
-                write!(f, "there is no sequence to learn from, of {sequences} given")?;
+                write!(f, "there is no observation to learn from, in {sequences} sequences given")?;
                 first.iter().try_for_each(|first| write!(f, ": {first}"))
             }
             Self::Sequence(error) => fmt::Display::fmt(error, f),

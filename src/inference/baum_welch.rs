@@ -3,6 +3,7 @@
 
 use std::ops::ControlFlow;
 
+use super::criteria::Criteria;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::Hmm;
 use crate::likelihood::{LearnLikelihood, Likelihood};
@@ -105,6 +106,10 @@ pub struct LearnedModel<A, B> {
     reason: StopReason,
     cause: Option<LearnError>,
     left_out: Vec<SequenceError>,
+    /// Number of free parameters of the given model.
+    parameters: usize,
+    /// Number of observations that were not left out.
+    observations: usize,
 }
 
 impl<A, B> LearnedModel<A, B> {
@@ -140,6 +145,37 @@ impl<A, B> LearnedModel<A, B> {
     pub fn objective(&self) -> f64 {
         // The value of the given model is always there.
         self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
+    }
+
+    /// Number of free parameters: those of the model that was given
+    /// ([`Hmm::free_parameters`]), without its prior if that was
+    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, and the sooner
+    /// the longer it goes on; the parameters that they belong to were free all the same.
+    #[must_use]
+    pub fn free_parameters(&self) -> usize {
+        self.parameters
+    }
+
+    /// Information criteria of the model, from its [log-likelihood](Self::log_likelihood) and its
+    /// [free parameters](Self::free_parameters). Those of several models can be compared if they
+    /// were learned from the same sequences, and [left out](Self::left_out) the same.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # use wayfix::inference::LearningOptions;
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
+    /// let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
+    /// let learned = start.learn(&[[0, 0, 1, 1], [0, 1, 0, 1]], &LearningOptions::default())?;
+    /// let criteria = learned.criteria();
+    /// assert_eq!((criteria.parameters, criteria.observations), (1 + 2 + 2, 8));
+    /// assert!(criteria.bic() > criteria.aic());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn criteria(&self) -> Criteria {
+        let &Self { log_likelihood, parameters, observations, .. } = self;
+        Criteria { log_likelihood, parameters, observations }
     }
 
     fn stopped(self, reason: StopReason, cause: Option<LearnError>) -> Self {
@@ -209,7 +245,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] if there is no sequence to learn from, a number of `learning` is not valid,
+    /// [`LearnError`] if there is no observation to learn from, a number of `learning` is not valid,
     /// a prior rules out what was learned, a part cannot be re-estimated the first time or
     /// then rules out a sequence, or the objective falls by more than a thousandth (which an
     /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
@@ -269,15 +305,24 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let (expected, left_out) = self.expect(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
         let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
-        if kept.is_empty() {
+        let observations = kept.iter().map(|(_, sequence)| sequence.steps()).sum();
+        if observations == 0 {
             let sequences = sequences.len();
             return Err(LearnError::Nothing { sequences, first: left_out.into_iter().next() });
         }
         let log_likelihood = expected.log_likelihood();
         let objectives = vec![log_likelihood + self.log_prior(learning)];
-        let (model, reason) = (self.clone(), StopReason::Iterations);
-        let mut best =
-            LearnedModel { model, objectives, log_likelihood, reason, cause: None, left_out };
+        let of_prior = if learning.keep_prior { self.free_in_prior() } else { 0 };
+        let mut best = LearnedModel {
+            model: self.clone(),
+            objectives,
+            log_likelihood,
+            reason: StopReason::Iterations,
+            cause: None,
+            left_out,
+            parameters: self.free_parameters() - of_prior,
+            observations,
+        };
         let mut expected = expected;
         for iteration in 1..=learning.iterations {
             let model = match best.model.maximize(&expected, learning) {

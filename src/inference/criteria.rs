@@ -13,7 +13,7 @@ use crate::transition::LearnTransition;
 
 /// Information criteria of a model that was learned from sequences: lower is better.
 ///
-/// Made by [`Hmm::criteria`].
+/// Made by [`LearnedModel::criteria`], and for models from elsewhere by [`Hmm::criteria`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// Log-likelihood of the observations, L.
@@ -140,7 +140,8 @@ impl<C> ModelSelection<C> {
         for candidate in candidates {
             let all: Vec<&S> = sequences.iter().collect();
             let learned = learn(&candidate, &all)?;
-            let criteria = learned.model().criteria(&all)?;
+            let parameters = learned.free_parameters();
+            let criteria = Criteria { parameters, ..learned.model().criteria(&all)? };
             let (held_out, failed) = match folds {
                 0 | 1 => (None, 0),
                 _ => {
@@ -268,29 +269,45 @@ where
 }
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Number of free parameters: those of the prior (its states above 0 less one), of the
-    /// transition operator and of the sensor. Parts that are [`Fixed`](crate::Fixed) have none.
+    /// Number of parameters that learning from this model may change: those of the prior (its
+    /// states above 0 less one), of the transition operator and of the sensor. Parts that are
+    /// [`Fixed`](crate::Fixed) have none.
+    ///
+    /// Of a model that was learned, [`LearnedModel::free_parameters`] gives the number: here,
+    /// probabilities that learning has taken to 0 would be missing.
     #[must_use]
     pub fn free_parameters(&self) -> usize {
-        let possible = self.prior().belief().as_slice().iter().filter(|p| **p > 0.0);
-        possible.count() - 1
+        self.free_in_prior()
             + self.transition().free_parameters()
             + self.likelihood().free_parameters()
     }
 
-    /// Returns the information criteria of this model, which was learned from these sequences.
-    /// The cost is that of [`log_likelihood_all`](Self::log_likelihood_all).
+    pub(super) fn free_in_prior(&self) -> usize {
+        self.prior().belief().as_slice().iter().filter(|p| **p > 0.0).count() - 1
+    }
+
+    /// Returns the information criteria of a model that does not come from [`learn`](Self::learn),
+    /// such as one from [labels](Self::learn_labelled) or from a file, for these sequences.
+    ///
+    /// After learning, call [`LearnedModel::criteria`] instead. The parameters counted here are the
+    /// [free ones of this model](Self::free_parameters): if its probabilities were learned, and
+    /// some have become 0, they are too few, and the fewer the longer it was learned. Replace them
+    /// by those of the model that learning started from:
     ///
     /// ```
+    /// use wayfix::inference::Criteria;
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
     /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
-    /// let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
-    /// let criteria = hmm.criteria(&[[0, 0, 1, 1], [0, 1, 0, 1]])?;
+    /// # let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
+    /// # let hmm = start.clone();
+    /// let seen = [[0, 0, 1, 1], [0, 1, 0, 1]];
+    /// let criteria = Criteria { parameters: start.free_parameters(), ..hmm.criteria(&seen)? };
     /// assert_eq!((criteria.parameters, criteria.observations), (1 + 2 + 2, 8));
-    /// assert!(criteria.bic() > criteria.aic());
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
+    ///
+    /// The cost is that of [`log_likelihood_all`](Self::log_likelihood_all).
     ///
     /// # Errors
     ///

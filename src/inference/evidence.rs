@@ -105,8 +105,10 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     pub(super) fn evidence_sum(&self, predicted: &[f64]) -> Result<Option<f64>, InferenceError> {
         if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
             let value = predicted[state] / LIFT;
-            if value == f64::INFINITY {
-                return Ok(None); // may be finite without the lift
+            // May be finite without the lift; a NaN may be an entry of 0 times such a value. If it
+            // is the operator's own, so are the logarithms.
+            if value == f64::INFINITY || value.is_nan() {
+                return Ok(None);
             }
             return Err(InferenceError::Predicted { step: self.number, state, value });
         }

@@ -26,7 +26,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     ///
     /// Equally probable paths are in the order of their last state, then of the last but one, and
     /// so on; [`viterbi`](Self::viterbi) says which paths count as equal. As there, X_0 is summed
-    /// over. An empty sequence has one path, the empty one.
+    /// over. An empty sequence has one path, the empty one. A `count` of 0 gives no path.
     ///
     /// O(E K + n K log K) a step for K paths; 16 n K T bytes for the backpointers, and 24 n T.
     ///
@@ -44,7 +44,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// As [`viterbi`](Self::viterbi).
+    /// As [`viterbi`](Self::viterbi), also for a `count` of 0.
     pub fn k_best<S>(&self, sequence: &S, count: usize) -> Result<Vec<ViterbiPath>, InferenceError>
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,

@@ -49,9 +49,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///
     /// # Errors
     ///
-    /// [`LearnError`] with the drive and the step for a state that does not
-    /// exist, a move or a sighting that the model forbids, an observation without a valid
-    /// likelihood, or a control that is not valid.
+    /// [`LearnError`] if there is neither an observation nor an initial state, and with the drive
+    /// and the step for a state that does not exist, a move or a sighting that the model forbids,
+    /// an observation without a valid likelihood, or a control that is not valid.
     pub fn learn_labelled<S>(
         &self,
         drives: &[LabelledSequence<'_, S>],
@@ -63,8 +63,11 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         learning.check()?;
-        if drives.is_empty() {
-            return Err(LearnError::Nothing { sequences: 0, first: None });
+        let is_empty = |drive: &LabelledSequence<'_, S>| {
+            drive.initial.is_none() && drive.states.is_empty() && drive.sequence.steps() == 0
+        };
+        if drives.iter().all(is_empty) {
+            return Err(LearnError::Nothing { sequences: drives.len(), first: None });
         }
         let mut expected = self.no_expectations();
         let mut certain = vec![0.0; self.states()];

@@ -108,6 +108,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
     }
 
     /// Number of parameters that learning may change independently of each other, as information
-    /// criteria count them: of a table, the probabilities above 0 less one for each state.
+    /// criteria count them before learning: of a table, the probabilities above 0 less one for each
+    /// state.
     fn free_parameters(&self) -> usize;
 }

@@ -42,9 +42,9 @@ impl<P: Coordinates> Matcher<P> {
         let mut trellis = Trellis::new();
         let states = self.begin(&self.model, point, memory, &mut trellis)?;
         let mut log_filtered = Vec::new();
-        let last = trellis.forward_step(1, &[0.0], &mut log_filtered);
+        let scale = trellis.forward_step(1, &[0.0], &mut log_filtered);
         let mut log_likelihood = LogSum::default();
-        log_likelihood.add(last);
+        scale.add_to(&mut log_likelihood);
         let (point, window) = (*point, vec![states]);
         let speed = point.speed.unwrap_or(0.0);
         let points = 1;
@@ -54,7 +54,7 @@ impl<P: Coordinates> Matcher<P> {
             point,
             speed,
             log_likelihood,
-            last,
+            last: scale.log(),
             trellis,
             window,
             log_filtered,
@@ -90,8 +90,9 @@ impl<P: Coordinates> Matcher<P> {
         let seconds = point.time - vehicle.point.time;
         let step = vehicle.trellis.steps();
         let mut filtered = Vec::with_capacity(states.len());
-        vehicle.last = vehicle.trellis.forward_step(step, &vehicle.log_filtered, &mut filtered);
-        vehicle.log_likelihood.add(vehicle.last);
+        let scale = vehicle.trellis.forward_step(step, &vehicle.log_filtered, &mut filtered);
+        vehicle.last = scale.log();
+        scale.add_to(&mut vehicle.log_likelihood);
         let before = mode(&vehicle.log_filtered).map(|mode| vehicle.window[step - 2][mode]);
         vehicle.log_filtered = filtered;
         let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);

@@ -240,9 +240,10 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         self.inner.apply(control, &x[..n], out);
         let returning = weight * x[n];
         for (out, back) in out.iter_mut().zip(&self.back) {
-            *out = self.keep * *out + times(*back, returning);
+            *out = times(self.keep, *out) + times(*back, returning);
         }
-        off[0] = weight * (self.leave * kernels::sum(&x[..n])) + times(self.stay, returning);
+        let left = times(self.leave, weight * kernels::sum(&x[..n]));
+        off[0] = left + times(self.stay, returning);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -252,7 +253,7 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let weight = self.log_off(control).exp();
         self.inner.apply_transpose(control, &x[..n], out);
         let left = weight * (self.leave * x[n]);
-        out.iter_mut().for_each(|out| *out = self.keep * *out + left);
+        out.iter_mut().for_each(|out| *out = times(self.keep, *out) + left);
         off[0] = weight * (kernels::dot(&self.back, &x[..n]) + self.stay * x[n]);
     }
 

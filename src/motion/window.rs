@@ -42,8 +42,12 @@ impl Window {
         }
         let moves = values[g] != 0.0;
         let margin = isize::from(moves && slack > 0.0);
-        let first = nodes[0].floor() as isize - margin;
-        let last = nodes[count - 1].max(values[g]).ceil() as isize + margin;
+        // The speed itself may lie outside its nodes, which are inside the cell: near one neighbour
+        // and far from the other, the cell is nearly all on one side of it.
+        let low = nodes.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = nodes.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let first = low.floor() as isize - margin;
+        let last = high.ceil() as isize + margin;
         let width = (last - first + 1).unsigned_abs();
         let triangle = |m: isize, v: f64| (1.0 - (m as f64 - v).abs()).max(0.0);
         let mut by_node = Vec::with_capacity(nodes.len() * width);

@@ -71,6 +71,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
     fn log_prior(&self, pseudo_count: f64) -> f64;
 
     /// Number of parameters that learning may change independently of each other, as information
-    /// criteria count them: the entries above 0 less one for each column, if nothing is tied.
+    /// criteria count them before learning: the entries above 0 less one for each column, if
+    /// nothing is tied.
     fn free_parameters(&self) -> usize;
 }

@@ -8,7 +8,8 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use rand::RngExt;
 use wayfix::inference::{
-    Candidate, Expectations, LearnError, LearningOptions, ModelSelection, StopReason,
+    Candidate, Expectations, LabelledSequence, LearnError, LearningOptions, ModelSelection,
+    StopReason,
 };
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
@@ -57,7 +58,8 @@ proptest! {
     #[test]
     fn iterations_in_parts_equal_learning(
         seed: u64,
-        sequences in vec(vec(0..3_usize, 0..12), 1..30),
+        sequences in vec(vec(0..3_usize, 0..12), 1..30)
+            .prop_filter("observations", |all| all.iter().any(|one| !one.is_empty())),
         parts in 1..6_usize,
         pseudo_count in prop_oneof![Just(0.0), 0.1..2.0],
     ) {
@@ -383,6 +385,102 @@ fn free_parameters_are_counted() {
     assert_eq!((tied.parameters(), tied.free_parameters()), (2, 1));
     let switched = SwitchedTransition::new(vec![sparse.clone(), sparse]).unwrap();
     assert_eq!(switched.free_parameters(), 6);
+}
+
+#[test]
+fn no_observation_is_nothing_to_learn_from() {
+    let hmm = random_model(2, 3, 5);
+    let learning = LearningOptions::default();
+    let empty: [Vec<usize>; 2] = [vec![], vec![]];
+    for sequences in [&empty[..0], &empty] {
+        let error = hmm.learn(sequences, &learning).unwrap_err();
+        let expected = format!(
+            "there is no observation to learn from, in {} sequences given",
+            sequences.len()
+        );
+        assert_eq!(error.to_string(), expected);
+        let labelled: Vec<_> = sequences
+            .iter()
+            .map(|y| LabelledSequence { initial: None, states: &[], sequence: y })
+            .collect();
+        assert_eq!(hmm.learn_labelled(&labelled, &learning).unwrap_err().to_string(), expected);
+        let starts = [hmm.clone(), hmm.clone()];
+        let error = Hmm::learn_best(&starts, sequences, &learning, |_, _| ()).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+    }
+    // What fails beside what is empty is named.
+    let error = hmm.learn(&[vec![], vec![7]], &learning).unwrap_err().to_string();
+    assert!(
+        error
+            .starts_with("there is no observation to learn from, in 2 sequences given: sequence 1")
+    );
+    // Empty sequences beside others have no influence.
+    let (some, alone) = ([vec![], vec![0, 1, 2], vec![]], [vec![0, 1, 2]]);
+    let [some, alone] = [&some[..], &alone].map(|all| hmm.learn(all, &learning).unwrap());
+    assert_eq!((some.criteria().observations, alone.criteria().observations), (3, 3));
+    assert!(near(some.objective(), alone.objective()));
+}
+
+/// Learning until probabilities underflow leaves the number of parameters as it was.
+#[test]
+fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let transition = DenseTransition::from_rows(&[[0.7, 0.4], [0.3, 0.6]]).unwrap();
+    let table = TableLikelihood::from_rows(&[[0.8, 0.2], [0.3, 0.7]]).unwrap();
+    let start = Hmm::new(prior, transition, table).unwrap();
+    let ys: Vec<Vec<usize>> = vec![(0..60).map(|k| usize::from(k % 20 >= 10)).collect()];
+    let tight = LearningOptions { iterations: 20_000, tolerance: 0.0, ..Default::default() };
+    let learned = start.learn(&ys, &tight).unwrap();
+    assert!(learned.model().free_parameters() < 5, "{:?}", learned.model());
+    assert_eq!((start.free_parameters(), learned.free_parameters()), (5, 5));
+    let criteria = learned.criteria();
+    assert_eq!((criteria.parameters, criteria.observations), (5, 60));
+    assert_eq!(criteria.log_likelihood, learned.log_likelihood());
+    let loose = start.learn(&ys, &LearningOptions::default()).unwrap().criteria();
+    assert!((loose.aic() - criteria.aic()).abs() < 1.0, "{loose:?} {criteria:?}");
+
+    // By each way of learning, and in the choice among models.
+    let restarts = Hmm::learn_best(&[start.clone()], &ys, &tight, |_, _| ()).unwrap();
+    assert_eq!(restarts.into_best().free_parameters(), 5);
+    let mut seen = Vec::new();
+    let watched = start.learn_with(&ys, &tight, |now| {
+        seen.push(now.free_parameters());
+        ControlFlow::Continue(())
+    });
+    assert!(watched.is_ok() && seen.iter().all(|count| *count == 5));
+    let all = [ys[0].clone(), ys[0].clone()];
+    let selection =
+        ModelSelection::new(["two"], &all, 2, |_, some| start.learn(some, &tight)).unwrap();
+    assert_eq!(selection.rows()[0].criteria.parameters, 5);
+
+    // Zeros of the start are not parameters, nor is a prior that is kept.
+    let (prior, _, table) = start.clone().into_parts();
+    let forbidden = DenseTransition::from_rows(&[[0.7, 0.0], [0.3, 1.0]]).unwrap();
+    let start = Hmm::new(prior, forbidden, table).unwrap();
+    assert_eq!(start.learn(&ys, &tight).unwrap().free_parameters(), 1 + 1 + 2);
+    let kept = LearningOptions { keep_prior: true, ..tight };
+    assert_eq!(start.learn(&ys, &kept).unwrap().free_parameters(), 1 + 2);
+}
+
+#[cfg(feature = "emission")]
+#[test]
+fn four_poisson_states_are_nineteen_parameters() {
+    use wayfix::emission::Poisson;
+    let prior = Prior::AtFirstObservation(Belief::uniform(4).unwrap());
+    let even = |i, j| if i == j { 0.7 } else { 0.1 };
+    let transition = DenseTransition::from_fn(4, even).unwrap();
+    let family = Poisson::new(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
+    let start = Hmm::new(prior, transition, family).unwrap();
+    // A cycle of four rates, in which half of the moves never happen.
+    let rates = [1.0, 30.0, 90.0, 200.0];
+    let y = |k: usize| rates[k / 8 % 4] + [0.0, 1.0, -1.0, 0.0, 1.0][k % 5];
+    let ys: Vec<Vec<[f64; 1]>> = vec![(0..160).map(|k| [y(k)]).collect()];
+    let tight = LearningOptions { iterations: 500, tolerance: 0.0, ..Default::default() };
+    let learned = start.learn(&ys, &tight).unwrap();
+    assert!(learned.model().free_parameters() < 19);
+    assert_eq!(learned.criteria().parameters, 19);
+    let loose = start.learn(&ys, &LearningOptions::default()).unwrap();
+    assert!((loose.criteria().aic() - learned.criteria().aic()).abs() < 0.1);
 }
 
 #[test]

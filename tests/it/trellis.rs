@@ -3,7 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::inference::{Trellis, ViterbiPath};
-use wayfix::{Controlled, InferenceError};
+use wayfix::{Belief, Controlled, DenseTransition, Hmm, InferenceError, Prior, TableLikelihood};
 
 use crate::kit::{Kind, NEVER, all_close, cases, close, close_logs, log_sum, models};
 
@@ -367,6 +367,112 @@ fn a_step_without_states_is_impossible() {
     assert_eq!(impossible(trellis.smooth()), Some(2));
     assert_eq!(impossible(trellis.viterbi()), Some(2));
     assert_eq!(impossible(trellis.k_best(1)), Some(2));
+    assert_eq!(impossible(trellis.k_best(0)), Some(2));
+}
+
+/// No path asked for: none, but what is impossible is an error as for one path or many.
+#[test]
+fn no_path_of_an_impossible_model_is_an_error() {
+    let table = TableLikelihood::from_rows(&[[1.0, 0.0], [1.0, 0.0]]).unwrap();
+    let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
+    let still = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]]).unwrap();
+    let hmm = Hmm::new(prior, still, table).unwrap();
+    for ys in [&[][..], &[0, 0, 0], &[0, 1, 0], &[1]] {
+        let mut trellis = Trellis::new();
+        for (k, y) in ys.iter().enumerate() {
+            trellis.begin_step();
+            for state in 0..2 {
+                let log = if *y == 0 { 0.0 } else { NEVER };
+                let before = if k == 0 { 0 } else { state };
+                trellis.state(log, [(before, 0.0)]).unwrap();
+            }
+        }
+        for count in 0..3 {
+            let (one, other) = (hmm.k_best(ys, count), trellis.k_best(count));
+            same_answers(&one, &other);
+            assert_eq!(impossible(one), ys.iter().position(|y| *y == 1).map(|k| k + 1));
+        }
+    }
+}
+
+/// The same number of paths, or the same error.
+fn same_answers(
+    one: &Result<Vec<ViterbiPath>, InferenceError>,
+    other: &Result<Vec<ViterbiPath>, InferenceError>,
+) {
+    let say = |result: &Result<Vec<ViterbiPath>, InferenceError>| {
+        result.as_ref().map(Vec::len).map_err(ToString::to_string)
+    };
+    assert_eq!(say(one), say(other));
+}
+
+/// Differences of 1e-7 between likelihoods after one of e^1e11, or weights, or both, as in a model
+/// with the same evidence.
+#[test]
+fn small_differences_survive_what_came_before() {
+    for (common, weight) in [(1e11, 0.0), (-1e11, 0.0), (0.0, 1e11), (0.0, -1e11), (1e11, -2e11)] {
+        let mut trellis = Trellis::new();
+        for step in 0..6 {
+            let large = if step == 2 { (common, weight) } else { (0.0, 0.0) };
+            trellis.begin_step();
+            for state in 0..2 {
+                // State 1 is better by 1e-7 at steps 2 and 5, and both states keep to themselves.
+                let better = if state == 1 && step % 3 == 1 { 1e-7 } else { 0.0 };
+                let before = if step == 0 { 0 } else { state };
+                trellis.state(better + large.0, [(before, large.1)]).unwrap();
+            }
+            trellis.state(1e12, [(0, NEVER)]).unwrap(); // not to be reached
+        }
+        let case = format!("{common} {weight}");
+        let best = trellis.viterbi().unwrap();
+        assert_eq!(best.states(), [1; 6], "{case}");
+        let both = trellis.k_best(5).unwrap();
+        assert_eq!(both.len(), 2);
+        assert_eq!(both[0], best);
+        assert_eq!(both[1].states(), [0; 6]);
+        let total = common + weight;
+        assert!((best.log_probability() - total).abs() <= 1e-15 * total.abs(), "{case}");
+        let smoothed = trellis.smooth().unwrap();
+        for step in 1..=6 {
+            let gained = if step < 2 {
+                0.0
+            } else if step < 5 {
+                1e-7
+            } else {
+                2e-7
+            };
+            let p = smoothed.filtered(step);
+            assert!(((p[1] / p[0]).ln() - gained).abs() < 1e-14, "{case} {step}: {p:?}");
+            let p = smoothed.smoothed(step);
+            assert!(((p[1] / p[0]).ln() - 2e-7).abs() < 1e-14, "{case} {step}: {p:?}");
+            let lagged = smoothed.lagged(&trellis, 1, step);
+            let gained = if step < 4 { 1e-7 } else { 2e-7 };
+            assert!(((lagged[1] / lagged[0]).ln() - gained).abs() < 1e-14, "{case} {step}");
+            let pairs = smoothed.pairs(&trellis, step);
+            let sum: f64 = (0..3).flat_map(|i| pairs.into_state(i)).map(|pair| pair.1).sum();
+            assert!((sum - 1.0).abs() < 1e-13, "{case} {step}: {sum}");
+        }
+        let log = total + 2.0_f64.ln() + 1e-7;
+        assert!((smoothed.log_likelihood() - log).abs() <= 1e-15 * log.abs().max(1.0), "{case}");
+    }
+}
+
+/// Steps that cancel in pairs of ±1e11.
+#[test]
+fn a_sum_that_cancels_keeps_its_digits() {
+    let mut trellis = Trellis::new();
+    for step in 0..10_000 {
+        trellis.begin_step();
+        let log = if step % 2 == 0 { 1e11 } else { -1e11 };
+        trellis.state(log, [(0, -0.125 - 1e-9)]).unwrap();
+    }
+    let expected = -1250.0 - 1e-5;
+    let logs = [
+        trellis.viterbi().unwrap().log_probability(),
+        trellis.k_best(1).unwrap()[0].log_probability(),
+        trellis.smooth().unwrap().log_likelihood(),
+    ];
+    assert!(logs.iter().all(|log| (log - expected).abs() < 1e-11), "{logs:?}");
 }
 
 #[test]

@@ -56,7 +56,8 @@ pub(super) fn check(
     let failed: Vec<usize> =
         (0..).zip(chains).filter(|c| c.1.stop.is_some()).map(|c| c.0).collect();
     let kept: Vec<&Chain> = chains.iter().filter(|chain| chain.stop.is_none()).collect();
-    let learned = learn(&hmm, &scene.drives, pseudo, &failed, kept.is_empty(), counts);
+    let nothing = kept.iter().all(|chain| chain.len() == 0);
+    let learned = learn(&hmm, &scene.drives, pseudo, &failed, nothing, counts);
     if let Some(learned) = learned {
         compare(scene, &learned, &Expected::of(scene, &kept), matrix, pseudo);
         counts.add("models learned from likelihoods");
@@ -93,7 +94,8 @@ fn symbols(
     let failed: Vec<usize> =
         (0..).zip(&chains).filter(|c| c.1.stop.is_some()).map(|c| c.0).collect();
     let kept: Vec<&Chain> = chains.iter().filter(|chain| chain.stop.is_none()).collect();
-    let Some(learned) = learn(&hmm, &drives, pseudo, &failed, kept.is_empty(), counts) else {
+    let nothing = kept.iter().all(|chain| chain.len() == 0);
+    let Some(learned) = learn(&hmm, &drives, pseudo, &failed, nothing, counts) else {
         return;
     };
     compare(scene, &learned, &Expected::of(scene, &kept), matrix, pseudo);

@@ -66,10 +66,6 @@ where
             largest = unlisted.check(candidates, values).map_err(wrap)?;
         }
         let is_open = belief.is_open();
-        let nothing = candidates.is_empty() && !is_open && unlisted.is_possible(largest);
-        if evidence.is_some() && nothing {
-            return Err(InferenceError::ImpossibleMove { step: number });
-        }
         let mut moves = control.map(|control| {
             Moves::new(
                 model.transition(),
@@ -79,6 +75,16 @@ where
                 (&belief.states, is_open),
             )
         });
+        // Of an open belief, all entries have been looked at.
+        let nothing = |moves: &Moves<'_, A>| {
+            if is_open { moves.bounds.column == 0.0 } else { candidates.is_empty() }
+        };
+        if evidence.is_some()
+            && moves.as_ref().is_some_and(nothing)
+            && unlisted.is_possible(largest)
+        {
+            return Err(InferenceError::ImpossibleMove { step: number });
+        }
         let mut predicted = if is_wide {
             next.predict_by(belief, moves.as_ref(), active_set, wide.sums(moves.as_ref()))
         } else {

@@ -9,6 +9,7 @@ mod window;
 
 pub use smooth::{SmoothedTrellis, TrellisPairs};
 
+use super::LogSum;
 use crate::error::InferenceError;
 
 /// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
@@ -183,25 +184,68 @@ impl Trellis {
         from.zip(self.log_weights[range].iter().copied())
     }
 
-    /// Computes ln p(y_1 … y_k, X_k = i) up to a constant for the states of a step from those of
-    /// the step before, and scales it to sum to one. Returns the logarithm of the sum; −∞ if
-    /// nothing is possible.
-    pub(crate) fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> f64 {
+    /// Computes ln p(X_k = i | y_1 … y_k) for the states of a step from that of the step before.
+    /// Returns what was taken out, with a sum of −∞ if nothing is possible.
+    pub(crate) fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
         out.clear();
+        let weight = self.largest_weight(step, |j| before[j] > f64::NEG_INFINITY);
         out.extend(self.range(step).map(|state| {
-            let terms = self.moves_into(state).map(|(j, log)| before[j] + log);
-            self.log_likelihoods[state] + log_sum(terms)
+            log_sum(self.moves_into(state).map(|(j, log)| before[j] + (log - weight)))
         }));
+        let likelihood = self.largest_likelihood(step, |i| out[i] > f64::NEG_INFINITY);
+        let logs = &self.log_likelihoods[self.range(step)];
+        out.iter_mut().zip(logs).for_each(|(x, log)| *x += log - likelihood);
         let largest = out.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if largest == f64::NEG_INFINITY {
-            return largest;
+            return Scale { weight, likelihood, sum: largest };
         }
         // In two steps: a sum of large logarithms is rounded more than their differences.
         out.iter_mut().for_each(|x| *x -= largest);
         let sum = log_sum(out.iter().copied());
         out.iter_mut().for_each(|x| *x -= sum);
-        largest + sum
+        Scale { weight, likelihood, sum: largest + sum }
     }
+
+    /// Largest weight above −∞ of the moves into a step from states that are possible; 0 if there
+    /// is none.
+    fn largest_weight(&self, step: usize, possible: impl Fn(usize) -> bool) -> f64 {
+        let moves = self.range(step).flat_map(|state| self.moves_into(state));
+        largest(moves.filter(|(from, _)| possible(*from)).map(|(_, weight)| weight))
+    }
+
+    /// Largest log-likelihood above −∞ of the states of a step that are possible; 0 if there is
+    /// none.
+    fn largest_likelihood(&self, step: usize, possible: impl Fn(usize) -> bool) -> f64 {
+        let logs = self.log_likelihoods[self.range(step)].iter().enumerate();
+        largest(logs.filter(|(state, _)| possible(*state)).map(|(_, log)| *log))
+    }
+}
+
+/// Logarithms taken out of a step, before they could take digits from the others: the largest
+/// weight, the largest log-likelihood, and that of the sum that is left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scale {
+    weight: f64,
+    likelihood: f64,
+    sum: f64,
+}
+
+impl Scale {
+    /// ln p(y_k | y_1 … y_{k-1}).
+    pub(crate) fn log(self) -> f64 {
+        (self.weight + self.likelihood) + self.sum
+    }
+
+    /// Adds the same to a sum, without rounding it first.
+    pub(crate) fn add_to(self, sum: &mut LogSum) {
+        [self.weight, self.likelihood, self.sum].into_iter().for_each(|log| sum.add(log));
+    }
+}
+
+/// Largest of some logarithms; 0 if all are −∞.
+fn largest(logs: impl Iterator<Item = f64>) -> f64 {
+    let largest = logs.fold(f64::NEG_INFINITY, f64::max);
+    if largest == f64::NEG_INFINITY { 0.0 } else { largest }
 }
 
 /// ln Σ e^x.

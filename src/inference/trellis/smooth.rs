@@ -1,6 +1,6 @@
 //! Forward-backward on a trellis.
 
-use super::{Trellis, log_sum};
+use super::{Scale, Trellis, log_sum};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
 
@@ -14,7 +14,7 @@ pub struct SmoothedTrellis {
     smoothed: Vec<f64>,
     /// ln p(y_k+1 … y_T | X_k), up to a constant for each step.
     log_backward: Vec<f64>,
-    log_normalizers: Vec<f64>,
+    scales: Vec<Scale>,
 }
 
 impl Trellis {
@@ -28,14 +28,14 @@ impl Trellis {
         let mut steps = self.steps.clone();
         steps.push(self.log_likelihoods.len());
         let mut log_filtered: Vec<f64> = Vec::with_capacity(self.log_likelihoods.len());
-        let mut log_normalizers = Vec::with_capacity(self.steps());
+        let mut scales = Vec::with_capacity(self.steps());
         let (mut before, mut now) = (vec![0.0], Vec::new());
         for step in 1..=self.steps() {
-            let sum = self.forward_step(step, &before, &mut now);
-            if sum == f64::NEG_INFINITY {
+            let scale = self.forward_step(step, &before, &mut now);
+            if scale.sum == f64::NEG_INFINITY {
                 return Err(InferenceError::Impossible { step });
             }
-            log_normalizers.push(sum);
+            scales.push(scale);
             log_filtered.extend_from_slice(&now);
             std::mem::swap(&mut before, &mut now);
         }
@@ -43,7 +43,7 @@ impl Trellis {
         for step in (2..=self.steps()).rev() {
             let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
             let earlier = &mut earlier[self.range(step - 1).start..];
-            self.backward_step(step, log_normalizers[step - 1], later, earlier);
+            self.backward_step(step, scales[step - 1], later, earlier);
         }
         let filtered = log_filtered.iter().map(|log| log.exp()).collect();
         let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
@@ -53,32 +53,25 @@ impl Trellis {
             let sum = log_sum(log.clone());
             smoothed.extend(log.map(|log| (log - sum).exp()));
         }
-        Ok(SmoothedTrellis {
-            steps,
-            log_filtered,
-            filtered,
-            smoothed,
-            log_backward,
-            log_normalizers,
-        })
+        Ok(SmoothedTrellis { steps, log_filtered, filtered, smoothed, log_backward, scales })
     }
 }
 
 impl Trellis {
     /// Computes the backward logarithms of the states of the step before.
-    fn backward_step(&self, step: usize, log_normalizer: f64, later: &[f64], earlier: &mut [f64]) {
+    fn backward_step(&self, step: usize, scale: Scale, later: &[f64], earlier: &mut [f64]) {
         earlier.fill(f64::NEG_INFINITY);
         let log = |(state, later): (usize, &f64)| {
-            (state, self.log_likelihoods[state] + later - log_normalizer)
+            (state, (self.log_likelihoods[state] - scale.likelihood) + later - scale.sum)
         };
         for (state, log) in self.range(step).zip(later).map(log) {
             self.moves_into(state)
-                .for_each(|(j, weight)| earlier[j] = earlier[j].max(weight + log));
+                .for_each(|(j, weight)| earlier[j] = earlier[j].max((weight - scale.weight) + log));
         }
         let mut sums = vec![0.0; earlier.len()];
         for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
-                let below = weight + log - earlier[j];
+                let below = (weight - scale.weight) + log - earlier[j];
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }
@@ -114,7 +107,7 @@ impl SmoothedTrellis {
         let mut later = vec![0.0; self.range(last).len()];
         for k in (step + 1..=last).rev() {
             let mut earlier = vec![0.0; self.range(k - 1).len()];
-            trellis.backward_step(k, self.log_normalizers[k - 1], &later, &mut earlier);
+            trellis.backward_step(k, self.scales[k - 1], &later, &mut earlier);
             later = earlier;
         }
         let logs = self.log_filtered[self.range(step)].iter().zip(&later);
@@ -126,14 +119,14 @@ impl SmoothedTrellis {
     /// ln p(y_k | y_1 … y_{k-1}).
     #[must_use]
     pub fn log_normalizer(&self, step: usize) -> f64 {
-        self.log_normalizers[step - 1]
+        self.scales[step - 1].log()
     }
 
     /// ln p(y_1 … y_T).
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         let mut sum = LogSum::default();
-        self.log_normalizers.iter().for_each(|log| sum.add(*log));
+        self.scales.iter().for_each(|scale| scale.add_to(&mut sum));
         sum.value()
     }
 
@@ -163,14 +156,15 @@ impl<'a> TrellisPairs<'a> {
     pub fn into_state(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
         let Self { smoothed, trellis, step } = *self;
         let number = smoothed.range(step).start + state;
-        let later = trellis.log_likelihoods[number] + smoothed.log_backward[number]
-            - smoothed.log_normalizers[step - 1];
+        let scale = smoothed.scales[step - 1];
+        let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
+        let later = likelihood + smoothed.log_backward[number] - scale.sum;
         trellis.moves_into(number).map(move |(from, weight)| {
             let before = match step {
                 1 => 0.0,
                 _ => smoothed.log_filtered[smoothed.range(step - 1).start + from],
             };
-            (from, (before + weight + later).exp())
+            (from, (before + (weight - scale.weight) + later).exp())
         })
     }
 }

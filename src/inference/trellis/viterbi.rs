@@ -2,7 +2,7 @@
 
 use super::Trellis;
 use crate::error::InferenceError;
-use crate::inference::ViterbiPath;
+use crate::inference::{LogSum, ViterbiPath};
 
 impl Trellis {
     /// Most probable sequence of states. Ties go to the lowest state. O(moves) time; 4 bytes a
@@ -14,31 +14,39 @@ impl Trellis {
     pub fn viterbi(&self) -> Result<ViterbiPath, InferenceError> {
         let mut back = Vec::with_capacity(self.log_likelihoods.len());
         let (mut scores, mut next) = (vec![0.0], Vec::new());
+        let mut taken_out = LogSum::default();
         for step in 1..=self.steps() {
             next.clear();
+            let largest_weight = self.largest_weight(step, |j| scores[j] > f64::NEG_INFINITY);
             for state in self.range(step) {
                 let mut best = (f64::NEG_INFINITY, 0);
                 for (from, weight) in self.moves_into(state) {
-                    let score = scores[from] + weight;
+                    let score = scores[from] + (weight - largest_weight);
                     if score > best.0 {
                         best = (score, from as u32);
                     }
                 }
-                next.push(best.0 + self.log_likelihoods[state]);
+                next.push(best.0);
                 back.push(best.1);
             }
-            if next.iter().all(|score| *score == f64::NEG_INFINITY) {
+            let likelihood = self.largest_likelihood(step, |i| next[i] > f64::NEG_INFINITY);
+            let logs = &self.log_likelihoods[self.range(step)];
+            next.iter_mut().zip(logs).for_each(|(score, log)| *score += log - likelihood);
+            let best = next.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            if best == f64::NEG_INFINITY {
                 return Err(InferenceError::Impossible { step });
             }
+            next.iter_mut().for_each(|score| *score -= best);
+            [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));
             std::mem::swap(&mut scores, &mut next);
         }
-        let best = scores.iter().enumerate().rev().max_by(|a, b| a.1.total_cmp(b.1));
-        let (mut state, &log_probability) = best.unwrap_or((0, &0.0));
+        // The best score is 0.
+        let mut state = scores.iter().position(|score| *score == 0.0).unwrap_or(0);
         let mut states = vec![0; self.steps()];
         for step in (1..=self.steps()).rev() {
             states[step - 1] = state;
             state = back[self.range(step).start + state] as usize;
         }
-        Ok(ViterbiPath { states, log_probability })
+        Ok(ViterbiPath { states, log_probability: taken_out.value() })
     }
 }

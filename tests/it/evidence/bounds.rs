@@ -56,8 +56,12 @@ fn check_beam(model: &Model, width: f64) -> Result<(), TestCaseError> {
 fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
     let hmm = model.hmm(model.measured());
     let answer = model.enumerate();
-    let mut pruned = hmm.pruned_filter(pruning);
+    let (mut pruned, mut exact) = (hmm.pruned_filter(pruning), hmm.filter());
     for k in 1..=model.steps() {
+        let same = match &model.logs[k - 1] {
+            None => exact.predict_with(&(k - 1)),
+            seen => exact.step_with(&(k - 1), seen).map(|_| ()),
+        };
         let before = (pruned.active().to_vec(), pruned.probabilities().to_vec());
         let result = match &model.logs[k - 1] {
             None => pruned.predict_with(&(k - 1)),
@@ -85,11 +89,12 @@ fn check_pruned(model: &Model, pruning: Pruning) -> Result<(), TestCaseError> {
                 prop_assert_eq!(pruned.probabilities(), before.1);
                 break;
             }
-            Err(InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step }) => {
-                prop_assert_eq!(answer.impossible_at, Some(step));
+            Err(error) => {
+                // Also whether the move or the observation is named.
+                prop_assert_eq!(Some(error.to_string()), same.err().map(|e| e.to_string()));
+                prop_assert_eq!(answer.impossible_at, Some(k));
                 break;
             }
-            Err(error) => prop_assert!(false, "{}", error),
         }
     }
     Ok(())

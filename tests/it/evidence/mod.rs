@@ -6,7 +6,7 @@ mod restarts;
 mod wide;
 
 use proptest::prelude::*;
-use wayfix::inference::Order;
+use wayfix::inference::{Order, Pruning};
 use wayfix::transition::EvidenceTransition;
 use wayfix::{
     Belief, Controlled, Hmm, InferenceError, LikelihoodVector, OptionalLikelihood, Prior,
@@ -219,6 +219,15 @@ fn what_cannot_have_been_measured_is_an_error_with_its_step() {
     says(decoder.step_with(&0.0, &seen[1]), expected);
     says(decoder.predict_with(&0.0), expected);
     assert_eq!(filter.snapshot(), before);
+    for pruning in [Pruning::default(), Pruning { most_active: 1, ..Pruning::default() }] {
+        let mut pruned = hmm.pruned_filter(pruning);
+        pruned.step_with(&1.0, &seen[0]).unwrap();
+        says(pruned.step_with(&0.0, &seen[1]), expected);
+        says(pruned.predict_with(&0.0), expected);
+        // Where the move is possible, and the observation rules out all that it leads to.
+        let ruled_out = "the observation of step 2 is impossible under the model";
+        says(pruned.step_with(&1.0, &[0.0, 0.0]), ruled_out);
+    }
     // The sighting that is impossible by itself is another error.
     says(
         filter.step_with(&1.0, &[0.0, 0.0]),

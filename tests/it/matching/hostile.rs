@@ -62,6 +62,33 @@ fn next_to_no_outliers() {
     }
 }
 
+/// Rates of leaving the road and coming back at the ends of what is allowed, between points that
+/// are a moment or a day apart.
+#[test]
+fn rates_off_the_road_near_0_and_1() {
+    let ends = [f64::from_bits(1), 1e-300, 0.5, 1.0 - f64::EPSILON / 2.0];
+    for (leave_road, return_to_road) in ends.into_iter().flat_map(|a| ends.map(|b| (a, b))) {
+        let model = MatchModel { leave_road, return_to_road, ..MatchModel::default() };
+        let (matcher, mut memory) = (town().with_model(model).unwrap(), MatchMemory::default());
+        for seconds in [1e-300, 1e-6, 1.0, 86_400.0] {
+            let mut points = points();
+            points.iter_mut().enumerate().for_each(|(k, point)| point.time = k as f64 * seconds);
+            points[3].position = at(150.0, 900.0);
+            let case = format!("{leave_road} {return_to_road} {seconds}");
+            let Ok(drive) = matcher.match_drive(&points, &mut memory) else { continue };
+            assert!(drive.log_likelihood().is_finite(), "{case}");
+            let mut vehicle = matcher.start(&points[0], 2, &mut memory).unwrap();
+            for point in &points[1..] {
+                matcher.step(&mut vehicle, point, &mut memory).unwrap();
+                assert!(vehicle.log_likelihood().is_finite(), "{case}");
+            }
+            let fitted = matcher.fit(&[&points], 2, &mut memory).unwrap();
+            assert!(fitted.log_likelihood.is_finite(), "{case}");
+            matcher.clone().with_model(fitted.model).unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_point_a_thousand_kilometres_off() {
     let (matcher, mut memory) = (town(), MatchMemory::default());

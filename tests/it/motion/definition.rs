@@ -128,7 +128,9 @@ impl Parts {
                     let share =
                         share * keep * self.change(new, old) * self.driven(control, *v, spacing);
                     let triangle = |m: f64| (1.0 - (m - v).abs()).max(0.0);
-                    for m in -8_isize..=8 {
+                    // All moves that a node, and the slack, may lead to.
+                    let least = v.floor() as isize - 1;
+                    for m in least..=least + 4 {
                         let at = m as f64;
                         let beside = triangle(at - 1.0) + triangle(at + 1.0);
                         let weight = (1.0 - 2.0 * slack) * triangle(at) + slack * beside;
@@ -208,6 +210,39 @@ impl Parts {
     }
 }
 
+/// Any ascending grid of up to so many speeds: values close together and far apart, on either side
+/// of 0, and neighbours that differ by a few digits.
+pub(crate) fn grid(most: usize) -> BoxedStrategy<Vec<f64>> {
+    let value = prop_oneof![
+        2 => -64.0..=64.0,
+        4 => -3.0..3.0,
+        4 => (-12..=12_i32).prop_map(|tenths| 0.1 * f64::from(tenths)),
+        2 => (-64..=64_i32).prop_map(f64::from),
+        2 => Just(0.0),
+        1 => Just(-0.0),
+        2 => (-3..=3_i32).prop_map(|at| f64::from(at) - 0.01),
+        1 => proptest::sample::select(vec![5e-324, -5e-324, 1e-300, -1e-17, 1e-9, 64.0, -64.0]),
+    ];
+    let beside = prop_oneof![
+        3 => Just(0.0),
+        1 => Just(f64::MIN_POSITIVE),
+        1 => Just(1e-15),
+        1 => Just(1e-9),
+        1 => 0.0..0.1,
+    ];
+    vec((value, beside), 1..=most.max(1))
+        .prop_map(move |values| {
+            let mut grid: Vec<f64> =
+                values.iter().flat_map(|(value, beside)| [*value, value + beside]).collect();
+            grid.retain(|value| value.abs() <= 64.0);
+            grid.sort_by(f64::total_cmp);
+            grid.dedup_by(|next, value| next <= value);
+            grid.truncate(most);
+            grid
+        })
+        .boxed()
+}
+
 fn speeds(most: usize) -> BoxedStrategy<Speeds> {
     let grids: Vec<Vec<f64>> = [
         &[1.0][..],
@@ -231,7 +266,7 @@ fn speeds(most: usize) -> BoxedStrategy<Speeds> {
         1 => Just((0.01, 0.005)),
     ];
     let slack = prop_oneof![2 => Just(0.0), 1 => Just(0.02), 1 => 0.0..0.5, 1 => Just(0.5)];
-    proptest::sample::select(grids)
+    prop_oneof![proptest::sample::select(grids), grid(most.min(4))]
         .prop_flat_map(move |grid| {
             let weight = prop_oneof![1 => Just(0.0), 3 => 0.01..1.0];
             let shares = proptest::option::of(weighted(weight, grid.len()));

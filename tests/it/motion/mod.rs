@@ -2,6 +2,7 @@
 
 mod blocks;
 pub(crate) mod definition;
+mod grids;
 mod learning;
 mod routines;
 mod values;

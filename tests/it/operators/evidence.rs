@@ -7,13 +7,13 @@ use wayfix::transition::{
     DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
 };
 use wayfix::{
-    Belief, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
+    Belief, Controlled, Hmm, InferenceError, LikelihoodVector, Prior, SparseTransition, Transition,
     TransitionEntries, TransitionError,
 };
 
 use crate::kit::{
-    Matrix, NEVER, any_stochastic, cases, close, close_logs, distribution, log_sum, matrix, rate,
-    sparse, still,
+    Matrix, NEVER, all_close, any_stochastic, cases, close, close_logs, distribution, log_sum,
+    matrix, off_map, rate, sparse, still,
 };
 
 /// ln p(u | to, from) for a u of 1, and in proportion for others.
@@ -150,6 +150,34 @@ proptest! {
         check(&a, 1.0, &expected, true)?;
     }
 
+    /// Every routine, with rates of 0 and 1 and evidence far from 1: as with a likelihood of the
+    /// moves of the whole matrix.
+    #[test]
+    fn off_the_map_routines_are_those_of_the_matrix(
+        ((m, logs, _), back) in parts(4).prop_flat_map(|part| { let n = part.0.len(); (Just(part), distribution(false, n)) }),
+        (leave, return_rate) in (rate(false), rate(false)),
+        shift in prop_oneof![Just(0.0), Just(100.0), Just(-100.0), Just(300.0), Just(600.0), Just(-600.0)],
+        off in prop_oneof![Just(None), (-9.0..3.0).prop_map(Some), Just(Some(100.0)), Just(Some(-800.0)), Just(Some(705.0))],
+    ) {
+        let n = m.len();
+        let shifted: Matrix = logs.iter().map(|row| row.iter().map(|log| log + shift).collect()).collect();
+        let a = OffMapTransition::new(driven(&m, &shifted, 0.0), leave, return_rate, Belief::new(back.clone()).unwrap()).unwrap();
+        let a = match off { Some(log) => a.with_evidence(log).unwrap(), None => a };
+        let whole = off_map(&m, leave, return_rate, &back);
+        let all = matrix(n + 1, |i, j| if i < n && j < n { shifted[i][j] } else { off.unwrap_or(0.0) });
+        same_routines(a, driven(&whole, &all, 0.0))?;
+    }
+
+    /// Zeros of one operator beside entries of the other that leave the range of doubles.
+    #[test]
+    fn side_by_side_routines_are_those_of_the_matrix(first in parts(3), second in parts(3)) {
+        let (n2, count) = (second.0.len(), first.0.len() * second.0.len());
+        let all = matrix(count, |i, j| first.1[i / n2][j / n2] + second.1[i % n2][j % n2]);
+        let whole = matrix(count, |i, j| first.0[i / n2][j / n2] * second.0[i % n2][j % n2]);
+        let both = KroneckerTransition::new(driven(&first.0, &first.1, 0.0), driven(&second.0, &second.1, 0.0)).unwrap();
+        same_routines(both, driven(&whole, &all, 0.0))?;
+    }
+
     #[test]
     fn evidence_of_restarts_is_what_it_is_said_to_be(
         ((m, logs, log_factor), r) in parts(5).prop_flat_map(|part| { let n = part.0.len(); (Just(part), distribution(false, n)) }),
@@ -179,6 +207,72 @@ proptest! {
     }
 }
 
+/// Results of the routines for three steps of evidence, or the error.
+fn outcome<A: TransitionEntries<Control = f64>>(a: A) -> Result<Vec<Vec<f64>>, InferenceError> {
+    let n = a.states();
+    let prior = Prior::BeforeFirstTransition(Belief::uniform(n).unwrap());
+    let hmm = Hmm::new(prior, a, LikelihoodVector::linear(n).owned()).unwrap();
+    let seen: Vec<Vec<f64>> =
+        (0..3).map(|k| (0..n).map(|i| 0.1 + 0.2 * ((i + k) % 4) as f64).collect()).collect();
+    let drive = Controlled::new(&[1.0; 3], &seen).unwrap();
+    let (mut filter, mut lagged, mut online) =
+        (hmm.filter(), hmm.fixed_lag(1), hmm.online_viterbi());
+    let mut results = Vec::new();
+    for y in &seen {
+        filter.step_with(&1.0, y)?;
+        lagged.step_with(&1.0, y)?;
+        online.step_with(&1.0, y)?;
+        results.push(filter.belief().as_slice().to_vec());
+        results.push(lagged.lagged().as_slice().to_vec());
+    }
+    filter.predict_with(&1.0)?;
+    results.push(filter.belief().as_slice().to_vec());
+    let smoothed = hmm.smooth(&drive)?;
+    results.push(smoothed.posteriors().as_slice().to_vec());
+    let moves = hmm.expected_moves(&drive)?;
+    results.push((0..n * n).map(|at| moves.get(at / n, at % n)).collect());
+    let best = hmm.viterbi(&drive)?.log_probability();
+    let online = online.log_probability();
+    results.push(vec![filter.log_likelihood(), smoothed.log_likelihood(), best, online]);
+    Ok(results)
+}
+
+fn same_routines<A, B>(found: A, expected: B) -> Result<(), TestCaseError>
+where
+    A: TransitionEntries<Control = f64>,
+    B: TransitionEntries<Control = f64>,
+{
+    match (outcome(found), outcome(expected)) {
+        (Ok(found), Ok(expected)) => {
+            for (found, expected) in found.iter().zip(&expected) {
+                all_close(found, expected, 1e-9, 1.0)?;
+            }
+        }
+        (found, expected) => {
+            let (found, expected) = (found.err(), expected.err());
+            prop_assert_eq!(found.map(|e| e.to_string()), expected.map(|e| e.to_string()));
+        }
+    }
+    Ok(())
+}
+
+/// 0 times a product that leaves the range of doubles is 0.
+#[test]
+fn who_always_leaves_the_map_is_off_it() {
+    for nats in [100.0, 400.0, 700.0, -700.0] {
+        let a = EvidenceTransition::new(still(2), move |_: &f64, _, _| nats).unwrap();
+        let back = Belief::uniform(2).unwrap();
+        let a = OffMapTransition::new(a, 1.0, 0.25, back).unwrap();
+        let prior = Prior::BeforeFirstTransition(Belief::uniform(3).unwrap());
+        let hmm = Hmm::new(prior, a, LikelihoodVector::linear(3)).unwrap();
+        let mut filter = hmm.filter();
+        filter.predict_with(&1.0).unwrap();
+        let off = (2.0 + 0.75) / 3.0;
+        assert!((filter.belief().as_slice()[2] - off).abs() < 1e-12, "{nats}");
+        assert!(filter.log_likelihood().abs() < 1e-12);
+    }
+}
+
 fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
     let prior = Prior::BeforeFirstTransition(Belief::certain(1, 0).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(1)).unwrap();
@@ -198,9 +292,12 @@ fn operators_that_cannot_take_evidence_refuse_it() {
     let twice = EvidenceTransition::new(inner, |_: &f64, _, _| -1.0);
     assert!(matches!(twice, Err(TransitionError::Control(_))));
     let off = OffMapTransition::new(a(), 0.5, 0.5, one()).unwrap();
-    assert!(matches!(off.with_evidence(f64::NAN), Err(TransitionError::Parameter { .. })));
     let restart = RestartTransition::new(a(), 0.5, one()).unwrap();
     let error = restart.with_evidence(f64::INFINITY).unwrap_err().to_string();
     let expected = "the log-likelihood of evidence at a restart is inf, expected a finite number";
     assert_eq!(error, expected);
+    for log in [f64::NAN, NEVER, f64::INFINITY] {
+        let off = off.clone().with_evidence(log);
+        assert!(matches!(off, Err(TransitionError::Parameter { .. })), "{log}");
+    }
 }
