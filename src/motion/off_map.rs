@@ -1,14 +1,12 @@
 //! A vehicle that may leave the map.
 
-use std::f64::consts::LOG2_E;
-
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::groups::Groups;
 use crate::kernels::{self, log2};
 use crate::transition::{
-    Transition, TransitionEntries, best_of, check_count, check_probability, check_slices, log,
-    scaled,
+    JumpEvidence, Transition, TransitionEntries, best_of, check_count, check_probability,
+    check_slices, log, scaled, times,
 };
 
 /// An operator with one more state, the last one: off the map, or at a new place. For a vehicle
@@ -61,8 +59,7 @@ pub struct OffMapTransition<A> {
     /// ρ r, and its logarithms.
     pub(crate) back: Vec<f64>,
     log2_back: Vec<f64>,
-    /// ln p(u) off the map.
-    pub(crate) evidence: Option<f64>,
+    pub(crate) evidence: JumpEvidence,
 }
 
 impl<A: Transition> OffMapTransition<A> {
@@ -107,17 +104,12 @@ impl<A: Transition> OffMapTransition<A> {
         self,
         evidence: Option<f64>,
     ) -> Result<Self, TransitionError> {
-        if let Some(value) = evidence.filter(|log| !log.is_finite()) {
-            let what = "the log-likelihood of evidence off the map".to_owned();
-            return Err(TransitionError::Parameter { what, value, expected: "a finite number" });
-        }
-        Ok(Self { evidence, ..self })
+        Ok(Self { evidence: JumpEvidence::new(evidence, "off the map")?, ..self })
     }
 
     /// Logarithm of the factor of entries off the map at a step; 0 without evidence.
     fn log_off(&self, control: &A::Control) -> f64 {
-        let log = |log_factor: f64| self.evidence.map_or(0.0, |log| log - log_factor);
-        self.inner.evidence(control).map_or(0.0, log)
+        self.evidence.log_factor(self.inner.evidence(control))
     }
 
     /// The operator on the map.
@@ -183,7 +175,15 @@ impl<A: Transition> OffMapTransition<A> {
         }
         check_count("states", found.saturating_add(1))?;
         let log2_back = back.iter().map(|&p| log2(p)).collect();
-        Ok(Self { inner, leave, keep: 1.0 - leave, stay, back, log2_back, evidence: None })
+        Ok(Self {
+            inner,
+            leave,
+            keep: 1.0 - leave,
+            stay,
+            back,
+            log2_back,
+            evidence: JumpEvidence::default(),
+        })
     }
 
     /// The entries of ρ r above 0.
@@ -216,11 +216,6 @@ impl<A: Transition> OffMapTransition<A> {
     }
 }
 
-/// A product that is 0 if the probability is, even with an infinite x.
-fn times(probability: f64, x: f64) -> f64 {
-    if probability == 0.0 { 0.0 } else { probability * x }
-}
-
 impl<A: Transition> Transition for OffMapTransition<A> {
     type Control = A::Control;
 
@@ -238,11 +233,11 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let (out, off) = out.split_at_mut(n);
         let weight = self.log_off(control).exp();
         self.inner.apply(control, &x[..n], out);
-        let returning = weight * x[n];
+        let returning = times(weight, x[n]);
         for (out, back) in out.iter_mut().zip(&self.back) {
             *out = times(self.keep, *out) + times(*back, returning);
         }
-        let left = times(self.leave, weight * kernels::sum(&x[..n]));
+        let left = times(self.leave, times(weight, kernels::sum(&x[..n])));
         off[0] = left + times(self.stay, returning);
     }
 
@@ -252,9 +247,9 @@ impl<A: Transition> Transition for OffMapTransition<A> {
         let (out, off) = out.split_at_mut(n);
         let weight = self.log_off(control).exp();
         self.inner.apply_transpose(control, &x[..n], out);
-        let left = weight * (self.leave * x[n]);
+        let left = times(weight, self.leave * x[n]);
         out.iter_mut().for_each(|out| *out = times(self.keep, *out) + left);
-        off[0] = weight * (kernels::dot(&self.back, &x[..n]) + self.stay * x[n]);
+        off[0] = times(weight, kernels::dot(&self.back, &x[..n]) + self.stay * x[n]);
     }
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
@@ -287,15 +282,9 @@ impl<A: Transition> Transition for OffMapTransition<A> {
     }
 
     fn needs_logs(&self, control: &A::Control) -> bool {
-        // A weight of 0 stays 0.
-        let in_range = |weight: f64| {
-            let entries = self.returns().map(|entry| entry.1).chain([self.leave, self.stay]);
-            entries
-                .filter(|p| *p > 0.0)
-                .all(|p| (f64::MIN_POSITIVE..=1e300).contains(&(p * weight)))
-        };
-        let log_off = self.log_off(control);
-        self.inner.needs_logs(control) || (log_off != 0.0 && !in_range(log_off.exp()))
+        let inner = self.inner.evidence(control);
+        let probabilities = self.back.iter().copied().chain([self.leave, self.stay]);
+        self.inner.needs_logs(control) || self.evidence.needs_logs(inner, probabilities)
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
@@ -324,7 +313,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     }
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let log2_off = self.evidence.log2_factor(self.inner.evidence(control));
         let (keep, leave) = (log2(self.keep), log2(self.leave) + log2_off);
         let on_map = (to < self.off_map_state()).then(|| self.inner.incoming_log2(control, to));
         let moves = on_map.into_iter().flatten().map(move |(j, log2)| (j, keep + log2));
@@ -340,7 +329,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         control: &A::Control,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let log2_off = self.evidence.log2_factor(self.inner.evidence(control));
         let (keep, on_map) = (log2(self.keep), from < self.off_map_state());
         assert!(from < self.states(), "there is no state {from}");
         let moves = on_map.then(|| self.inner.outgoing_log2(control, from));
@@ -363,7 +352,7 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
         self.inner.max_product(control, &x[..n], &mut out[..n], &mut from[..n]);
         let keep = log2(self.keep);
         out[..n].iter_mut().for_each(|out| *out += keep);
-        let log2_off = kernels::on_grid(self.log_off(control) * LOG2_E);
+        let log2_off = self.evidence.log2_factor(self.inner.evidence(control));
         let leave = log2(self.leave) + log2_off;
         (out[n], from[n]) = best_of((0..n as u32).map(|j| (j, leave)), x);
         let returns = self.log2_back.iter().copied().chain([log2(self.stay)]);

@@ -53,7 +53,7 @@ stored! {
         inner: A = a.inner,
         keep: f64 = a.keep,
         restart: Vec<f64> = a.restart,
-        evidence: Option<f64> = a.evidence,
+        evidence: Option<f64> = a.evidence.given(),
     } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
 
     [A: Transition] OffMapTransition<A> in motion: [A], |a| {
@@ -61,7 +61,7 @@ stored! {
         leave: f64 = a.leave,
         stay: f64 = a.stay,
         back: Vec<f64> = a.back,
-        evidence: Option<f64> = a.evidence,
+        evidence: Option<f64> = a.evidence.given(),
     } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
 
     [] DistanceTransition in motion: [], |a| {

@@ -1,17 +1,13 @@
 //! A vehicle that may turn up anywhere.
 
-use std::f64::consts::LOG2_E;
 use std::ops::Add;
 
 use super::dwell::add_log2;
-use super::{LearnTransition, MoveCounts, Transition, TransitionEntries};
-use super::{best_of, check_probability, log, merge, scaled};
+use super::{JumpEvidence, LearnTransition, MoveCounts, Transition, TransitionEntries};
+use super::{best_of, check_probability, log, merge, scaled, times};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
-
-/// Largest entry taken in linear space.
-const LARGEST: f64 = 1e300;
 
 /// An operator with random restarts: (1 − ε) A + ε r 1'. For a
 /// vehicle that was towed, carried by a ferry, or lost.
@@ -48,8 +44,7 @@ pub struct RestartTransition<A> {
     /// ε r, and its logarithms.
     pub(crate) restart: Vec<f64>,
     log2_restart: Vec<f64>,
-    /// ln p(u) at a restart.
-    pub(crate) evidence: Option<f64>,
+    pub(crate) evidence: JumpEvidence,
 }
 
 impl<A: Transition> RestartTransition<A> {
@@ -90,11 +85,7 @@ impl<A: Transition> RestartTransition<A> {
         self,
         evidence: Option<f64>,
     ) -> Result<Self, TransitionError> {
-        if let Some(value) = evidence.filter(|log| !log.is_finite()) {
-            let what = "the log-likelihood of evidence at a restart".to_owned();
-            return Err(TransitionError::Parameter { what, value, expected: "a finite number" });
-        }
-        Ok(Self { evidence, ..self })
+        Ok(Self { evidence: JumpEvidence::new(evidence, "at a restart")?, ..self })
     }
 
     /// The operator without restarts.
@@ -106,7 +97,7 @@ impl<A: Transition> RestartTransition<A> {
     /// Builds the operator from 1 − ε and ε r, which the caller has checked.
     pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
         let log2_restart = restart.iter().map(|&r| log2(r)).collect();
-        Self { inner, keep, restart, log2_restart, evidence: None }
+        Self { inner, keep, restart, log2_restart, evidence: JumpEvidence::default() }
     }
 
     /// The entries of ε r above 0.
@@ -138,21 +129,14 @@ impl<A: Transition> RestartTransition<A> {
         if self.restart[to] > 0.0 { 0..self.restart.len() } else { 0..0 }
     }
 
-    /// Logarithm of the factor of restarts at a step; 0 without evidence.
+    /// Logarithm of the factor of restarts at a step.
     fn log_factor(&self, control: &A::Control) -> f64 {
-        let log = |taken_out: f64| self.evidence.map_or(0.0, |log| log - taken_out);
-        self.inner.evidence(control).map_or(0.0, log)
+        self.evidence.log_factor(self.inner.evidence(control))
     }
 
-    /// The same as a power of two, on the grid of scores.
     fn log2_factor(&self, control: &A::Control) -> f64 {
-        kernels::on_grid(self.log_factor(control) * LOG2_E)
+        self.evidence.log2_factor(self.inner.evidence(control))
     }
-}
-
-/// A product that is 0 if either factor is, even with an infinite other one.
-fn times(a: f64, b: f64) -> f64 {
-    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
 }
 
 impl<A: Transition> Transition for RestartTransition<A> {
@@ -199,10 +183,9 @@ impl<A: Transition> Transition for RestartTransition<A> {
     }
 
     fn needs_logs(&self, control: &A::Control) -> bool {
-        let log = self.log_factor(control);
-        let in_range = |p: f64| (f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
+        let inner = self.inner.evidence(control);
         self.inner.needs_logs(control)
-            || (log != 0.0 && !self.restarts().all(|entry| in_range(entry.1)))
+            || self.evidence.needs_logs(inner, self.restart.iter().copied())
     }
 
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
@@ -323,7 +306,7 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
     ) -> Result<Self, TransitionError> {
         let inner = self.inner.reestimate(counts, pseudo_count)?;
         let again = Self::from_parts(inner, self.keep, self.restart.clone());
-        again.with_optional_evidence(self.evidence)
+        Ok(Self { evidence: self.evidence, ..again })
     }
 
     fn log_prior(&self, pseudo_count: f64) -> f64 {
