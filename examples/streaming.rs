@@ -30,12 +30,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             Err(other) => return Err(other.into()),
         }
         let belief = position.belief();
+        let (place, probability) = belief.peak();
         let around: Vec<usize> = belief.credible_set(0.9)?.iter().map(|i| i + 1).collect();
         println!(
-            "step {}: saw {place_seen:?}, at {} with {:.2}, 90% in {around:?}",
+            "step {}: saw {place_seen:?}, at {} with {probability:.2}, 90% in {around:?}",
             position.steps(),
-            belief.mode() + 1,
-            belief.as_slice()[belief.mode()],
+            place + 1,
         );
     }
     println!("one step on: {}", position.forecast(1)?.mode() + 1);

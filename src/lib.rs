@@ -132,11 +132,15 @@
 //! - Learning the parameters of structured operators (a window's weights, dwell times, rates).
 //! - Continuous states (Kalman and particle filters).
 //! - Computer vision: descriptors of images, or their similarities, are inputs.
-//! - Silent states, which emit nothing and take no step: compose the moves through them into the
-//!   operator, as probabilities of going from one emitting state to the next. (A step without an
-//!   observation is something else: `predict`, or [`OptionalLikelihood`].)
+//! - Silent states, which emit nothing and take no step; [`transition`] shows how to compose the
+//!   moves through them into an operator.
 //! - Reading `.npy` files: a crate such as `npyz` does, and every input here is a slice.
-//! - `no_std`. WebAssembly works (tests run on `wasm32-wasip1`), on one thread.
+//! - `no_std`.
+//!
+//! # Platforms
+//!
+//! Any with the standard library. Tests run on x86-64 (with and without AVX2 and AVX-512), aarch64 and
+//! WebAssembly (`wasm32-wasip1`), where everything runs on one thread.
 //!
 //! # Crate features
 //!

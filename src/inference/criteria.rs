@@ -65,23 +65,27 @@ impl HeldOut {
 /// Candidates for a model, each with its criteria, as a table.
 ///
 /// ```
-/// use wayfix::inference::{LearnError, LearningOptions, ModelSelection};
+/// use wayfix::inference::{LearnError, LearnedModel, LearningOptions, ModelSelection};
 /// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
 ///
 /// // One or two kinds of days? Umbrellas come in spells here.
 /// let day = |k: usize, year: usize| usize::from((k + year) / 20 % 2 == 1);
 /// let years: Vec<Vec<usize>> = (0..6).map(|year| (0..60).map(|k| day(k, year)).collect()).collect();
-/// let learn = |&states: &usize, years: &[&Vec<usize>]| {
+/// // Errors of all parts of a model become a `LearnError`.
+/// fn learn(
+///     states: usize,
+///     years: &[&Vec<usize>],
+/// ) -> Result<LearnedModel<DenseTransition, TableLikelihood>, LearnError> {
 ///     let prior = Prior::AtFirstObservation(Belief::uniform(states)?);
 ///     let (rows, table) = match states {
 ///         1 => (vec![vec![1.0]], vec![[0.5, 0.5]]),
 ///         _ => (vec![vec![0.9, 0.1], vec![0.1, 0.9]], vec![[0.7, 0.3], [0.4, 0.6]]),
 ///     };
 ///     let (a, b) = (DenseTransition::from_rows(&rows)?, TableLikelihood::from_rows(&table)?);
-///     let learned = Hmm::new(prior, a, b)?.learn(years, &LearningOptions::default())?;
-///     Ok::<_, LearnError>(learned) // errors of all parts of a model become one
-/// };
-/// let selection = ModelSelection::new([1, 2], &years, 3, learn)?;
+///     Hmm::new(prior, a, b)?.learn(years, &LearningOptions::default())
+/// }
+///
+/// let selection = ModelSelection::new([1, 2], &years, 3, |states, years| learn(*states, years))?;
 /// assert_eq!(selection.best_by_bic(), &2);
 /// assert_eq!(selection.best_held_out(), Some(&2));
 /// println!("{selection}"); // a line for each: parameters, log-likelihood, AIC, BIC, held out
@@ -112,6 +116,10 @@ impl<C> ModelSelection<C> {
     /// least 2, as often from all sequences but those of a fold (sequence s is in fold s modulo
     /// `folds`). `folds` of 0 or 1 leave that out. A single long sequence may be cut into pieces,
     /// such as `values.chunks(500)`, much longer than a state lasts.
+    ///
+    /// Let `learn` return a [`LearnError`], which the errors of all parts of a model become by `?`,
+    /// or an error of your own; a `Box<dyn Error>` is none of these. The models are not kept: learn
+    /// the chosen one again.
     ///
     /// Folds run in parallel with the feature `rayon`. The cost is that of all the learning.
     ///

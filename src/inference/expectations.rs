@@ -18,9 +18,12 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// Expected statistics of the hidden states of sequences, given their observations: the E-step of
 /// Baum–Welch.
 ///
-/// Made by [`Hmm::expectations`]. Those of several parts of the data, from several machines, say,
-/// are [added up](Hmm::merge_expectations), and [`Hmm::reestimate`] makes the next model of the
-/// sum.
+/// Made by [`Hmm::expectations`]. Those of several parts of the data are
+/// [added up](Hmm::merge_expectations), and [`Hmm::reestimate`] makes the next model of the sum.
+///
+/// From several machines, send the parts of those, which [`new`](Self::new) puts together again:
+/// plain numbers, if the statistics of the sensor are. Those of tables, counts, durations and
+/// directions are; those of the Gaussian families cannot be sent.
 ///
 /// ```
 /// use wayfix::inference::{Expectations, LearningOptions};
@@ -31,7 +34,7 @@ use crate::transition::{LearnTransition, MoveCounts};
 ///
 /// let (mut sum, failed) = hmm.expectations(&[[0, 0, 0, 1], [0, 1, 1, 1]]);
 /// assert!(failed.is_empty());
-/// let (others, _) = hmm.expectations(&[[1, 1, 1, 1], [0, 0, 1, 1]]); // elsewhere
+/// let (others, _) = hmm.expectations(&[[1, 1, 1, 1], [0, 0, 1, 1]]); // another part of the data
 /// hmm.merge_expectations(&mut sum, &others);
 /// assert!((sum.first().iter().sum::<f64>() - 4.0).abs() < 1e-12);
 ///
@@ -97,9 +100,37 @@ impl<B: LearnLikelihood> Expectations<B> {
 
 /// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns a pair: the expectations of all sequences, added up, and the errors of those that
-    /// have none, since the model rules them out, or they are not valid. (Where
-    /// [`learn`](Self::learn) is enough, its result has both by name.)
+    /// Returns a pair: the expectations of all sequences, added up, and an error for each sequence
+    /// that was left out, since the model rules it out or it is not valid, with its index in
+    /// `sequences`. (Where [`learn`](Self::learn) is enough, its result has both by name.)
+    ///
+    /// A loop in parts, which ends when the log-likelihood hardly grows:
+    ///
+    /// ```
+    /// # use wayfix::inference::LearningOptions;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
+    /// # let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
+    /// let parts = [vec![[0, 0, 0, 1], [0, 1, 1, 1]], vec![[1, 1, 1, 1], [0, 0, 1, 1]]];
+    /// let (mut model, mut before) = (start, f64::NEG_INFINITY);
+    /// for _ in 0..100 {
+    ///     let mut sum = model.no_expectations();
+    ///     for (number, part) in parts.iter().enumerate() {
+    ///         let (expected, left_out) = model.expectations(part);
+    ///         left_out.iter().for_each(|error| eprintln!("part {number}: {error}"));
+    ///         model.merge_expectations(&mut sum, &expected);
+    ///     }
+    ///     let log_likelihood = sum.log_likelihood();
+    ///     if log_likelihood - before < 1e-6 {
+    ///         break;
+    ///     }
+    ///     before = log_likelihood;
+    ///     model = model.reestimate(&sum, &LearningOptions::default())?;
+    /// }
+    /// assert!(model.likelihood().probability(0, 0) > Some(0.8));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     ///
     /// Cost and memory are those of an iteration of [`learn`](Self::learn), in parallel with the
     /// feature `rayon`, with the same result to the bit.
@@ -123,7 +154,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
     }
 
-    /// Adds expectations of other sequences under this model. O(n + moves + statistics).
+    /// Adds expectations of other sequences under this model, which is the caller's to see to: those
+    /// of another model make a sum of nothing in particular, and
+    /// [`reestimate`](Self::reestimate) notices only some of them. O(n + moves + statistics).
     pub fn merge_expectations(&self, sum: &mut Expectations<B>, other: &Expectations<B>) {
         sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
         sum.moves.iter_mut().zip(&other.moves).for_each(|(sum, m)| sum.merge(m));
@@ -137,7 +170,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// # Errors
     ///
     /// [`LearnError`] if a number of `learning` is not valid, the expectations are those of
-    /// another model, or a part cannot be re-estimated.
+    /// another model, or of no sequence ([`LearnError::Nothing`]), or a part cannot be
+    /// re-estimated.
     pub fn reestimate(
         &self,
         expectations: &Expectations<B>,
@@ -152,6 +186,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             if found != expected {
                 return Err(LearnError::Expectations { what, found, expected });
             }
+        }
+        if expectations.first.iter().all(|p| *p == 0.0) {
+            return Err(LearnError::Nothing { sequences: 0, first: None });
         }
         self.maximize(expectations, learning)
     }

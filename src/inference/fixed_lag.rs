@@ -182,7 +182,9 @@ where
         FixedLagSnapshot { lag: self.lag, present: self.filter.snapshot(), past }
     }
 
-    /// Restores a snapshot, of this smoother or another, and takes over its lag.
+    /// Restores a snapshot, of this smoother or another, and takes over its lag. Only the number of
+    /// states and the controls are checked: keep a version of the model beside snapshots that
+    /// outlive it.
     ///
     /// # Errors
     ///

@@ -4,7 +4,8 @@ use super::filter_snapshot::FilterSnapshot;
 
 /// State of a fixed-lag smoother: plain data, to be kept, compared, sent elsewhere and restored.
 ///
-/// Made by [`FixedLag::snapshot`](crate::FixedLag::snapshot).
+/// Made by [`FixedLag::snapshot`](crate::FixedLag::snapshot). [`to_bytes`](Self::to_bytes) stores
+/// it; under a control, [`to_bytes_with`](Self::to_bytes_with), with the last controls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FixedLagSnapshot<U> {
     pub(crate) lag: usize,

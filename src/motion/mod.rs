@@ -7,6 +7,7 @@
 //! | a road network, with the metres driven, for steps of any length | [`CellTransition`] on [`RoadCells`](crate::map::RoadCells), with a [`Travel`] from an [`Odometer`] |
 //! | a vehicle that may leave the map, on any operator | [`OffMapTransition`] |
 //! | errors of odometry along a route | [`OdometryModel`] |
+//! | a floor of cells, with (dx, dy) from wheels, and a robot that may be carried | [`EvidenceTransition`](crate::transition::EvidenceTransition) in a [`RestartTransition`](crate::transition::RestartTransition): the chapter on [a lost robot](crate::guide::lost_robot) |
 //!
 //! Operators of single moves, without a vehicle in mind, are in
 //! [`transition`](crate::transition).

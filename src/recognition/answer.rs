@@ -10,7 +10,8 @@ pub struct Answer {
     /// The place, or `None` if the vehicle is more probably off the map than on it.
     pub place: Option<usize>,
     /// Probability that the vehicle is within the [window](super::Options::window) of
-    /// `place`, or that it is off the map if `place` is `None`.
+    /// `place`, or that it is off the map if `place` is `None`. For another distance, or another
+    /// place, see [`Recognizer::mass_near`].
     pub probability: f64,
     /// The places around `place` that hold 90% of the belief on the map; on a loop, the first
     /// may be above the last.

@@ -285,7 +285,7 @@ impl PlaceBeliefs {
     }
 
     /// Returns the probability of some places, or of off the map for `None`, at a step, from 0; 0
-    /// beyond the last step.
+    /// beyond the last step. Places beyond the last count nothing.
     #[must_use]
     pub fn mass(&self, at: usize, places: Option<&RangeInclusive<usize>>) -> f64 {
         let Some(belief) = self.get(at) else { return 0.0 };

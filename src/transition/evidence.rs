@@ -24,7 +24,8 @@ const LARGEST: f64 = 1e300;
 ///
 /// `F` returns ln p(u | from, to), −∞ for an impossible measurement. It is called for the moves of
 /// A only. Products cost O(E) evaluations and exponentials, and a step two more
-/// rounds of evaluations, to check them. Learning re-estimates A from the expected
+/// rounds of evaluations, to check them. The guide shows odometry of
+/// [a robot on a grid](crate::guide::lost_robot). Learning re-estimates A from the expected
 /// moves, and keeps the likelihood.
 ///
 /// ```

@@ -18,6 +18,36 @@
 //! | observations only every few steps | [`PowerTransition`] |
 //! | moves that share a parameter, to be learned | [`TiedTransition`] |
 //!
+//! # Silent states
+//!
+//! A state that emits nothing and takes no step, as profile models have them, is composed into the
+//! moves between emitting states. With P[from → to] from emitting (e) and silent (s) states, the
+//! operator has P_ee + P_es (I − P_ss)⁻¹ P_se, and a prior p the part p_e + p_s (I − P_ss)⁻¹ P_se.
+//! Learning then estimates the composed moves, and the visits to silent states are not decoded.
+//!
+//! ```
+//! use wayfix::DenseTransition;
+//!
+//! // Two places (0, 1), and a silent ferry (2) that leads on to 1, or back to 0.
+//! let p = [[0.5, 0.2, 0.3], [0.4, 0.6, 0.0], [0.25, 0.75, 0.0]]; // [from][to]
+//! let mut moves = [[0.0; 2]; 2]; // [to][from]
+//! for from in 0..2 {
+//!     // Where it goes by silent states: their visits, step by step, until none is left.
+//!     let mut on_ferry = p[from][2];
+//!     moves.iter_mut().zip(p[from]).for_each(|(row, p)| row[from] += p);
+//!     while on_ferry > 1e-18 {
+//!         moves.iter_mut().zip(p[2]).for_each(|(row, p)| row[from] += on_ferry * p);
+//!         on_ferry *= p[2][2];
+//!     }
+//! }
+//! let a = DenseTransition::from_rows(&moves)?;
+//! assert!((a.get(0, 0) - 0.575).abs() < 1e-15 && (a.get(1, 0) - 0.425).abs() < 1e-15);
+//! # Ok::<(), wayfix::TransitionError>(())
+//! ```
+//!
+//! A step without an observation is something else: [`Filter::predict`](crate::Filter::predict), or
+//! [`OptionalLikelihood`](crate::OptionalLikelihood).
+//!
 //! Motion of vehicles is in [`motion`](crate::motion), maps of roads are in [`map`](crate::map).
 //! Wrapping operators take any operator, or require [`TransitionEntries`] where they need single
 //! entries. [`Stored`] matrices have faster loops.

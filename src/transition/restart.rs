@@ -17,7 +17,8 @@ use crate::kernels::{self, log2};
 /// If A has [evidence on moves](Transition::evidence), such as odometry, a restart has a likelihood
 /// of its own, the same for all: [`with_evidence`](Self::with_evidence). The evidence belongs
 /// inside: an [`EvidenceTransition`](super::EvidenceTransition) around a restart takes restarts
-/// for moves, and evaluates its likelihood for all n² of them.
+/// for moves, and evaluates its likelihood for all n² of them. The guide has
+/// [a lost robot](crate::guide::lost_robot) as an example.
 ///
 /// Products, and so filters and smoothers, cost O(n) more than those of A. Viterbi takes
 /// O(entries of A + n) a step. But r reaches its states from everywhere: routines that list single
