@@ -440,7 +440,7 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     assert!((loose.aic() - criteria.aic()).abs() < 1.0, "{loose:?} {criteria:?}");
 
     // By each way of learning, and in the choice among models.
-    let restarts = Hmm::learn_best(&[start.clone()], &ys, &tight, |_, _| ()).unwrap();
+    let restarts = Hmm::learn_best(std::slice::from_ref(&start), &ys, &tight, |_, _| ()).unwrap();
     assert_eq!(restarts.into_best().free_parameters(), 5);
     let mut seen = Vec::new();
     let watched = start.learn_with(&ys, &tight, |now| {
