@@ -142,7 +142,7 @@ fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
         };
         // Without bytes left, each draw is the first choice again.
         let unlike = |speed: f64| grid.iter().all(|other| *other != speed);
-        let upwards = || (0..).map(f64::from).find(|speed| unlike(*speed));
+        let upwards = || (0..64).map(f64::from).find(|speed| unlike(*speed));
         let speed = if unlike(speed) && speed <= 64.0 { Some(speed) } else { upwards() };
         grid.extend(speed);
     }
