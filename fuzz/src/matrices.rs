@@ -122,7 +122,9 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
                 let view = view.map(|view| ViewEvidence { view, weight });
                 RouteControl { odometry, view, before: None }
             };
-            let controls: Vec<_> = (0..count).map(|_| control(draw)).collect();
+            // One without evidence, whose columns sum to one.
+            let mut controls = vec![RouteControl::default()];
+            controls.extend((1..count).map(|_| control(draw)));
             let matrices = controls.iter().map(|u| listed(&route, u)).collect();
             (Driven::Route(route, controls), matrices)
         }
@@ -190,7 +192,7 @@ fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
         };
         // Without bytes left, each draw is the first choice again.
         let unlike = |speed: f64| grid.iter().all(|other| *other != speed);
-        let upwards = || (0..=64).map(f64::from).find(|speed| unlike(*speed));
+        let upwards = || (0..64).map(f64::from).find(|speed| unlike(*speed));
         let speed = if unlike(speed) && speed <= 64.0 { Some(speed) } else { upwards() };
         grid.extend(speed);
     }
@@ -201,9 +203,9 @@ fn grid(draw: &mut Draw<'_>, count: usize) -> Vec<f64> {
 /// A route with `n` states: of `n` places at one speed, or of fewer at several, or off the
 /// map.
 fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
-    let fits: Vec<usize> = (1..=3).filter(|layers| n.is_multiple_of(*layers)).collect();
+    let fits: Vec<usize> = (1..=6).filter(|layers| n.is_multiple_of(*layers)).collect();
     let layers = draw.pick(&fits);
-    let (places, off_map) = (n / layers, layers > 1 && draw.one_in(2));
+    let (places, off_map) = (n / layers, layers > 1 && draw.one_in(3));
     let grid = grid(draw, layers - usize::from(off_map));
     let (nearby, anywhere) = draw.pick(&[(0.01, 0.005), (0.5, 0.25), (0.0, 0.0), (0.0, 1.0)]);
     let speeds = Speeds::new(&grid)
