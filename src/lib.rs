@@ -145,7 +145,7 @@
 //! # Crate features
 //!
 //! - **`canberra`**: the module `canberra`, the instance of the paper. Compiles in its places and roads,
-//!   which are under the Open Database Licence 1.0, as the crate otherwise is not.
+//!   which alone in the crate are under the Open Database License 1.0.
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
 //!   road networks, `emission::Series` columns of numbers (with `emission`).
 //! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
@@ -166,7 +166,7 @@
 //! National University. Where the printed equation has an error, the docs of the item give the
 //! intended one.
 
-// Labels what a feature brings, on docs.rs.
+// On docs.rs, labels items with the features that they need.
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod belief;

@@ -67,14 +67,14 @@ impl Moment {
         })
     }
 
-    /// What the picture shows, in words.
+    /// Caption of the picture.
     pub(crate) fn caption(&self, map: &RoadMap) -> String {
         let name = |place: usize| map.places()[place].id;
         let [filter, smoother] = [&self.filter, &self.smoother].map(|belief| mode(belief));
         format!(
             "Step {STEP} of the first drive ({}): the vehicle is at place {}, its camera names {}. \
-             The filter believes most in {} ({:.2}), the smoother in {} ({:.2}). The area of a \
-             circle is the probability of its place, the black line the way driven. Road geometry \
+             The filter favours {} ({:.2}), the smoother {} ({:.2}). The area of a \
+             circle is the probability of its place, the dark line the route driven. Road geometry \
              © OpenStreetMap contributors, ODbL 1.0.",
             self.setting,
             name(self.truth),

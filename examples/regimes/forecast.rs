@@ -1,4 +1,4 @@
-//! What the coming days may bring, by simulated futures.
+//! Forecast of the coming days, by simulated futures.
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::Filter;

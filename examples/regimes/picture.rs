@@ -30,7 +30,7 @@ type Drawn = Result<(), Box<dyn Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// What the picture shows.
+/// Contents of the picture.
 pub(crate) struct Shown<'a> {
     pub(crate) year: &'a Year,
     /// Names of the regimes.

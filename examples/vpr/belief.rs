@@ -114,7 +114,7 @@ impl Scale {
         bottom: i32,
         learned: &[Range<usize>],
     ) -> Drawn {
-        area.draw(&Text::new("Where the smoother believes to be", (20, 14), font(24)))?;
+        area.draw(&Text::new("Where the smoother believes it is", (20, 14), font(24)))?;
         let name = shortened(&recording.name, 100);
         area.draw(&Text::new(name, (20, 44), font(18).color(&GREY)))?;
         for range in learned {

@@ -31,8 +31,8 @@ impl Error for SequenceError {
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum LearnError {
-    /// There is no observation to learn from: no sequence was given, all are empty, or all that
-    /// are not failed.
+    /// There is no observation to learn from: no sequence was given, all are empty, or
+    /// those that are not have all failed.
     Nothing {
         /// Number of sequences given.
         sequences: usize,

@@ -1,5 +1,5 @@
 //! Guides: the formulas of every routine, the limits of its speed, and the ways from image
-//! descriptors to a position, from GPS points to a route, and from odometry to a lost robot.
+//! descriptors to a position and from GPS points to a route, and a lost robot on a grid.
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}

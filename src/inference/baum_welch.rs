@@ -149,8 +149,8 @@ impl<A, B> LearnedModel<A, B> {
 
     /// Number of free parameters: those of the model that was given
     /// ([`Hmm::free_parameters`]), without its prior if that was
-    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, and the sooner
-    /// the longer it goes on; the parameters that they belong to were free all the same.
+    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, more of
+    /// them the longer it goes on; the parameters that they belong to were free all the same.
     #[must_use]
     pub fn free_parameters(&self) -> usize {
         self.parameters

@@ -118,7 +118,7 @@ impl<C> ModelSelection<C> {
     /// such as `values.chunks(500)`, much longer than a state lasts.
     ///
     /// Let `learn` return a [`LearnError`], which the errors of all parts of a model become by `?`,
-    /// or an error of your own; a `Box<dyn Error>` is none of these. The models are not kept: learn
+    /// or an error of your own; a `Box<dyn Error>` is not `Send`. The models are not kept: learn
     /// the chosen one again.
     ///
     /// Folds run in parallel with the feature `rayon`. The cost is that of all the learning.

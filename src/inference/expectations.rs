@@ -21,9 +21,9 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// Made by [`Hmm::expectations`]. Those of several parts of the data are
 /// [added up](Hmm::merge_expectations), and [`Hmm::reestimate`] makes the next model of the sum.
 ///
-/// From several machines, send the parts of those, which [`new`](Self::new) puts together again:
-/// plain numbers, if the statistics of the sensor are. Those of tables, counts, durations and
-/// directions are; those of the Gaussian families cannot be sent.
+/// To add up those of several machines, send their parts, of which [`new`](Self::new) makes them
+/// again: plain numbers if the statistics of the sensor are. Those of tables, counts, durations
+/// and directions are; those of the Gaussian families cannot be sent.
 ///
 /// ```
 /// use wayfix::inference::{Expectations, LearningOptions};
@@ -102,7 +102,7 @@ impl<B: LearnLikelihood> Expectations<B> {
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// Returns a pair: the expectations of all sequences, added up, and an error for each sequence
     /// that was left out, since the model rules it out or it is not valid, with its index in
-    /// `sequences`. (Where [`learn`](Self::learn) is enough, its result has both by name.)
+    /// `sequences`. (Where [`learn`](Self::learn) is enough, its result lists these errors.)
     ///
     /// A loop in parts, which ends when the log-likelihood hardly grows:
     ///
@@ -154,9 +154,9 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
     }
 
-    /// Adds expectations of other sequences under this model, which is the caller's to see to: those
-    /// of another model make a sum of nothing in particular, and
-    /// [`reestimate`](Self::reestimate) notices only some of them. O(n + moves + statistics).
+    /// Adds expectations of other sequences under this model, which the caller must ensure: a sum
+    /// over several models means nothing, and [`reestimate`](Self::reestimate) detects only some
+    /// of them. O(n + moves + statistics).
     pub fn merge_expectations(&self, sum: &mut Expectations<B>, other: &Expectations<B>) {
         sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
         sum.moves.iter_mut().zip(&other.moves).for_each(|(sum, m)| sum.merge(m));

@@ -85,8 +85,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         })
     }
 
-    /// Adds moves from logarithms, which sum to one with the probability of others, up to their
-    /// digits: those of two likely moves may differ by the rounding of log-likelihoods of −1e15.
+    /// Adds moves from logarithms. With exp(`others`) they sum to one, up to the digits of the
+    /// logarithms: those of two likely moves may differ by the rounding of log-likelihoods of −1e15.
     #[cold]
     fn add_logs_to<I: Iterator<Item = (usize, f64)>>(
         &self,
@@ -116,7 +116,7 @@ impl<A: TransitionEntries> Pairs<'_, A> {
 impl<A: LearnTransition> Pairs<'_, A> {
     /// Adds the moves of this step that learning counts to others, as [`add_to`](Self::add_to)
     /// does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
-    /// sum of their row's part of A over the ratios.
+    /// sum over i of the restart part of row i times its ratio γ_k(i) / p_k(i).
     pub(super) fn count_to(
         &self,
         counts: &mut MoveCounts,

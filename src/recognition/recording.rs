@@ -174,8 +174,8 @@ impl Recording {
     /// Single-image beliefs: of each step, given its query alone and a uniform prior, at the
     /// temperature of single images. O(n) a step.
     ///
-    /// A baseline: the share of its answers that are right, beside that of
-    /// [`filtered`](Self::filtered), is what motion adds. Its odds are those of the sensor, with
+    /// A baseline: how much more often the answers of [`filtered`](Self::filtered) are right is what
+    /// motion adds. Its odds are those of the sensor, with
     /// standardized references and all that a fit has learned of them.
     #[must_use]
     pub fn single(&self) -> PlaceBeliefs {
@@ -285,7 +285,7 @@ impl PlaceBeliefs {
     }
 
     /// Returns the probability of some places, or of off the map for `None`, at a step, from 0; 0
-    /// beyond the last step. Places beyond the last count nothing.
+    /// beyond the last step. Places beyond the last count as 0.
     #[must_use]
     pub fn mass(&self, at: usize, places: Option<&RangeInclusive<usize>>) -> f64 {
         let Some(belief) = self.get(at) else { return 0.0 };

@@ -9,12 +9,12 @@ use crate::kernels;
 /// Largest entry taken in linear space.
 const LARGEST: f64 = 1e300;
 
-/// ln p(u) at a jump; without one, that of the log factor which the inner operator takes out.
+/// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct JumpEvidence(Option<f64>);
 
 impl JumpEvidence {
-    /// `place` names the jumps in errors.
+    /// Checks that the log-likelihood is finite; `place` names the jumps in errors.
     pub(crate) fn new(log: Option<f64>, place: &str) -> Result<Self, TransitionError> {
         if let Some(value) = log.filter(|log| !log.is_finite()) {
             let what = format!("the log-likelihood of evidence {place}");
@@ -35,7 +35,7 @@ impl JumpEvidence {
         inner.map_or(0.0, |taken_out| self.0.map_or(0.0, |log| log - taken_out))
     }
 
-    /// The same as a power of two, on the grid of scores.
+    /// Base-2 logarithm of the factor of jumps, on the grid of scores.
     pub(crate) fn log2_factor(self, inner: Option<f64>) -> f64 {
         kernels::on_grid(self.log_factor(inner) * LOG2_E)
     }

@@ -30,13 +30,13 @@ pub trait LearnTransition: TransitionEntries + Sized {
         0
     }
 
-    /// Lists the entries out of a state whose moves are counted: all, by default, or those of A
-    /// less the same [restarts](Self::restart_log2) out of all states.
+    /// Lists the entries out of a state whose moves are counted: by default all, or those of A
+    /// less the [restarts](Self::restart_log2), which are the same out of all states.
     fn counted(&self, control: &Self::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
         self.outgoing(control, from)
     }
 
-    /// Lists the same entries as powers of two, as
+    /// Lists the same entries as pairs (to, log2 p), as
     /// [`outgoing_log2`](TransitionEntries::outgoing_log2) does.
     fn counted_log2(
         &self,
@@ -49,7 +49,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
     /// The part of row `to` of A that is the same for all states and not counted, as log2 p; −∞, the
     /// default, if all moves are counted.
     ///
-    /// An iteration of learning then takes O(counted entries + n) a step, where there are n² moves.
+    /// With restarts, learning takes O(counted entries + n) a step, although there are n² moves.
     fn restart_log2(&self, control: &Self::Control, to: usize) -> f64 {
         let _ = (control, to);
         f64::NEG_INFINITY

@@ -21,8 +21,8 @@
 //! # Silent states
 //!
 //! A state that emits nothing and takes no step, as profile models have them, is composed into the
-//! moves between emitting states. With P[from → to] from emitting (e) and silent (s) states, the
-//! operator has P_ee + P_es (I − P_ss)⁻¹ P_se, and a prior p the part p_e + p_s (I − P_ss)⁻¹ P_se.
+//! moves between emitting states. With P[from → to] from emitting (e) and silent (s) states, A
+//! is the transpose of P_ee + P_es (I − P_ss)⁻¹ P_se, and the prior p_e + p_s (I − P_ss)⁻¹ P_se.
 //! Learning then estimates the composed moves, and the visits to silent states are not decoded.
 //!
 //! ```

@@ -114,7 +114,7 @@ impl<A: Transition> RestartTransition<A> {
         entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
     }
 
-    /// The same as logarithms.
+    /// Entries of A times 1 − ε, as base-2 logarithms.
     fn kept_log2(
         &self,
         entries: impl Iterator<Item = (usize, f64)>,
@@ -209,7 +209,7 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 
     // Without evidence, an entry is the logarithm of a sum, as that of a stored matrix would be, so
-    // that the same paths tie. With evidence it is the sum of logarithms, of any size.
+    // that the same paths tie. With evidence the sum is taken in logarithms, of any size.
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
         let measured = self.inner.evidence(control).is_some();

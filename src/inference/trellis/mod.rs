@@ -236,7 +236,7 @@ impl Scale {
         (self.weight + self.likelihood) + self.sum
     }
 
-    /// Adds the same to a sum, without rounding it first.
+    /// Adds ln p(y_k | y_1 … y_{k-1}) to a sum, without rounding it first.
     pub(crate) fn add_to(self, sum: &mut LogSum) {
         [self.weight, self.likelihood, self.sum].into_iter().for_each(|log| sum.add(log));
     }
