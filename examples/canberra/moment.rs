@@ -115,7 +115,7 @@ impl Moment {
         truth(area, at(self.truth))?;
         self.numbers(area, map, &layout)?;
         self.legend(area, map)?;
-        let note = "area of a circle: its probability; dark line: the way driven";
+        let note = "area of a circle: its probability; dark line: the route driven";
         text(area, note.into(), 16, (16, SIZE.1.cast_signed() - 16))?;
         let credit = "Road geometry © OpenStreetMap contributors, ODbL 1.0";
         let corner = (SIZE.0.cast_signed() - 16, SIZE.1.cast_signed() - 16);
