@@ -53,7 +53,7 @@ impl ActiveSet {
             }
         };
         match moves {
-            Some((a, control)) if a.evidence(control).is_some() && a.needs_logs(control) => {
+            Some((a, control)) if a.evidence(control).is_some() && a.entries_need_logs(control) => {
                 let ways = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
                 ways.for_each(|(i, _)| list(i));
             }

@@ -83,7 +83,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         ways: &mut Vec<(usize, f64)>,
     ) -> Result<(), InferenceError> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
-        let in_logs = self.evidence()?.is_some() && self.needs_logs();
+        let in_logs = self.evidence()?.is_some() && self.entries_need_logs();
         for (i, after) in after.iter_mut().enumerate() {
             alpha.ways(self.hmm.transition(), control, i, in_logs, ways);
             let total: f64 = ways.iter().map(|way| way.1).sum();

@@ -7,7 +7,7 @@ use crate::error::InferenceError;
 use crate::kernels::{self, Product, Valid};
 use crate::likelihood::{Diagonal, Likelihood};
 use crate::range::{self, LIFT};
-use crate::transition::{SparseTransition, Stored, Transition};
+use crate::transition::{SparseTransition, Stored, Transition, TransitionEntries};
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Checks the control, and returns the log factor of the evidence on the move to this step,
@@ -26,6 +26,14 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     /// Returns true if entries of a step with evidence are outside the range of `f64`.
     pub(super) fn needs_logs(&self) -> bool {
         self.control.is_some_and(|control| self.hmm.transition().needs_logs(control))
+    }
+
+    /// Returns true if single entries of a step with evidence are outside the range of `f64`.
+    pub(super) fn entries_need_logs(&self) -> bool
+    where
+        A: TransitionEntries,
+    {
+        self.control.is_some_and(|control| self.hmm.transition().entries_need_logs(control))
     }
 
     /// Returns the sparse matrix of the step, if there is one and no evidence.

@@ -70,7 +70,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
-            if step.evidence()?.is_some() && step.needs_logs() {
+            if step.evidence()?.is_some() && step.entries_need_logs() {
                 in_logs.push(number);
             }
         }

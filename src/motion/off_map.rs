@@ -343,6 +343,10 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
             .chain(self.last(log2(last) + log2_off, last > 0.0))
     }
 
+    fn entries_need_logs(&self, control: &A::Control) -> bool {
+        self.needs_logs(control) || self.inner.entries_need_logs(control)
+    }
+
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let n = self.off_map_state();

@@ -68,6 +68,16 @@ pub trait TransitionEntries: Transition {
         self.outgoing(control, from).map(|(to, p)| (to, log2(p)))
     }
 
+    /// True if single entries of a step with [evidence](Transition::evidence) are out of the range of
+    /// doubles, so that routines that list them have to take their logarithms.
+    ///
+    /// By default as [`needs_logs`](Transition::needs_logs). Entries that are products of others may
+    /// leave the range where none of their factors do, and where products with a belief, which take
+    /// one factor after the other, are still exact. Called once a step; O(entries of the factors).
+    fn entries_need_logs(&self, control: &Self::Control) -> bool {
+        self.needs_logs(control)
+    }
+
     /// Max-product, the step of Viterbi:
     /// `out[i]` = max over j of log2 A\[i, j\] + `x[j]`, and `from[i]` the lowest j
     /// that attains it. Here and in the operators

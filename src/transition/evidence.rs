@@ -4,14 +4,12 @@ use std::f64::consts::LOG2_E;
 use std::fmt;
 use std::marker::PhantomData;
 
+use super::jump::LARGEST;
 use super::{LearnTransition, MoveCounts};
 use super::{Transition, TransitionEntries, check_slices, log, validate_with};
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
 use crate::range::LARGEST_LOG;
-
-/// Largest entry taken in linear space.
-const LARGEST: f64 = 1e300;
 
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
 /// likelihood p(u | `X_{k-1}`, `X_k`) multiplies the entries of A.

@@ -7,7 +7,7 @@ use crate::error::TransitionError;
 use crate::kernels;
 
 /// Largest entry taken in linear space.
-const LARGEST: f64 = 1e300;
+pub(super) const LARGEST: f64 = 1e300;
 
 /// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,5 +1,6 @@
 //! Two independent chains side by side.
 
+use super::jump::LARGEST;
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;
@@ -220,6 +221,17 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
         })
     }
 
+    fn entries_need_logs(&self, control: &A1::Control) -> bool {
+        let parts_do =
+            self.first.entries_need_logs(control) || self.second.entries_need_logs(control);
+        parts_do || {
+            // Each entry of one is multiplied with each of the other: the extremes tell.
+            let ((least1, most1), (least2, most2)) =
+                (extremes(&self.first, control), extremes(&self.second, control));
+            least1 * least2 < f64::MIN_POSITIVE || most1 * most2 > LARGEST
+        }
+    }
+
     fn max_product(&self, control: &A1::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         check_slices(self.states(), x, out);
         let (n1, n2) = (self.first.states(), self.second.states());
@@ -246,4 +258,10 @@ impl<A1: TransitionEntries, A2: TransitionEntries<Control = A1::Control>> Transi
             });
         });
     }
+}
+
+/// The least and the largest entry above 0; 1 and 0 if there is none. O(entries).
+fn extremes<A: TransitionEntries>(a: &A, control: &A::Control) -> (f64, f64) {
+    let entries = (0..a.states()).flat_map(|from| a.outgoing(control, from));
+    entries.fold((1.0, 0.0), |(least, most), (_, p)| (p.min(least), p.max(most)))
 }

@@ -237,6 +237,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
 
+    fn entries_need_logs(&self, control: &A::Control) -> bool {
+        self.needs_logs(control) || self.inner.entries_need_logs(control)
+    }
+
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         // Where A has no entry, that of row i is ε r_i, so that the best such predecessor is the
         // best state of all. If A does have an entry there, its own score is no lower: offering

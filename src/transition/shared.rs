@@ -105,6 +105,10 @@ macro_rules! as_target {
                 (**self).outgoing_log2(control, from)
             }
 
+            fn entries_need_logs(&self, control: &Self::Control) -> bool {
+                (**self).entries_need_logs(control)
+            }
+
             fn max_product(
                 &self,
                 control: &Self::Control,

@@ -118,6 +118,10 @@ impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransitio
         self.operators[control].outgoing_log2(&(), from)
     }
 
+    fn entries_need_logs(&self, &control: &usize) -> bool {
+        self.operators[control].entries_need_logs(&())
+    }
+
     fn max_product(&self, &control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
         self.operators[control].max_product(&(), x, out, from);
     }

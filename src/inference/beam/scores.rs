@@ -52,7 +52,8 @@ impl Beam {
         for &i in &self.states {
             let lifted = match moves {
                 Some((transition, control))
-                    if transition.evidence(control).is_some() && transition.needs_logs(control) =>
+                    if transition.evidence(control).is_some()
+                        && transition.entries_need_logs(control) =>
                 {
                     0.0
                 }

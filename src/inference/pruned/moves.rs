@@ -86,7 +86,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         let bounds = constant.unwrap_or(unknown);
         let mut moves = Self { transition, control, bounds, evidence, form: Form::Linear };
         if evidence.is_some() {
-            if transition.needs_logs(control) {
+            if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);
             }
             if is_open {

@@ -2,6 +2,7 @@
 //! hand.
 
 mod bounds;
+mod pairs;
 mod restarts;
 mod wide;
 
