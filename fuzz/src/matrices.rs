@@ -6,13 +6,15 @@ use wayfix::motion::{
     ViewEvidence,
 };
 use wayfix::transition::{
-    EvidenceTransition, RestartTransition, SwitchedTransition, WindowTransition,
+    EvidenceTransition, KroneckerTransition, RestartTransition, SwitchedTransition,
+    WindowTransition,
 };
 use wayfix::{Belief, DenseTransition, SparseTransition, TransitionEntries};
 
 use crate::draw::Draw;
 use crate::model::{Matrix, Range, weight};
-use crate::operators::{Driven, Measured, Measurement, Plain};
+use crate::operators::{Driven, Measured, Measurement, OneOfTwo, Plain};
+use crate::reference::logarithms;
 
 pub(crate) fn matrix(draw: &mut Draw<'_>, n: usize, range: Range) -> Matrix {
     let columns: Vec<Vec<f64>> =
@@ -79,17 +81,17 @@ fn window(draw: &mut Draw<'_>, n: usize, range: Range) -> Option<(Plain, Matrix)
     Some((Plain::Window(window), all))
 }
 
-/// An operator over `n` states (or as many as a route then has), and the matrix
-/// of each of its controls.
+/// An operator over `n` states (or as many as a route then has), and the logarithms of the
+/// matrix of each of its controls.
 pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Vec<Matrix>) {
     let count = 1 + draw.below(3);
-    match draw.below(6) {
+    match draw.below(7) {
         0 | 1 => {
             let matrices: Vec<Matrix> = (0..count).map(|_| matrix(draw, n, range)).collect();
             let switched = SwitchedTransition::new(matrices.iter().map(sparse).collect());
             (
                 Driven::Switched(switched.expect("as many states each"), (0..count).collect()),
-                matrices,
+                matrices.iter().map(logarithms).collect(),
             )
         }
         2 => {
@@ -107,10 +109,11 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
                 (!draw.one_in(4)).then_some(OdometryReading { distance, variance })
             };
             let controls: Vec<_> = (0..count).map(|_| odometry(draw)).collect();
-            let matrices = controls.iter().map(|u| listed(&distance, u)).collect();
+            let matrices = controls.iter().map(|u| logarithms(&listed(&distance, u))).collect();
             (Driven::Distance(distance, controls), matrices)
         }
         3 | 4 => measured(draw, n, range, count),
+        5 if n.is_multiple_of(2) => pairs(draw, n, range, count),
         _ => {
             let route = route(draw, n);
             let control = |draw: &mut Draw<'_>| {
@@ -125,27 +128,63 @@ pub(crate) fn driven(draw: &mut Draw<'_>, n: usize, range: Range) -> (Driven, Ve
             // One without evidence, whose columns sum to one.
             let mut controls = vec![RouteControl::default()];
             controls.extend((1..count).map(|_| control(draw)));
-            let matrices = controls.iter().map(|u| listed(&route, u)).collect();
+            let matrices = controls.iter().map(|u| logarithms(&listed(&route, u))).collect();
             (Driven::Route(route, controls), matrices)
         }
     }
+}
+
+/// A measurement of moves between `n` states.
+fn measurement(draw: &mut Draw<'_>, n: usize, range: Range) -> Measurement {
+    let shift = draw.pick(&[0.0, -60.0, -150.0, -300.0, 100.0]);
+    let log = |draw: &mut Draw<'_>| match (draw.below(8), range) {
+        (7, _) => f64::NEG_INFINITY,
+        (6, Range::Wide) => draw.unit() * 300.0 - 150.0,
+        _ => draw.unit().ln(),
+    };
+    let logs = (0..n).map(|_| (0..n).map(|_| log(draw) + shift).collect()).collect();
+    (logs, draw.pick(&[0.0, shift, shift + 3.0, shift - 40.0]))
+}
+
+type MovesOfTwo = fn(&[Measurement; 2], usize, usize) -> f64;
+type FactorOfTwo = fn(&[Measurement; 2]) -> f64;
+
+/// Two chains side by side, each with evidence of its own. Entries may be beyond doubles, where
+/// neither chain's are.
+fn pairs(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, Vec<Matrix>) {
+    let sizes = [2, n / 2];
+    let bases = sizes.map(|size| matrix(draw, size, Range::Plain));
+    let controls: Vec<[Measurement; 2]> =
+        (0..count).map(|_| sizes.map(|size| measurement(draw, size, range))).collect();
+    let parts: [(MovesOfTwo, FactorOfTwo); 2] = [
+        (|u, to, from| u[0].0[to][from], |u| u[0].1),
+        (|u, to, from| u[1].0[to][from], |u| u[1].1),
+    ];
+    let part = |which: usize| -> OneOfTwo {
+        EvidenceTransition::new(sparse(&bases[which]), parts[which].0)
+            .expect("a stochastic matrix")
+            .with_log_factor(parts[which].1)
+    };
+    let entry = |u: &[Measurement; 2], to: usize, from: usize| {
+        let log = |which: usize, to: usize, from: usize| {
+            bases[which][to][from].ln() + u[which].0[to][from] - u[which].1
+        };
+        let half = n / 2;
+        log(0, to / half, from / half) + log(1, to % half, from % half)
+    };
+    let matrices = controls
+        .iter()
+        .map(|u| (0..n).map(|to| (0..n).map(|from| entry(u, to, from)).collect()).collect());
+    let matrices = matrices.collect();
+    let both = KroneckerTransition::new(part(0), part(1)).expect("few states");
+    (Driven::Pairs(both, controls), matrices)
 }
 
 /// Any evidence on the moves of a matrix, with restarts or without. Likelihoods are beyond
 /// ordinary ones, but not beyond doubles.
 fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Driven, Vec<Matrix>) {
     let base = matrix(draw, n, Range::Plain);
-    let measurement = |draw: &mut Draw<'_>| -> Measurement {
-        let shift = draw.pick(&[0.0, -60.0, -150.0, -300.0, 100.0]);
-        let log = |draw: &mut Draw<'_>| match (draw.below(8), range) {
-            (7, _) => f64::NEG_INFINITY,
-            (6, Range::Wide) => draw.unit() * 300.0 - 150.0,
-            _ => draw.unit().ln(),
-        };
-        let logs = (0..n).map(|_| (0..n).map(|_| log(draw) + shift).collect()).collect();
-        (logs, draw.pick(&[0.0, shift, shift + 3.0, shift - 40.0]))
-    };
-    let controls: Vec<Measurement> = (0..count).map(|_| measurement(draw)).collect();
+    let controls: Vec<Measurement> = (0..count).map(|_| measurement(draw, n, range)).collect();
     let moves: fn(&Measurement, usize, usize) -> f64 = |u, to, from| u.0[to][from];
     let factor: fn(&Measurement) -> f64 = |u| u.1;
     let operator: Measured = EvidenceTransition::new(sparse(&base), moves)
@@ -155,7 +194,7 @@ fn measured(draw: &mut Draw<'_>, n: usize, range: Range, count: usize) -> (Drive
         base[to][from] * (logs[to][from] - factor).exp()
     };
     let all = |entry: &dyn Fn(&Measurement, usize, usize) -> f64| -> Vec<Matrix> {
-        let rows = |u| (0..n).map(|i| (0..n).map(|j| entry(u, i, j)).collect()).collect();
+        let rows = |u| (0..n).map(|i| (0..n).map(|j| entry(u, i, j).ln()).collect()).collect();
         controls.iter().map(rows).collect()
     };
     if draw.one_in(2) {

@@ -4,8 +4,8 @@
 use wayfix::motion::{DistanceTransition, OdometryReading};
 use wayfix::motion::{RouteControl, RouteTransition};
 use wayfix::transition::{
-    EvidenceTransition, LearnTransition, MoveCounts, RestartTransition, Stored, SwitchedTransition,
-    WindowTransition,
+    EvidenceTransition, KroneckerTransition, LearnTransition, MoveCounts, RestartTransition,
+    Stored, SwitchedTransition, WindowTransition,
 };
 use wayfix::{DenseTransition, SparseTransition, Transition, TransitionEntries, TransitionError};
 
@@ -18,6 +18,14 @@ pub(crate) type Measured = EvidenceTransition<
     Measurement,
     fn(&Measurement, usize, usize) -> f64,
     fn(&Measurement) -> f64,
+>;
+
+/// One of two chains side by side, each with a measurement.
+pub(crate) type OneOfTwo = EvidenceTransition<
+    SparseTransition,
+    [Measurement; 2],
+    fn(&[Measurement; 2], usize, usize) -> f64,
+    fn(&[Measurement; 2]) -> f64,
 >;
 
 /// Operators without a control.
@@ -37,6 +45,7 @@ pub(crate) enum Driven {
     Distance(DistanceTransition, Vec<Option<OdometryReading>>),
     Measured(Measured, Vec<Measurement>),
     Restart(RestartTransition<Measured>, Vec<Measurement>),
+    Pairs(KroneckerTransition<OneOfTwo, OneOfTwo>, Vec<[Measurement; 2]>),
 }
 
 /// Evaluates the same expression for each operator `a` under its control `u`.
@@ -72,6 +81,10 @@ macro_rules! driven {
                 $value
             }
             Driven::Restart($a, controls) => {
+                let $u = &controls[*$control];
+                $value
+            }
+            Driven::Pairs($a, controls) => {
                 let $u = &controls[*$control];
                 $value
             }
@@ -174,6 +187,7 @@ impl Transition for Driven {
             Self::Distance(a, _) => a.states(),
             Self::Measured(a, _) => a.states(),
             Self::Restart(a, _) => a.states(),
+            Self::Pairs(a, _) => a.states(),
         }
     }
 
@@ -211,6 +225,7 @@ impl Transition for Driven {
             Self::Route(_, controls) => controls.len(),
             Self::Distance(_, controls) => controls.len(),
             Self::Measured(_, controls) | Self::Restart(_, controls) => controls.len(),
+            Self::Pairs(_, controls) => controls.len(),
         };
         if *control >= count {
             return Err(TransitionError::Control(format!("{control} of {count}")));
@@ -234,6 +249,10 @@ impl TransitionEntries for Driven {
 
     fn outgoing_log2(&self, control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
         driven!(self, control, a, u => a.outgoing_log2(u, from).collect::<Vec<_>>()).into_iter()
+    }
+
+    fn entries_need_logs(&self, control: &usize) -> bool {
+        driven!(self, control, a, u => a.entries_need_logs(u))
     }
 
     fn max_product(&self, control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {

@@ -49,12 +49,17 @@ fn without_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
 
 fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     counts.add("models with controls");
-    let (operator, matrices) = matrices::driven(draw, scene.states, scene.range);
-    counts.note(|| format!("{scene:?}\n{operator:?}\n{matrices:?}"));
-    for (control, matrix) in matrices.iter().enumerate() {
-        products::check(draw, &operator, &control, matrix, counts);
+    let (operator, logs) = matrices::driven(draw, scene.states, scene.range);
+    counts.note(|| format!("{scene:?}\n{operator:?}\n{logs:?}"));
+    for (control, logs) in logs.iter().enumerate() {
+        // Products of doubles are those of entries that are doubles.
+        let entries = logs.iter().flatten().filter(|log| **log > f64::NEG_INFINITY);
+        if entries.into_iter().all(|log| log.abs() < 690.0) {
+            let matrix: Matrix =
+                logs.iter().map(|row| row.iter().map(|log| log.exp()).collect()).collect();
+            products::check(draw, &operator, &control, &matrix, counts);
+        }
     }
-    let logs: Vec<Matrix> = matrices.iter().map(logarithms).collect();
     let hmm = scene.hmm(operator);
     for drive in scene.drives.iter().take(4) {
         let controls: Vec<usize> = drive.iter().map(|_| draw.below(logs.len())).collect();

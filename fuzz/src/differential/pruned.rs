@@ -133,8 +133,11 @@ fn say(
         close::log("beam_viterbi, said to be optimal", log, best, chain.size());
         counts.add("beams proven");
     }
-    if found.is_unrivalled() {
-        assert_eq!(Some(found.path().states()), exact, "beam said to be unrivalled");
+    if let (true, Some(exact)) = (found.is_unrivalled(), exact) {
+        // Paths of the beam may still tie, up to rounding.
+        let logs = [found.path().states(), exact].map(|path| chain.log_probability(path));
+        let same = found.path().states() == exact;
+        assert!(same || (logs[0] - logs[1]).abs() <= slack, "beam said to be unrivalled: {logs:?}");
     }
     counts.add("beams");
 }

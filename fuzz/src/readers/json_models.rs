@@ -112,7 +112,7 @@ fn driven(draw: &mut Draw<'_>, n: usize, range: Range, counts: &mut Counts) {
             operator::<DistanceTransition>(draw, &a, &controls[0], counts);
         }
         // Functions are not stored.
-        Driven::Measured(..) | Driven::Restart(..) => {}
+        Driven::Measured(..) | Driven::Restart(..) | Driven::Pairs(..) => {}
     }
 }
 

@@ -55,7 +55,8 @@ impl BeamPath {
     }
 
     /// Returns true if every path that left the beam is worse than the one found, which then is
-    /// the path of [`Hmm::viterbi`], with its rule for ties.
+    /// the path of [`Hmm::viterbi`], with its rule for ties. Paths within the beam that differ by
+    /// less than rounding may be ranked either way, here too.
     #[must_use]
     pub fn is_unrivalled(&self) -> bool {
         self.pruned < self.path.log_probability
