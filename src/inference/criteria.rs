@@ -281,7 +281,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// states above 0 less one), of the transition operator and of the sensor. Parts that are
     /// [`Fixed`](crate::Fixed) have none.
     ///
-    /// Of a model that was learned, [`LearnedModel::free_parameters`] gives the number: here,
+    /// For a model that was learned, [`LearnedModel::free_parameters`] gives the number: here,
     /// probabilities that learning has taken to 0 would be missing.
     #[must_use]
     pub fn free_parameters(&self) -> usize {

@@ -52,9 +52,10 @@ fn with_controls(draw: &mut Draw<'_>, scene: &Scene, counts: &mut Counts) {
     let (operator, logs) = matrices::driven(draw, scene.states, scene.range);
     counts.note(|| format!("{scene:?}\n{operator:?}\n{logs:?}"));
     for (control, logs) in logs.iter().enumerate() {
-        // Products of doubles are those of entries that are doubles.
+        // Products of doubles are those of entries that are far from the smallest double, also where
+        // these are taken one factor after the other.
         let entries = logs.iter().flatten().filter(|log| **log > f64::NEG_INFINITY);
-        if entries.into_iter().all(|log| log.abs() < 690.0) {
+        if entries.into_iter().all(|log| log.abs() < 200.0) {
             let matrix: Matrix =
                 logs.iter().map(|row| row.iter().map(|log| log.exp()).collect()).collect();
             products::check(draw, &operator, &control, &matrix, counts);

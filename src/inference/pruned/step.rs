@@ -75,7 +75,7 @@ where
                 (&belief.states, is_open),
             )
         });
-        // Of an open belief, all entries have been looked at.
+        // The bounds of an open belief come from all entries, so that 0 means that there is none.
         let nothing = |moves: &Moves<'_, A>| {
             if is_open { moves.bounds.column == 0.0 } else { candidates.is_empty() }
         };
