@@ -20,7 +20,8 @@ pub enum InferenceError {
         step: usize,
     },
     /// The [likelihood](crate::Transition::evidence) of what was measured on the way to the step
-    /// is 0 for all moves from the states that the belief allows.
+    /// is 0 for all moves from the states that the belief allows. If the observation of the step is
+    /// impossible or invalid, too, some routines name that instead: they look at it first.
     ImpossibleMove {
         /// The step, from 1.
         step: usize,
