@@ -147,7 +147,10 @@ fn parts(draw: &mut Draw<'_>, n: usize, belief: Belief, counts: &mut Counts) {
             usable(hmm.transition(), &(), counts);
             for ys in [vec![0], vec![0, 1, 2], vec![2; 12]] {
                 let smoothing = hmm.smooth(&ys);
-                assert_eq!(smoothing.is_ok(), hmm.viterbi(&ys).is_ok());
+                // A decoder keeps the tails that the other rounds to 0.
+                let decoded = hmm.viterbi(&ys);
+                assert!(decoded.is_ok() || smoothing.is_err(), "{smoothing:?}");
+                assert!(hmm.rounds_tails() || smoothing.is_ok() == decoded.is_ok());
                 for belief in smoothing.iter().flat_map(|s| s.posteriors().with_start()) {
                     assert!((belief.as_slice().iter().sum::<f64>() - 1.0).abs() < 1e-9);
                 }
