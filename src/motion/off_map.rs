@@ -344,7 +344,9 @@ impl<A: TransitionEntries> TransitionEntries for OffMapTransition<A> {
     }
 
     fn entries_need_logs(&self, control: &A::Control) -> bool {
-        self.needs_logs(control) || self.inner.entries_need_logs(control)
+        let inner = self.inner.evidence(control);
+        let probabilities = self.back.iter().copied().chain([self.leave, self.stay]);
+        self.inner.entries_need_logs(control) || self.evidence.needs_logs(inner, probabilities)
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {

@@ -73,7 +73,8 @@ pub trait TransitionEntries: Transition {
     ///
     /// By default as [`needs_logs`](Transition::needs_logs). Entries that are products of others may
     /// leave the range where none of their factors do, and where products with a belief, which take
-    /// one factor after the other, are still exact. Called once a step; O(entries of the factors).
+    /// one factor after the other, are still exact: true at least where `needs_logs` is. Called a few
+    /// times a step; O(entries of the factors).
     fn entries_need_logs(&self, control: &Self::Control) -> bool {
         self.needs_logs(control)
     }

@@ -238,7 +238,9 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     }
 
     fn entries_need_logs(&self, control: &A::Control) -> bool {
-        self.needs_logs(control) || self.inner.entries_need_logs(control)
+        let inner = self.inner.evidence(control);
+        self.inner.entries_need_logs(control)
+            || self.evidence.needs_logs(inner, self.restart.iter().copied())
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {

@@ -49,14 +49,11 @@ impl Beam {
         moves: Option<(&A, &A::Control)>,
         from: &mut Vec<u32>,
     ) {
+        // Looks at all entries: once, not for each state.
+        let in_logs = moves.is_some_and(|(a, u)| a.evidence(u).is_some() && a.entries_need_logs(u));
         for &i in &self.states {
             let lifted = match moves {
-                Some((transition, control))
-                    if transition.evidence(control).is_some()
-                        && transition.entries_need_logs(control) =>
-                {
-                    0.0
-                }
+                Some(_) if in_logs => 0.0,
                 Some((transition, control)) => {
                     let ways = transition.incoming(control, i);
                     ways.map(|(j, a)| a * (prior[j] * LIFT)).sum()
