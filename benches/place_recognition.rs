@@ -20,7 +20,7 @@ use wayfix::likelihood::GroupedLikelihood;
 use wayfix::motion::{
     RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
-use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors};
+use wayfix::observation::{Distance, ReferenceDescriptors};
 use wayfix::recognition::{Options, Recognizer};
 use wayfix::transition::WindowTransition;
 use wayfix::{Belief, Hmm, Likelihood, LikelihoodVector, Prior, Transition};
@@ -69,20 +69,15 @@ fn live(criterion: &mut Criterion) {
         .expect("the weights sum to one");
     let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
-    let camera = AppearanceLikelihood::new(PLACES).expect("there are references");
-    step(criterion, "window of 5, rows of distances", &window, camera.clone(), &(), &rows);
-    let off_map = camera.clone().with_off_map(0.15).expect("a rank");
-    let longer = WindowTransition::new(PLACES + 1, 0, &[0.2, 0.8], false).expect("weights");
-    step(criterion, "window of 2, rows, off map", &longer, off_map, &(), &rows);
 
     let stretches: Vec<usize> = (0..PLACES).collect();
     let route = RouteTransition::new(PLACES, false, Speeds::default())
         .and_then(|route| route.with_views(&stretches, ViewChangeRates::default()))
         .expect("a route");
-    let camera = GroupedLikelihood::new(camera, route.place_groups()).expect("a group a place");
+    let camera = GroupedLikelihood::new(given, route.place_groups()).expect("a group a place");
     let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 1.0 });
     let control = RouteControl { view, ..RouteControl::default() };
-    step(criterion, "13 speeds, rows of distances", &route, camera, &control, &rows);
+    step(criterion, "13 speeds, likelihoods given", &route, camera, &control, &likelihoods);
 
     let recognizer = Recognizer::from_distances(PLACES, Options::default()).expect("references");
     let mut track = recognizer.track();

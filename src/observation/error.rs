@@ -79,34 +79,6 @@ pub enum ObservationError {
     /// A query is infinitely far from all references, and there is no state for being off the
     /// map.
     NoMatch,
-    /// The rows of distances have no spread from which to take a scale.
-    NoSpread,
-    /// The label of a row is not a reference at a finite distance.
-    Label {
-        /// Index of the row, from 0.
-        row: usize,
-        /// Reference that the label names.
-        place: usize,
-        /// Number of references.
-        references: usize,
-    },
-    /// There are not as many labels as rows.
-    Labels {
-        /// Number of labels given.
-        labels: usize,
-        /// Number of rows given.
-        rows: usize,
-    },
-    /// No row is labelled.
-    Unlabelled {
-        /// Number of rows given.
-        rows: usize,
-    },
-    /// The best temperature is unbounded: the likelihood increases without end.
-    Unbounded {
-        /// "hotter" or "colder".
-        trend: &'static str,
-    },
     /// The probabilities do not form a valid table.
     Table(TableError),
 }
@@ -150,23 +122,6 @@ impl fmt::Display for ObservationError {
             Self::NoMatch => write!(
                 f,
                 "the query is infinitely far from all references, and there is no state off the map"
-            ),
-            Self::NoSpread => write!(
-                f,
-                "most of the rows have no finite range of distances above 0 to take a scale from"
-            ),
-            Self::Label { row, place, references } => write!(
-                f,
-                "row {row} is labelled {place}, expected a reference at a finite distance, 0 to {}",
-                references.saturating_sub(1)
-            ),
-            Self::Labels { labels, rows } => {
-                write!(f, "{labels} labels for {rows} rows, expected one each")
-            }
-            Self::Unlabelled { rows } => write!(f, "none of {rows} rows is labelled"),
-            Self::Unbounded { trend } => write!(
-                f,
-                "the labelled rows are the more probable the {trend} the temperature, without end"
             ),
             Self::Table(error) => fmt::Display::fmt(error, f),
         }

@@ -22,12 +22,12 @@
 //! [counts](Confusion::from_weights) of places seen as others.
 //!
 //! A camera that gives a descriptor of its view is matched with those of the map:
-//! [`ReferenceDescriptors`] computes the distance to each.
+//! [`ReferenceDescriptors`] computes the distance to each, [`Standardizer`] their scores, and
+//! [`MatchOdds`] the odds of each reference.
 //!
 //! On the [cells of roads](crate::map::RoadCells), [`PositionLikelihood`] takes measured positions,
 //! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
 
-mod appearance;
 mod confusion;
 mod descriptors;
 mod error;
@@ -37,13 +37,10 @@ mod position;
 mod reader;
 mod rows;
 mod seen_places;
-mod spread;
 mod standardize;
 mod standardizer;
-mod temperature;
 mod view;
 
-pub use appearance::{AppearanceLikelihood, Offsets};
 pub use confusion::Confusion;
 pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
 pub use error::ObservationError;
@@ -51,9 +48,7 @@ pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};
 pub use reader::{ReadRates, TagLikelihood};
-pub use spread::Spread;
-pub(crate) use spread::nearest;
+pub(crate) use rows::nearest;
 pub use standardizer::Standardizer;
-pub use temperature::{Calibration, calibrate};
 pub use view::{ViewComparison, alike_stretches, view_change};
 pub(crate) use view::{next_view, threshold_of_changes};

@@ -32,6 +32,20 @@ impl RowMoments {
     }
 }
 
+/// Score of the nearest reference, in standard deviations of a query's own distances; `None` if
+/// all are infinite or equal.
+pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
+    let moments = RowMoments::of(distances);
+    let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
+    let score = (f64::from(least) - moments.mean) / (moments.squares / moments.count).sqrt();
+    score.is_finite().then_some(score)
+}
+
+/// Scales a difference; an infinite one stays infinite, even if the deviation is 0.
+pub(super) fn scaled(centred: f64, unit: f64) -> f64 {
+    if centred.is_finite() { centred * unit } else { centred }
+}
+
 struct Sums {
     count: f64,
     sum: f64,

@@ -1,6 +1,6 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
-use super::spread::scaled;
+use super::rows::scaled;
 use crate::kernels::{LANES, Simd, WithSimd};
 
 /// Prior count, in queries, of a reference's prior moments: a mean of 0, and the deviation pooled

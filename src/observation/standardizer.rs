@@ -1,17 +1,15 @@
 //! Standardised scores, in units of each reference's scores for other queries.
 
 use super::ObservationError;
-use super::rows::RowMoments;
-use super::spread::scaled;
+use super::rows::{RowMoments, scaled};
 use super::standardize::{CountIn, Standardize};
 use crate::kernels::run;
 
 /// Brings the distances of a query to one scale for all references.
 ///
-/// Distances are first taken in standard deviations of the query's own
-/// ([`Spread::Query`](super::Spread::Query)), then in those of each reference over other queries,
-/// as in the test-normalisation of speaker recognition (Auckenthaler, Carey and Lloyd-Thomas
-/// 2000). A reference that looks like everything (a dark tunnel, a plain wall) is near to most
+/// Distances are first taken in standard deviations of the query's own, then in those of each
+/// reference over other queries, as in the test-normalisation of speaker recognition
+/// (Auckenthaler, Carey and Lloyd-Thomas 2000). A reference that looks like everything (a dark tunnel, a plain wall) is near to most
 /// queries, and one whose distances hardly vary is never very near to any; both are compared
 /// with their own usual scores. The places of the queries need not be known, so that it learns
 /// as the vehicle drives. Few queries change little: the prior mean and deviation of each

@@ -7,7 +7,6 @@ use std::marker::PhantomData;
 use super::stored;
 use crate::groups::Groups;
 use crate::likelihood::{Likelihood, OptionalLikelihood};
-use crate::observation::Spread;
 
 stored! {
     [] TableLikelihood: [], |table| {
@@ -18,14 +17,6 @@ stored! {
         states: usize = vector.states,
         log: bool = vector.log,
     } => Ok::<_, Infallible>(Self { states, log, observation: PhantomData });
-
-    [] AppearanceLikelihood in observation: [], |camera| {
-        references: usize = camera.references(),
-        spread: Spread = camera.spread(),
-        offsets: Vec<f64> = camera.offsets().to_vec(),
-        temperature: f64 = camera.temperature(),
-        off_map_rank: Option<f64> = camera.off_map_rank(),
-    } => Self::from_parts(references, spread, offsets, temperature, off_map_rank);
 
     [] Confusion in observation: [], |confusion| {
         places: usize = confusion.places(),

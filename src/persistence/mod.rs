@@ -82,7 +82,6 @@
 //! | `DwellTransition` | `moves`; `ages`: for each place a list of pairs, the probabilities of leaving and staying |
 //! | `TableLikelihood` | `rows`, one for each state |
 //! | `LikelihoodVector` | `states`; `log`, true for logarithms |
-//! | `AppearanceLikelihood` | `references`, `spread`, `offsets` (one for each reference, or none), `temperature`, `off_map_rank` (or null) |
 //! | `Confusion` | `places`; `place`, `seen_as` and `probability` of each entry, in any order |
 //! | `SparseLikelihood` | `states` |
 //! | `SparseTableLikelihood` | `states`; `symbols`, for each a pair: the states that it lists, as pairs of a state and its likelihood, and the likelihood of the others |

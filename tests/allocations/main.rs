@@ -4,7 +4,6 @@
 #[path = "../it/kit/noise.rs"]
 mod noise;
 
-mod appearance;
 mod descriptors;
 #[cfg(feature = "emission")]
 mod emission;

@@ -5,7 +5,6 @@
 
 mod kit;
 
-mod appearance;
 mod bad_input;
 mod beam;
 mod canberra;

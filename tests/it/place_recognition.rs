@@ -7,9 +7,14 @@ use wayfix::motion::OffMapTransition;
 use wayfix::motion::{
     RouteControl, RouteTransition, Speeds, ViewChange, ViewChangeRates, ViewEvidence,
 };
-use wayfix::observation::{AppearanceLikelihood, Distance, ReferenceDescriptors, ViewComparison};
+use wayfix::observation::{
+    Distance, MatchOdds, ReferenceDescriptors, Standardizer, ViewComparison,
+};
 use wayfix::transition::{RestartTransition, WindowTransition};
-use wayfix::{Belief, Filter, Hmm, Likelihood, OptionalLikelihood, Prior, Transition, evaluate};
+use wayfix::{
+    Belief, Filter, Hmm, Likelihood, LikelihoodVector, OptionalLikelihood, Prior, Transition,
+    evaluate,
+};
 
 use crate::kit::rng;
 
@@ -34,8 +39,27 @@ fn ahead() -> WindowTransition {
     WindowTransition::new(PLACES, 0, &[0.1, 0.8, 0.1], true).unwrap()
 }
 
-fn camera() -> AppearanceLikelihood {
-    AppearanceLikelihood::new(PLACES).unwrap().with_temperature(0.7).unwrap()
+/// A camera whose frames are given as log-odds.
+fn camera() -> LikelihoodVector<Vec<f64>> {
+    LikelihoodVector::log(PLACES).owned()
+}
+
+/// Log-odds of the places for each row, whose errors are independent of each other. Nothing is
+/// learned from a row that repeats the one before.
+fn log_odds(rows: &[Vec<f32>]) -> Vec<Vec<f64>> {
+    let odds = MatchOdds::default().with_temperature(1.0).unwrap();
+    let mut references = Standardizer::new(PLACES).unwrap();
+    let mut scores = vec![0.0; PLACES];
+    let of_row = |(k, row): (usize, &Vec<f32>)| {
+        let scored = if k > 0 && rows[k - 1] == *row {
+            references.scores(row, &mut scores)
+        } else {
+            references.observed_scores(row, &mut scores)
+        };
+        scored.unwrap();
+        scores.iter().map(|score| odds.log_odds(*score)).collect()
+    };
+    rows.iter().enumerate().map(of_row).collect()
 }
 
 fn from_anywhere<A: Transition, B: Likelihood>(motion: A, camera: B) -> Hmm<A, B> {
@@ -46,11 +70,11 @@ fn from_anywhere<A: Transition, B: Likelihood>(motion: A, camera: B) -> Hmm<A, B
 /// The mass within two places of the mode after each step, and whether the mode
 /// is within two of the truth.
 fn masses<A: Transition<Control = ()>>(
-    filter: &mut Filter<&Hmm<A, AppearanceLikelihood>>,
+    filter: &mut Filter<&Hmm<A, LikelihoodVector<Vec<f64>>>>,
     drive: &[Option<usize>],
-    rows: &[Vec<f32>],
+    rows: &[Vec<f64>],
 ) -> Vec<(f64, bool)> {
-    let step = |(place, row): (&Option<usize>, &Vec<f32>)| {
+    let step = |(place, row): (&Option<usize>, &Vec<f64>)| {
         filter.step(row).unwrap();
         let belief = filter.belief();
         let mode = belief.mode();
@@ -65,7 +89,7 @@ fn a_filter_that_starts_anywhere_says_when_it_has_found_its_place() {
     let drive: Vec<Option<usize>> = (20..120).map(Some).collect();
     let hmm = from_anywhere(ahead(), camera());
     for seed in 0..10 {
-        let rows = rows(&drive, seed);
+        let rows = log_odds(&rows(&drive, seed));
         let masses = masses(&mut hmm.filter(), &drive, &rows);
         let steps = evaluate::steps_to_localize_correctly(&masses, 0.9, 5).unwrap();
         let steps = steps.expect("it finds its place");
@@ -83,7 +107,7 @@ fn a_restart_mix_brings_a_kidnapped_vehicle_back() {
     let (mixed, plain) = (from_anywhere(mixed, camera()), from_anywhere(ahead(), camera()));
     let mut lost = 0;
     for seed in 0..10 {
-        let rows = rows(&drive, seed);
+        let rows = log_odds(&rows(&drive, seed));
         let masses_of = |masses: Vec<(f64, bool)>| {
             evaluate::steps_to_localize_correctly(&masses[50..], 0.9, 5).unwrap()
         };
@@ -102,10 +126,13 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
         (10..60).map(Some).chain([None; 40]).chain((60..110).map(Some)).collect();
     let back = Belief::uniform(PLACES).unwrap();
     let motion = OffMapTransition::new(ahead(), 0.002, 0.02, back).unwrap();
-    let hmm = from_anywhere(motion, camera().with_off_map(0.15).unwrap());
+    let hmm = from_anywhere(motion, LikelihoodVector::log(PLACES + 1).owned());
     let off = hmm.transition().off_map_state();
+    // A place off the map has much the same odds whatever is seen.
+    let with_off_map = |odds: Vec<f64>| [odds, vec![0.9_f64.ln()]].concat();
     for seed in 0..5 {
-        let rows = rows(&drive, seed);
+        let rows: Vec<Vec<f64>> =
+            log_odds(&rows(&drive, seed)).into_iter().map(with_off_map).collect();
         let mut stream = hmm.fixed_lag(20);
         let (mut filtered, mut lagged) = (Vec::new(), Vec::new());
         for (step, row) in rows.iter().enumerate() {
@@ -134,11 +161,12 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
         }
         // A query infinitely far from all references is off the map.
         let mut filter = hmm.filter();
-        filter.step(&vec![f32::INFINITY; PLACES]).unwrap();
+        let nowhere = log_odds(&[vec![f32::INFINITY; PLACES]]).remove(0);
+        filter.step(&with_off_map(nowhere.clone())).unwrap();
         assert_eq!(filter.belief().mode(), off);
         assert_eq!(filter.belief().as_slice()[off], 1.0);
+        assert!(from_anywhere(ahead(), camera()).filter().step(&nowhere).is_err());
     }
-    assert!(from_anywhere(ahead(), camera()).filter().step(&vec![f32::INFINITY; PLACES]).is_err());
 }
 
 #[test]
@@ -165,12 +193,12 @@ fn a_stop_does_not_count_one_image_again_and_again() {
 
     let mut views = ViewComparison::new(0.1).unwrap();
     let [mut wise, mut naive] = [hmm.filter(), hmm.filter()];
-    for row in &rows[..120] {
+    for (row, odds) in rows.iter().zip(log_odds(&rows)).take(120) {
         let view = views.next(row).unwrap();
-        let seen = (view == ViewChange::Changed).then(|| row.clone());
+        let seen = (view == ViewChange::Changed).then(|| odds.clone());
         let view = Some(ViewEvidence { view, weight: 1.0 });
         wise.step_with(&RouteControl { view, ..RouteControl::default() }, &seen).unwrap();
-        naive.step_with(&RouteControl::default(), &Some(row.clone())).unwrap();
+        naive.step_with(&RouteControl::default(), &Some(odds)).unwrap();
     }
     let place = |filter: &Filter<_>| groups.marginal(&filter.belief()).unwrap().mode();
     assert_eq!(place(&naive), 30);
@@ -186,7 +214,9 @@ fn descriptors_lead_to_a_position_at_any_length_of_stream() {
     let hmm = from_anywhere(ahead(), camera());
     let mut filter = hmm.filter();
     let mut right = 0;
-    let mut distances = vec![0.0; PLACES];
+    let odds = MatchOdds::default().with_temperature(1.0).unwrap();
+    let mut standard = Standardizer::new(PLACES).unwrap();
+    let (mut distances, mut likelihoods) = (vec![0.0; PLACES], vec![0.0; PLACES]);
     for step in 0..2_000 {
         let place = step % PLACES;
         let noisy: Vec<f32> = descriptors[place]
@@ -197,7 +227,9 @@ fn descriptors_lead_to_a_position_at_any_length_of_stream() {
             })
             .collect();
         references.distances_into(&noisy, &mut distances).unwrap();
-        filter.step(&distances).unwrap();
+        standard.observed_scores(&distances, &mut likelihoods).unwrap();
+        likelihoods.iter_mut().for_each(|score| *score = odds.log_odds(*score));
+        filter.step(&likelihoods).unwrap();
         right += usize::from(filter.belief().mode() == place);
     }
     assert!(right > 1_900, "{right} of 2000");

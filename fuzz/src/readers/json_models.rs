@@ -3,7 +3,6 @@
 use serde::{Serialize, de::DeserializeOwned};
 use wayfix::likelihood::{GroupedLikelihood, Groups, PooledLikelihood, SparseObservation};
 use wayfix::motion::{DistanceTransition, OffMapTransition};
-use wayfix::observation::{AppearanceLikelihood, Spread};
 use wayfix::transition::{
     DwellTransition, KroneckerTransition, PowerTransition, RestartTransition, SwitchedTransition,
     TiedTransition,
@@ -168,25 +167,17 @@ fn table(draw: &mut Draw<'_>, n: usize) -> TableLikelihood {
 fn sensors(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
     let table = table(draw, n);
     let groups = || Groups::new((0..=n).map(|i| i.min(n - 1)).collect()).expect("groups");
-    match draw.below(8) {
+    match draw.below(7) {
         0 => sensor(draw, &table, &1, counts),
         1 => sensor(draw, &LikelihoodVector::log(n).owned(), &vec![-1.0; n], counts),
-        2 => {
-            let spread = draw.pick(&[Spread::Query, Spread::Fixed(0.5)]);
-            let camera = AppearanceLikelihood::new(n).and_then(|camera| camera.with_spread(spread));
-            let camera = camera.and_then(|camera| camera.with_temperature(2.0)).expect("a camera");
-            let off_map = draw.one_in(2).then(|| camera.clone().with_off_map(1.0).ok()).flatten();
-            let camera = off_map.unwrap_or(camera);
-            sensor(draw, &camera, &(0..n).map(|i| i as f32).collect::<Vec<_>>(), counts);
-        }
-        3 => sensor(draw, &SparseLikelihood::new(n), &SparseObservation::known(0), counts),
-        4 => sensor(draw, &OptionalLikelihood::new(table), &Some(2), counts),
-        5 => {
+        2 => sensor(draw, &SparseLikelihood::new(n), &SparseObservation::known(0), counts),
+        3 => sensor(draw, &OptionalLikelihood::new(table), &Some(2), counts),
+        4 => {
             let known = OptionalLikelihood::new(SparseLikelihood::new(n));
             let fused = FusedLikelihood::new(table, known).expect("as many states");
             sensor(draw, &fused, &(0, None), counts);
         }
-        6 => {
+        5 => {
             let grouped = GroupedLikelihood::new(table, groups()).expect("as many groups");
             sensor(draw, &grouped, &1, counts);
         }

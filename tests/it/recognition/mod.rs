@@ -3,6 +3,9 @@
 mod errors;
 mod live;
 mod mapper;
+mod rows;
+mod scores;
+mod views;
 mod warnings;
 
 use std::ops::RangeInclusive;

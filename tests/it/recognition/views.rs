@@ -5,8 +5,7 @@ use proptest::prelude::*;
 use wayfix::motion::ViewChange;
 use wayfix::observation::{ViewComparison, alike_stretches, view_change};
 
-use super::definition::*;
-
+use super::rows::{INF, deviation, mean, row};
 use crate::kit::{cases, text};
 
 /// Mean change over the references that are finite in both rows, in standard
