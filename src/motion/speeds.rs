@@ -49,9 +49,11 @@ pub struct Speeds {
 
 impl Default for Speeds {
     fn default() -> Self {
-        let values = vec![-3.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0];
+        let eighths = (4..=12).map(|k| 0.125 * f64::from(k));
+        let values: Vec<f64> =
+            [-2.0, -1.0, 0.0, 0.25].into_iter().chain(eighths).chain([2.0, 3.0]).collect();
         let shares = usual_shares(&values);
-        Self::build(values, shares, [0.01, 0.005, 0.0])
+        Self::build(values, shares, [0.01, 0.005, 0.03])
     }
 }
 

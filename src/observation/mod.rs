@@ -48,7 +48,6 @@ pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};
 pub use reader::{ReadRates, TagLikelihood};
-pub(crate) use rows::nearest;
+pub(crate) use rows::{RowScratch, change, row_scores};
 pub use standardizer::Standardizer;
 pub use view::{ViewComparison, alike_stretches, view_change};
-pub(crate) use view::{next_view, threshold_of_changes};

@@ -8,39 +8,38 @@ use crate::kernels::{Simd, WithSimd, run};
 /// The odds that a reference with a given [score](super::Standardizer) is the right one,
 /// against a wrong one:
 ///
-/// o(z) = ((1 − e) min(exp(−s (z − z₀)), exp(t)) + e)^(1/τ).
+/// o(z) = ((1 − e) exp(−s (z − z₀)) + e)^(1/τ).
 ///
 /// Scores in standard deviations of each reference have much the same odds whatever the
 /// descriptor and the season: on eleven recordings and descriptors, from 16 × 32 pixels to
-/// networks, they fell by two nats for each unit from −3 to 0, were even near −1.15, and
-/// levelled off below −3 and above 0. So they need no labels. With probability e a frame
-/// says nothing (it shows the inside of a tunnel, or a lorry), so that no frame speaks
-/// against a place by more than ln e.
+/// networks, they fell by two nats for each unit from −3 to 0, and were even near −1.15. So they
+/// need no labels. Beyond three deviations scores are logarithms of distances, so that the odds of
+/// a very near reference grow as a power of its distance. With probability e a frame says nothing
+/// (it shows the inside of a tunnel, or a lorry), so that no frame speaks against a place by more
+/// than ln e.
 ///
-/// The **temperature** τ is for frames in sequence, which err together: of five frames in
-/// a row hardly two are independent.
+/// The **temperature** τ is for frames in sequence, which err together.
 ///
 /// ```
 /// use wayfix::observation::MatchOdds;
 ///
 /// let single = MatchOdds::default().with_temperature(1.0)?;
 /// assert!((single.log_odds(-1.15)).abs() < 1e-12);
-/// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -2.4);
+/// assert!(single.log_odds(-3.0) > 3.5 && single.log_odds(5.0) > -3.1);
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatchOdds {
     pub(crate) slope: f64,
     pub(crate) even: f64,
-    pub(crate) most: f64,
     pub(crate) nothing: f64,
     pub(crate) temperature: f64,
 }
 
 impl Default for MatchOdds {
-    /// s = 2, z₀ = −1.15, t = 6, e = 0.1, and a temperature of 2.5.
+    /// s = 2, z₀ = −1.15, e = 0.05, and a temperature of 2.
     fn default() -> Self {
-        Self { slope: 2.0, even: -1.15, most: 6.0, nothing: 0.1, temperature: 2.5 }
+        Self { slope: 2.0, even: -1.15, nothing: 0.05, temperature: 2.0 }
     }
 }
 
@@ -74,11 +73,10 @@ impl MatchOdds {
     /// Checks that all parameters give finite odds.
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
-        let Self { slope, even, most, nothing, temperature } = self;
+        let Self { slope, even, nothing, temperature } = self;
         let named = [
             ("the slope of the odds", slope, 0.0..=100.0, "from 0 to 100"),
             ("the score with even odds", even, -100.0..=100.0, "from -100 to 100"),
-            ("the logarithm of the highest odds", most, 0.0..=6.0, "from 0 to 6"),
         ];
         for (what, value, range, expected) in named {
             if !range.contains(&value) {
@@ -107,16 +105,14 @@ impl MatchOdds {
         if score == f64::INFINITY {
             return f64::NEG_INFINITY;
         }
-        let says = (-self.slope * (score - self.even)).min(self.most).exp();
+        let says = (-self.slope * (score - self.even)).min(MOST).exp();
         ((1.0 - self.nothing) * says + self.nothing).ln() / self.temperature
     }
 
-    /// Replaces scores of the references by odds, within 1e-5 of [`log_odds`](Self::log_odds), less
-    /// the share `habituation` of each reference's mean gain. `gained`, the mean positive log-odds
-    /// over the last frames, is updated.
-    pub(crate) fn habituated(&self, habituation: f64, gained: &mut [f32], scores: &mut [f64]) {
-        let log2_odds = self.log2_odds();
-        run(Habituate { log2_odds, spent: habituation as f32 * LOG2_E, gained, scores });
+    /// Replaces scores of the references by odds to the power of `weight`, within 1e-5 of
+    /// [`log_odds`](Self::log_odds).
+    pub(crate) fn odds_of(&self, weight: f64, scores: &mut [f64]) {
+        run(Odds { log2_odds: self.log2_odds(), weight: weight as f32, scores });
     }
 
     /// log2 of the odds of each score.
@@ -130,22 +126,21 @@ impl MatchOdds {
         Log2Odds {
             slope,
             even: slope * self.even as f32,
-            most: self.most as f32 * LOG2_E,
             nothing: self.nothing as f32,
             cooling: (1.0 / self.temperature) as f32,
         }
     }
 }
 
-/// Number of frames over which gains are averaged.
-const REMEMBERED: f32 = 10.0;
+/// The logarithm of the highest odds of a single frame, within the range of singles: for any score
+/// that a real row gives, none.
+const MOST: f64 = 80.0;
 
 /// Parameters of [`MatchOdds`], for logarithms to base 2.
 #[derive(Clone, Copy)]
 struct Log2Odds {
     slope: f32,
     even: f32,
-    most: f32,
     nothing: f32,
     cooling: f32,
 }
@@ -154,38 +149,31 @@ impl Log2Odds {
     /// log2 of the odds of a score; −∞ for an infinite one.
     #[inline(always)]
     fn of(self, score: f64) -> f32 {
-        let says = (self.even - self.slope * score as f32).min(self.most);
+        let says = (self.even - self.slope * score as f32).min(MOST as f32 * LOG2_E);
         let says = single_exp2(says.max(-126.0));
         let log2 = single_log2((1.0 - self.nothing) * says + self.nothing) * self.cooling;
         if score == f64::INFINITY { f32::NEG_INFINITY } else { log2 }
     }
 }
 
-struct Habituate<'a> {
+struct Odds<'a> {
     log2_odds: Log2Odds,
-    /// Share of a gain that does not count, times log2 e.
-    spent: f32,
-    gained: &'a mut [f32],
+    weight: f32,
     scores: &'a mut [f64],
 }
 
-impl WithSimd for Habituate<'_> {
+impl WithSimd for Odds<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { log2_odds, spent, gained, scores } = self;
-        let (scores, scores_rest) = scores.as_chunks_mut::<WIDTH>();
-        let (gained, gained_rest) = gained.as_chunks_mut::<WIDTH>();
-        for (scores, gained) in scores.iter_mut().zip(gained) {
-            habituate(log2_odds, spent, gained, scores);
-        }
-        let (mut last, mut of_last) = ([0.0; WIDTH], [0.0; WIDTH]);
-        last[..scores_rest.len()].copy_from_slice(scores_rest);
-        of_last[..gained_rest.len()].copy_from_slice(gained_rest);
-        habituate(log2_odds, spent, &mut of_last, &mut last);
-        scores_rest.copy_from_slice(&last[..scores_rest.len()]);
-        gained_rest.copy_from_slice(&of_last[..gained_rest.len()]);
+        let Self { log2_odds, weight, scores } = self;
+        let (whole, rest) = scores.as_chunks_mut::<WIDTH>();
+        whole.iter_mut().for_each(|scores| odds(log2_odds, weight, scores));
+        let mut last = [0.0; WIDTH];
+        last[..rest.len()].copy_from_slice(rest);
+        odds(log2_odds, weight, &mut last);
+        rest.copy_from_slice(&last[..rest.len()]);
     }
 }
 
@@ -194,20 +182,13 @@ const WIDTH: usize = 16;
 
 /// Turns scores into odds, in loops over numbers of one type each, which vectorise.
 #[inline(always)]
-fn habituate(
-    log2_odds: Log2Odds,
-    spent: f32,
-    gained: &mut [f32; WIDTH],
-    scores: &mut [f64; WIDTH],
-) {
+fn odds(log2_odds: Log2Odds, weight: f32, scores: &mut [f64; WIDTH]) {
     let (mut log2, mut power, mut exponent) = ([0.0; WIDTH], [0.0; WIDTH], [0; WIDTH]);
     for l in 0..WIDTH {
         log2[l] = log2_odds.of(scores[l]);
     }
     for l in 0..WIDTH {
-        let left: f32 = log2[l] - spent * gained[l];
-        gained[l] += (log2[l].max(0.0) * LN_2 - gained[l]) / REMEMBERED;
-        (power[l], exponent[l]) = exp2_in_parts(left.max(-1020.0));
+        (power[l], exponent[l]) = exp2_in_parts((weight * log2[l]).clamp(-1020.0, 1000.0));
     }
     for l in 0..WIDTH {
         let scale = f64::from_bits(((i64::from(exponent[l]) + 1023) << 52).cast_unsigned());
@@ -237,6 +218,12 @@ fn single_exp2(x: f32) -> f32 {
     power * f32::from_bits(((exponent + 127) << 23).cast_unsigned())
 }
 
+/// ln(1 + x) of a number of at least 0.
+#[inline(always)]
+pub(super) fn ln_1p(x: f32) -> f32 {
+    single_log2((1.0 + x).min(f32::MAX)) * LN_2
+}
+
 /// log2 of a normal number above 0, to an absolute or relative error of 2e-7.
 #[inline(always)]
 fn single_log2(x: f32) -> f32 {
@@ -263,7 +250,7 @@ mod tests {
             let scores: Vec<f64> = (-900..900).map(|k| f64::from(k) * 0.0123).collect();
             let (mut row, mut logs) = (scores.clone(), vec![0.0; scores.len()]);
             odds.log2_odds_of(&scores, &mut logs);
-            odds.habituated(0.8, &mut vec![0.0; scores.len()], &mut row);
+            odds.odds_of(1.0, &mut row);
             for ((score, found), log2) in scores.iter().zip(row).zip(logs) {
                 let exact = odds.log_odds(*score);
                 let bound = 1e-6 + 3e-6 / temperature;
@@ -272,27 +259,16 @@ mod tests {
             }
         }
         let mut row = [f64::INFINITY, 1e30, -1e30];
-        let mut gained = [1.0, 0.0, 0.0];
-        MatchOdds::default().habituated(0.8, &mut gained, &mut row);
-        assert!(row[0] == 0.0 && gained[0] == 0.9);
-        assert!((row[1].ln() - 0.1_f64.ln() / 2.5).abs() < 1e-5 && row[2] > 10.0);
+        MatchOdds::default().odds_of(1.0, &mut row);
+        assert!(row[0] == 0.0 && row[2] > 10.0);
+        assert!((row[1].ln() - 0.05_f64.ln() / 2.0).abs() < 1e-5);
+        // A weight is a power.
+        let mut half = [-2.0, 1.0];
+        MatchOdds::default().odds_of(0.5, &mut half);
+        let exact = |score: f64| 0.5 * MatchOdds::default().log_odds(score);
+        assert!((half[0].ln() - exact(-2.0)).abs() < 1e-5);
+        assert!((half[1].ln() - exact(1.0)).abs() < 1e-5);
         assert_eq!(MatchOdds::default().log_odds(f64::INFINITY), f64::NEG_INFINITY);
-    }
-
-    #[test]
-    fn repeated_evidence_counts_less() {
-        let (odds, mut gained) = (MatchOdds::default(), [0.0]);
-        let mut say = |score: f64| {
-            let mut row = [score];
-            odds.habituated(0.8, &mut gained, &mut row);
-            (row[0].ln(), gained[0])
-        };
-        let alone = odds.log_odds(-3.0);
-        assert!((say(-3.0).0 - alone).abs() < 1e-5);
-        (0..200).for_each(|_| _ = say(-3.0));
-        assert!((say(-3.0).0 - 0.2 * alone).abs() < 1e-4);
-        (0..200).for_each(|_| _ = say(2.0));
-        assert!(say(2.0).1 < 1e-3);
     }
 
     #[test]

@@ -1,173 +1,161 @@
-//! Loops along a row of distances, with the widest instructions of the machine.
+//! Scores within a row of distances, which a few references cannot move.
 
+use super::ObservationError;
+use super::odds::ln_1p;
 use crate::kernels::{Simd, WithSimd, run};
 
-/// Number of distances handled side by side, and of partial sums.
+/// The ratio of the standard deviation of a normal distribution to its median deviation.
+const NORMAL: f64 = 1.4826;
+/// Deviations beyond which scores grow as a logarithm.
+const LINEAR: f32 = 3.0;
+/// Number of values above which a sample narrows the search for their median, and its size.
+const MANY: usize = 512;
+const SAMPLE: usize = 64;
+/// Number of scores handled side by side.
 const WIDTH: usize = 16;
 
-/// Moments of the finite distances of a row.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct RowMoments {
-    /// The number of finite distances.
-    pub(crate) count: f64,
-    /// Their mean; 0 if there are none.
-    pub(crate) mean: f64,
-    /// The sum of their squared differences from the mean.
-    pub(crate) squares: f64,
-    /// False if a distance is NaN or −∞.
-    pub(crate) valid: bool,
+/// Scratch memory for [`row_scores`].
+#[derive(Debug, Clone, Default)]
+pub(crate) struct RowScratch {
+    finite: Vec<f32>,
+    middle: Vec<f32>,
 }
 
-impl RowMoments {
-    pub(crate) fn of(distances: &[f32]) -> Self {
-        let Sums { count, sum, valid } = run(SumUp(distances));
-        let mean = if count > 0.0 { sum / count } else { 0.0 };
-        Self { count, mean, squares: run(Squares { distances, mean }), valid }
+/// Computes the score of each distance of a row: its difference from the median, in median
+/// deviations scaled to a standard deviation of 1 for normal ones, and beyond three of them as a
+/// logarithm. So no reference moves another's score by more than its rank does, and order is kept.
+/// Infinite distances stay infinite. Returns the number of finite distances.
+pub(crate) fn row_scores(
+    distances: &[f32],
+    out: &mut Vec<f32>,
+    scratch: &mut RowScratch,
+) -> Result<usize, ObservationError> {
+    let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
+    if let Some(reference) = distances.iter().position(invalid) {
+        return Err(ObservationError::Distance { reference, value: distances[reference] });
     }
-
-    /// 1 over the standard deviation; 0 if that is 0.
-    pub(crate) fn inverse_deviation(&self) -> f64 {
-        let deviation = (self.squares / self.count).sqrt();
-        if deviation > 0.0 { 1.0 / deviation } else { 0.0 }
+    let RowScratch { finite, middle } = scratch;
+    finite.clear();
+    finite.extend(distances.iter().filter(|d| d.is_finite()));
+    let count = finite.len();
+    out.clear();
+    if count == 0 {
+        out.resize(distances.len(), f32::INFINITY);
+        return Ok(0);
     }
+    let centre = median(finite, middle);
+    finite.iter_mut().for_each(|d| *d = (*d - centre).abs().min(f32::MAX));
+    let mut deviation = NORMAL * f64::from(median(finite, middle));
+    if deviation == 0.0 {
+        // More than half of the distances are equal.
+        let apart = finite.iter().filter(|d| **d > 0.0).map(|d| f64::from(*d));
+        let (number, sum) = apart.fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
+        deviation = if number > 0.0 { sum / number } else { f64::INFINITY };
+    }
+    out.resize(distances.len(), 0.0);
+    run(Score { distances, centre: f64::from(centre), unit: 1.0 / deviation, out });
+    Ok(count)
 }
 
-/// Score of the nearest reference, in standard deviations of a query's own distances; `None` if
-/// all are infinite or equal.
-pub(crate) fn nearest(distances: &[f32]) -> Option<f64> {
-    let moments = RowMoments::of(distances);
-    let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
-    let score = (f64::from(least) - moments.mean) / (moments.squares / moments.count).sqrt();
-    score.is_finite().then_some(score)
-}
-
-/// Scales a difference; an infinite one stays infinite, even if the deviation is 0.
-pub(super) fn scaled(centred: f64, unit: f64) -> f64 {
-    if centred.is_finite() { centred * unit } else { centred }
-}
-
-struct Sums {
-    count: f64,
-    sum: f64,
-    valid: bool,
-}
-
-struct SumUp<'a>(&'a [f32]);
-
-impl WithSimd for SumUp<'_> {
-    type Output = Sums;
-
-    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
-    #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Sums {
-        let (mut counts, mut sums, mut invalid) = ([0_u32; WIDTH], [0.0; WIDTH], [0_u32; WIDTH]);
-        let (chunks, rest) = self.0.as_chunks::<WIDTH>();
-        let mut take = |l: usize, d: f32| {
-            let finite = d.is_finite();
-            counts[l] += u32::from(finite);
-            sums[l] += f64::from(if finite { d } else { 0.0 });
-            invalid[l] |= u32::from(d.is_nan() | (d == f32::NEG_INFINITY));
-        };
-        for chunk in chunks {
-            for (l, d) in chunk.iter().enumerate() {
-                take(l, *d);
-            }
+/// The upper median of at least one value.
+fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
+    let rank = values.len() / 2;
+    let select = |of: &mut [f32], rank: usize| *of.select_nth_unstable_by(rank, f32::total_cmp).1;
+    if values.len() > MANY {
+        // The median of all lies between these ranks of a sample but for one row in thousands.
+        let mut sample = [0.0; SAMPLE];
+        for (at, sampled) in sample.iter_mut().enumerate() {
+            *sampled = values[at * values.len() / SAMPLE];
         }
-        rest.iter().enumerate().for_each(|(l, d)| take(l, *d));
-        let valid = invalid.iter().all(|invalid| *invalid == 0);
-        let count = counts.iter().map(|count| f64::from(*count)).sum();
-        Sums { count, sum: sums.iter().sum(), valid }
+        sample.sort_unstable_by(f32::total_cmp);
+        let (low, high) = (sample[SAMPLE / 4], sample[3 * SAMPLE / 4]);
+        middle.clear();
+        middle.resize(values.len(), 0.0);
+        let (mut below, mut count) = (0, 0);
+        for value in values {
+            below += usize::from(*value < low);
+            middle[count] = *value;
+            count += usize::from((low..=high).contains(value));
+        }
+        if (below..below + count).contains(&rank) {
+            return select(&mut middle[..count], rank - below);
+        }
     }
+    middle.clear();
+    middle.extend_from_slice(values);
+    select(middle, rank)
 }
 
-struct Squares<'a> {
+struct Score<'a> {
     distances: &'a [f32],
-    mean: f64,
+    centre: f64,
+    unit: f64,
+    out: &'a mut [f32],
 }
 
-impl WithSimd for Squares<'_> {
-    type Output = f64;
+impl WithSimd for Score<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> f64 {
-        let Self { distances, mean } = self;
-        let mut sums = [0.0; WIDTH];
-        let (chunks, rest) = distances.as_chunks::<WIDTH>();
-        let mut take = |l: usize, d: f32| {
-            let centred = f64::from(d) - mean;
-            sums[l] += if d.is_finite() { centred * centred } else { 0.0 };
-        };
-        for chunk in chunks {
-            for (l, d) in chunk.iter().enumerate() {
-                take(l, *d);
-            }
+    fn run<S: Simd>(self, _: S) {
+        let Self { distances, centre, unit, out } = self;
+        for (out, &d) in out.iter_mut().zip(distances) {
+            let score = ((f64::from(d) - centre) * unit) as f32;
+            let size = score.abs().min(1e30);
+            let beyond = (size - LINEAR).max(0.0);
+            let bent = (size.min(LINEAR) + ln_1p(beyond)).copysign(score);
+            *out = if d == f32::INFINITY { f32::INFINITY } else { bent };
         }
-        rest.iter().enumerate().for_each(|(l, d)| take(l, *d));
-        sums.iter().sum()
     }
 }
 
-/// Mean absolute difference of two rows over the distances finite in both, in standard
-/// deviations of the second row; infinite if there are none, or they do not vary. `moments`
-/// are those of the second row.
-pub(super) fn change(before: &[f32], now: &[f32], moments: &RowMoments) -> f64 {
-    let compare = |mean| run(Compare { before, now, mean });
-    let mut changes = compare(moments.mean);
-    if changes.count < moments.count {
-        // About the mean of the compared distances: sums of singles are exact in doubles, so that
-        // equal ones have a deviation of exactly 0.
-        let both = before.iter().zip(now).filter(|(a, b)| a.is_finite() && b.is_finite());
-        let sum: f64 = both.map(|pair| f64::from(*pair.1)).sum();
-        changes = compare(sum / changes.count);
+/// Change between two rows of scores: Σ (a − b)² / Σ (a² + b²), over references with finite scores
+/// in both. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
+/// compared.
+pub(crate) fn change(a: &[f32], b: &[f32]) -> f64 {
+    let Apart { apart, size, compared } = run(Compare { a, b });
+    match () {
+        () if !compared => 1.0,
+        () if apart == 0.0 => 0.0,
+        () => apart / size,
     }
-    let Changes { count, moved, squares } = changes;
-    let deviation = (squares / count).sqrt();
-    match count {
-        0.0 => f64::INFINITY,
-        _ if moved == 0.0 => 0.0,
-        _ => moved / count / deviation,
-    }
-}
-
-struct Changes {
-    count: f64,
-    moved: f64,
-    squares: f64,
 }
 
 struct Compare<'a> {
-    before: &'a [f32],
-    now: &'a [f32],
-    mean: f64,
+    a: &'a [f32],
+    b: &'a [f32],
+}
+
+struct Apart {
+    apart: f64,
+    size: f64,
+    compared: bool,
 }
 
 impl WithSimd for Compare<'_> {
-    type Output = Changes;
+    type Output = Apart;
 
+    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
-    fn run<S: Simd>(self, _: S) -> Changes {
-        let Self { before, now, mean } = self;
+    fn run<S: Simd>(self, _: S) -> Apart {
+        let (mut apart, mut size) = ([0.0_f64; WIDTH], [0.0_f64; WIDTH]);
         let mut counts = [0_u32; WIDTH];
-        let (mut moved, mut squares) = ([0.0; WIDTH], [0.0; WIDTH]);
-        let ((a, a_rest), (b, b_rest)) = (before.as_chunks::<WIDTH>(), now.as_chunks::<WIDTH>());
         let mut take = |l: usize, a: f32, b: f32| {
-            let finite = a.is_finite() & b.is_finite();
-            counts[l] += u32::from(finite);
+            let both = a.is_finite() & b.is_finite();
             let (a, b) = (f64::from(a), f64::from(b));
-            moved[l] += if finite { (a - b).abs() } else { 0.0 };
-            squares[l] += if finite { (b - mean) * (b - mean) } else { 0.0 };
+            counts[l] |= u32::from(both);
+            apart[l] += if both { (a - b) * (a - b) } else { 0.0 };
+            size[l] += if both { a * a + b * b } else { 0.0 };
         };
+        let ((a, a_rest), (b, b_rest)) = (self.a.as_chunks::<WIDTH>(), self.b.as_chunks::<WIDTH>());
         for (a, b) in a.iter().zip(b) {
             for l in 0..WIDTH {
                 take(l, a[l], b[l]);
             }
         }
         a_rest.iter().zip(b_rest).enumerate().for_each(|(l, (a, b))| take(l, *a, *b));
-        Changes {
-            count: counts.iter().map(|count| f64::from(*count)).sum(),
-            moved: moved.iter().sum(),
-            squares: squares.iter().sum(),
-        }
+        let compared = counts.iter().any(|any| *any > 0);
+        Apart { apart: apart.iter().sum(), size: size.iter().sum(), compared }
     }
 }
 
@@ -175,55 +163,70 @@ impl WithSimd for Compare<'_> {
 mod tests {
     use super::*;
 
-    fn row(n: usize, factor: f32) -> Vec<f32> {
-        (1..=n).map(|i| (i as f32 * factor).fract()).collect()
+    fn scores(row: &[f32]) -> Vec<f32> {
+        let (mut out, mut scratch) = (Vec::new(), RowScratch::default());
+        row_scores(row, &mut out, &mut scratch).unwrap();
+        out
     }
 
     #[test]
-    fn moments_are_those_of_the_definition() {
-        for n in [0, 1, 5, 16, 33, 100] {
-            let mut row = row(n, 0.618_034);
-            row.iter_mut().skip(3).step_by(7).for_each(|d| *d = f32::INFINITY);
-            let finite: Vec<f64> =
-                row.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d)).collect();
-            let mean = finite.iter().sum::<f64>() / f64::max(finite.len() as f64, 1.0);
-            let squares: f64 = finite.iter().map(|d| (d - mean).powi(2)).sum();
-            let moments = RowMoments::of(&row);
-            assert_eq!(moments.count, finite.len() as f64);
-            assert!((moments.mean - mean).abs() < 1e-12 && moments.valid);
-            assert!((moments.squares - squares).abs() < 1e-12);
-            for at in 0..n {
-                for invalid in [f32::NAN, f32::NEG_INFINITY] {
-                    let mut row = row.clone();
-                    row[at] = invalid;
-                    assert!(!RowMoments::of(&row).valid);
-                }
+    fn medians_are_those_of_a_sort() {
+        let mut middle = Vec::new();
+        for n in [1, 2, 5, 513, 1000, 4001] {
+            for kind in 0..4_u32 {
+                let value = |i: usize| match kind {
+                    0 => (i as f32 * 0.618_034).fract(),
+                    1 => i as f32,
+                    2 => (i % 3) as f32,
+                    _ => {
+                        if i.is_multiple_of(70) {
+                            1e30
+                        } else {
+                            -(i as f32)
+                        }
+                    }
+                };
+                let values: Vec<f32> = (0..n).map(value).collect();
+                let mut sorted = values.clone();
+                sorted.sort_by(f32::total_cmp);
+                assert_eq!(median(&values, &mut middle), sorted[n / 2], "{n} {kind}");
             }
         }
-        assert_eq!(RowMoments::of(&[0.5; 20]).inverse_deviation(), 0.0);
-        assert_eq!(RowMoments::of(&[f32::INFINITY; 20]).inverse_deviation(), 0.0);
     }
 
     #[test]
-    fn a_change_is_that_of_the_definition() {
-        for n in [1, 5, 16, 33, 100] {
-            let (mut a, mut b) = (row(n, 0.618_034), row(n, 0.414_213_5));
-            a.iter_mut().skip(4).step_by(7).for_each(|d| *d = f32::INFINITY);
-            b.iter_mut().skip(5).step_by(9).for_each(|d| *d = f32::NAN);
-            let pairs = a.iter().zip(&b).map(|(a, b)| (f64::from(*a), f64::from(*b)));
-            let pairs: Vec<_> = pairs.filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
-            let count = pairs.len() as f64;
-            let mean = pairs.iter().map(|pair| pair.1).sum::<f64>() / count;
-            let squares: f64 = pairs.iter().map(|pair| (pair.1 - mean).powi(2)).sum();
-            let moved: f64 = pairs.iter().map(|(a, b)| (a - b).abs()).sum();
-            let expected = moved / count / (squares / count).sqrt();
-            let found = change(&a, &b, &RowMoments::of(&b));
-            assert!(n == 1 || (found / expected - 1.0).abs() < 1e-9, "{n}: {found} {expected}");
-            let same = &b[..4.min(n)];
-            assert_eq!(change(same, same, &RowMoments::of(same)), 0.0);
+    fn scores_are_those_of_the_definition() {
+        let row: Vec<f32> = (0..33).map(|i| (i as f32 * 0.618_034).fract()).collect();
+        let mut sorted = row.clone();
+        sorted.sort_by(f32::total_cmp);
+        let centre = sorted[16];
+        let mut apart: Vec<f32> = row.iter().map(|d| (d - centre).abs()).collect();
+        apart.sort_by(f32::total_cmp);
+        let unit = 1.4826 * apart[16];
+        for (d, score) in row.iter().zip(scores(&row)) {
+            assert!((score - (d - centre) / unit).abs() < 1e-5);
         }
-        let equal = RowMoments::of(&[0.1; 37]);
-        assert_eq!(change(&[f32::INFINITY; 37], &[0.1; 37], &equal), f64::INFINITY);
-        assert_eq!(change(&[0.2; 37], &[0.1; 37], &equal), f64::INFINITY);
+        // Far ones as a logarithm, and without an influence on others.
+        let mut broken = row.clone();
+        broken[4] = 1e30;
+        broken[5] = -1e30;
+        let far = scores(&broken);
+        assert!(far[4] > 50.0 && far[4] < 80.0 && far[5] < -50.0);
+        assert!(
+            (0..33).filter(|i| *i != 4 && *i != 5).all(|i| (far[i] - scores(&row)[i]).abs() < 0.2)
+        );
+        assert_eq!(scores(&[0.1; 20]), [0.0; 20]);
+        assert_eq!(scores(&[0.0, 0.0, 0.0, 2.0])[3], 1.0);
+        assert_eq!(scores(&[f32::INFINITY; 3]), [f32::INFINITY; 3]);
+        assert!(scores(&[f32::MAX, f32::MIN, 0.0, 1e-45]).iter().all(|score| score.is_finite()));
+    }
+
+    #[test]
+    fn changes_are_between_0_and_2() {
+        let a: Vec<f32> = (0..40).map(|i| (i as f32 * 0.7).sin()).collect();
+        let b: Vec<f32> = a.iter().map(|a| -a).collect();
+        assert_eq!((change(&a, &a), change(&a, &b)), (0.0, 2.0));
+        assert_eq!(change(&[f32::INFINITY; 3], &[0.0; 3]), 1.0);
+        assert_eq!(change(&[0.0; 3], &[0.0; 3]), 0.0);
     }
 }

@@ -1,20 +1,26 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
-use super::rows::scaled;
 use crate::kernels::{LANES, Simd, WithSimd};
 
-/// Prior count, in queries, of a reference's prior moments: a mean of 0, and the deviation pooled
-/// over all references.
-pub(super) const PRIOR_COUNT: f64 = 10.0;
+/// Prior of the variance of one reference's scores over queries, and of all scores, in queries.
+const PRIOR_COUNT: f64 = 3.0;
+const PRIOR_WITHIN: f64 = 0.65;
+/// Prior count of a reference's own variance about the mean of all, in queries.
+const OWN_COUNT: f64 = 10.0;
+/// Least share of the variance that is between references.
+const LEAST_BETWEEN: f64 = 0.02;
 
-/// Adds a query's scores, in its own deviations, to the sums.
+/// Deviations beyond which a score counts as that many in the sums: so that neither a match nor a
+/// broken query becomes usual.
+const CLIP: f32 = 2.5;
+
+/// Adds a query's scores within its row to the sums.
 pub(super) struct CountIn<'a> {
-    pub(super) distances: &'a [f32],
-    pub(super) mean: f64,
-    pub(super) unit: f64,
+    pub(super) spread: Spread,
+    pub(super) rows: &'a [f32],
+    pub(super) weight: f64,
     pub(super) sums: &'a mut [f64],
     pub(super) squares: &'a mut [f64],
-    pub(super) out: &'a mut [f64],
 }
 
 impl WithSimd for CountIn<'_> {
@@ -22,25 +28,96 @@ impl WithSimd for CountIn<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { distances, mean, unit, sums, squares, out } = self;
-        let sums = sums.iter_mut().zip(squares);
-        for (((sum, square), out), &d) in sums.zip(out).zip(distances) {
-            let score = scaled(f64::from(d) - mean, unit);
-            *out = score;
+        let Self { spread, rows, weight, sums, squares } = self;
+        let most = CLIP * (spread.within as f32).sqrt();
+        for ((sum, square), &score) in sums.iter_mut().zip(squares).zip(rows) {
+            let usual = (*sum * spread.mean_share) as f32;
+            let clipped = score.max(usual - most).min(usual + most);
             // References at an infinite distance were not compared; they count as average.
-            let score = if d.is_finite() { score } else { 0.0 };
-            *sum += score;
-            *square += score * score;
+            let score = if score.is_finite() { f64::from(clipped) } else { 0.0 };
+            *sum += weight * score;
+            *square += weight * score * score;
         }
     }
 }
 
-/// Scales scores by the mean and deviation of each reference over other queries.
-pub(super) struct Standardize<'a> {
+/// Adds the squared differences of neighbouring scores to their sums.
+pub(super) struct CountSteps<'a> {
+    pub(super) rows: &'a [f32],
+    pub(super) weight: f64,
+    pub(super) steps: &'a mut [f64],
+}
+
+impl WithSimd for CountSteps<'_> {
+    type Output = ();
+
+    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) {
+        let Self { rows, weight, steps } = self;
+        for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
+            let apart = f64::from(a - b);
+            *step += if a.is_finite() & b.is_finite() { weight * apart * apart } else { 0.0 };
+        }
+    }
+}
+
+/// Variances of scores, by empirical Bayes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spread {
+    /// The mean variance of one reference's scores over queries, W.
+    pub(super) within: f64,
+    /// Factor of a sum of scores to the usual score.
+    pub(super) mean_share: f64,
+    /// Variance of the usual score about the true one.
+    unsure: f64,
+}
+
+/// Estimates variances.
+pub(super) struct Usual<'a> {
     pub(super) count: f64,
     pub(super) sums: &'a [f64],
     pub(super) squares: &'a [f64],
-    pub(super) scores: &'a mut [f64],
+}
+
+impl WithSimd for Usual<'_> {
+    type Output = Spread;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, _: S) -> Spread {
+        let Self { count: n, sums, squares } = self;
+        let part = if n > 0.0 { 1.0 / n } else { 0.0 };
+        let (mut within, mut all) = ([0.0; LANES], [0.0; LANES]);
+        let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
+        let mut take = |l: usize, sum: f64, square: f64| {
+            within[l] += (square - sum * sum * part).max(0.0);
+            all[l] += square;
+        };
+        for (sums, squares) in whole.0.iter().zip(rest.0) {
+            for l in 0..LANES {
+                take(l, sums[l], squares[l]);
+            }
+        }
+        whole.1.iter().zip(rest.1).for_each(|(sum, square)| take(0, *sum, *square));
+        let references = sums.len() as f64;
+        let within: f64 = within.iter().sum::<f64>() / references;
+        let all: f64 = all.iter().sum::<f64>() / references;
+        let within = (within + PRIOR_COUNT * PRIOR_WITHIN) / ((n - 1.0).max(0.0) + PRIOR_COUNT);
+        let all = (all + PRIOR_COUNT) / (n + PRIOR_COUNT);
+        let between = (all - within).max(LEAST_BETWEEN * all);
+        let total = n * between + within;
+        Spread { within, mean_share: between / total, unsure: between * within / total }
+    }
+}
+
+/// Scores in units of each reference.
+pub(super) struct Standardize<'a> {
+    pub(super) spread: Spread,
+    pub(super) count: f64,
+    pub(super) sums: &'a [f64],
+    pub(super) squares: &'a [f64],
+    pub(super) rows: &'a [f32],
+    pub(super) out: &'a mut [f64],
 }
 
 impl WithSimd for Standardize<'_> {
@@ -48,32 +125,16 @@ impl WithSimd for Standardize<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
-        let Self { count: n, sums, squares, scores } = self;
-        let known = n + PRIOR_COUNT;
-        let part = 1.0 / known;
-        // About the mean, without the prior.
-        let about = |sum: f64, square: f64| {
-            let mean = sum * part;
-            (square - 2.0 * mean * sum + n * mean * mean).max(0.0)
-        };
-        let mut totals = [0.0; LANES];
-        let (whole, rest) = (sums.as_chunks::<LANES>(), squares.as_chunks::<LANES>());
-        for (sums, squares) in whole.0.iter().zip(rest.0) {
-            for l in 0..LANES {
-                totals[l] += about(sums[l], squares[l]);
-            }
-        }
-        let mut total: f64 = totals.iter().sum();
-        for (sum, square) in whole.1.iter().zip(rest.1) {
-            total += about(*sum, *square);
-        }
-        // A deviation of 1 before any query.
-        let pooled = (total / scores.len() as f64 + 1.0) / (n + 1.0);
-        for (score, (&sum, &square)) in scores.iter_mut().zip(sums.iter().zip(squares)) {
-            let variance = (about(sum, square) + PRIOR_COUNT * pooled) * part;
+        let Self { spread, count: n, sums, squares, rows, out } = self;
+        let Spread { within, mean_share, unsure } = spread;
+        let part = if n > 0.0 { 1.0 / n } else { 0.0 };
+        let (known, prior) = (1.0 / ((n - 1.0).max(0.0) + OWN_COUNT), OWN_COUNT * within);
+        for ((out, &row), (&sum, &square)) in out.iter_mut().zip(rows).zip(sums.iter().zip(squares))
+        {
+            let own = ((square - sum * sum * part).max(0.0) + prior) * known;
             // Seven digits are enough, and take a quarter of the time.
-            let inverse = 1.0 / (variance as f32).sqrt();
-            *score = (*score - sum * part) * f64::from(inverse);
+            let inverse = 1.0 / ((own + unsure) as f32).sqrt();
+            *out = f64::from((row - (sum * mean_share) as f32) * inverse);
         }
     }
 }

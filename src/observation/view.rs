@@ -1,27 +1,29 @@
 //! Changes of the camera's view.
 
 use super::ObservationError;
-use super::rows::{self, RowMoments};
+use super::rows::{RowScratch, change, row_scores};
 use crate::motion::ViewChange;
 
-/// Change between two views: the mean absolute difference of their rows of
-/// distances, in standard deviations of the second row. 0 for equal rows;
-/// about 1 for two places that have nothing in common. Distances that are infinite or NaN in
-/// either row take no part; if none is left, or those of the second row are all equal, the
-/// change is infinite. O(n).
+/// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
+/// distances (see [`Standardizer`](super::Standardizer)). 0 for rows that are equal but for scale
+/// and offset; about 1 for two places that have nothing in common, and at most 2. Distances that
+/// are infinite in either row take no part; if none is left, the change is 1. O(n).
 ///
 /// Rows of distances stand for the images, so it works for descriptors and
 /// similarities of any kind.
 ///
 /// # Errors
 ///
-/// [`ObservationError::Distances`] if the rows differ in length.
+/// [`ObservationError`] if the rows differ in length, or for NaN or −∞.
 pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError> {
     if before.len() != now.len() {
         let (found, expected) = (now.len(), before.len());
         return Err(ObservationError::Distances { found, expected });
     }
-    Ok(rows::change(before, now, &RowMoments::of(now)))
+    let (mut a, mut b, mut scratch) = (Vec::new(), Vec::new(), RowScratch::default());
+    row_scores(before, &mut a, &mut scratch)?;
+    row_scores(now, &mut b, &mut scratch)?;
+    Ok(change(&a, &b))
 }
 
 /// Detects changes of the view frame by frame, against the last new view, so that slow creeping
@@ -84,8 +86,13 @@ impl ViewComparison {
     /// [`ObservationError::Distances`] for a row of another length than before; the state is then
     /// unchanged.
     pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
-        let moments = RowMoments::of(distances);
-        next_view(&mut self.last_new, self.threshold, distances, &moments)
+        if let Some(last) = &self.last_new
+            && view_change(last, distances)? < self.threshold
+        {
+            return Ok(ViewChange::Unchanged);
+        }
+        self.last_new = Some(distances.to_vec());
+        Ok(ViewChange::Changed)
     }
 }
 
@@ -94,27 +101,6 @@ pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
     changes.retain(|change| *change > 0.0 && change.is_finite());
     changes.sort_by(f64::total_cmp);
     changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
-}
-
-/// [`ViewComparison::next`] for a row with these moments; the caller keeps the last new row.
-pub(crate) fn next_view(
-    last_new: &mut Option<Vec<f32>>,
-    threshold: f64,
-    distances: &[f32],
-    moments: &RowMoments,
-) -> Result<ViewChange, ObservationError> {
-    match last_new {
-        Some(last) if last.len() != distances.len() => {
-            let (found, expected) = (distances.len(), last.len());
-            return Err(ObservationError::Distances { found, expected });
-        }
-        Some(last) if rows::change(last, distances, moments) < threshold => {
-            return Ok(ViewChange::Unchanged);
-        }
-        Some(last) => last.copy_from_slice(distances),
-        None => *last_new = Some(distances.to_vec()),
-    }
-    Ok(ViewChange::Changed)
 }
 
 /// Finds the stretch of each reference, for

@@ -10,16 +10,16 @@ stored! {
     [] MatchOdds in observation: [], |odds| {
         slope: f64 = odds.slope,
         even: f64 = odds.even,
-        most: f64 = odds.most,
         nothing: f64 = odds.nothing,
         temperature: f64 = odds.temperature,
-    } => Self { slope, even, most, nothing, temperature }.checked();
+    } => Self { slope, even, nothing, temperature }.checked();
 
     [] Standardizer in observation: [], |known| {
         count: f64 = known.count,
         sums: Vec<f64> = known.sums,
         squares: Vec<f64> = known.squares,
-    } => Self { count, sums, squares }.checked();
+        steps: Vec<f64> = known.steps,
+    } => Self { count, sums, squares, steps }.checked();
 
     [] Fit in recognition: [], |fit| {
         options: Options = fit.options,
@@ -33,13 +33,13 @@ stored! {
         standardizer: Standardizer = state.sensor.standardizer,
         last_view: Option<Vec<Option<f32>>> =
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
-        run: Option<(ViewChange, u32)> = state.sensor.run,
+        run: Option<(Option<ViewChange>, u32)> = state.sensor.run,
+        still: f64 = state.sensor.still,
         driven: Option<Driven> = state.sensor.driven,
-        gained: Vec<f32> = state.sensor.gained,
-    } => track_state(filter, standardizer, last_view, run, driven, gained);
+    } => track_state(filter, standardizer, last_view, run, still, driven);
 }
 
-/// A finite distance, or `None`, since JSON has no infinity.
+/// A finite score, or `None`, since JSON has no infinity.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "an iterator gives it so")]
 fn finite(distance: &f32) -> Option<f32> {
     Some(*distance).filter(|distance| distance.is_finite())
@@ -49,16 +49,12 @@ fn track_state(
     filter: FilterSnapshot,
     standardizer: Standardizer,
     last_view: Option<Vec<Option<f32>>>,
-    run: Option<(ViewChange, u32)>,
+    run: Option<(Option<ViewChange>, u32)>,
+    still: f64,
     driven: Option<Driven>,
-    gained: Vec<f32>,
 ) -> Result<TrackSnapshot, String> {
-    if let Some(value) = gained.iter().find(|value| !(**value >= 0.0 && value.is_finite())) {
-        return Err(format!("a gain of {value}, expected a finite value of at least 0"));
-    }
-    if gained.len() != standardizer.references() {
-        let (found, expected) = (gained.len(), standardizer.references());
-        return Err(format!("{found} gains, expected {expected} as there are references"));
+    if !(0.0..=2.0).contains(&still) {
+        return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
     }
     if run.is_some_and(|(_, count)| count == 0) {
         return Err("a run of 0 views, expected at least 1".into());
@@ -67,13 +63,11 @@ fn track_state(
     let last_view: Option<Vec<f32>> = last_view.map(|row| row.into_iter().map(distance).collect());
     for value in last_view.iter().flatten() {
         if value.is_nan() || *value == f32::NEG_INFINITY {
-            return Err(format!(
-                "a distance of {value} in the last view, expected a number or null"
-            ));
+            return Err(format!("a score of {value} in the last view, expected a number or null"));
         }
     }
     Ok(TrackSnapshot {
         filter,
-        sensor: SensorState { standardizer, last_view, run, driven, gained },
+        sensor: SensorState { standardizer, last_view, run, still, driven },
     })
 }

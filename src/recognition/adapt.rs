@@ -2,7 +2,6 @@
 
 use super::{RecognitionError, Recognizer, Recording};
 use crate::motion::OdometryModel;
-use crate::observation::threshold_of_changes;
 
 /// Smoothed answers at least this probable are taken for true.
 const SURE: f64 = 0.9;
@@ -65,11 +64,6 @@ impl Recognizer {
         options.speeds = options.speeds.learned(&drives)?;
         if read.0.len() > 1 {
             options.odometry = OdometryModel::learned(&[read])?;
-        }
-        let threshold = threshold_of_changes(recording.changes().to_vec());
-        // If no view changes, the previous threshold stays.
-        if threshold > 0.0 {
-            options.view_threshold = threshold;
         }
         self.with_fit(self.fit().clone().with_options(options))
     }

@@ -3,10 +3,11 @@
 use std::ops::RangeInclusive;
 
 use super::labels::LabelledPart;
+use super::sensor::least;
 use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Recognizer, Recording};
 use crate::motion::OdometryModel;
-use crate::observation::{ObservationError, nearest};
+use crate::observation::{ObservationError, RowScratch, row_scores};
 use crate::sequence::Sequence;
 
 /// Mean rank above which matches are near to chance.
@@ -31,12 +32,14 @@ impl Recognizer {
         let sensor = self.sensor_of_fit();
         let mut scores = vec![0.0; self.references()];
         let (mut ranks, mut best) = (Vec::new(), Vec::new());
+        let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
         for (part, rows) in parts.iter().zip(rows) {
             for (places, row) in part.places.iter().zip(rows) {
                 let Some(places) = places else { continue };
                 sensor.standardizer().scores(row, &mut scores)?;
                 ranks.push(mean_rank(&scores, places));
-                best.extend(nearest(row));
+                row_scores(row, &mut within, &mut scratch)?;
+                best.push(least(&within));
             }
         }
         let mut warnings = Vec::new();

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use super::{RecognitionError, Recognizer};
 use crate::error::InferenceError;
 use crate::motion::{OffMap, RouteControl};
-use crate::observation::ObservationError;
+use crate::observation::{ObservationError, RowScratch, row_scores};
 use crate::transition::Transition;
 
 /// Consecutive steps of a drive whose places are known.
@@ -78,14 +78,16 @@ impl Recognizer {
         &self,
         part: LabelledPart<'_, Q>,
     ) -> Result<Vec<Vec<f32>>, RecognitionError> {
-        let (mut rows, mut more) = (Vec::new(), Vec::new());
+        let (mut rows, mut more, mut scores) = (Vec::new(), Vec::new(), Vec::new());
+        let mut scratch = RowScratch::default();
         let sensor = self.sensor_of_fit();
         for (at, query) in part.queries.iter().enumerate() {
             let (step, mut row) = (at + 1, Vec::new());
             self.shared_references().distances(step, query.as_ref(), &mut row, &mut more)?;
             let invalid = |source| RecognitionError::Query { step, source };
-            let moments = sensor.standardizer().moments(&row).map_err(invalid)?;
-            if moments.count == 0.0 && self.options().off_map.is_none() {
+            sensor.standardizer().check(&row).map_err(invalid)?;
+            let compared = row_scores(&row, &mut scores, &mut scratch).map_err(invalid)?;
+            if compared == 0 && self.options().off_map.is_none() {
                 return Err(invalid(ObservationError::NoMatch));
             }
             let odometry = part.odometry.get(at).copied().flatten();

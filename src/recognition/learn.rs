@@ -3,8 +3,8 @@
 use super::fit::Fit;
 use super::labels::{LabelledPart, Labels, rates};
 use super::{RecognitionError, Recognizer};
-use crate::motion::{OdometryModel, ViewChange};
-use crate::observation::{ObservationError, ViewComparison, alike_stretches};
+use crate::motion::OdometryModel;
+use crate::observation::{ObservationError, alike_stretches};
 
 impl Recognizer {
     /// Learns from labelled parts of drives.
@@ -57,25 +57,21 @@ impl Recognizer {
     }
 
     fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
-        let longest = rows.iter().max_by_key(|rows| rows.len());
-        let threshold = longest.map_or(Ok(0.0), |rows| ViewComparison::threshold_of(rows))?;
-        // If no view changes, or there are too few rows to tell, the previous threshold stays.
-        if threshold > 0.0 {
-            fit.options.view_threshold = threshold;
-        }
-        let mut standardizer = self.shared_references().standardizer()?;
         let mut new = Vec::new();
+        let mut sensor = self
+            .with_fit(fit.clone().without_references())
+            .map(|r| r.sensor_of_fit())
+            .expect("lab");
         for part in rows {
-            let mut views = ViewComparison::new(fit.options.view_threshold)?;
             for row in part {
-                if views.next(row)? == ViewChange::Changed {
-                    standardizer.observe(row)?;
+                if sensor.see(&fit.options, row)? {
                     new.push(row);
                 }
             }
+            sensor.forget();
         }
         fit.stretches = Some(alike_stretches(&new)?);
-        fit.standardizer = fit.options.standardize.then_some(standardizer);
+        fit.standardizer = fit.options.standardize.then(|| sensor.standardizer().clone());
         Ok(())
     }
 }

@@ -36,12 +36,8 @@ pub struct Options {
     /// [`off_map`](Self::off_map) is given. 0.9 by default: at 1, stretches of uninformative
     /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
-    /// Share of a reference's mean evidence over the last ten new frames that does not count when
-    /// it repeats, from 0 to 1. A vehicle that passes matches one reference after the other; a
-    /// reference that looks like everything says the same for a minute. 0.8 by default.
-    pub habituation: f64,
-    /// Odds of a score. Their temperature, 2.5 by default, is for frames in sequence; fitting
-    /// changes it only if each block of the labelled part agrees.
+    /// Odds of a score. Their temperature, 2 by default, is for frames in sequence; fitting
+    /// chooses another where labels are in favour of it.
     pub odds: MatchOdds,
     /// True if each reference's mean and deviation are learned from the queries, so that
     /// references that look like everything do not win; true by default.
@@ -50,15 +46,12 @@ pub struct Options {
     pub views: ViewChangeRates,
     /// True if changes of the view count as evidence of moving or standing; true by default.
     pub use_views: bool,
-    /// Rate f at which a run of unchanged views loses weight: the k-th counts 1 / (1 + (k − 1) f).
-    /// By default 1, so that all of them together grow as ln k: a dark tunnel must not be
-    /// taken for a stop.
-    pub unchanged_fades: f64,
-    /// Rate at which a run of changed views loses weight, as for unchanged ones; 0.1 by default:
-    /// a view that keeps changing while the vehicle stands is rarer.
-    pub changed_fades: f64,
-    /// Least change of a view that counts as a change, in deviations of a query's distances.
-    /// 0.02 by default; fitting takes a tenth of the median change.
+    /// Rate f at which a run of changed, or of unchanged, views loses weight as evidence of moving or
+    /// standing: the k-th counts 1 / (1 + (k − 1) f). 0.1 by default: all of them together grow as
+    /// 10 ln k, since traffic may pass a vehicle that stands for minutes, and a wall one that moves.
+    pub view_fades: f64,
+    /// Least change of a view that counts as a new view, in units of the change from a reference to
+    /// the next. 0.1 by default: smaller ones carry no evidence on the place.
     pub view_threshold: f64,
     /// Number of places on either side of an answer that count as the same: the answer is
     /// the middle of the most probable such window. 1 by default.
@@ -75,14 +68,12 @@ impl Default for Options {
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             lost_odds: 0.6,
             off_map_odds: 0.9,
-            habituation: 0.8,
             odds: MatchOdds::default(),
             standardize: true,
             views: ViewChangeRates::default(),
             use_views: true,
-            unchanged_fades: 1.0,
-            changed_fades: 0.1,
-            view_threshold: 0.02,
+            view_fades: 0.1,
+            view_threshold: 0.1,
             window: 1,
         }
     }
@@ -93,21 +84,14 @@ const MOST_LOST: f64 = 0.99;
 
 impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
-        let fades =
-            [("unchanged_fades", self.unchanged_fades), ("changed_fades", self.changed_fades)];
-        for (what, value) in fades {
-            if !(0.0..=1e6).contains(&value) {
-                return Err(RecognitionError::Parameter { what, value, expected: "from 0 to 1e6" });
-            }
+        if !(0.0..=1e6).contains(&self.view_fades) {
+            let (what, expected) = ("view_fades", "from 0 to 1e6");
+            return Err(RecognitionError::Parameter { what, value: self.view_fades, expected });
         }
-        let shares = [
-            ("lost_odds", self.lost_odds, 1e-6),
-            ("off_map_odds", self.off_map_odds, 1e-6),
-            ("habituation", self.habituation, 0.0),
-        ];
-        for (what, value, least) in shares {
-            if !(least..=1.0).contains(&value) {
-                let expected = if least > 0.0 { "from 1e-6 to 1" } else { "from 0 to 1" };
+        let shares = [("lost_odds", self.lost_odds), ("off_map_odds", self.off_map_odds)];
+        for (what, value) in shares {
+            if !(1e-6..=1.0).contains(&value) {
+                let expected = "from 1e-6 to 1";
                 return Err(RecognitionError::Parameter { what, value, expected });
             }
         }

@@ -8,7 +8,6 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
 use crate::motion::{RouteControl, RouteState};
-use crate::observation::{nearest, view_change};
 use crate::sequence::Sequence;
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
@@ -24,8 +23,6 @@ pub struct Recording {
     /// log2 of the odds of each place by each single frame.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
-    /// Change of the view at each step after the first.
-    changes: Vec<f64>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -67,7 +64,6 @@ impl Recording {
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
-        let (mut changes, mut before): (_, Vec<f32>) = (Vec::new(), Vec::new());
         sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
             let mut row = vec![0.0; recognizer.likelihoods()];
@@ -75,16 +71,11 @@ impl Recording {
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
             likelihoods.push(row);
-            let row = sensor.distances();
-            best_scores.extend(nearest(row));
-            // The first step has no view before it.
-            changes.extend(view_change(&before, row).ok());
-            before.clear();
-            before.extend_from_slice(row);
+            best_scores.extend(Some(sensor.best()).filter(|best| best.is_finite()));
             alone.push(sensor.alone().to_vec());
         }
         let recognizer = recognizer.clone();
-        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, changes })
+        Ok(Self { recognizer, controls, likelihoods, alone, best_scores })
     }
 
     /// The number of steps.
@@ -211,10 +202,6 @@ impl Recording {
 
     pub(super) fn best_scores(&self) -> &[f64] {
         &self.best_scores
-    }
-
-    pub(super) fn changes(&self) -> &[f64] {
-        &self.changes
     }
 
     pub(super) fn recognizer(&self) -> &Recognizer {

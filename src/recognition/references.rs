@@ -1,14 +1,34 @@
 //! References, and their comparison with queries.
 
 use super::RecognitionError;
-use crate::observation::{Distance, ObservationError, ReferenceDescriptors, Standardizer};
+use std::ops::Range;
+
+use crate::observation::{
+    Distance, ObservationError, ReferenceDescriptors, RowScratch, Standardizer, row_scores,
+};
 
 /// Number of evenly spaced references that are compared with all, to learn the usual scores of
 /// each, and the number of queries that they count as.
 const SAMPLE: usize = 64;
 const SAMPLE_COUNT: f64 = 10.0;
-/// Distance along the route within which references look alike because they are near.
+/// Distance along the route within which references look alike because they are near, at least,
+/// and the score above which they no longer do.
 const NEAR: usize = 10;
+const UNLIKE: f32 = -1.0;
+
+/// References around one that look like it because they are near.
+fn alike_around(
+    row: &[f32],
+    at: usize,
+    scores: &mut Vec<f32>,
+    scratch: &mut RowScratch,
+) -> Result<Range<usize>, ObservationError> {
+    row_scores(row, scores, scratch)?;
+    let alike = |score: &&f32| **score < UNLIKE;
+    let before = scores[..at].iter().rev().take_while(alike).count().max(NEAR);
+    let after = scores[at + 1..].iter().take_while(alike).count().max(NEAR);
+    Ok(at.saturating_sub(before)..(at + after + 1).min(row.len()))
+}
 
 /// The references of a route: descriptors of one traverse or of several, or only their number
 /// where queries come as distances.
@@ -52,14 +72,15 @@ impl References {
     pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {
         let count = self.count();
         let mut standardizer = Standardizer::new(count)?;
-        let (mut row, mut more) = (Vec::new(), Vec::new());
+        let (mut row, mut more, mut scores) = (Vec::new(), Vec::new(), Vec::new());
+        let mut scratch = RowScratch::default();
         let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
         let sample = SAMPLE.min(count);
         for at in (0..sample).map(|at| at * count / sample) {
             let Some(descriptor) = traverses[0].descriptor(at) else { continue };
             if self.distances(0, &descriptor, &mut row, &mut more).is_ok() {
+                let near = alike_around(&row, at, &mut scores, &mut scratch)?;
                 // The standardizer leaves out infinite distances.
-                let near = at.saturating_sub(NEAR)..(at + NEAR + 1).min(count);
                 row[near].fill(f32::INFINITY);
                 standardizer.observe(&row)?;
             }

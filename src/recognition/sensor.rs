@@ -4,8 +4,34 @@ use super::references::References;
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
-use crate::observation::{ObservationError, Standardizer, next_view};
+use crate::observation::{ObservationError, RowScratch, Standardizer, change, row_scores};
 use crate::transition::Transition;
+
+/// Share of a view that is new above which it counts as a whole witness: frames of a route that is
+/// sampled densely share theirs.
+const WITNESS: f64 = 0.03;
+/// Quantile of the changes from a reference to the next, and part of it, up to which a view is
+/// unchanged: less than in nearly all steps along the route, dark stretches among them.
+const STILL_SHARE: f64 = 0.02;
+const STILL_PART: f64 = 0.25;
+
+/// Largest change of an unchanged view.
+fn still(standardizer: &Standardizer) -> f64 {
+    STILL_PART * standardizer.step_quantile(STILL_SHARE)
+}
+
+/// The least of the scores of a row.
+pub(super) fn least(rows: &[f32]) -> f64 {
+    f64::from(rows.iter().copied().fold(f32::INFINITY, f32::min))
+}
+
+/// A view compared with the last new one.
+struct View {
+    /// Changed or not, if that is clear.
+    view: Option<ViewChange>,
+    /// Share of it that is new, in an autoregression of the first order.
+    fresh: f64,
+}
 
 /// The camera, with all that it has learned of the references so far. It is causal: live and in
 /// recordings, a step depends on no later query.
@@ -14,6 +40,9 @@ pub(super) struct Sensor {
     state: SensorState,
     distances: Vec<f32>,
     more: Vec<f32>,
+    /// Scores within the row of the last query.
+    rows: Vec<f32>,
+    scratch: RowScratch,
     /// log2 of the odds of each place by the last new frame alone, if kept.
     alone: Vec<f32>,
 }
@@ -22,14 +51,14 @@ pub(super) struct Sensor {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SensorState {
     pub(crate) standardizer: Standardizer,
-    /// The last view that was new.
+    /// Scores within the row of the last view that was new.
     pub(crate) last_view: Option<Vec<f32>>,
     /// Length of the run of views like the last one, changed or not.
-    pub(crate) run: Option<(ViewChange, u32)>,
+    pub(crate) run: Option<(Option<ViewChange>, u32)>,
+    /// Largest change of an unchanged view.
+    pub(crate) still: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
-    /// Mean gain of each reference over the last frames, in log-odds.
-    pub(crate) gained: Vec<f32>,
 }
 
 /// Surroundings of a step of the sensor.
@@ -44,7 +73,7 @@ impl Sensor {
     pub(super) fn new(standardizer: Standardizer) -> Self {
         Self {
             state: SensorState {
-                gained: vec![0.0; standardizer.references()],
+                still: still(&standardizer),
                 standardizer,
                 last_view: None,
                 run: None,
@@ -52,6 +81,8 @@ impl Sensor {
             },
             distances: Vec::new(),
             more: Vec::new(),
+            rows: Vec::new(),
+            scratch: RowScratch::default(),
             alone: Vec::new(),
         }
     }
@@ -70,36 +101,30 @@ impl Sensor {
         references.distances(step, query, &mut self.distances, &mut self.more)?;
         let failed = |source| RecognitionError::Query { step, source };
         let control = self.moved(odometry);
-        let SensorState { standardizer, last_view, run, driven, gained } = &mut self.state;
         let n = references.count();
         // Checked first, so that an error leaves the sensor as it was.
-        let moments = standardizer.moments(&self.distances).map_err(failed)?;
-        let nowhere = moments.count == 0.0;
+        let View { view, fresh } = self.compare(options).map_err(failed)?;
+        let nowhere = self.rows.iter().all(|score| *score == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
         let refused = |source| InferenceError::Control { step, source };
         seeing.motion.check_control(&control).map_err(refused)?;
-        let view = next_view(last_view, options.view_threshold, &self.distances, &moments)
-            .map_err(failed)?;
-        if view == ViewChange::Unchanged && !nowhere {
+        if fresh == 0.0 && !nowhere {
             // A repeated view adds no evidence on the place.
             out.fill(1.0);
         } else {
             let (places, off) = out.split_at_mut(n);
-            if options.standardize && !nowhere {
-                standardizer.observed_scores_of(&self.distances, &moments, places);
-            } else {
-                standardizer.scores_of(&self.distances, &moments, places);
-            }
+            self.state.standardizer.standardize(&self.rows, places);
             options.odds.log2_odds_of(&places[..self.alone.len()], &mut self.alone);
-            options.odds.habituated(options.habituation, gained, places);
-            off.fill(if options.off_map.is_some() {
-                options.off_map_odds
-            } else {
-                options.lost_odds
-            });
+            let weight = (fresh / WITNESS).min(1.0);
+            options.odds.odds_of(weight, places);
+            let odds =
+                if options.off_map.is_some() { options.off_map_odds } else { options.lost_odds };
+            off.fill(odds.powf(weight));
+            self.learn(options, fresh);
         }
+        let SensorState { run, driven, .. } = &mut self.state;
         let count = match *run {
             Some((before, count)) if before == view => count.saturating_add(1),
             _ => 1,
@@ -107,13 +132,9 @@ impl Sensor {
         // The first view has no view before it.
         let first = run.is_none();
         *run = Some((view, count));
-        let fades = match view {
-            ViewChange::Changed => options.changed_fades,
-            ViewChange::Unchanged => options.unchanged_fades,
-        };
-        let weight = 1.0 / (1.0 + f64::from(count - 1) * fades);
-        let evidence = ViewEvidence { view, weight };
-        let view = (options.use_views && !first).then_some(evidence);
+        let weight = 1.0 / (1.0 + f64::from(count - 1) * options.view_fades);
+        let evidence = view.map(|view| ViewEvidence { view, weight });
+        let view = evidence.filter(|_| options.use_views && !first);
         let control = RouteControl { view, ..control };
         // Motion before the step matters off the map only: a lost vehicle need not go on as it
         // did.
@@ -121,6 +142,59 @@ impl Sensor {
             *driven = Some(seeing.motion.driven(&control));
         }
         Ok(control)
+    }
+
+    /// Compares the last row of distances with that of the last new view.
+    fn compare(&mut self, options: &Options) -> Result<View, ObservationError> {
+        let Self { state: SensorState { standardizer, last_view, still, .. }, distances, .. } =
+            self;
+        standardizer.check(distances)?;
+        row_scores(distances, &mut self.rows, &mut self.scratch)?;
+        let Some(last) = last_view else {
+            return Ok(View { view: Some(ViewChange::Changed), fresh: 1.0 });
+        };
+        let rows = &self.rows;
+        let changed = change(last, rows);
+        // A change has the unit of one from a reference to the next.
+        let unit = change(&rows[1..], &rows[..rows.len() - 1]);
+        Ok(if changed <= *still {
+            View { view: Some(ViewChange::Unchanged), fresh: 0.0 }
+        } else if changed < options.view_threshold * unit {
+            View { view: None, fresh: 0.0 }
+        } else {
+            let part = changed.min(1.0);
+            // (1 − r) / (1 + r) for a correlation r from view to view.
+            View { view: Some(ViewChange::Changed), fresh: part / (2.0 - part) }
+        })
+    }
+
+    /// Learns from the last row, that of a view with a new part.
+    fn learn(&mut self, options: &Options, fresh: f64) {
+        let SensorState { standardizer, last_view, still: unchanged, .. } = &mut self.state;
+        if options.standardize {
+            let percents = |count: f64| (100.0 * count.ln_1p()) as u32;
+            let before = percents(standardizer.count());
+            standardizer.count_in(&self.rows, fresh);
+            // Not at each step, since it takes as long as all else.
+            if percents(standardizer.count()) != before {
+                *unchanged = still(standardizer);
+            }
+        }
+        match last_view {
+            Some(last) => last.copy_from_slice(&self.rows),
+            None => *last_view = Some(self.rows.clone()),
+        }
+    }
+
+    /// Learns from a row of distances alone; returns true for a new view.
+    pub(super) fn see(&mut self, options: &Options, row: &[f32]) -> Result<bool, ObservationError> {
+        self.distances.clear();
+        self.distances.extend_from_slice(row);
+        let View { fresh, .. } = self.compare(options)?;
+        if fresh > 0.0 {
+            self.learn(options, fresh);
+        }
+        Ok(fresh > 0.0)
     }
 
     /// Takes a step without a query. The next view then counts as the first after a gap: it may
@@ -139,9 +213,8 @@ impl Sensor {
 
     /// Forgets the last view, but nothing learned of the references.
     pub(super) fn forget(&mut self) {
-        let SensorState { last_view, run, driven, gained, .. } = &mut self.state;
+        let SensorState { last_view, run, driven, .. } = &mut self.state;
         (*run, *driven) = (None, None);
-        gained.fill(0.0);
         // Infinite distances are not compared; the memory is kept.
         last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
     }
@@ -152,13 +225,12 @@ impl Sensor {
     /// had learned from many queries and new ones from few, old places would win (on a railway by
     /// pixels, up to 27 times as many wrong matches).
     pub(super) fn extended(&self, fresh: Self) -> Self {
-        let SensorState { mut last_view, run, driven, mut gained, .. } = self.state.clone();
-        let count = fresh.state.gained.len();
-        gained.resize(count, 0.0);
+        let SensorState { mut last_view, run, still, driven, .. } = self.state.clone();
+        let count = fresh.state.standardizer.references();
         // Infinite distances are not compared.
         last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
         let standardizer = fresh.state.standardizer;
-        Self { state: SensorState { standardizer, last_view, run, driven, gained }, ..fresh }
+        Self { state: SensorState { standardizer, last_view, run, still, driven }, ..fresh }
     }
 
     /// Keeps the single-frame odds from now on.
@@ -171,9 +243,9 @@ impl Sensor {
         &self.alone
     }
 
-    /// The distances of the last query.
-    pub(super) fn distances(&self) -> &[f32] {
-        &self.distances
+    /// The least score within the row of the last query.
+    pub(super) fn best(&self) -> f64 {
+        least(&self.rows)
     }
 
     pub(super) fn standardizer(&self) -> &Standardizer {
