@@ -1,68 +1,44 @@
-//! A small synthetic recording, for a first run without data.
-//!
-//! The route has 360 places, each with a smooth random texture that resembles those of its
-//! neighbours. The reference pass shows them unchanged; the query pass has another contrast and
-//! brightness, the texture of another season that changes slowly, and noise. It does not imitate
-//! a real camera.
+//! A small synthetic recording, for a first run without data. Its places resemble their neighbours;
+//! the query has less contrast, the texture of another season, and noise. It imitates no camera.
 
-use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::drive::{Detour, Leg};
-use super::patches::Frames;
+use super::{Common, Drive, Frames, Pass, generator};
 
-/// Name of the recording in the outputs.
-pub(crate) const NAME: &str = "synthetic recording (made up by the example)";
-/// Number of frames of each pass.
-pub(crate) const PLACES: usize = 360;
-/// Number of frames that form the map, from the first on.
-pub(crate) const MAPPED: usize = 300;
-/// First frame of the drive.
-pub(crate) const START: usize = 10;
-
+/// Number of frames of each pass, and of those that form the map, from the first on.
+const PLACES: usize = 360;
+const MAPPED: usize = 300;
 const ROWS: usize = 16;
 const COLS: usize = 32;
 
-/// Legs: ahead, a stop, ahead, reverse, twice as fast, slower.
-pub(crate) fn legs() -> Vec<Leg> {
-    let legs = [(120, 1.0), (30, 0.0), (60, 1.0), (50, -1.0), (50, 2.0), (40, 0.5), (30, 1.0)];
-    legs.map(|(steps, speed)| Leg { steps, speed }).to_vec()
-}
-
-/// Detour to places that are not on the map.
-pub(crate) fn detours() -> Vec<Detour> {
-    vec![
-        Detour { frames: MAPPED + 5..MAPPED + 30, at: 60 },
-        Detour { frames: MAPPED + 30..MAPPED + 60, at: 240 },
-    ]
-}
-
-/// Reference pass and query pass; frames with the same index show the same place. On a closed
-/// route, the last place of the map resembles the first.
-pub(crate) fn frames(seed: u64, closed: bool) -> (Frames, Frames) {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let places = textures(4, closed, &mut rng);
-    let season = textures(8, false, &mut rng);
-    let light = textures(12, false, &mut rng);
-    let mut frames = [(); 2].map(|()| Frames { rows: ROWS, cols: COLS, pixels: Vec::new() });
+pub(crate) fn pass(common: &Common) -> Pass {
+    let mut rng = generator(common.seed, 0);
+    let textures = [(4, common.closed), (8, false), (12, false)];
+    let [places, season, light] = textures.map(|(along, closed)| texture(along, closed, &mut rng));
+    let mut noise = |deviation: f64| deviation * rng.sample::<f64, _>(StandardNormal);
+    let (mut references, mut queries) = (Vec::new(), Vec::new());
     for place in 0..PLACES {
         for pixel in 0..ROWS * COLS {
-            let [noise, query_noise]: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut rng));
-            let texture = places[place][pixel];
-            let brightness = 10.0 * light[place][0];
-            let reference = 128.0 + 36.0 * texture + 6.0 * noise;
-            let query = 96.0
-                + brightness
-                + 12.0 * texture
-                + 40.0 * season[place][pixel]
-                + 10.0 * query_noise;
-            let [references, queries] = &mut frames;
-            references.pixels.push(grey(reference));
-            queries.pixels.push(grey(query));
+            let (texture, brightness) = (places[place][pixel], 10.0 * light[place][0]);
+            references.push(grey(128.0 + 36.0 * texture + noise(6.0)));
+            let query = 96.0 + brightness + 7.0 * texture + 40.0 * season[place][pixel];
+            queries.push(grey(query + noise(10.0)));
         }
     }
-    let [references, queries] = frames;
-    (references, queries)
+    let frames = |pixels| Frames { rows: ROWS, cols: COLS, pixels };
+    let (references, queries) = (frames(references), frames(queries));
+    let name = String::from("synthetic recording (made up by the example)");
+    let (map, closed, seed) = (0..MAPPED, common.closed, common.seed);
+    Pass { name, references, map, queries, patch: 8, closed, noise: None, seed }
+}
+
+/// A drive with a stop and a reverse and, if asked for, detours to places that are not on the map.
+pub(crate) fn drive(off_map: bool) -> Result<Drive, String> {
+    let legs = [(120, 1.0), (30, 0.0), (60, 1.0), (50, -1.0), (50, 2.0), (40, 0.5), (30, 1.0)];
+    let detours = [(MAPPED + 5..MAPPED + 30, 60), (MAPPED + 30..MAPPED + 60, 240)];
+    Drive::new(&legs, 10, PLACES)?.with_detours(if off_map { &detours } else { &[] }, PLACES)
 }
 
 /// Nearest value that a pixel can have.
@@ -71,26 +47,14 @@ pub(crate) fn grey(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8
 }
 
-/// One texture per place: white noise of variance one, smoothed along the route and within the
-/// image.
-fn textures(along: usize, closed: bool, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
-    const BLUR: usize = 3;
-    let mut white = || -> Vec<f64> {
-        let values = StandardNormal.sample_iter(&mut *rng);
-        let noise: Vec<f64> = values.take((ROWS + BLUR) * (COLS + BLUR)).collect();
-        let blurred = |row: usize, col: usize| {
-            let rows = (row..row + BLUR).map(|row| &noise[row * (COLS + BLUR) + col..][..BLUR]);
-            rows.flatten().sum::<f64>() / BLUR as f64
-        };
-        let pixels = (0..ROWS).flat_map(|row| (0..COLS).map(move |col| (row, col)));
-        pixels.map(|(row, col)| blurred(row, col)).collect()
-    };
+/// Values of variance one for each pixel of each place, smooth along the route.
+fn texture(along: usize, closed: bool, rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+    let mut white = || StandardNormal.sample_iter(&mut *rng).take(ROWS * COLS).collect();
     let noise: Vec<Vec<f64>> = (0..PLACES + along).map(|_| white()).collect();
-    let scale = (along as f64).sqrt().recip();
-    let sum = |place: usize| {
-        let around = |i: usize| if closed && place < MAPPED { i % MAPPED } else { i };
-        let near: Vec<&Vec<f64>> = (place..place + along).map(|i| &noise[around(i)]).collect();
-        (0..ROWS * COLS).map(|pixel| scale * near.iter().map(|n| n[pixel]).sum::<f64>()).collect()
+    let around = |i: usize| if closed && i < MAPPED + along { i % MAPPED } else { i };
+    let value = |place: usize, pixel: usize| {
+        let near = (place..place + along).map(|i| noise[around(i)][pixel]);
+        near.sum::<f64>() / (along as f64).sqrt()
     };
-    (0..PLACES).map(sum).collect()
+    (0..PLACES).map(|place| (0..ROWS * COLS).map(|pixel| value(place, pixel)).collect()).collect()
 }

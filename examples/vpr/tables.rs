@@ -1,204 +1,152 @@
-//! Printed report, and tables as CSV.
+//! Matrices and ground truth from files. Errors count lines and columns from 1, as editors do.
 
-use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
-use wayfix::evaluate::{ReliabilityDiagram, RocCurve};
+use npyz::NpyFile;
 
-use super::counted;
-use super::measures::{Measured, Scores};
-use super::recording::{Answers, Recording};
-use super::settings::Settings;
+use crate::vpr::Array;
+use crate::vpr::recording::Label;
 
-/// Report of what was located, and how well.
-pub(crate) fn report(
-    recording: &Recording,
-    settings: &Settings,
-    notes: &[String],
-    measured: &[Measured],
-) -> String {
-    let steps = recording.steps();
-    let on_map = recording.truth.iter().filter(|truth| truth.is_some()).count();
-    let learned: usize = settings.fit_on.iter().map(Range::len).sum();
-    let reported = settings.report_on.len();
-    let mut text = format!(
-        "{}\n{}, {on_map} of them on the map of {}{}.\n{learned} steps are learned from, {reported} \
-         {} reported on.\n",
-        recording.name,
-        counted(steps, "step"),
-        counted(recording.references, "reference"),
-        if recording.closed { ", a closed route" } else { "" },
-        if reported == 1 { "is" } else { "are" },
-    );
-    notes.iter().for_each(|note| text += &format!("{note}\n"));
-    text += &format!(
-        "\n{:<19}  tolerance  recall  calibr.   log score   recall at precision  PR area\n{:<19}  \
-         {:9}  {:6}  error     {:10}  {:>9} {:>9}\n",
-        "method", "", "", "", "", "100%", "99%"
-    );
-    let or_dash = |value: Option<f64>| value.map_or("-".into(), |value| super::decimals(value, 4));
-    for Measured { method, scores, .. } in measured {
-        for score in scores {
-            let at = |level| score.curve.recall_at_precision(level).unwrap_or(0.0);
-            text += &format!(
-                "{method:<19}  {:9}  {:6.4}  {:>7}  {:>10}  {:9.4} {:9.4}  {:7.4}\n",
-                score.tolerance,
-                score.recall,
-                or_dash(score.calibration_error()),
-                or_dash(score.log_score.map(|score| score.mean)),
-                at(1.0),
-                at(0.99),
-                score.curve.average_precision(),
-            );
+/// Reads a matrix from a `.npy` or CSV file: its number of columns, and the values row by row.
+/// Infinite ones may be allowed.
+pub(crate) fn matrix(file: &Path, infinite: bool) -> Result<(usize, Vec<f32>), String> {
+    let name = file.display();
+    let values = match Array::open(file, "(rows, columns)")? {
+        Some(Array { shape: [_, columns], npy }) => numbers(npy).map(|values| (columns, values)),
+        None => csv(&read(file)?),
+    };
+    let (columns, values) = values.map_err(|error| format!("{name}: {error}"))?;
+    let valid = |x: f32| x.is_finite() || (infinite && x == f32::INFINITY);
+    let Some(at) = values.iter().position(|x| !valid(*x)) else { return Ok((columns, values)) };
+    let (line, column, found) = (at / columns + 1, at % columns + 1, values[at]);
+    let also = if infinite { " or inf" } else { "" };
+    Err(format!("{name}, line {line}, column {column}: {found}, expected a finite number{also}"))
+}
+
+fn numbers<R: std::io::Read>(npy: NpyFile<R>) -> Result<Vec<f32>, String> {
+    let found = npy.dtype().descr();
+    let all: Result<_, _> = match npy.try_data::<f32>().map_err(NpyFile::try_data::<f64>) {
+        Ok(data) => data.collect(),
+        Err(Ok(data)) => data.map(|value| value.map(|x| x as f32)).collect(),
+        Err(Err(npy)) => match npy.data::<u8>() {
+            Ok(data) => data.map(|value| value.map(f32::from)).collect(),
+            Err(_) => return Err(format!("{found}, expected float32, float64 or uint8")),
+        },
+    };
+    all.map_err(|error| error.to_string())
+}
+
+fn read(file: &Path) -> Result<String, String> {
+    let text = std::fs::read_to_string(file);
+    text.map_err(|error| format!("cannot read {}: {error}", file.display()))
+}
+
+/// Cells of the lines that are not blank, with the numbers of the lines.
+fn lines(text: &str) -> impl Iterator<Item = (usize, Vec<&str>)> {
+    let lines = (1..).zip(text.trim_start_matches('\u{feff}').lines());
+    let lines = lines.filter(|(_, line)| !line.trim().is_empty());
+    lines.map(|(number, line)| (number, line.split(',').map(str::trim).collect()))
+}
+
+/// Parses lines of numbers without a header.
+fn csv(text: &str) -> Result<(usize, Vec<f32>), String> {
+    let columns = lines(text).next().ok_or("empty, expected a line for each image")?.1.len();
+    let mut values = Vec::new();
+    for (line, cells) in lines(text) {
+        if cells.len() != columns {
+            return Err(format!("line {line} has {} columns, expected {columns}", cells.len()));
+        }
+        for (column, cell) in (1..).zip(cells) {
+            let wrong = |_| format!("line {line}, column {column}: {cell:?}, expected a number");
+            values.push(cell.parse().map_err(wrong)?);
         }
     }
-    if measured.iter().any(|method| method.roc.is_some()) {
-        text += "\nOn the map or not: area under the ROC curve\n";
-        for Measured { method, roc, .. } in measured {
-            let area = roc.as_ref().map(|roc| format!("{method:<19}  {:.4}\n", roc.area()));
-            text += &area.unwrap_or_default();
-        }
-    }
-    text
+    Ok((columns, values))
 }
 
-fn decimals(value: f64) -> String {
-    super::decimals(value, 6)
+/// Reads lines of query, first and last, the latter two empty or -1 if it is not on the map.
+pub(crate) fn truth(file: &Path, queries: usize, references: usize) -> Result<Vec<Label>, String> {
+    let truth = parse(&read(file)?, queries, references);
+    truth.map_err(|error| format!("{}: {error}", file.display()))
 }
 
-/// Formats a number, or nothing.
-pub(crate) fn optional(value: Option<f64>) -> String {
-    value.map_or(String::new(), decimals)
-}
-
-/// Writes a table: its header, then its lines.
-pub(crate) fn write(
-    file: &Path,
-    header: &[impl AsRef<[u8]>],
-    lines: impl IntoIterator<Item = Vec<String>>,
-) -> Result<(), csv::Error> {
-    let mut file = csv::Writer::from_path(file)?;
-    file.write_record(header)?;
-    lines.into_iter().try_for_each(|line| file.write_record(line))?;
-    Ok(file.flush()?)
-}
-
-/// Each method at each tolerance, with the first cells of its line.
-fn methods(measured: &[Measured]) -> impl Iterator<Item = (&Measured, &Scores, Vec<String>)> {
-    measured.iter().flat_map(|method| {
-        let line = |score: &Scores| vec![method.method.clone(), score.tolerance.to_string()];
-        method.scores.iter().map(move |score| (method, score, line(score)))
-    })
-}
-
-/// Writes recall, calibration, log score and time of each method at each tolerance.
-pub(crate) fn write_table(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
-    let header = [
-        "method",
-        "tolerance",
-        "recall",
-        "calibration_error",
-        "log_score",
-        "roc_area",
-        "worst_log_score",
-        "worst_step",
-        "step_ms",
-        "worst_minute",
-    ];
-    let lines = methods(measured).map(|(method, score, line)| {
-        let worst = score.log_score.map(|score| score.worst);
-        let rest = [
-            decimals(score.recall),
-            optional(score.calibration_error()),
-            optional(score.log_score.map(|score| score.mean)),
-            optional(method.roc.as_ref().map(RocCurve::area)),
-            optional(worst.map(|worst| worst.0)),
-            worst.map_or(String::new(), |worst| worst.1.to_string()),
-            optional(method.step_ms),
-            decimals(score.worst_minute),
-        ];
-        [line, rest.to_vec()].concat()
-    });
-    write(file, &header, lines)
-}
-
-/// Writes the answer of each method at each step, reported or not.
-pub(crate) fn write_answers(
-    file: &Path,
-    recording: &Recording,
-    tolerances: &[usize],
-    answers: &[Answers],
-) -> Result<(), csv::Error> {
-    let mut header = ["step", "truth_first", "truth_last"].map(String::from).to_vec();
-    for Answers { method, probability, .. } in answers {
-        header.push(format!("{method}_place"));
-        if probability.is_some() {
-            header.extend(tolerances.iter().map(|within| format!("{method}_probability_{within}")));
-        }
-    }
-    let place = |place: Option<usize>| place.map_or(String::new(), |place| place.to_string());
-    let lines = recording.truth.iter().enumerate().map(|(step, truth)| {
-        let ends = |end: fn(&RangeInclusive<usize>) -> &usize| {
-            place(truth.as_ref().map(|truth| *end(truth)))
+fn parse(text: &str, queries: usize, references: usize) -> Result<Vec<Label>, String> {
+    let mut truth: Vec<Option<Label>> = vec![None; queries];
+    for (line, cells) in lines(text).filter(|line| line.1 != ["query", "first", "last"]) {
+        let &[query, first, last] = &cells[..] else {
+            let found = cells.len();
+            return Err(format!("line {line} has {found} columns, expected query, first, last"));
         };
-        let mut line = vec![step.to_string(), ends(|t| t.start()), ends(|t| t.end())];
-        for Answers { places, probability, .. } in answers {
-            line.push(place(places[step]));
-            line.extend(probability.iter().flatten().map(|p| decimals(p[step])));
+        let number = |column: usize, cell: &str, below: usize| {
+            let number = cell.parse::<usize>().ok().filter(|number| *number < below);
+            let expected = format!("expected a number from 0 to {}", below - 1);
+            number.ok_or_else(|| format!("line {line}, column {column}: {cell:?}, {expected}"))
+        };
+        let nowhere = [first, last].iter().all(|cell| matches!(*cell, "" | "-1"));
+        let end = if nowhere { 0 } else { number(3, last, references)? };
+        let label = if nowhere { None } else { Some(number(2, first, end + 1)?..=end) };
+        let query = number(1, query, queries)?;
+        if truth[query].replace(label).is_some() {
+            return Err(format!("line {line}: query {query} again, expected each once"));
         }
-        line
-    });
-    write(file, &header, lines)
+    }
+    let missing = |query: usize| {
+        format!("no line for query {query}, expected {queries}: is the matrix transposed?")
+    };
+    (0..).zip(truth).map(|(query, label)| label.ok_or_else(|| missing(query))).collect()
 }
 
-/// Writes precision and recall at each threshold.
-pub(crate) fn write_precision_recall(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
-    let lines = methods(measured).flat_map(|(_, score, line)| {
-        score.curve.points().iter().map(move |point| {
-            let numbers = [decimals(point.precision()), decimals(point.recall())];
-            [&line[..], &[point.threshold().to_string()], &numbers].concat()
-        })
-    });
-    write(file, &["method", "tolerance", "threshold", "precision", "recall"], lines)
-}
+#[cfg(test)]
+mod tests {
+    use npyz::{AutoSerialize, Order, WriterBuilder};
 
-/// Writes the fraction of right answers in each bin of probability.
-pub(crate) fn write_reliability(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
-    let lines = methods(measured).flat_map(|(_, score, line)| {
-        let bins = score.reliability.iter().flat_map(ReliabilityDiagram::bins);
-        bins.map(move |bin| {
-            let edges = [bin.lower(), bin.upper()].map(|edge| edge.to_string());
-            let numbers = [bin.mean_probability(), bin.fraction_true()].map(decimals);
-            [&line[..], &edges, &[bin.count().to_string()], &numbers].concat()
-        })
-    });
-    let header =
-        ["method", "tolerance", "lower", "upper", "count", "mean_probability", "fraction_right"];
-    write(file, &header, lines)
-}
+    use super::*;
 
-/// Writes the ROC curve of each method for being on the map.
-pub(crate) fn write_roc(file: &Path, measured: &[Measured]) -> Result<(), csv::Error> {
-    let lines = measured.iter().flat_map(|Measured { method, roc, .. }| {
-        roc.iter().flat_map(RocCurve::points).map(|point| {
-            let rates = [point.false_positive_rate(), point.true_positive_rate()].map(decimals);
-            [&[method.clone(), point.threshold().to_string()], &rates[..]].concat()
-        })
-    });
-    let header = ["method", "threshold", "false_positive_rate", "true_positive_rate"];
-    write(file, &header, lines)
-}
+    #[test]
+    fn csv_files() {
+        let text = "\u{feff}0.5, -1,2e1\r\n\r\n3,4, inf";
+        assert_eq!(csv(text), Ok((3, vec![0.5, -1.0, 20.0, 3.0, 4.0, f32::INFINITY])));
+        let error = |text: &str| csv(text).unwrap_err();
+        assert_eq!(error("1,2\n\n3,four\n"), "line 3, column 2: \"four\", expected a number");
+        assert_eq!(error("1,2\n3\n"), "line 2 has 1 columns, expected 2");
+        assert_eq!(error("\n"), "empty, expected a line for each image");
+    }
 
-/// Writes recall against lag, at each tolerance.
-pub(crate) fn write_lags(
-    file: &Path,
-    tolerances: &[usize],
-    lags: &[(usize, Vec<f64>)],
-) -> Result<(), csv::Error> {
-    let recalls = tolerances.iter().map(|tolerance| format!("recall_{tolerance}"));
-    let header: Vec<String> = std::iter::once(String::from("lag")).chain(recalls).collect();
-    let lines = lags.iter().map(|(lag, recalls)| {
-        std::iter::once(lag.to_string()).chain(recalls.iter().copied().map(decimals)).collect()
-    });
-    write(file, &header, lines)
+    fn npy<T: AutoSerialize>(values: [T; 4], order: Order) -> Result<(usize, Vec<f32>), String> {
+        let file = std::env::temp_dir().join(format!("wayfix-{}.npy", std::process::id()));
+        let options = npyz::WriteOptions::new().default_dtype().shape(&[2, 2]).order(order);
+        let mut writer = options.writer(std::fs::File::create(&file).unwrap()).begin_nd().unwrap();
+        writer.extend(values).and_then(|()| writer.finish()).unwrap();
+        matrix(&file, false).map_err(|error| error.replace(&*file.to_string_lossy(), "FILE"))
+    }
+
+    #[test]
+    fn npy_files() {
+        let read =
+            [npy([1.0_f32, 2.0, 3.0, 4.0], Order::C), npy([1.0_f64, 2.0, 3.0, 4.0], Order::C)];
+        assert_eq!(read, [npy([1_u8, 2, 3, 4], Order::C), Ok((2, vec![1.0, 2.0, 3.0, 4.0]))]);
+        let error = npy([1.0, 2.0, f64::INFINITY, 4.0], Order::C).unwrap_err();
+        assert_eq!(error, "FILE, line 2, column 1: inf, expected a finite number");
+        let error = npy([1, 2, 3, 4_i64], Order::C).unwrap_err();
+        assert_eq!(error, "FILE: '<i8', expected float32, float64 or uint8");
+        assert!(npy([1_u8; 4], Order::Fortran).unwrap_err().contains("expected (rows, columns)"));
+    }
+
+    #[test]
+    fn truths() {
+        let truth = parse("query,first,last\n2,9,9\n1,-1,\n0,0,2", 3, 10);
+        assert_eq!(truth, Ok(vec![Some(0..=2), None, Some(9..=9)]));
+        for (text, error) in [
+            ("0,0,2\n1,2", "line 2 has 2 columns, expected query, first, last"),
+            ("3,0,2", "line 1, column 1: \"3\", expected a number from 0 to 2"),
+            ("0,0,10", "line 1, column 3: \"10\", expected a number from 0 to 9"),
+            ("0,3,2", "line 1, column 2: \"3\", expected a number from 0 to 2"),
+            ("0,,\n0,,", "line 2: query 0 again, expected each once"),
+            ("2,,\n0,,", "no line for query 1, expected 3: is the matrix transposed?"),
+        ] {
+            assert_eq!(parse(text, 3, 10).unwrap_err(), error);
+        }
+        let error = super::truth(Path::new("no such file"), 3, 10).unwrap_err();
+        assert!(error.starts_with("cannot read no such file: "), "{error}");
+    }
 }
