@@ -16,41 +16,59 @@ const CHANGE_COUNT: f64 = 200.0;
 const SHARE_COUNT: f64 = 40.0;
 /// Rounds of expectation and maximisation.
 const ROUNDS: usize = 10;
+/// Slacks that are tried, and the prior count of the present one, in steps.
+const SLACKS: [f64; 8] = [0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.18];
+const SLACK_COUNT: f64 = 100.0;
 
 impl Speeds {
-    /// Learns the shares and the changes of speeds from drives, given as the number of places that
-    /// each step moved on (halves, say, where a label is a range).
+    /// Learns the shares, the changes and the slack of speeds from drives, given as the number of
+    /// places that each step moved on (halves, say, where a label is a range).
     ///
-    /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone.
-    /// Present values count as 200 steps of changes and 40 of shares: a speed that was never seen
-    /// stays possible, and so does a change. A move that no speed makes carries no evidence.
-    /// O(steps k²) for k speeds.
+    /// By expectation and maximisation (Baum and others 1970) in a model of speeds alone, for each
+    /// of eight slacks from 0.005 to 0.18, of which the most probable one is taken; a slack of 0
+    /// stays. Present values count as 200 steps of changes, 40 of shares and 100 of slack: a speed
+    /// that was never seen stays possible, and so does a change. A move that no speed makes carries
+    /// no evidence. O(steps k²) for k speeds.
     ///
     /// # Errors
     ///
     /// [`TransitionError::Parameter`] for a move that is not finite.
     pub fn learned<M: AsRef<[f64]>>(&self, drives: &[M]) -> Result<Self, TransitionError> {
-        let mut learned = self.clone();
-        let mut seen = Vec::new();
         for drive in drives {
-            let mut likelihoods = Vec::new();
-            for &value in drive.as_ref() {
-                if !value.is_finite() {
-                    let (what, expected) = ("a move".into(), "a finite number of places");
-                    return Err(TransitionError::Parameter { what, value, expected });
-                }
-                likelihoods.push(self.likelihoods(value));
+            if let Some(&value) = drive.as_ref().iter().find(|value| !value.is_finite()) {
+                let (what, expected) = ("a move".into(), "a finite number of places");
+                return Err(TransitionError::Parameter { what, value, expected });
             }
-            seen.push(likelihoods);
         }
+        if self.slack() == 0.0 {
+            return Ok(self.learned_changes(drives).0);
+        }
+        let mut best = (f64::NEG_INFINITY, self.clone());
+        for slack in SLACKS {
+            let (learned, log) = self.clone().with_slack(slack)?.learned_changes(drives);
+            let (now, before) = (2.0 * slack, (2.0 * self.slack()).min(0.99));
+            let prior = SLACK_COUNT * (before * now.ln() + (1.0 - before) * (1.0 - now).ln());
+            if log + prior > best.0 {
+                best = (log + prior, learned);
+            }
+        }
+        Ok(best.1)
+    }
+
+    /// Speeds with learned shares and changes, and the log-likelihood of the moves.
+    fn learned_changes<M: AsRef<[f64]>>(&self, drives: &[M]) -> (Self, f64) {
+        let moves =
+            |drive: &M| drive.as_ref().iter().map(|moved| self.likelihoods(*moved)).collect();
+        let seen: Vec<Vec<Vec<f64>>> = drives.iter().map(moves).collect();
+        let (mut learned, mut log) = (self.clone(), 0.0);
         for _ in 0..ROUNDS {
             // No error is possible: the model is valid, and no step's likelihoods are all 0.
             match learned.relearned(self, &seen) {
-                Ok(next) => learned = next,
+                Ok(next) => (learned, log) = next,
                 Err(_) => break,
             }
         }
-        Ok(learned)
+        (learned, log)
     }
 
     /// Likelihood of each speed, given the number of places that a step moved on.
@@ -73,23 +91,30 @@ impl Speeds {
         }
     }
 
-    fn relearned(&self, before: &Self, seen: &[Vec<Vec<f64>>]) -> Result<Self, InferenceError> {
+    /// A round of expectation and maximisation, and the log-likelihood before it.
+    fn relearned(
+        &self,
+        before: &Self,
+        seen: &[Vec<Vec<f64>>],
+    ) -> Result<(Self, f64), InferenceError> {
         let k = self.values().len();
         let failed = |source| InferenceError::Control { step: 0, source };
         let matrix = DenseTransition::from_row_major(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
-        let Ok(shares) = shares else { return Ok(self.clone()) };
+        let Ok(shares) = shares else { return Ok((self.clone(), 0.0)) };
         let hmm = Hmm::new(
             Prior::AtFirstObservation(shares),
             matrix,
             LikelihoodVector::linear(k).owned(),
         );
-        let Ok(hmm) = hmm else { return Ok(self.clone()) };
+        let Ok(hmm) = hmm else { return Ok((self.clone(), 0.0)) };
+        let mut log = 0.0;
         let ((mut nearby, mut anywhere), mut steps) = (before.changes(), CHANGE_COUNT);
         (nearby, anywhere) = (nearby * steps, anywhere * steps);
         let mut used: Vec<f64> = before.shares().iter().map(|p| p * SHARE_COUNT).collect();
         for drive in seen.iter().filter(|drive| !drive.is_empty()) {
             let smoothing = hmm.smooth(drive)?;
+            log += smoothing.log_likelihood();
             for belief in smoothing.posteriors().iter() {
                 used.iter_mut().zip(belief.as_slice()).for_each(|(used, p)| *used += p);
             }
@@ -105,7 +130,7 @@ impl Speeds {
         let sum: f64 = used.iter().sum();
         used.iter_mut().for_each(|used| *used /= sum);
         let learned = self.clone().with_changes(nearby / steps, anywhere / steps);
-        learned.and_then(|learned| learned.with_shares(&used)).map_err(failed)
+        Ok((learned.and_then(|learned| learned.with_shares(&used)).map_err(failed)?, log))
     }
 }
 

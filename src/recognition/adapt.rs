@@ -7,14 +7,15 @@ use crate::motion::OdometryModel;
 const SURE: f64 = 0.9;
 
 impl Recognizer {
-    /// Learns the use and the changes of speeds, and odometry, from an unlabelled drive.
+    /// Learns the use, the changes and the slack of speeds, odometry, and the usual scores of each
+    /// reference from an unlabelled drive.
     ///
     /// Steps of which the smoother is sure (0.9 or more within the
     /// [window](super::Options::window), not off the map) count as labelled: one round of hard
     /// expectation and maximisation (Celeux and Govaert 1992). It starts from the present fit,
-    /// which counts as much as at the [first time](crate::motion::Speeds::learned). The threshold
-    /// for changes of the view comes from all steps, as in [`fitted`](Self::fitted). Temperature
-    /// and references stay: a model that is its own teacher would only become more sure.
+    /// which counts as much as at the [first time](crate::motion::Speeds::learned). The usual
+    /// scores are those at the end of the recording, which need no places. The temperature stays: a
+    /// model that is its own teacher would only become more sure.
     ///
     /// Costs as much as [`smoothed`](Recording::smoothed).
     ///
@@ -65,7 +66,11 @@ impl Recognizer {
         if read.0.len() > 1 {
             options.odometry = OdometryModel::learned(&[read])?;
         }
-        self.with_fit(self.fit().clone().with_options(options))
+        let mut fit = self.fit().clone().with_options(options);
+        if self.options().standardize {
+            fit.standardizer = Some(recording.standardizer().clone());
+        }
+        self.with_fit(fit)
     }
 
     /// Signed number of places from one to another; around a loop, the shorter way.

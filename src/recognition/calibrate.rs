@@ -1,4 +1,4 @@
-//! A cautious choice of the temperature, by the filter's log score in blocks of labels.
+//! Choice of the temperature by the filter's log score on steps that were not learned from.
 
 use super::fit::Calibrated;
 use super::labels::LabelledPart;
@@ -7,31 +7,43 @@ use super::{Options, RecognitionError, Recognizer};
 
 /// Candidate factors of the temperature.
 const FACTORS: [f64; 5] = [2.0, 1.4, 1.0, 0.7, 0.5];
-const UNCHANGED: usize = 2;
-/// Most blocks that labelled steps are cut into, and the fewest steps of a block.
-const BLOCKS: usize = 4;
-const BLOCK: usize = 25;
-/// Least gain in every block, in nats a step, for a hotter temperature; and for a colder one.
-const WORTH: f64 = 0.02;
-const WORTH_COLDER: f64 = 0.05;
+/// Standard deviation of the logarithm of the factor, by the prior.
+const DEVIATION: f64 = 0.25;
+/// Number of steps that count as one in the log score, since they err together.
+const TOGETHER: f64 = 10.0;
+/// Least probability that counts for a step: no step decides alone.
+const LEAST: f64 = 1e-3;
+/// Fewest labelled steps of a half.
+const HALF: usize = 30;
 /// Steps left out at the beginning of a part, in which the vehicle is still being localised.
 const FINDING: usize = 10;
 /// Places on either side of a label that count as right, too.
 const BESIDE: usize = 1;
 
 impl Recognizer {
-    /// Chooses the temperature with the largest gain in its worst block, or leaves it as it is.
+    /// Chooses the temperature with the highest summed log score and prior: each half of the
+    /// labelled part is scored with what was learned from the other one. `self` is the recogniser
+    /// before learning; `before` are the options learned from all.
     ///
-    /// Another temperature must be better in **every** block of the labelled part: easy parts
-    /// score alike at all temperatures, and are no reason to be colder.
+    /// A sum is decided by the steps at which temperatures differ; easy ones score alike at all of
+    /// them, and one that is lost at all of them is bounded.
     pub(super) fn calibrate<Q: AsRef<[f32]>>(
         &self,
+        before: Options,
         parts: &[LabelledPart<'_, Q>],
     ) -> Result<(Options, Option<Calibrated>, Option<Warning>), RecognitionError> {
-        let before = self.options().clone();
-        let steps: usize = parts.iter().map(|part| part.places.len().saturating_sub(FINDING)).sum();
-        let blocks = (steps / BLOCK).min(BLOCKS);
-        if blocks < 2 {
+        let mut halves: [Vec<LabelledPart<'_, Q>>; 2] = [Vec::new(), Vec::new()];
+        for part in parts {
+            let middle = part.queries.len() / 2;
+            let (first, last) = (part.cut(0, middle), part.cut(middle, part.queries.len()));
+            halves[0].push(first);
+            halves[1].push(last);
+        }
+        let long = |half: &Vec<LabelledPart<'_, Q>>| {
+            let steps = half.iter().map(|part| part.places.len().saturating_sub(FINDING));
+            steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
+        };
+        if !halves.iter().all(long) {
             return Ok((before, None, None));
         }
         let mut options = Vec::new();
@@ -42,26 +54,20 @@ impl Recognizer {
             };
             options.push(Options { odds, ..before.clone() });
         }
+        let learned = [self.learned(&halves[1])?, self.learned(&halves[0])?];
         let mut scores = Vec::new();
-        for options in &options {
-            let all = self.log_scores(options, parts)?;
-            let cut = |block: usize| block * all.len() / blocks;
-            let mean = |block: usize| {
-                let block = &all[cut(block)..cut(block + 1)];
-                block.iter().sum::<f64>() / block.len() as f64
-            };
-            scores.push((0..blocks).map(mean).collect::<Vec<f64>>());
+        for (options, factor) in options.iter().zip(FACTORS) {
+            let mut score = -0.5 * (factor.ln() / DEVIATION).powi(2);
+            for (learned, half) in learned.iter().zip(&halves) {
+                let own = learned.options().clone();
+                let options = Options { odds: options.odds, ..own };
+                let fit = learned.fit().clone().with_options(options);
+                score += learned.with_fit(fit)?.log_score(half)? / TOGETHER;
+            }
+            scores.push(score);
         }
-        let gain = |at: usize| {
-            let pairs = scores[at].iter().zip(&scores[UNCHANGED]);
-            pairs.map(|(a, b)| a - b).fold(f64::INFINITY, f64::min)
-        };
-        let better = |best: usize, at: usize| {
-            let worth = if at < UNCHANGED { WORTH } else { WORTH_COLDER };
-            let least = if best == UNCHANGED { worth } else { worth.max(gain(best)) };
-            if gain(at) > least { at } else { best }
-        };
-        let chosen = (0..FACTORS.len()).fold(UNCHANGED, better);
+        let better = |best: usize, at: usize| if scores[at] > scores[best] { at } else { best };
+        let chosen = (0..FACTORS.len()).fold(0, better);
         let temperatures: Vec<f64> =
             options.iter().map(|options| options.odds.temperature()).collect();
         let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();
@@ -70,25 +76,23 @@ impl Recognizer {
         Ok((options.swap_remove(chosen), Some(calibrated), edge))
     }
 
-    /// Log-probability that the filter gives to the truth at each labelled step, without the
-    /// first steps of each part.
-    fn log_scores<Q: AsRef<[f32]>>(
+    /// Sum of the log-probabilities that the filter gives to the truth at labelled steps, without
+    /// the first steps of each part.
+    fn log_score<Q: AsRef<[f32]>>(
         &self,
-        options: &Options,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<Vec<f64>, RecognitionError> {
-        let recognizer = self.with_fit(self.fit().clone().with_options(options.clone()))?;
-        let mut scores = Vec::new();
+    ) -> Result<f64, RecognitionError> {
+        let mut score = 0.0;
         for part in parts {
-            let beliefs = recognizer.recording(part.queries, part.odometry)?.filtered()?;
+            let beliefs = self.recording(part.queries, part.odometry)?.filtered()?;
             for (at, places) in part.places.iter().enumerate().skip(FINDING) {
                 let beside = |range: &std::ops::RangeInclusive<usize>| {
                     range.start().saturating_sub(BESIDE)..=range.end().saturating_add(BESIDE)
                 };
                 let mass = beliefs.mass(at, places.as_ref().map(beside).as_ref());
-                scores.push(mass.max(f64::MIN_POSITIVE).ln());
+                score += mass.max(LEAST).ln();
             }
         }
-        Ok(scores)
+        Ok(score)
     }
 }

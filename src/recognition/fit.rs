@@ -125,9 +125,9 @@ impl Fit {
 pub struct Calibrated {
     /// The temperatures that were tried, hottest first.
     pub temperatures: Vec<f64>,
-    /// For each temperature, the filter's mean log score in each block of the labelled part: ln
-    /// of the probability that it gave to the right places or those next to them.
-    pub scores: Vec<Vec<f64>>,
+    /// For each temperature, the filter's log score, summed over labelled steps that the fit had
+    /// not learned from, in independent steps, and the logarithm of the prior.
+    pub scores: Vec<f64>,
     /// Index of the chosen temperature.
     pub chosen: usize,
 }

@@ -28,6 +28,14 @@ impl<Q> Clone for LabelledPart<'_, Q> {
 
 impl<Q> Copy for LabelledPart<'_, Q> {}
 
+impl<'a, Q> LabelledPart<'a, Q> {
+    /// Steps from `first` to before `end`.
+    pub(super) fn cut(&self, first: usize, end: usize) -> Self {
+        let odometry = self.odometry.get(first..end).unwrap_or(&[]);
+        Self { queries: &self.queries[first..end], places: &self.places[first..end], odometry }
+    }
+}
+
 /// Prior counts, in steps, of the present rates of leaving the map and of coming back.
 const LEAVE_COUNT: f64 = 500.0;
 const BACK_COUNT: f64 = 67.0;

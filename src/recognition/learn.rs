@@ -4,25 +4,39 @@ use super::fit::Fit;
 use super::labels::{LabelledPart, Labels, rates};
 use super::{RecognitionError, Recognizer};
 use crate::motion::OdometryModel;
-use crate::observation::{ObservationError, alike_stretches};
+use crate::observation::alike_stretches;
 
 impl Recognizer {
     /// Learns from labelled parts of drives.
     ///
-    /// Learned are the use and the changes of speeds, odometry, the rates of leaving the map, the
-    /// threshold for changes of the view, the stretches of references that look alike, the usual
-    /// scores of each reference, and another [temperature](crate::observation::MatchOdds) if that
-    /// is better. Learning starts from the present options; everything else learned before is
-    /// replaced.
+    /// Learned are the use, the changes and the slack of speeds, odometry, the rates of leaving the
+    /// map, the stretches of references that look alike, the usual scores of each reference, and
+    /// the [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
+    /// with what was learned from the other. Learning starts from the present options; everything
+    /// else learned before is replaced.
     ///
-    /// [`Fit::warnings`] lists reasons to doubt the result. O(steps n k) time, and a few times
-    /// that for the temperature; O(steps n) memory.
+    /// [`Fit::warnings`] lists reasons to doubt the result. O(steps n k) time, and ten times that
+    /// for the temperature; O(steps n) memory.
     ///
     /// # Errors
     ///
     /// [`RecognitionError`] for queries or labels that are not valid, or fewer than two
     /// steps in a row on the map.
     pub fn fitted<Q: AsRef<[f32]>>(
+        &self,
+        parts: &[LabelledPart<'_, Q>],
+    ) -> Result<Self, RecognitionError> {
+        let fitted = self.learned(parts)?;
+        let mut fit = fitted.fit().clone();
+        let (options, calibrated, edge) = self.calibrate(fit.options, parts)?;
+        fit.options = options;
+        fit.calibrated = calibrated;
+        fit.warnings.extend(edge);
+        self.with_fit(fit)
+    }
+
+    /// Learns all but the temperature.
+    pub(super) fn learned<Q: AsRef<[f32]>>(
         &self,
         parts: &[LabelledPart<'_, Q>],
     ) -> Result<Self, RecognitionError> {
@@ -34,8 +48,7 @@ impl Recognizer {
             rows.push(self.compare(*part).map_err(invalid)?);
         }
         let mut fit = Fit::new(self.options().clone());
-        let wrong = |source| RecognitionError::Query { step: 0, source };
-        self.fit_camera(&rows, &mut fit).map_err(wrong)?;
+        self.fit_camera(&rows, &mut fit)?;
         let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
         let drives: Vec<&[f64]> = labels.iter().map(|part| &part.moves[..]).collect();
         fit.options.speeds = fit.options.speeds.learned(&drives)?;
@@ -47,30 +60,25 @@ impl Recognizer {
         }
         fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
         let fitted = self.with_fit(fit.clone())?;
+        let wrong = |source| RecognitionError::Query { step: 0, source };
         (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
         fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
-        let (options, calibrated, edge) = fitted.calibrate(parts)?;
-        fit.options = options;
-        fit.calibrated = calibrated;
-        fit.warnings.extend(edge);
         self.with_fit(fit)
     }
 
-    fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), ObservationError> {
+    fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), RecognitionError> {
+        let wrong = |source| RecognitionError::Query { step: 0, source };
+        let mut sensor = self.with_fit(fit.clone())?.sensor_of_fit();
         let mut new = Vec::new();
-        let mut sensor = self
-            .with_fit(fit.clone().without_references())
-            .map(|r| r.sensor_of_fit())
-            .expect("lab");
         for part in rows {
             for row in part {
-                if sensor.see(&fit.options, row)? {
+                if sensor.see(&fit.options, row).map_err(wrong)? {
                     new.push(row);
                 }
             }
             sensor.forget();
         }
-        fit.stretches = Some(alike_stretches(&new)?);
+        fit.stretches = Some(alike_stretches(&new).map_err(wrong)?);
         fit.standardizer = fit.options.standardize.then(|| sensor.standardizer().clone());
         Ok(())
     }

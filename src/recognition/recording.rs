@@ -8,6 +8,7 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
 use crate::motion::{RouteControl, RouteState};
+use crate::observation::Standardizer;
 use crate::sequence::Sequence;
 
 /// A drive compared with the references, to be filtered, smoothed or decoded.
@@ -23,6 +24,7 @@ pub struct Recording {
     /// log2 of the odds of each place by each single frame.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
+    standardizer: Standardizer,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -74,8 +76,8 @@ impl Recording {
             best_scores.extend(Some(sensor.best()).filter(|best| best.is_finite()));
             alone.push(sensor.alone().to_vec());
         }
-        let recognizer = recognizer.clone();
-        Ok(Self { recognizer, controls, likelihoods, alone, best_scores })
+        let (recognizer, standardizer) = (recognizer.clone(), sensor.standardizer().clone());
+        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, standardizer })
     }
 
     /// The number of steps.
@@ -198,6 +200,11 @@ impl Recording {
     /// Reading of odometry at a step, from 0.
     pub(super) fn odometry(&self, at: usize) -> Option<f64> {
         self.controls[at].odometry
+    }
+
+    /// Usual scores at the end of the recording.
+    pub(super) fn standardizer(&self) -> &Standardizer {
+        &self.standardizer
     }
 
     pub(super) fn best_scores(&self) -> &[f64] {
