@@ -49,5 +49,6 @@ pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};
 pub use reader::{ReadRates, TagLikelihood};
 pub(crate) use rows::{RowScratch, change, row_scores};
+pub(crate) use standardize::Spread;
 pub use standardizer::Standardizer;
 pub use view::{ViewComparison, alike_stretches, view_change};

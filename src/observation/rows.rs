@@ -10,7 +10,7 @@ const NORMAL: f64 = 1.4826;
 const LINEAR: f32 = 3.0;
 /// Number of values above which a sample narrows the search for their median, and its size.
 const MANY: usize = 512;
-const SAMPLE: usize = 64;
+const SAMPLE: usize = 128;
 /// Number of scores handled side by side.
 const WIDTH: usize = 16;
 
@@ -62,15 +62,16 @@ fn median(values: &[f32], middle: &mut Vec<f32>) -> f32 {
     let rank = values.len() / 2;
     let select = |of: &mut [f32], rank: usize| *of.select_nth_unstable_by(rank, f32::total_cmp).1;
     if values.len() > MANY {
-        // The median of all lies between these ranks of a sample but for one row in thousands.
         let mut sample = [0.0; SAMPLE];
         for (at, sampled) in sample.iter_mut().enumerate() {
             *sampled = values[at * values.len() / SAMPLE];
         }
         sample.sort_unstable_by(f32::total_cmp);
-        let (low, high) = (sample[SAMPLE / 4], sample[3 * SAMPLE / 4]);
-        middle.clear();
-        middle.resize(values.len(), 0.0);
+        // Three deviations of the rank of the median of all in the sample.
+        let (low, high) = (sample[SAMPLE / 2 - 17], sample[SAMPLE / 2 + 17]);
+        if middle.len() < values.len() {
+            middle.resize(values.len(), 0.0);
+        }
         let (mut below, mut count) = (0, 0);
         for value in values {
             below += usize::from(*value < low);

@@ -115,7 +115,7 @@ impl Standardizer {
     /// [`ObservationError`] for a row of another length, or with NaN or −∞.
     pub fn observe(&mut self, distances: &[f32]) -> Result<(), ObservationError> {
         let rows = self.row_scores(distances)?;
-        self.count_in(&rows, 1.0);
+        self.count_in(self.spread(), &rows, 1.0);
         Ok(())
     }
 
@@ -148,7 +148,7 @@ impl Standardizer {
     /// If `out` differs in length from `distances`.
     pub fn scores(&self, distances: &[f32], out: &mut [f64]) -> Result<(), ObservationError> {
         let rows = self.row_scores(distances)?;
-        self.standardize(&rows, out);
+        self.standardize(self.spread(), &rows, out);
         Ok(())
     }
 
@@ -169,9 +169,9 @@ impl Standardizer {
         }
     }
 
-    /// Learns from [row scores](row_scores), as from a query of this weight.
-    pub(crate) fn count_in(&mut self, rows: &[f32], weight: f64) {
-        let spread = self.spread();
+    /// Learns from [row scores](row_scores), as from a query of this weight; `spread` is that
+    /// [before](Self::spread).
+    pub(crate) fn count_in(&mut self, spread: Spread, rows: &[f32], weight: f64) {
         self.count += weight;
         let (sums, squares) = (&mut self.sums, &mut self.squares);
         run(CountIn { spread, rows, weight, sums, squares });
@@ -179,27 +179,27 @@ impl Standardizer {
     }
 
     /// Usual scores, and how sure they are.
-    fn spread(&self) -> Spread {
+    pub(crate) fn spread(&self) -> Spread {
         run(Usual { count: self.count, sums: &self.sums, squares: &self.squares })
     }
 
     /// A quantile of the changes from a reference to the next, as of a change from view to view;
     /// 0 before any query. O(n).
-    pub(crate) fn step_quantile(&self, share: f64) -> f64 {
+    pub(crate) fn step_quantile(&self, share: f64, scratch: &mut Vec<f64>) -> f64 {
         let pairs = self.squares.windows(2).zip(&self.steps);
         let changes = pairs.map(|(two, step)| step / (two[0] + two[1]));
-        let mut changes: Vec<f64> = changes.filter(|change| change.is_finite()).collect();
-        let at = (changes.len() as f64 * share) as usize;
-        if at >= changes.len() {
+        scratch.clear();
+        scratch.extend(changes.filter(|change| change.is_finite()));
+        let at = (scratch.len() as f64 * share) as usize;
+        if at >= scratch.len() {
             return 0.0;
         }
-        *changes.select_nth_unstable_by(at, f64::total_cmp).1
+        *scratch.select_nth_unstable_by(at, f64::total_cmp).1
     }
 
     /// [`scores`](Self::scores) of [row scores](row_scores).
-    pub(crate) fn standardize(&self, rows: &[f32], out: &mut [f64]) {
+    pub(crate) fn standardize(&self, spread: Spread, rows: &[f32], out: &mut [f64]) {
         assert_eq!(out.len(), rows.len(), "out must have one value per reference");
-        let spread = self.spread();
         let (sums, squares) = (&self.sums, &self.squares);
         run(Standardize { spread, count: self.count, sums, squares, rows, out });
     }

@@ -4,7 +4,7 @@ use super::references::References;
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
-use crate::observation::{ObservationError, RowScratch, Standardizer, change, row_scores};
+use crate::observation::{ObservationError, RowScratch, Spread, Standardizer, change, row_scores};
 use crate::transition::Transition;
 
 /// Share of a view that is new above which it counts as a whole witness: frames of a route that is
@@ -16,8 +16,8 @@ const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.25;
 
 /// Largest change of an unchanged view.
-fn still(standardizer: &Standardizer) -> f64 {
-    STILL_PART * standardizer.step_quantile(STILL_SHARE)
+fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
+    STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
 }
 
 /// The least of the scores of a row.
@@ -43,6 +43,8 @@ pub(super) struct Sensor {
     /// Scores within the row of the last query.
     rows: Vec<f32>,
     scratch: RowScratch,
+    /// Scratch memory for changes from a reference to the next.
+    steps: Vec<f64>,
     /// log2 of the odds of each place by the last new frame alone, if kept.
     alone: Vec<f32>,
 }
@@ -71,9 +73,10 @@ pub(super) struct Seeing<'a> {
 
 impl Sensor {
     pub(super) fn new(standardizer: Standardizer) -> Self {
+        let mut steps = Vec::new();
         Self {
             state: SensorState {
-                still: still(&standardizer),
+                still: still(&standardizer, &mut steps),
                 standardizer,
                 last_view: None,
                 run: None,
@@ -83,6 +86,7 @@ impl Sensor {
             more: Vec::new(),
             rows: Vec::new(),
             scratch: RowScratch::default(),
+            steps,
             alone: Vec::new(),
         }
     }
@@ -115,14 +119,15 @@ impl Sensor {
             out.fill(1.0);
         } else {
             let (places, off) = out.split_at_mut(n);
-            self.state.standardizer.standardize(&self.rows, places);
+            let spread = self.state.standardizer.spread();
+            self.state.standardizer.standardize(spread, &self.rows, places);
             options.odds.log2_odds_of(&places[..self.alone.len()], &mut self.alone);
             let weight = (fresh / WITNESS).min(1.0);
             options.odds.odds_of(weight, places);
             let odds =
                 if options.off_map.is_some() { options.off_map_odds } else { options.lost_odds };
             off.fill(odds.powf(weight));
-            self.learn(options, fresh);
+            self.learn(options, spread, fresh);
         }
         let SensorState { run, driven, .. } = &mut self.state;
         let count = match *run {
@@ -169,15 +174,15 @@ impl Sensor {
     }
 
     /// Learns from the last row, that of a view with a new part.
-    fn learn(&mut self, options: &Options, fresh: f64) {
+    fn learn(&mut self, options: &Options, spread: Spread, fresh: f64) {
         let SensorState { standardizer, last_view, still: unchanged, .. } = &mut self.state;
         if options.standardize {
-            let percents = |count: f64| (100.0 * count.ln_1p()) as u32;
-            let before = percents(standardizer.count());
-            standardizer.count_in(&self.rows, fresh);
+            let level = |count: f64| (30.0 * count.ln_1p()) as u32;
+            let before = level(standardizer.count());
+            standardizer.count_in(spread, &self.rows, fresh);
             // Not at each step, since it takes as long as all else.
-            if percents(standardizer.count()) != before {
-                *unchanged = still(standardizer);
+            if level(standardizer.count()) != before {
+                *unchanged = still(standardizer, &mut self.steps);
             }
         }
         match last_view {
@@ -192,7 +197,7 @@ impl Sensor {
         self.distances.extend_from_slice(row);
         let View { fresh, .. } = self.compare(options)?;
         if fresh > 0.0 {
-            self.learn(options, fresh);
+            self.learn(options, self.state.standardizer.spread(), fresh);
         }
         Ok(fresh > 0.0)
     }
