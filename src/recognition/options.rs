@@ -33,7 +33,7 @@ pub struct Options {
     /// gives to the right place on average: so the vehicle is not taken for lost in a tunnel.
     pub lost_odds: f64,
     /// The odds of being off the map at each step, against those of a wrong place, where
-    /// [`off_map`](Self::off_map) is given. 0.9 by default: at 1, stretches of uninformative
+    /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches of uninformative
     /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
     /// Odds of a score. Their temperature, 2 by default, is for frames in sequence; fitting
@@ -67,7 +67,7 @@ impl Default for Options {
             off_map: None,
             lost: OffMap { leave: 1e-5, back: 0.1, near: 0.0, within: 0 },
             lost_odds: 0.6,
-            off_map_odds: 0.9,
+            off_map_odds: 0.85,
             odds: MatchOdds::default(),
             standardize: true,
             views: ViewChangeRates::default(),

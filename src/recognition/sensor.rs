@@ -13,7 +13,7 @@ const WITNESS: f64 = 0.03;
 /// Quantile of the changes from a reference to the next, and part of it, up to which a view is
 /// unchanged: less than in nearly all steps along the route, dark stretches among them.
 const STILL_SHARE: f64 = 0.02;
-const STILL_PART: f64 = 0.25;
+const STILL_PART: f64 = 0.2;
 
 /// Largest change of an unchanged view.
 fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
