@@ -108,7 +108,7 @@ impl Standardizer {
     }
 
     /// Learns from a query, whose place need not be known. Leave out the queries of a vehicle that
-    /// stands still, which show one place again and again. O(n).
+    /// stands still, which show one place again and again. O(n) time and memory.
     ///
     /// # Errors
     ///
@@ -137,7 +137,8 @@ impl Standardizer {
     }
 
     /// Computes the score of each reference, smaller for more alike: around 0 with a deviation of
-    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n).
+    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n) time and
+    /// memory.
     ///
     /// # Errors
     ///
@@ -184,11 +185,13 @@ impl Standardizer {
     }
 
     /// A quantile of the changes from a reference to the next, as of a change from view to view;
-    /// 0 before any query. O(n).
-    pub(crate) fn step_quantile(&self, share: f64) -> f64 {
+    /// 0 before any query. O(n). `changes` is scratch memory.
+    pub(crate) fn step_quantile(&self, share: f64, changes: &mut Vec<f64>) -> f64 {
         let pairs = self.squares.windows(2).zip(&self.steps);
-        let changes = pairs.map(|(two, step)| step / (two[0] + two[1]));
-        let mut changes: Vec<f64> = changes.filter(|change| change.is_finite()).collect();
+        changes.clear();
+        changes.reserve(self.squares.len());
+        changes.extend(pairs.map(|(two, step)| step / (two[0] + two[1])));
+        changes.retain(|change| change.is_finite());
         let at = (changes.len() as f64 * share) as usize;
         if at >= changes.len() {
             return 0.0;

@@ -16,8 +16,8 @@ const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.25;
 
 /// Largest change of an unchanged view.
-fn still(standardizer: &Standardizer) -> f64 {
-    STILL_PART * standardizer.step_quantile(STILL_SHARE)
+fn still(standardizer: &Standardizer, changes: &mut Vec<f64>) -> f64 {
+    STILL_PART * standardizer.step_quantile(STILL_SHARE, changes)
 }
 
 /// The least of the scores of a row.
@@ -43,6 +43,8 @@ pub(super) struct Sensor {
     /// Scores within the row of the last query.
     rows: Vec<f32>,
     scratch: RowScratch,
+    /// Scratch memory for the changes from reference to reference.
+    changes: Vec<f64>,
     /// log2 of the odds of each place by the last new frame alone, if kept.
     alone: Vec<f32>,
 }
@@ -71,9 +73,10 @@ pub(super) struct Seeing<'a> {
 
 impl Sensor {
     pub(super) fn new(standardizer: Standardizer) -> Self {
+        let mut changes = Vec::new();
         Self {
             state: SensorState {
-                still: still(&standardizer),
+                still: still(&standardizer, &mut changes),
                 standardizer,
                 last_view: None,
                 run: None,
@@ -83,6 +86,7 @@ impl Sensor {
             more: Vec::new(),
             rows: Vec::new(),
             scratch: RowScratch::default(),
+            changes,
             alone: Vec::new(),
         }
     }
@@ -177,7 +181,7 @@ impl Sensor {
             standardizer.count_in(&self.rows, fresh);
             // Not at each step, since it takes as long as all else.
             if percents(standardizer.count()) != before {
-                *unchanged = still(standardizer);
+                *unchanged = still(standardizer, &mut self.changes);
             }
         }
         match last_view {
