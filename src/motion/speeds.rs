@@ -18,7 +18,7 @@ const FASTEST: f64 = 64.0;
 /// A speed of the grid stands for itself with probability ½, else for its cell: all speeds nearer
 /// to it than to its neighbours. 0 is standing still. So a vehicle at 1.1 places a step, which
 /// passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
-/// 1.25.
+/// 1⅛.
 ///
 /// The defaults were chosen on some recordings, with drives of constant and changing speeds,
 /// stops and reversals, and reported on others. A finer grid gains little; one of −3, −2, −1, 0,
@@ -28,7 +28,7 @@ const FASTEST: f64 = 64.0;
 /// use wayfix::motion::Speeds;
 ///
 /// let speeds = Speeds::default();
-/// assert_eq!(speeds.values().len(), 13);
+/// assert_eq!(speeds.values().len(), 15);
 /// // From standing, 150 steps at 0.8 places a step, then a stop.
 /// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 4 / 5 - (k - 1) * 4 / 5)).collect();
 /// let learned = speeds.learned(&[moves, vec![0.0; 20]])?;
@@ -125,8 +125,8 @@ impl Speeds {
     }
 
     /// Sets the slack: the probability that a step leads one place farther than its speed, and the
-    /// same for one place less. 0 by default, and always 0 for standing. For references that are
-    /// unevenly spaced.
+    /// same for one place less. 0.03 in [`default`](Self::default), 0 in [`new`](Self::new), and
+    /// always 0 for standing. For references that are unevenly spaced.
     ///
     /// # Errors
     ///
