@@ -20,7 +20,7 @@ const FASTEST: f64 = 64.0;
 /// A speed of the grid stands for itself with probability ½, else for its cell: all speeds nearer
 /// to it than to its neighbours. 0 is standing still. So a vehicle at 1.1 places a step, which
 /// passes one reference in most steps and two in one of ten, is tracked with speeds of 1 and
-/// 1.25.
+/// 1⅛.
 ///
 /// The default grid, −2, −1, 0, ¼, eighths from ½ to 1½, 2 and 3, was chosen on some recordings,
 /// with drives of constant and changing speeds, stops and reversals. In a long dark stretch a

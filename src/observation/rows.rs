@@ -36,6 +36,10 @@ pub(crate) fn row_scores(
     }
     let RowScratch { finite, middle } = scratch;
     finite.clear();
+    middle.clear();
+    // At once, so that a later row with fewer infinite distances needs no more memory.
+    finite.reserve(distances.len());
+    middle.reserve(distances.len());
     finite.extend(distances.iter().filter(|d| d.is_finite()));
     let count = finite.len();
     out.clear();
@@ -47,10 +51,10 @@ pub(crate) fn row_scores(
     finite.iter_mut().for_each(|d| *d = (*d - centre).abs().min(f32::MAX));
     let mut deviation = NORMAL * f64::from(median(finite, middle));
     if deviation == 0.0 {
-        // More than half of the distances are equal.
-        let apart = finite.iter().filter(|d| **d > 0.0).map(|d| f64::from(*d));
-        let (number, sum) = apart.fold((0.0, 0.0), |(n, sum), d| (n + 1.0, sum + d));
-        deviation = if number > 0.0 { sum / number } else { f64::INFINITY };
+        // More than half of the distances are equal: the median of the others.
+        finite.retain(|d| *d > 0.0);
+        let others = !finite.is_empty();
+        deviation = if others { f64::from(median(finite, middle)) } else { f64::INFINITY };
     }
     out.resize(distances.len(), 0.0);
     run(Score { distances, centre: f64::from(centre), unit: 1.0 / deviation, out });

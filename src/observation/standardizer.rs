@@ -108,7 +108,7 @@ impl Standardizer {
     }
 
     /// Learns from a query, whose place need not be known. Leave out the queries of a vehicle that
-    /// stands still, which show one place again and again. O(n).
+    /// stands still, which show one place again and again. O(n) time and memory.
     ///
     /// # Errors
     ///
@@ -137,7 +137,8 @@ impl Standardizer {
     }
 
     /// Computes the score of each reference, smaller for more alike: around 0 with a deviation of
-    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n).
+    /// about 1 for wrong ones. Infinite distances give infinite scores. Learns nothing. O(n) time and
+    /// memory.
     ///
     /// # Errors
     ///
@@ -189,6 +190,7 @@ impl Standardizer {
         let pairs = self.squares.windows(2).zip(&self.steps);
         let changes = pairs.map(|(two, step)| step / (two[0] + two[1]));
         scratch.clear();
+        scratch.reserve(self.squares.len());
         scratch.extend(changes.filter(|change| change.is_finite()));
         let at = (scratch.len() as f64 * share) as usize;
         if at >= scratch.len() {

@@ -44,10 +44,20 @@ pub fn view_change(before: &[f32], now: &[f32]) -> Result<f64, ObservationError>
 /// assert_eq!(views.next(&[0.9, 0.3, 0.8])?, ViewChange::Changed);
 /// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ViewComparison {
     threshold: f64,
+    /// Scores within the row of the last new view.
     last_new: Option<Vec<f32>>,
+    now: Vec<f32>,
+    scratch: RowScratch,
+}
+
+// Scratch memory does not count.
+impl PartialEq for ViewComparison {
+    fn eq(&self, other: &Self) -> bool {
+        (self.threshold, &self.last_new) == (other.threshold, &other.last_new)
+    }
 }
 
 impl ViewComparison {
@@ -62,7 +72,7 @@ impl ViewComparison {
             let (what, expected) = ("the threshold of change", "a finite value of at least 0");
             return Err(ObservationError::Parameter { what, value: threshold, expected });
         }
-        Ok(Self { threshold, last_new: None })
+        Ok(Self { threshold, last_new: None, now: Vec::new(), scratch: RowScratch::default() })
     }
 
     /// Estimates a threshold: a tenth of the median change from row to row, over finite changes
@@ -83,15 +93,22 @@ impl ViewComparison {
     ///
     /// # Errors
     ///
-    /// [`ObservationError::Distances`] for a row of another length than before; the state is then
-    /// unchanged.
+    /// [`ObservationError`] for a row of another length than before, or with NaN or −∞; the state
+    /// is then unchanged.
     pub fn next(&mut self, distances: &[f32]) -> Result<ViewChange, ObservationError> {
-        if let Some(last) = &self.last_new
-            && view_change(last, distances)? < self.threshold
+        let Self { threshold, last_new, now, scratch } = self;
+        if let Some(last) = last_new
+            && last.len() != distances.len()
         {
-            return Ok(ViewChange::Unchanged);
+            let (found, expected) = (distances.len(), last.len());
+            return Err(ObservationError::Distances { found, expected });
         }
-        self.last_new = Some(distances.to_vec());
+        row_scores(distances, now, scratch)?;
+        match last_new {
+            Some(last) if change(last, now) < *threshold => return Ok(ViewChange::Unchanged),
+            Some(last) => last.copy_from_slice(now),
+            None => *last_new = Some(now.clone()),
+        }
         Ok(ViewChange::Changed)
     }
 }

@@ -105,10 +105,10 @@
 //! | `FixedLagSnapshot` | `lag`; `present`, a filter state; `past`: pairs of a filter state and the control after it |
 //! | `PrunedFilterSnapshot` | `states` of the model, `steps`; `tolerance`, or null for ∞; `most_active`, or null for any number; the states that are `active`, and for each its `estimate`, `lower` bound and the `excess` above that (null for ∞); `others`, the bounds on another state and on all of these; `bound`; `log_likelihood` and `log_excess`, as sum and remainder; `log_lost`, whether nothing is known of it; `share`, the part of the tolerance that a step may drop |
 //! | `OnlineViterbiSnapshot` | `steps`; `scores` (null for −∞); what was `taken_out` of them, a whole number, a sum and its remainder; `undecided`, for each such step pairs of a state and the one before |
-//! | `MatchOdds` | `slope`, `even`, `most`, `nothing`, `temperature` |
-//! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares` |
+//! | `MatchOdds` | `slope`, `even`, `nothing`, `temperature` |
+//! | `Standardizer` | `count` of queries; for each reference, `sums` of scores and of their `squares`, and of squared `steps` to the next |
 //! | `Fit` | `options`; `standardizer`; `stretches`, of each reference; `best_scores`, their mean and deviation; each of these null if it is not known |
-//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, distances (null for ∞), or null; `run`: null or a pair, `changed` or `unchanged` and its length; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings; `gained`, the mean gain of each reference over the last frames |
+//! | `TrackSnapshot` | `filter`; `standardizer`; `last_view`, scores (null for ∞), or null; `run`: null or a pair, `changed`, `unchanged` or null and its length; `still`, the largest change of an unchanged view; `driven`: null or `standing`, a probability, and `odometry`, null or a mean reading and the number of readings |
 //!
 //! A family of observations has one row of parameters for each state; `missing`, true if NaN is a
 //! missing component; and `prior`: null, or a family with the same states and its number of

@@ -51,12 +51,10 @@ fn log_odds(rows: &[Vec<f32>]) -> Vec<Vec<f64>> {
     let mut references = Standardizer::new(PLACES).unwrap();
     let mut scores = vec![0.0; PLACES];
     let of_row = |(k, row): (usize, &Vec<f32>)| {
-        let scored = if k > 0 && rows[k - 1] == *row {
-            references.scores(row, &mut scores)
-        } else {
-            references.observed_scores(row, &mut scores)
-        };
-        scored.unwrap();
+        references.scores(row, &mut scores).unwrap();
+        if k == 0 || rows[k - 1] != *row {
+            references.observe(row).unwrap();
+        }
         scores.iter().map(|score| odds.log_odds(*score)).collect()
     };
     rows.iter().enumerate().map(of_row).collect()
@@ -227,7 +225,8 @@ fn descriptors_lead_to_a_position_at_any_length_of_stream() {
             })
             .collect();
         references.distances_into(&noisy, &mut distances).unwrap();
-        standard.observed_scores(&distances, &mut likelihoods).unwrap();
+        standard.scores(&distances, &mut likelihoods).unwrap();
+        standard.observe(&distances).unwrap();
         likelihoods.iter_mut().for_each(|score| *score = odds.log_odds(*score));
         filter.step(&likelihoods).unwrap();
         right += usize::from(filter.belief().mode() == place);

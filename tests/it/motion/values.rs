@@ -137,7 +137,7 @@ fn controls_that_are_none_are_errors_and_the_filter_stays() {
 fn what_is_no_route_is_an_error() {
     let new = |places| text(RouteTransition::new(places, false, Speeds::default()));
     assert_eq!(new(0), "a transition operator needs at least one state, found none");
-    assert_eq!(new(1 << 32), "60129542144 states, expected at most 4294967295 (32-bit indices)");
+    assert_eq!(new(1 << 32), "68719476736 states, expected at most 4294967295 (32-bit indices)");
     assert!(RouteTransition::new(usize::MAX, true, Speeds::default()).is_err());
     let route = || stop_and_go(true);
     let odometry = |scale, bias, deviation| {
@@ -189,7 +189,7 @@ fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let route = RouteTransition::new(9, false, Speeds::default()).unwrap();
     let route = route.with_views(&[0, 1, 2, 3, 4, 5, 6, 7, 8], ViewChangeRates::default()).unwrap();
     let route = route.with_off_map(OffMap::default()).unwrap();
-    let stay = |u: &RouteControl| column(&route, u, 9 * 13 + 4).last().unwrap().1;
+    let stay = |u: &RouteControl| column(&route, u, 9 * 15 + 4).last().unwrap().1;
     let mut control = RouteControl::default();
     for reading in [0.9, 1.1, 1.05, 0.95] {
         control.odometry = Some(reading);

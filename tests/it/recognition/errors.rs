@@ -132,8 +132,8 @@ fn options_that_do_not_fit_are_errors() {
         text(Recognizer::from_distances(3, options))
     };
     assert_eq!(
-        with(&|options| options.changed_fades = f64::NAN),
-        "changed_fades is NaN, expected from 0 to 1e6"
+        with(&|options| options.view_fades = f64::NAN),
+        "view_fades is NaN, expected from 0 to 1e6"
     );
     assert!(with(&|options| options.view_threshold = -1.0).starts_with("view_threshold is -1"));
     assert!(with(&|options| options.views.moved = 0.0).starts_with("the model of motion"));

@@ -1,18 +1,40 @@
-//! Rows of distances of several kinds, and their moments by definition.
+//! Rows of distances of several kinds, and their scores by definition.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 
 pub(super) const INF: f32 = f32::INFINITY;
 
-pub(super) fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+/// The upper median.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
 }
 
-pub(super) fn deviation(values: &[f64]) -> f64 {
-    let mean = mean(values);
-    let squares: Vec<f64> = values.iter().map(|v| (v - mean).powi(2)).collect();
-    squares.iter().sum::<f64>().sqrt() / (values.len() as f64).sqrt()
+/// Scores within a row: differences from the median, in median deviations; beyond three as a
+/// logarithm.
+pub(super) fn within(row: &[f32]) -> Vec<f64> {
+    let finite: Vec<f64> = row.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d)).collect();
+    if finite.is_empty() {
+        return vec![f64::INFINITY; row.len()];
+    }
+    let centre = median(finite.clone());
+    // Differences are singles.
+    let most = f64::from(f32::MAX);
+    let apart: Vec<f64> = finite.iter().map(|d| (d - centre).abs().min(most)).collect();
+    let others: Vec<f64> = apart.iter().copied().filter(|d| *d > 0.0).collect();
+    let unit = match 1.4826 * median(apart) {
+        unit if unit > 0.0 => unit,
+        _ if others.is_empty() => f64::INFINITY,
+        _ => median(others),
+    };
+    let score = |d: &f32| {
+        let score = (f64::from(*d) - centre) / unit;
+        let bent = if score.abs() > 3.0 { 3.0 + (score.abs() - 2.0).ln() } else { score.abs() };
+        // So are scores.
+        if *d == INF { f64::INFINITY } else { bent.min(3.0 + 1e30_f64.ln()).copysign(score) }
+    };
+    row.iter().map(score).collect()
 }
 
 /// Distances of one row, of several kinds; infinite ones among them.

@@ -5,41 +5,63 @@ use proptest::prelude::*;
 use wayfix::observation::{MatchOdds, Standardizer};
 use wayfix::recognition::{Options, Recognizer};
 
-use super::rows::{INF, deviation, mean, row};
+use super::rows::{INF, row, within};
 use crate::kit::{cases, text};
 
-/// A query's distances in its own deviations.
-fn in_deviations(row: &[f32]) -> Vec<f64> {
-    let finite = row.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d));
-    let finite: Vec<f64> = finite.collect();
-    let equal = finite.iter().all(|d| *d == finite[0]);
-    let score = |d: &f32| match d {
-        _ if d.is_infinite() => f64::INFINITY,
-        _ if equal => 0.0,
-        d => (f64::from(*d) - mean(&finite)) / deviation(&finite),
-    };
-    row.iter().map(score).collect()
+/// Sums over queries, and the scores of another, by the formulas of the guide.
+struct Usual {
+    count: f64,
+    sums: Vec<f64>,
+    squares: Vec<f64>,
 }
 
-/// The scores of a query after others, by the formula of the guide.
-fn scores(before: &[Vec<f32>], query: &[f32]) -> Vec<f64> {
-    let n = query.len();
-    let known = before.len() as f64 + 10.0;
-    // References at an infinite distance count as average.
-    let usual: Vec<Vec<f64>> = before
-        .iter()
-        .map(|row| {
-            in_deviations(row).iter().map(|z| if z.is_finite() { *z } else { 0.0 }).collect()
-        })
-        .collect();
-    let of = |i: usize| usual.iter().map(move |row| row[i]);
-    let means: Vec<f64> = (0..n).map(|i| of(i).sum::<f64>() / known).collect();
-    let squares = |i: usize| of(i).map(|z| (z - means[i]).powi(2)).sum::<f64>();
-    let total: f64 = (0..n).map(squares).sum();
-    let pooled = (1.0 + total / n as f64) / (before.len() as f64 + 1.0);
-    let score =
-        |(i, z): (usize, &f64)| (z - means[i]) / ((squares(i) + 10.0 * pooled) / known).sqrt();
-    in_deviations(query).iter().enumerate().map(score).collect()
+impl Usual {
+    /// Variance of one reference's scores over queries, the share of a mean that moves a usual
+    /// score, and the variance of that about the true one.
+    fn spread(&self) -> (f64, f64, f64) {
+        let (n, references) = (self.count, self.sums.len() as f64);
+        let own = |(sum, square): (&f64, &f64)| square - if n > 0.0 { sum * sum / n } else { 0.0 };
+        let apart: f64 = self.sums.iter().zip(&self.squares).map(own).sum();
+        let all: f64 = self.squares.iter().sum();
+        // Priors of three queries.
+        let within = (apart / references + 3.0 * 0.65) / (3.0 + (n - 1.0).max(0.0));
+        let all = (all / references + 3.0) / (3.0 + n);
+        let between = (all - within).max(0.02 * all);
+        let total = n * between + within;
+        (within, n * between / total, between * within / total)
+    }
+
+    fn means(&self) -> Vec<f64> {
+        let share = self.spread().1;
+        self.sums
+            .iter()
+            .map(|s| if self.count > 0.0 { share * s / self.count } else { 0.0 })
+            .collect()
+    }
+
+    /// A score counts as no farther from the usual one than 2.5 deviations, and an infinite one
+    /// as average.
+    fn learn(&mut self, row: &[f32]) {
+        let (means, most) = (self.means(), 2.5 * self.spread().0.sqrt());
+        for (i, score) in within(row).into_iter().enumerate() {
+            let score = score.clamp(means[i] - most, means[i] + most);
+            let score = if row[i] == INF { 0.0 } else { score };
+            self.sums[i] += score;
+            self.squares[i] += score * score;
+        }
+        self.count += 1.0;
+    }
+
+    fn scores(&self, row: &[f32]) -> Vec<f64> {
+        let ((pooled, _, unsure), means) = (self.spread(), self.means());
+        let of = |(i, score): (usize, f64)| {
+            let n = self.count;
+            let own = self.squares[i] - if n > 0.0 { self.sums[i].powi(2) / n } else { 0.0 };
+            let variance = (own + 10.0 * pooled) / (10.0 + (n - 1.0).max(0.0));
+            (score - means[i]) / (variance + unsure).sqrt()
+        };
+        within(row).into_iter().enumerate().map(of).collect()
+    }
 }
 
 proptest! {
@@ -49,21 +71,21 @@ proptest! {
     fn scores_are_those_of_the_definition(
         (before, query) in (1..40_usize).prop_flat_map(|n| (vec(row(n), 0..9), row(n))),
     ) {
-        let mut references = Standardizer::new(query.len()).unwrap();
-        for row in &before {
-            references.observe(row).unwrap();
-        }
-        let (mut found, mut learned) = (vec![f64::NAN; query.len()], vec![f64::NAN; query.len()]);
-        references.scores(&query, &mut found).unwrap();
-        let counted = [before.clone(), vec![query.clone()]].concat();
-        references.observed_scores(&query, &mut learned).unwrap();
-        for (found, before) in [(found, &before), (learned, &counted)] {
-            for (found, expected) in found.iter().zip(scores(before, &query)) {
-                // Deviations have the digits of singles.
-                let close = (found - expected).abs() < 1e-6 * expected.abs().max(1.0);
+        let n = query.len();
+        let mut references = Standardizer::new(n).unwrap();
+        let mut usual = Usual { count: 0.0, sums: vec![0.0; n], squares: vec![0.0; n] };
+        for row in before.iter().chain([&query]) {
+            let mut found = vec![f64::NAN; n];
+            references.scores(row, &mut found).unwrap();
+            for (found, expected) in found.iter().zip(usual.scores(row)) {
+                // Scores have the digits of singles.
+                let close = (found - expected).abs() < 2e-6 * expected.abs().max(1.0);
                 prop_assert!(*found == expected || close, "{found}, expected {expected}");
             }
+            references.observe(row).unwrap();
+            usual.learn(row);
         }
+        prop_assert_eq!(references.count(), before.len() as f64 + 1.0);
     }
 }
 
@@ -88,7 +110,6 @@ fn what_is_wrong_is_said() {
         let mut out = vec![0.0; row.len()];
         let says = text(references.scores(row, &mut out));
         assert_eq!(text(references.observe(row)), says);
-        assert_eq!(text(references.observed_scores(row, &mut out)), says);
         assert_eq!(references, before);
         says
     };

@@ -5,23 +5,20 @@ use proptest::prelude::*;
 use wayfix::motion::ViewChange;
 use wayfix::observation::{ViewComparison, alike_stretches, view_change};
 
-use super::rows::{INF, deviation, mean, row};
+use super::rows::{INF, row, within};
 use crate::kit::{cases, text};
 
-/// Mean change over the references that are finite in both rows, in standard
-/// deviations of the second.
-fn change(before: &[f32], now: &[f32]) -> Option<f64> {
-    let both = before.iter().zip(now).filter(|(a, b)| a.is_finite() && b.is_finite());
-    let (a, b): (Vec<f64>, Vec<f64>) = both.map(|(a, b)| (f64::from(*a), f64::from(*b))).unzip();
-    if a.is_empty() {
-        return None;
+/// Σ (a − b)² / Σ (a² + b²) over scores that are finite in both rows.
+fn change(before: &[f32], now: &[f32]) -> f64 {
+    let pairs = within(before).into_iter().zip(within(now));
+    let both: Vec<(f64, f64)> = pairs.filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
+    let apart: f64 = both.iter().map(|(a, b)| (a - b).powi(2)).sum();
+    let size: f64 = both.iter().map(|(a, b)| a * a + b * b).sum();
+    match both.len() {
+        0 => 1.0,
+        _ if apart == 0.0 => 0.0,
+        _ => apart / size,
     }
-    let moved = mean(&a.iter().zip(&b).map(|(a, b)| (a - b).abs()).collect::<Vec<f64>>());
-    Some(if moved == 0.0 { 0.0 } else { moved / deviation(&b) })
-}
-
-fn same(a: f64, b: f64) -> bool {
-    a == b || (a - b).abs() <= 1e-9 * b.abs()
 }
 
 /// Rows of one length, of which some come again, or nearly so.
@@ -33,7 +30,7 @@ fn drive() -> impl Strategy<Value = Vec<Vec<f32>>> {
                 let last = all.last().cloned();
                 all.push(match (kind, last) {
                     (0, Some(last)) => last,
-                    (1, Some(last)) => last.iter().map(|d| d * 1.001).collect(),
+                    (1, Some(last)) => last.iter().map(|d| (d * 1.001).max(f32::MIN)).collect(),
                     _ => row,
                 });
             }
@@ -47,29 +44,29 @@ proptest! {
 
     #[test]
     fn views_are_told_apart_by_definition(rows in drive(), threshold in prop_oneof![Just(0.0), 0.01..2.0]) {
+        let mut changes = Vec::new();
         for two in rows.windows(2) {
             let found = view_change(&two[0], &two[1]).unwrap();
-            prop_assert!(found >= 0.0);
-            if let Some(expected) = change(&two[0], &two[1]) {
-                prop_assert!(same(found, expected), "{found}, expected {expected}");
-            }
+            let expected = change(&two[0], &two[1]);
+            prop_assert!((0.0..=2.0).contains(&found));
+            // Scores have the digits of singles.
+            let apart = (found.sqrt() - expected.sqrt()).abs();
+            prop_assert!(apart < 1e-5, "{found}, expected {expected}");
+            changes.push(found);
         }
-        let mut changes: Vec<f64> = rows.windows(2).filter_map(|two| change(&two[0], &two[1])).collect();
-        changes.retain(|change| *change > 0.0 && change.is_finite());
+        changes.retain(|change| *change > 0.0);
         changes.sort_by(f64::total_cmp);
         let found = ViewComparison::threshold_of(&rows).unwrap();
-        // The median of an even number is either of two.
-        let len = changes.len();
-        let medians = if len == 0 { [0.0; 2] } else { [changes[(len - 1) / 2], changes[len / 2]] };
-        prop_assert!(medians.iter().any(|median| same(found, 0.1 * median)), "{found}, {medians:?}");
+        let median = changes.get(changes.len() / 2).copied().unwrap_or(0.0);
+        prop_assert_eq!(found, 0.1 * median);
 
         let mut views = ViewComparison::new(threshold).unwrap();
         let mut last: Option<&Vec<f32>> = None;
         for row in &rows {
             let found = views.next(row).unwrap();
-            let change = last.map(|last| change(last, row));
+            let change = last.map(|last| view_change(last, row).unwrap());
             let expected = match change {
-                Some(Some(change)) if change < threshold => ViewChange::Unchanged,
+                Some(change) if change < threshold => ViewChange::Unchanged,
                 _ => ViewChange::Changed,
             };
             prop_assert_eq!(found, expected, "{:?}", change);
@@ -89,33 +86,38 @@ proptest! {
         let n = first.len();
         prop_assert_eq!(found.len(), n);
         let column = |i: usize| -> Vec<f32> { rows.iter().map(|row| row[i]).collect() };
-        let apart = |i: usize, j: usize| change(&column(i), &column(j));
-        let mut above: Vec<f64> = (1..n).filter_map(|i| apart(i - 1, i)).collect();
-        above.retain(|change| *change > 0.0 && change.is_finite());
+        let apart = |i: usize, j: usize| view_change(&column(i), &column(j)).unwrap();
+        let mut above: Vec<f64> = (1..n).map(|i| apart(i - 1, i)).filter(|c| *c > 0.0).collect();
         above.sort_by(f64::total_cmp);
-        let len = above.len();
-        let medians = if len == 0 { [0.0; 2] } else { [above[(len - 1) / 2], above[len / 2]] };
-        let of = |median: f64| {
-            let (mut start, mut stretches) = (0, vec![0]);
-            for i in 1..n {
-                let alike = apart(start, i).is_some_and(|c| c == 0.0 || c < 0.1 * median);
-                start = if alike { start } else { i };
-                stretches.push(stretches[i - 1] + usize::from(!alike));
-            }
-            stretches
-        };
-        prop_assert!(found == of(medians[0]) || found == of(medians[1]), "{found:?}");
+        let threshold = above.get(above.len() / 2).map_or(0.0, |median| 0.1 * median);
+        let (mut start, mut stretches) = (0, vec![0]);
+        for i in 1..n {
+            let change = apart(start, i);
+            let alike = change == 0.0 || change < threshold;
+            start = if alike { start } else { i };
+            stretches.push(stretches[i - 1] + usize::from(!alike));
+        }
+        prop_assert_eq!(found, stretches);
     }
 }
 
 #[test]
 fn views_by_hand() {
-    // Deviation 1, mean change 0.5; only one of them is in the other's units.
-    assert_eq!(view_change(&[0.0, 1.0], &[0.0, 2.0]), Ok(0.5));
-    assert_eq!(view_change(&[0.0, 2.0], &[0.0, 1.0]), Ok(1.0));
+    let near = |found: Result<f64, _>, expected: f64| {
+        assert!((found.unwrap() - expected).abs() < 1e-6, "expected {expected}");
+    };
+    // Differences 1 and 1 in rows of −2, −1, 0, 1, 2, in whatever unit.
+    let row = [0.0, 1.0, 2.0, 3.0, 4.0];
+    near(view_change(&row, &[0.0, 1.0, 2.0, 4.0, 3.0]), 0.1);
+    near(view_change(&row, &row.map(|d| 10.0 - 0.5 * d)), 2.0);
+    near(view_change(&row, &row.map(|d| 3.0 * d - 7.0)), 0.0);
     assert_eq!(view_change(&[0.5, 0.5], &[0.5, 0.5]), Ok(0.0));
-    // What is infinite takes no part.
-    assert_eq!(view_change(&[0.0, INF, 1.0, 5.0], &[0.0, 7.0, 2.0, INF]), Ok(0.5));
+    assert_eq!(view_change(&[0.5, 0.5], &[0.7, 0.7]), Ok(0.0));
+    // Infinite distances take no part.
+    let [before, now] = [[0.0, INF, 1.0, 2.0, 9.0, 3.0, 4.0], [0.0, 7.0, 1.0, 2.0, INF, 4.0, 3.0]];
+    let apart = change(&before, &now);
+    near(view_change(&before, &now), apart);
+    assert_eq!(view_change(&[INF, 1.0], &[1.0, INF]), Ok(1.0));
     let lengths = "2 distances, expected one for each of 3 references";
     assert_eq!(text(view_change(&[0.0; 3], &[0.0; 2])), lengths);
     assert_eq!(text(ViewComparison::threshold_of(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
@@ -132,24 +134,31 @@ fn views_by_hand() {
     for a in odd {
         for b in odd {
             for c in odd {
-                let change = view_change(&[a, b, c], &[c, a, b]).unwrap();
-                assert!(!change.is_nan(), "{a} {b} {c}");
+                let bad = [a, b, c].iter().any(|d| d.is_nan() || *d == -INF);
+                let change = view_change(&[a, b, c], &[c, a, b]);
+                assert_eq!(change.is_err(), bad);
+                assert!(change.is_ok_and(|change| (0.0..=2.0).contains(&change)) != bad);
             }
         }
     }
 
-    let mut views = ViewComparison::new(0.4).unwrap();
-    assert_eq!(views.next(&[0.0, 2.0]), Ok(ViewChange::Changed));
-    assert_eq!(views.next(&[0.0, 2.4]), Ok(ViewChange::Unchanged));
+    let mut views = ViewComparison::new(0.15).unwrap();
+    assert_eq!(
+        text(views.next(&[0.0, f32::NAN])),
+        "the distance to reference 1 is NaN, expected a number or infinity"
+    );
+    assert_eq!(views.next(&row), Ok(ViewChange::Changed));
+    assert_eq!(views.next(&[0.0, 1.0, 2.0, 4.0, 3.0]), Ok(ViewChange::Unchanged));
     assert_eq!(
         text(views.next(&[0.0, 2.0, 3.0])),
-        "3 distances, expected one for each of 2 references"
+        "3 distances, expected one for each of 5 references"
     );
     // Against the last new one, not the last one.
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Changed));
-    assert_eq!(views.next(&[INF, INF]), Ok(ViewChange::Changed), "nothing can be compared");
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Changed), "nor after it");
-    assert_eq!(views.next(&[0.0, 3.6]), Ok(ViewChange::Unchanged));
+    let new = [1.0, 0.0, 2.0, 4.0, 3.0];
+    assert_eq!(views.next(&new), Ok(ViewChange::Changed));
+    assert_eq!(views.next(&[INF; 5]), Ok(ViewChange::Changed), "nothing can be compared");
+    assert_eq!(views.next(&new), Ok(ViewChange::Changed), "nor after it");
+    assert_eq!(views.next(&new), Ok(ViewChange::Unchanged));
     // Not even of an empty row, which is a row.
     let mut empty = ViewComparison::new(0.4).unwrap();
     assert_eq!(empty.next(&[]), Ok(ViewChange::Changed));

@@ -123,16 +123,3 @@ fn a_recording_that_matches_nothing_is_told() {
         assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().warning(), None);
     }
 }
-
-/// Which needs no label, either.
-#[test]
-fn a_drive_without_labels_tells_what_is_a_change_of_view() {
-    let (recognizer, world) = recognizer(210, false);
-    let queries = seen(&world, &usual_drive(), 0.5, 211);
-    let places = labels(&usual_drive());
-    let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-    let fitted = recognizer.fitted(&[part]).unwrap();
-    let adapted = recognizer.adapted(&recognizer.recording(&queries, &[]).unwrap()).unwrap();
-    assert_eq!(adapted.options().view_threshold, fitted.options().view_threshold);
-    assert!(adapted.options().view_threshold != recognizer.options().view_threshold);
-}
