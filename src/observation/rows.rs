@@ -114,8 +114,14 @@ impl WithSimd for Score<'_> {
     }
 }
 
+/// A score within three deviations: a few broken references must not hide a change of the view.
+#[inline(always)]
+pub(super) fn within(score: f32) -> f32 {
+    score.clamp(-LINEAR, LINEAR)
+}
+
 /// Change between two rows of scores: Σ (a − b)² / Σ (a² + b²), over references with finite scores
-/// in both. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
+/// in both, each within three deviations. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
 /// compared.
 pub(crate) fn change(a: &[f32], b: &[f32]) -> f64 {
     let Apart { apart, size, compared } = run(Compare { a, b });
@@ -147,7 +153,7 @@ impl WithSimd for Compare<'_> {
         let mut counts = [0_u32; WIDTH];
         let mut take = |l: usize, a: f32, b: f32| {
             let both = a.is_finite() & b.is_finite();
-            let (a, b) = (f64::from(a), f64::from(b));
+            let (a, b) = (f64::from(within(a)), f64::from(within(b)));
             counts[l] |= u32::from(both);
             apart[l] += if both { (a - b) * (a - b) } else { 0.0 };
             size[l] += if both { a * a + b * b } else { 0.0 };

@@ -1,5 +1,6 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
+use super::rows::within;
 use crate::kernels::{LANES, Simd, WithSimd};
 
 /// Prior of the variance of one reference's scores over queries, and of all scores, in queries.
@@ -56,7 +57,7 @@ impl WithSimd for CountSteps<'_> {
     fn run<S: Simd>(self, _: S) {
         let Self { rows, weight, steps } = self;
         for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
-            let apart = f64::from(a - b);
+            let apart = f64::from(within(a) - within(b));
             *step += if a.is_finite() & b.is_finite() { weight * apart * apart } else { 0.0 };
         }
     }
