@@ -7,7 +7,7 @@ use crate::transition::{check_probability, check_sum};
 /// Largest number of speeds: changes take memory and time for each pair.
 const MOST_SPEEDS: usize = 1024;
 /// Default slack.
-const SLACK: f64 = 0.03;
+const SLACK: f64 = 0.04;
 /// The largest speed, in places a step.
 const FASTEST: f64 = 64.0;
 
@@ -129,7 +129,7 @@ impl Speeds {
     }
 
     /// Sets the slack: the probability that a step leads one place farther than its speed, and the
-    /// same for one place less: the noise of a step. 0.03 by default, and always 0 for standing. A
+    /// same for one place less: the noise of a step. 0.04 by default, and always 0 for standing. A
     /// train has none; on a road, where speeds waver and references are unevenly spaced, it is
     /// 0.1 or so.
     ///

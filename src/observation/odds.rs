@@ -37,9 +37,9 @@ pub struct MatchOdds {
 }
 
 impl Default for MatchOdds {
-    /// s = 2, z₀ = −1.15, e = 0.05, and a temperature of 2.
+    /// s = 2, z₀ = −1.15, e = 0.05, and a temperature of 1.8.
     fn default() -> Self {
-        Self { slope: 2.0, even: -1.15, nothing: 0.05, temperature: 2.0 }
+        Self { slope: 2.0, even: -1.15, nothing: 0.05, temperature: 1.8 }
     }
 }
 
@@ -261,7 +261,7 @@ mod tests {
         let mut row = [f64::INFINITY, 1e30, -1e30];
         MatchOdds::default().odds_of(1.0, &mut row);
         assert!(row[0] == 0.0 && row[2] > 10.0);
-        assert!((row[1].ln() - 0.05_f64.ln() / 2.0).abs() < 1e-5);
+        assert!((row[1].ln() - 0.05_f64.ln() / 1.8).abs() < 1e-5);
         // A weight is a power.
         let mut half = [-2.0, 1.0];
         MatchOdds::default().odds_of(0.5, &mut half);

@@ -36,7 +36,7 @@ pub struct Options {
     /// [`off_map`](Self::off_map) is given. 0.85 by default: at 1, stretches of uninformative
     /// frames, such as dark ones, are taken for off the map, and at 0.75 detours are found late.
     pub off_map_odds: f64,
-    /// Odds of a score. Their temperature, 2 by default, is for frames in sequence; fitting
+    /// Odds of a score. Their temperature, 1.8 by default, is for frames in sequence; fitting
     /// chooses another where labels are in favour of it.
     pub odds: MatchOdds,
     /// True if each reference's mean and deviation are learned from the queries, so that
