@@ -15,7 +15,7 @@ impl Recognizer {
     /// is better. Learning starts from the present options; everything else learned before is
     /// replaced.
     ///
-    /// [`Fit::warnings`] lists reasons to doubt the result. O(steps n k) time, and a few times
+    /// [`Fit::doubts`] lists reasons to doubt the result. O(steps n k) time, and a few times
     /// that for the temperature; O(steps n) memory.
     ///
     /// # Errors

@@ -4,6 +4,8 @@ use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
 use super::answer::at_most_one;
+use super::tally::Doubts;
+use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
@@ -23,6 +25,8 @@ pub struct Recording {
     /// log2 of the odds of each place by each single frame.
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
+    /// Reasons to doubt the views and readings.
+    doubts: Vec<Warning>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -64,18 +68,21 @@ impl Recording {
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
+        let mut doubts = Doubts::default();
         sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
             let mut row = vec![0.0; recognizer.likelihoods()];
             let reading = odometry.get(at).copied().flatten();
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
+            doubts.take(sensor.tally());
             likelihoods.push(row);
             best_scores.extend(Some(sensor.best()).filter(|best| best.is_finite()));
             alone.push(sensor.alone().to_vec());
         }
         let recognizer = recognizer.clone();
-        Ok(Self { recognizer, controls, likelihoods, alone, best_scores })
+        let doubts = doubts.into_warnings();
+        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, doubts })
     }
 
     /// The number of steps.
@@ -198,6 +205,10 @@ impl Recording {
     /// Reading of odometry at a step, from 0.
     pub(super) fn odometry(&self, at: usize) -> Option<f64> {
         self.controls[at].odometry
+    }
+
+    pub(super) fn own_doubts(&self) -> &[Warning] {
+        &self.doubts
     }
 
     pub(super) fn best_scores(&self) -> &[f64] {
