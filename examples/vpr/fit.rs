@@ -51,7 +51,7 @@ pub(crate) fn notes(fit: &Fit) -> Vec<String> {
     let used: Vec<String> = used.map(|(speed, share)| format!("{speed}: {share:.2}")).collect();
     let temperature = format!("temperature {}", odds.temperature());
     let mut notes = vec![temperature, format!("shares of speeds: {}", used.join(", "))];
-    notes.extend(fit.warnings().iter().map(|warning| format!("WARNING: {warning}")));
+    notes.extend(fit.doubts().iter().map(|warning| format!("WARNING: {warning}")));
     notes
 }
 

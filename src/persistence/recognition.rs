@@ -4,7 +4,7 @@ use super::stored;
 use crate::inference::FilterSnapshot;
 use crate::motion::{Driven, ViewChange};
 use crate::observation::Standardizer;
-use crate::recognition::{Options, SensorState, TrackSnapshot};
+use crate::recognition::{Options, SensorState, Tally, TrackSnapshot};
 
 stored! {
     [] MatchOdds in observation: [], |odds| {
@@ -36,7 +36,8 @@ stored! {
         run: Option<(Option<ViewChange>, u32)> = state.sensor.run,
         still: f64 = state.sensor.still,
         driven: Option<Driven> = state.sensor.driven,
-    } => track_state(filter, standardizer, last_view, run, still, driven);
+        tally: Tally = state.sensor.tally,
+    } => track_state(filter, standardizer, last_view, run, still, driven, tally);
 }
 
 /// A finite score, or `None`, since JSON has no infinity.
@@ -52,6 +53,7 @@ fn track_state(
     run: Option<(Option<ViewChange>, u32)>,
     still: f64,
     driven: Option<Driven>,
+    tally: Tally,
 ) -> Result<TrackSnapshot, String> {
     if !(0.0..=2.0).contains(&still) {
         return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
@@ -68,6 +70,13 @@ fn track_state(
     }
     Ok(TrackSnapshot {
         filter,
-        sensor: SensorState { standardizer, last_view, run, still, driven },
+        sensor: SensorState {
+            standardizer,
+            last_view,
+            run,
+            still,
+            driven,
+            tally: tally.checked()?,
+        },
     })
 }

@@ -3,23 +3,66 @@
 use std::ops::RangeInclusive;
 
 use super::labels::LabelledPart;
-use super::sensor::least;
+use super::sensor::{index_of_least, least};
+use super::tally::{EQUAL, STANDS};
 use super::warning::{ENOUGH, SPAN, Warning};
-use super::{Recognizer, Recording};
-use crate::motion::OdometryModel;
+use super::{Answer, RecognitionError, Recognizer, Recording};
+use crate::motion::{OdometryModel, RouteControl};
 use crate::observation::{ObservationError, RowScratch, row_scores};
 use crate::sequence::Sequence;
 
 /// Mean rank above which matches are near to chance.
 const CHANCE: f64 = 0.4;
+/// Share of labelled queries, and deviations, by which the nearest image is right more often than
+/// the best score if scores are wrong.
+const BETTER: f64 = 0.1;
+const SURELY: f64 = 3.0;
 /// Range of the scale and largest deviation of odometry that is in references.
 const SCALES: RangeInclusive<f64> = 0.8..=1.25;
 const DEVIATION: f64 = 1.0;
 /// Share of the log-likelihood of a vehicle that is surely lost, below which a recording is
-/// suspect.
-const SUSPECT: f64 = 0.5;
-/// Difference of two means of best scores, in deviations, above which they are unlike.
-const UNLIKE: f64 = 1.0;
+/// suspect. On eleven recordings of genuine drives the share was below 0, and on drives elsewhere,
+/// shuffled references and noise at least 0.6.
+const SUSPECT: f64 = 0.3;
+/// Number of new frames below which they are too few to say that they match nothing.
+const FEWEST: usize = 50;
+/// Difference of two means of best scores, in deviations, above which they are unlike. Between
+/// thirds of a drive it was 1.6 at most, and between queries of the references' own season and
+/// others at least 2.
+const UNLIKE: f64 = 1.8;
+/// Least probability of answers that odometry is compared with, and the difference over a stretch
+/// of equal readings above which they contradict it, in places and as a share of the way.
+const SURE: f64 = 0.9;
+const APART: f64 = 6.0;
+const APART_SHARE: f64 = 0.25;
+
+/// Numbers of queries for which the nearest image, or the best score, is right.
+#[derive(Default)]
+struct Rivals {
+    queries: f64,
+    nearest: f64,
+    single: f64,
+    both: f64,
+}
+
+impl Rivals {
+    fn take(&mut self, nearest: bool, single: bool) {
+        let add = |count: &mut f64, one: bool| *count += f64::from(u8::from(one));
+        self.queries += 1.0;
+        add(&mut self.nearest, nearest);
+        add(&mut self.single, single);
+        add(&mut self.both, nearest && single);
+    }
+
+    /// Warns if the nearest image is right far more often, and not by chance: by McNemar's test.
+    fn warning(&self) -> Option<Warning> {
+        let Self { queries, nearest, single, both } = *self;
+        let least = BETTER * queries;
+        let chance = SURELY * f64::sqrt(nearest + single - 2.0 * both);
+        (nearest - single > chance.max(least))
+            .then(|| Warning::Nearest { nearest: nearest / queries, single: single / queries })
+    }
+}
 
 impl Recognizer {
     /// Returns warnings from the scores of labelled queries, and the mean and deviation of the
@@ -33,13 +76,23 @@ impl Recognizer {
         let mut scores = vec![0.0; self.references()];
         let (mut ranks, mut best) = (Vec::new(), Vec::new());
         let (mut within, mut scratch) = (Vec::new(), RowScratch::default());
+        let mut rivals = Rivals::default();
+        let mut before = Vec::new();
         for (part, rows) in parts.iter().zip(rows) {
             for (places, row) in part.places.iter().zip(rows) {
                 let Some(places) = places else { continue };
                 sensor.standardizer().scores(row, &mut scores)?;
                 ranks.push(mean_rank(&scores, places));
                 row_scores(row, &mut within, &mut scratch)?;
-                best.push(least(&within));
+                best.extend(Some(least(&within)).filter(|best| best.is_finite()));
+                // A vehicle that stands is one witness.
+                if before != *row {
+                    let window = self.options().window;
+                    let right =
+                        |at: usize| at + window >= *places.start() && at <= places.end() + window;
+                    rivals.take(right(index_of_least(&within)), right(index_of_least(&scores)));
+                    before.clone_from(row);
+                }
             }
         }
         let mut warnings = Vec::new();
@@ -47,6 +100,7 @@ impl Recognizer {
         if rank > CHANCE && self.references() > 2 {
             warnings.push(Warning::Chance { rank });
         }
+        warnings.extend(rivals.warning());
         if ranks.len() < ENOUGH {
             warnings.push(Warning::Short { steps: ranks.len() });
         }
@@ -89,12 +143,17 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
 }
 
 impl Recording {
-    /// Returns a warning if the queries differ from those of the fit, or match nothing for a
-    /// while though the map is never left. Needs no labels. Costs as much as
-    /// [`filtered`](Self::filtered).
+    /// Returns all reasons to doubt the recording: most views are
+    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
+    /// [stuck](Warning::Stuck) or the view is [still](Warning::Still), the queries are [unlike](Warning::Unlike) those of the fit, or they
+    /// match [nothing](Warning::Nothing) for a while though the map is never left. Needs no labels.
+    /// Costs as much as [`filtered`](Self::filtered).
     #[must_use]
-    pub fn warning(&self) -> Option<Warning> {
-        self.unlike().or_else(|| self.nothing())
+    pub fn doubts(&self) -> Vec<Warning> {
+        let own = self.own_doubts().iter().cloned();
+        let stuck = own.clone().any(|doubt| matches!(doubt, Warning::Stuck { .. }));
+        let stuck = if stuck { None } else { self.stuck() };
+        own.chain(stuck).chain(self.unlike()).chain(self.nothing()).collect()
     }
 
     fn unlike(&self) -> Option<Warning> {
@@ -104,37 +163,93 @@ impl Recording {
         unlike.then_some(Warning::Unlike { labelled, recording })
     }
 
+    /// Warns if odometry reads again and again that the vehicle moves at one speed, and the images
+    /// alone say that it moves at another. The first such stretch.
+    fn stuck(&self) -> Option<Warning> {
+        let equal = |at: &usize| {
+            *at > 0 && self.odometry(*at).is_some() && self.odometry(*at) == self.odometry(at - 1)
+        };
+        let mut answers = Vec::new();
+        let mut start = 0;
+        while start < self.steps() {
+            let end = (start + 1..self.steps()).find(|at| !equal(at)).unwrap_or(self.steps());
+            let (steps, first) = (end - start, start);
+            start = end;
+            let Some(reading) = self.odometry(first).filter(|reading| reading.abs() > STANDS)
+            else {
+                continue;
+            };
+            if steps <= EQUAL as usize {
+                continue;
+            }
+            if answers.is_empty() {
+                answers = self.without_odometry().ok()?;
+            }
+            let odometry = self.recognizer().options().odometry;
+            let part = EQUAL as usize;
+            let driven = part as f64 * (reading - odometry.bias) / odometry.scale;
+            let (mut judged, mut against) = (0, 0);
+            for ends in (first..end - part).step_by(part).map(|at| [at, at + part]) {
+                let sure = |at: usize| -> Option<f64> {
+                    let answer: &Answer = &answers[at];
+                    answer.place.filter(|_| answer.probability > SURE).map(|place| place as f64)
+                };
+                let (Some(before), Some(after)) = (sure(ends[0]), sure(ends[1])) else { continue };
+                let apart = (self.recognizer().places_between(before, after) - driven).abs();
+                judged += 1;
+                against += usize::from(apart > APART.max(APART_SHARE * driven.abs()));
+            }
+            if against > 1 && 4 * against > judged {
+                return Some(Warning::Stuck { reading, steps: steps as u32 });
+            }
+        }
+        None
+    }
+
+    /// The filter's answers by images alone.
+    fn without_odometry(&self) -> Result<Vec<Answer>, RecognitionError> {
+        let mut filter = self.recognizer().model().filter();
+        let mut places = vec![0.0; self.recognizer().places()];
+        let answer = |step: usize| {
+            let control = RouteControl { odometry: None, ..*self.control(step) };
+            let log = filter.step_with(&control, self.observation(step))?;
+            self.recognizer().add_up(filter.belief().as_slice(), &mut places);
+            Ok(self.recognizer().answer(&places, log))
+        };
+        (1..=self.steps()).map(answer).collect()
+    }
+
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
-    /// lost, whose log-likelihood a step is ln `lost_odds`.
+    /// lost, whose log-likelihood a step is ln `lost_odds` for an independent view.
     fn nothing(&self) -> Option<Warning> {
-        let options = self.recognizer().options();
-        let least = SUSPECT * options.lost_odds.ln();
-        if options.off_map.is_some() || least == 0.0 {
+        if self.recognizer().options().off_map.is_some() {
             return None;
         }
         let mut filter = self.recognizer().model().filter();
-        let (mut logs, mut worst) = (Vec::new(), (least, 0));
-        let mut sum = 0.0;
+        // Sums of log-likelihoods, of the filter's and of those of a lost vehicle.
+        let (mut sums, mut steps) = (vec![[0.0; 2]], Vec::new());
         for step in 1..=self.steps() {
             filter.predict_with(self.control(step)).ok()?;
             let likelihoods = self.observation(step);
             let log = filter.update(likelihoods).ok()?;
             // Unchanged frames carry no evidence.
-            if likelihoods.iter().all(|likelihood| *likelihood == 1.0) {
-                continue;
-            }
-            logs.push(log);
-            sum += log;
-            if let Some(before) = logs.len().checked_sub(SPAN + 1) {
-                sum -= logs[before];
-            }
-            let mean = sum / SPAN as f64;
-            if logs.len() >= SPAN && mean < worst.0 {
-                worst = (mean, step);
+            if likelihoods.iter().any(|likelihood| *likelihood != 1.0) {
+                let [sum, lost] = sums[steps.len()];
+                sums.push([sum + log, lost + likelihoods[self.recognizer().references()].ln()]);
+                steps.push(step);
             }
         }
-        let (mean, step) = worst;
-        (step > 0).then_some(Warning::Nothing { mean, step })
+        let frames = steps.len().min(SPAN);
+        if frames < FEWEST {
+            return None;
+        }
+        let spans = sums.iter().zip(&sums[frames..]).zip(&steps[frames - 1..]);
+        let means = spans.map(|((from, to), step)| {
+            let [sum, lost] = [0, 1].map(|of| (to[of] - from[of]) / frames as f64);
+            (sum - SUSPECT * lost, sum, *step)
+        });
+        let (above, mean, step) = means.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (above < 0.0).then_some(Warning::Nothing { mean, step, frames })
     }
 }
 

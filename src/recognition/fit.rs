@@ -87,7 +87,7 @@ impl Fit {
 
     /// Reasons to doubt the fit. Empty for one read from storage.
     #[must_use]
-    pub fn warnings(&self) -> &[Warning] {
+    pub fn doubts(&self) -> &[Warning] {
         &self.warnings
     }
 

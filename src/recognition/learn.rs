@@ -15,7 +15,7 @@ impl Recognizer {
     /// with what was learned from the other. Learning starts from the present options; everything
     /// else learned before is replaced.
     ///
-    /// [`Fit::warnings`] lists reasons to doubt the result. O(steps n k) time, and ten times that
+    /// [`Fit::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times that
     /// for the temperature; O(steps n) memory.
     ///
     /// # Errors

@@ -15,7 +15,7 @@
 //! let places: Vec<_> = (5..25).map(|place| Some(place..=place)).collect();
 //! let part = LabelledPart { queries: &queries[..20], places: &places, odometry: &[] };
 //! let recognizer = recognizer.fitted(&[part])?;
-//! for warning in recognizer.fit().warnings() {
+//! for warning in recognizer.fit().doubts() {
 //!     eprintln!("{warning}"); // few steps are labelled
 //! }
 //!
@@ -51,6 +51,7 @@ mod recognizer;
 mod recording;
 mod references;
 mod sensor;
+mod tally;
 mod track;
 mod warning;
 
@@ -64,5 +65,7 @@ pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]
 pub(crate) use sensor::SensorState;
+#[cfg(feature = "serde")]
+pub(crate) use tally::Tally;
 pub use track::{Track, TrackSnapshot};
 pub use warning::Warning;

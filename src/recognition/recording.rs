@@ -4,6 +4,8 @@ use std::f64::consts::LN_2;
 use std::ops::RangeInclusive;
 
 use super::answer::at_most_one;
+use super::tally::Doubts;
+use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::inference::Order;
@@ -25,6 +27,8 @@ pub struct Recording {
     alone: Vec<Vec<f32>>,
     best_scores: Vec<f64>,
     standardizer: Standardizer,
+    /// Reasons to doubt the views and readings.
+    doubts: Vec<Warning>,
 }
 
 /// Beliefs over places, one for each step of a recording.
@@ -66,18 +70,21 @@ impl Recording {
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());
         let (mut best_scores, mut alone) = (Vec::new(), Vec::new());
+        let mut doubts = Doubts::default();
         sensor.keep_alone();
         for (at, query) in queries.iter().enumerate() {
             let mut row = vec![0.0; recognizer.likelihoods()];
             let reading = odometry.get(at).copied().flatten();
             let (seeing, query) = (recognizer.seeing(), query.as_ref());
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
+            doubts.take(sensor.tally());
             likelihoods.push(row);
             best_scores.extend(Some(sensor.best()).filter(|best| best.is_finite()));
             alone.push(sensor.alone().to_vec());
         }
         let (recognizer, standardizer) = (recognizer.clone(), sensor.standardizer().clone());
-        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, standardizer })
+        let doubts = doubts.into_warnings();
+        Ok(Self { recognizer, controls, likelihoods, alone, best_scores, standardizer, doubts })
     }
 
     /// The number of steps.
@@ -205,6 +212,10 @@ impl Recording {
     /// Usual scores at the end of the recording.
     pub(super) fn standardizer(&self) -> &Standardizer {
         &self.standardizer
+    }
+
+    pub(super) fn own_doubts(&self) -> &[Warning] {
+        &self.doubts
     }
 
     pub(super) fn best_scores(&self) -> &[f64] {

@@ -1,6 +1,7 @@
 //! From queries to likelihoods and evidence on moves.
 
 use super::references::References;
+use super::tally::{Glance, Tally};
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
@@ -15,6 +16,9 @@ const WITNESS: f64 = 0.03;
 const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
+/// Places from the nearest reference within which another is beside it.
+const BESIDE: usize = 2;
+
 /// Largest change of an unchanged view.
 fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
     STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
@@ -25,12 +29,20 @@ pub(super) fn least(rows: &[f32]) -> f64 {
     f64::from(rows.iter().copied().fold(f32::INFINITY, f32::min))
 }
 
+/// Index of the least value of a row that is not empty; the first of equal ones.
+pub(super) fn index_of_least<T: PartialOrd + Copy>(row: &[T]) -> usize {
+    let first = (0, row[0]);
+    row.iter().copied().enumerate().fold(first, |a, b| if b.1 < a.1 { b } else { a }).0
+}
+
 /// A view compared with the last new one.
 struct View {
     /// Changed or not, if that is clear.
     view: Option<ViewChange>,
     /// Share of it that is new, in an autoregression of the first order.
     fresh: f64,
+    /// True if it equals the last new view.
+    repeated: bool,
 }
 
 /// The camera, with all that it has learned of the references so far. It is causal: live and in
@@ -61,6 +73,8 @@ pub(crate) struct SensorState {
     pub(crate) still: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
+    /// Recent views and readings.
+    pub(crate) tally: Tally,
 }
 
 /// Surroundings of a step of the sensor.
@@ -81,6 +95,7 @@ impl Sensor {
                 last_view: None,
                 run: None,
                 driven: None,
+                tally: Tally::default(),
             },
             distances: Vec::new(),
             more: Vec::new(),
@@ -107,7 +122,8 @@ impl Sensor {
         let control = self.moved(odometry);
         let n = references.count();
         // Checked first, so that an error leaves the sensor as it was.
-        let View { view, fresh } = self.compare(options).map_err(failed)?;
+        let View { view, fresh, repeated } = self.compare(options).map_err(failed)?;
+        let moved = (fresh == 0.0 && !repeated).then(|| self.nearest_moved(options));
         let nowhere = self.rows.iter().all(|score| *score == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
@@ -129,7 +145,7 @@ impl Sensor {
             off.fill(odds.powf(weight));
             self.learn(options, spread, fresh);
         }
-        let SensorState { run, driven, .. } = &mut self.state;
+        let SensorState { run, driven, tally, .. } = &mut self.state;
         let count = match *run {
             Some((before, count)) if before == view => count.saturating_add(1),
             _ => 1,
@@ -137,6 +153,7 @@ impl Sensor {
         // The first view has no view before it.
         let first = run.is_none();
         *run = Some((view, count));
+        tally.take(if first { None } else { Some(Glance { view, repeated, moved }) }, odometry);
         let weight = 1.0 / (1.0 + f64::from(count - 1) * options.view_fades);
         let evidence = view.map(|view| ViewEvidence { view, weight });
         let view = evidence.filter(|_| options.use_views && !first);
@@ -156,21 +173,31 @@ impl Sensor {
         standardizer.check(distances)?;
         row_scores(distances, &mut self.rows, &mut self.scratch)?;
         let Some(last) = last_view else {
-            return Ok(View { view: Some(ViewChange::Changed), fresh: 1.0 });
+            return Ok(View { view: Some(ViewChange::Changed), fresh: 1.0, repeated: false });
         };
         let rows = &self.rows;
         let changed = change(last, rows);
         // A change has the unit of one from a reference to the next.
         let unit = change(&rows[1..], &rows[..rows.len() - 1]);
+        let repeated = changed == 0.0;
         Ok(if changed <= *still {
-            View { view: Some(ViewChange::Unchanged), fresh: 0.0 }
+            View { view: Some(ViewChange::Unchanged), fresh: 0.0, repeated }
         } else if changed < options.view_threshold * unit {
-            View { view: None, fresh: 0.0 }
+            View { view: None, fresh: 0.0, repeated }
         } else {
             let part = changed.min(1.0);
             // (1 − r) / (1 + r) for a correlation r from view to view.
-            View { view: Some(ViewChange::Changed), fresh: part / (2.0 - part) }
+            View { view: Some(ViewChange::Changed), fresh: part / (2.0 - part), repeated }
         })
+    }
+
+    /// True if the nearest reference is another than that of the last new view, and not beside it:
+    /// so the vehicle has moved although the view is hardly another.
+    fn nearest_moved(&self, options: &Options) -> bool {
+        let Some(last) = &self.state.last_view else { return false };
+        let apart = index_of_least(last).abs_diff(index_of_least(&self.rows));
+        let around = if options.closed { self.rows.len() - apart } else { apart };
+        apart.min(around) > BESIDE.max(options.window)
     }
 
     /// Learns from the last row, that of a view with a new part.
@@ -218,8 +245,8 @@ impl Sensor {
 
     /// Forgets the last view, but nothing learned of the references.
     pub(super) fn forget(&mut self) {
-        let SensorState { last_view, run, driven, .. } = &mut self.state;
-        (*run, *driven) = (None, None);
+        let SensorState { last_view, run, driven, tally, .. } = &mut self.state;
+        (*run, *driven, *tally) = (None, None, Tally::default());
         // Infinite distances are not compared; the memory is kept.
         last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
     }
@@ -230,12 +257,12 @@ impl Sensor {
     /// had learned from many queries and new ones from few, old places would win (on a railway by
     /// pixels, up to 27 times as many wrong matches).
     pub(super) fn extended(&self, fresh: Self) -> Self {
-        let SensorState { mut last_view, run, still, driven, .. } = self.state.clone();
+        let SensorState { mut last_view, run, still, driven, tally, .. } = self.state.clone();
         let count = fresh.state.standardizer.references();
         // Infinite distances are not compared.
         last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
         let standardizer = fresh.state.standardizer;
-        Self { state: SensorState { standardizer, last_view, run, still, driven }, ..fresh }
+        Self { state: SensorState { standardizer, last_view, run, still, driven, tally }, ..fresh }
     }
 
     /// Keeps the single-frame odds from now on.
@@ -255,6 +282,10 @@ impl Sensor {
 
     pub(super) fn standardizer(&self) -> &Standardizer {
         &self.state.standardizer
+    }
+
+    pub(super) fn tally(&self) -> &Tally {
+        &self.state.tally
     }
 
     pub(super) fn state(&self) -> &SensorState {

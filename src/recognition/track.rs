@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::recognizer::Model;
 use super::sensor::{Sensor, SensorState};
+use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
@@ -147,6 +148,15 @@ impl Track {
         &self.recognizer
     }
 
+    /// Returns reasons to doubt the recent views and readings: most views are
+    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry
+    /// reads that it stands and is [stuck](Warning::Stuck), or the view is [still](Warning::Still)
+    /// though it reads that the vehicle moves. Cheap enough for each step, but allocates where there is one.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<Warning> {
+        self.sensor.tally().doubts()
+    }
+
     /// Returns the state of the track. O(n k).
     #[must_use]
     pub fn snapshot(&self) -> TrackSnapshot {
@@ -261,6 +271,7 @@ mod tests {
         assert!(places.map(|(a, b)| (a - b).abs()).all(|apart| apart < 1e-12));
         let (before, after) = (track.sensor.state(), more.sensor.state());
         assert_eq!(before.run, after.run);
+        assert_eq!(before.tally, after.tally);
         let view = |state: &SensorState| state.last_view.clone().unwrap();
         assert_eq!(view(before)[..], view(after)[..60]);
         assert_eq!(after.standardizer.references(), 80);

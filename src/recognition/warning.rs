@@ -52,7 +52,42 @@ pub enum Warning {
         /// The mean best score of the recording.
         recording: f64,
     },
-    /// For 200 new frames the best explanation is that the vehicle is lost: the images match
+    /// Most recent views hardly differ from the last new one, but their nearest references do: the
+    /// vehicle moves, and its images carry no evidence. Perhaps the threshold for changes of the
+    /// view is wrong for these images, or a few references outweigh all others.
+    Unchanged {
+        /// Share of recent views that are unchanged, or not clearly changed, without being equal.
+        unchanged: f64,
+        /// Share of recent views that equal the last new one: the vehicle stands, or the camera is
+        /// stuck.
+        repeated: f64,
+    },
+    /// On the labelled part the nearest image is right far more often than the best score: usual
+    /// scores of references are wrong for these images.
+    Nearest {
+        /// Share of labelled queries whose nearest image is right.
+        nearest: f64,
+        /// Share of labelled queries whose best score is right.
+        single: f64,
+    },
+    /// Odometry reads the same again and again, and the images contradict it: the views change and
+    /// it reads that the vehicle stands, or the vehicle moves otherwise. Perhaps odometry is stuck:
+    /// give `None`.
+    Stuck {
+        /// The reading, in references.
+        reading: f64,
+        /// The number of times in a row that it was read.
+        steps: u32,
+    },
+    /// The views do not change for long, and odometry reads that the vehicle moves. Perhaps the
+    /// camera is stuck, wheels spin, or it is a tunnel.
+    Still {
+        /// The number of views without a change.
+        steps: u32,
+        /// The distance read meanwhile, in references.
+        driven: f64,
+    },
+    /// For 200 new frames, or all of fewer, the best explanation is that the vehicle is lost: the images match
     /// nothing, or only here and there. Perhaps it is on another route, or leaves this one.
     Nothing {
         /// The mean log-likelihood of the worst such frames, given those before; 0 if they say
@@ -60,6 +95,8 @@ pub enum Warning {
         mean: f64,
         /// The last step of the worst such frames, from 1.
         step: usize,
+        /// The number of these frames.
+        frames: usize,
     },
 }
 
@@ -95,9 +132,39 @@ impl fmt::Display for Warning {
                 "the best match of a query scores {recording:.2} on average, and {labelled:.2} in \
                  the labelled part: they are unlike"
             ),
-            Self::Nothing { mean, step } => write!(
+            Self::Unchanged { unchanged, repeated } => {
+                write!(
+                    f,
+                    "{:.0}% of recent views are hardly changed though other references are \
+                     nearest: they carry no evidence; is Options::view_threshold right for these \
+                     images, or are a few references broken?",
+                    100.0 * unchanged
+                )?;
+                if *repeated > 0.0 {
+                    write!(f, " (Another {:.0}% are repeated exactly.)", 100.0 * repeated)?;
+                }
+                Ok(())
+            }
+            Self::Nearest { nearest, single } => write!(
                 f,
-                "the {SPAN} new images until step {step} match nothing: their mean log-likelihood \
+                "the nearest image is right for {:.0}% of labelled queries, and the best score for \
+                 {:.0}%: Options::standardize does harm",
+                100.0 * nearest,
+                100.0 * single
+            ),
+            Self::Stuck { reading, steps } => write!(
+                f,
+                "odometry reads {reading} in {steps} steps in a row, and the images contradict it: \
+                 is it stuck?"
+            ),
+            Self::Still { steps, driven } => write!(
+                f,
+                "the view has not changed for {steps} steps, and odometry reads {driven:.1} \
+                 references meanwhile: is it a tunnel, or is the camera stuck, or the odometry?"
+            ),
+            Self::Nothing { mean, step, frames } => write!(
+                f,
+                "the {frames} new images until step {step} match nothing: their mean log-likelihood \
                  is {mean:.2}; is it this route, and is Options::off_map None on purpose?"
             ),
         }

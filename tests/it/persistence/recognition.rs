@@ -65,7 +65,7 @@ fn a_fit_comes_back_to_the_bit() {
     let fit = recognizer.fit();
     let back = stored(fit);
     assert_eq!(&back, fit);
-    assert!(back.warnings().is_empty() && back.calibrated().is_none());
+    assert!(back.doubts().is_empty() && back.calibrated().is_none());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
     let again = fresh.unwrap().with_fit(back).unwrap();

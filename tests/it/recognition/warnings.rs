@@ -1,4 +1,4 @@
-//! Warnings of a fit, and of a recording.
+//! Warnings of a fit, of a recording and of a track.
 
 use std::ops::RangeInclusive;
 
@@ -16,11 +16,11 @@ fn warnings_are_given_where_they_should_be() {
     let places = labels(&drive);
     let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
     let fitted = recognizer.fitted(&[part]).unwrap();
-    assert!(fitted.fit().warnings().iter().all(|w| matches!(w, Warning::Edge { .. })));
+    assert!(fitted.fit().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
     assert!(fitted.fit().calibrated().is_some());
     let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
     let few = recognizer.fitted(&[part]).unwrap();
-    assert!(few.fit().warnings().contains(&Warning::Short { steps: 12 }));
+    assert!(few.fit().doubts().contains(&Warning::Short { steps: 12 }));
 
     // Similarities that were taken for distances.
     let cosine = |a: &[f32], b: &[f32]| {
@@ -35,17 +35,17 @@ fn warnings_are_given_where_they_should_be() {
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
     let wrong = matrix.fitted(&[part]).unwrap();
     let chance =
-        wrong.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
-    assert!(chance, "{:?}", wrong.fit().warnings());
-    assert!(wrong.fit().warnings()[0].to_string().contains("similarities and distances"));
+        wrong.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
+    assert!(chance, "{:?}", wrong.fit().doubts());
+    assert!(wrong.fit().doubts()[0].to_string().contains("similarities and distances"));
     let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
     let fine = matrix.fitted(&[part]).unwrap();
-    assert!(!fine.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { .. })));
+    assert!(!fine.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { .. })));
 }
 
 fn chance(recognizer: &Recognizer) -> bool {
-    recognizer.fit().warnings().iter().any(|w| matches!(w, Warning::Chance { .. }))
+    recognizer.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { .. }))
 }
 
 /// Of seven references one is nearest by chance, too.
@@ -84,7 +84,7 @@ fn odometry_in_another_unit_is_seen() {
             .collect();
         let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
         let fitted = recognizer.fitted(&[part]).unwrap();
-        let warnings = fitted.fit().warnings().to_vec();
+        let warnings = fitted.fit().doubts().to_vec();
         warnings.iter().any(|w| matches!(w, Warning::Odometry { .. }))
     };
     assert!(!warned(1.0, 0.0) && !warned(1.04, 0.3));
@@ -100,26 +100,180 @@ fn labels_off_the_map_that_are_not_learned_from_are_told() {
         let queries = seen(&world, &drive, 0.5, 171);
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
         let fitted = recognizer.fitted(&[part]).unwrap();
-        let told = fitted.fit().warnings().contains(&Warning::OffMap { steps: 20 });
+        let told = fitted.fit().doubts().contains(&Warning::OffMap { steps: 20 });
         assert_eq!(told, !off_map);
     }
 }
 
+fn doubts(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
+    recognizer.recording(queries, odometry).unwrap().doubts()
+}
+
+/// All doubts of a track in the course of a drive.
+fn live(recognizer: &Recognizer, queries: &[Vec<f32>], odometry: &[Option<f64>]) -> Vec<Warning> {
+    let mut track = recognizer.track();
+    let mut all = Vec::new();
+    for (at, query) in queries.iter().enumerate() {
+        track.step(query, odometry.get(at).copied().flatten()).unwrap();
+        all.extend(track.doubts());
+    }
+    all
+}
+
+/// To the last place and back, so many times.
+fn there_and_back(times: usize) -> Vec<usize> {
+    let once = (0..PLACES).chain((0..PLACES - 1).rev());
+    (0..times).flat_map(|_| once.clone()).collect()
+}
+
 #[test]
 fn a_recording_that_matches_nothing_is_told() {
-    let drive: Vec<usize> = (0..PLACES).chain((0..PLACES - 1).rev()).collect();
+    let drive = there_and_back(1);
     for seed in 0..3 {
         let (recognizer, world) = recognizer(180 + seed, false);
-        let warning = |queries: &[Vec<f32>]| recognizer.recording(queries, &[]).unwrap().warning();
-        assert_eq!(warning(&seen(&world, &drive, 0.5, 190)), None);
+        let doubts = |queries: &[Vec<f32>]| doubts(&recognizer, queries, &[]);
+        assert_eq!(doubts(&seen(&world, &drive, 0.5, 190)), []);
         let elsewhere = seen(&super::world(200 + seed), &drive, 0.5, 191);
-        let Some(Warning::Nothing { mean, step }) = warning(&elsewhere) else {
-            panic!("seed {seed}")
+        let told = |queries: &[Vec<f32>], expected: usize| {
+            let found = doubts(queries);
+            let [Warning::Nothing { mean, step, frames }] = found[..] else { panic!("{found:?}") };
+            assert!(mean < -0.25 && (frames..=queries.len()).contains(&step));
+            assert_eq!(frames, expected);
         };
-        assert!(mean < -0.25 && (200..=drive.len()).contains(&step));
-        assert_eq!(warning(&elsewhere[..199]), None);
+        told(&elsewhere, 200);
+        told(&elsewhere[..100], 100);
+        assert_eq!(doubts(&elsewhere[..40]), []);
+        let blank: Vec<Vec<f32>> =
+            noise(24 * drive.len(), 192).chunks(24).map(<[f32]>::to_vec).collect();
+        told(&blank, 200);
         // Where the map may be left, the answers tell.
         let made = Recognizer::from_descriptors(&world[..PLACES], Distance::Cosine, options(true));
-        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().warning(), None);
+        assert_eq!(made.unwrap().recording(&elsewhere, &[]).unwrap().doubts(), []);
     }
+}
+
+/// Rows of distances, to each of which the same large offset is added: so a few references are
+/// always nearest, and all views look alike.
+fn rows(world: &[Vec<f32>], queries: &[Vec<f32>], offset: f32) -> Vec<Vec<f32>> {
+    let offsets = noise(PLACES, 220);
+    let distance = |a: &[f32], b: &[f32]| -> f32 {
+        a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt()
+    };
+    let row = |query: &Vec<f32>| -> Vec<f32> {
+        let pairs = world[..PLACES].iter().zip(&offsets);
+        pairs.map(|(reference, o)| distance(query, reference) + offset * o).collect()
+    };
+    queries.iter().map(row).collect()
+}
+
+#[test]
+fn views_that_are_all_alike_are_told() {
+    let world = super::world(221);
+    let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
+    let unchanged = |drive: &[usize], offset: f32| {
+        let rows = rows(&world, &seen(&world, drive, 0.5, 222), offset);
+        let told = |doubts: &[Warning]| {
+            doubts.iter().any(|doubt| matches!(doubt, Warning::Unchanged { .. }))
+        };
+        let by = [doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])].map(|d| told(&d));
+        assert_eq!(by[0], by[1]);
+        by[0]
+    };
+    let drive = there_and_back(1);
+    for offset in [20.0, 100.0, 1000.0] {
+        assert!(unchanged(&drive, offset), "{offset}");
+    }
+    assert!(!unchanged(&drive, 0.0) && !unchanged(&usual_drive(), 0.0));
+    // A vehicle that stands for most of the time.
+    let stands: Vec<usize> = (0..120).chain([119; 250]).chain((30..119).rev()).collect();
+    assert!(!unchanged(&stands, 0.0));
+    // Repeated exactly.
+    let queries = seen(&world, &drive, 0.5, 223);
+    let twice: Vec<Vec<f32>> = queries.iter().flat_map(|query| vec![query.clone(); 3]).collect();
+    let rows = rows(&world, &twice, 0.0);
+    assert_eq!((doubts(&matrix, &rows, &[]), live(&matrix, &rows, &[])), (vec![], vec![]));
+    let text = Warning::Unchanged { unchanged: 0.9, repeated: 0.0 }.to_string();
+    assert!(text.starts_with("90% of recent views"), "{text}");
+}
+
+#[test]
+fn scores_that_are_worse_than_the_nearest_image_are_told() {
+    let (recognizer, world) = recognizer(230, false);
+    let nearest = |drive: &[usize]| {
+        let queries = seen(&world, drive, 0.8, 231);
+        let places = labels(drive);
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+        let fitted = recognizer.fitted(&[part]).unwrap();
+        let doubts = fitted.fit().doubts().to_vec();
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Nearest { .. }))
+    };
+    assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
+    // References that are seen most of the time are taken for ones that look like everything.
+    let shuttle: Vec<usize> = (0..200).map(|k| [40, 43][k % 2]).collect();
+    assert!(nearest(&shuttle));
+}
+
+#[test]
+fn queries_unlike_the_labelled_ones_are_told() {
+    let (recognizer, world) = recognizer(240, false);
+    let drive = there_and_back(2);
+    let third = drive.len() / 3;
+    let unlike = |labelled: f32, noise: f32| {
+        let queries = seen(&world, &drive, labelled, 241);
+        let places = labels(&drive);
+        let (queries, places) = (&queries[..third], &places[..third]);
+        let fitted = recognizer.fitted(&[LabelledPart { queries, places, odometry: &[] }]).unwrap();
+        let rest = seen(&world, &drive[third..], noise, 242);
+        let doubts = doubts(&fitted, &rest, &[]);
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+    };
+    assert!(!unlike(0.7, 0.7) && !unlike(0.2, 0.2));
+    assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
+}
+
+#[test]
+fn stuck_odometry_is_told() {
+    let (recognizer, world) = recognizer(250, false);
+    // One place a step, a stop, and two.
+    let leg = || (0..PLACES).chain([PLACES - 1; 80]).chain((0..PLACES).rev().step_by(2));
+    let drive: Vec<usize> = leg().chain(leg()).collect();
+    let queries = seen(&world, &drive, 0.5, 251);
+    let error = noise(drive.len(), 252);
+    let moved = |at: usize| drive[at] as f64 - drive[at.saturating_sub(1)] as f64;
+    let healthy: Vec<Option<f64>> =
+        (0..drive.len()).map(|at| Some(moved(at) + 0.2 * f64::from(error[at]))).collect();
+    let stuck = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Stuck { .. }));
+    let still = |doubts: &[Warning]| doubts.iter().any(|d| matches!(d, Warning::Still { .. }));
+    let exact: Vec<Option<f64>> = (0..drive.len()).map(|at| Some(moved(at))).collect();
+    for odometry in [&healthy, &exact] {
+        for doubts in
+            [doubts(&recognizer, &queries, odometry), live(&recognizer, &queries, odometry)]
+        {
+            assert!(!stuck(&doubts) && !still(&doubts), "{doubts:?}");
+        }
+    }
+    for value in [0.0, 1.0, -2.0, 3.0] {
+        let mut odometry = healthy.clone();
+        odometry[50..].fill(Some(value));
+        let found = doubts(&recognizer, &queries, &odometry);
+        assert!(stuck(&found), "{value}: {found:?}");
+        assert!(stuck(&live(&recognizer, &queries, &odometry)), "{value}");
+        assert!(found.iter().any(|doubt| doubt.to_string().contains("is it stuck?")));
+    }
+    // At one speed all along, while the vehicle drives at another.
+    let drive = there_and_back(1);
+    let queries = seen(&world, &drive, 0.5, 253);
+    let constant = |speed: f64| vec![Some(speed); PLACES - 1];
+    let (ahead, ahead_twice) = (constant(1.0), constant(2.0));
+    let queries_ahead = &queries[..PLACES - 1];
+    assert!(!stuck(&doubts(&recognizer, queries_ahead, &ahead)));
+    assert!(stuck(&doubts(&recognizer, queries_ahead, &ahead_twice)));
+    // A camera that is stuck.
+    let mut frozen = queries.clone();
+    let last = frozen[60].clone();
+    frozen[60..].fill(last);
+    let odometry: Vec<Option<f64>> =
+        (0..drive.len()).map(|at| Some(1.0 + 0.2 * f64::from(error[at]))).collect();
+    assert!(still(&doubts(&recognizer, &frozen, &odometry)));
+    assert!(still(&live(&recognizer, &frozen, &odometry)));
 }

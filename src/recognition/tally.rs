@@ -1,0 +1,180 @@
+//! Counts of recent views and odometry readings, to find that one of them is stuck.
+
+use super::warning::Warning;
+use crate::motion::ViewChange;
+
+/// Number of views over which counts fade, by e.
+const RECENT: f64 = 1000.0;
+/// Number of recent views, but for exact repetitions, below which they are too few to judge by.
+const ENOUGH_VIEWS: f64 = 100.0;
+/// Share of views, but for exact repetitions, above which unchanged ones are most. On drives along
+/// a railway, a corridor and streets it was 0.49 at most.
+const MOST: f64 = 0.6;
+/// Share of unchanged views with another nearest reference above which the vehicle does not simply
+/// stand, and share of all views above which it hardly does, either.
+const MOVED: f64 = 0.25;
+const ALL: f64 = 0.9;
+/// Number of readings in a row that are equal if odometry is stuck.
+pub(super) const EQUAL: u32 = 30;
+/// Largest reading of a vehicle that stands, in places.
+pub(super) const STANDS: f64 = 0.05;
+/// Excess of changed views over unchanged ones of a vehicle that moves: one that stands in traffic
+/// sees both.
+const CHANGED: u32 = 20;
+/// Number of views in a row that do not change if the camera is stuck, or, with equal readings,
+/// odometry; and the least distance meanwhile, in places and in deviations of a vehicle that
+/// stands. A railway's tunnel took 58 views.
+const STILL: u32 = 100;
+const STILL_EQUAL: u32 = 60;
+const DRIVEN: f64 = 10.0;
+const SURE: f64 = 4.0;
+
+/// A view beside the last new one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Glance {
+    /// Changed or not, if that is clear.
+    pub(super) view: Option<ViewChange>,
+    /// True if it equals the last new view.
+    pub(super) repeated: bool,
+    /// True if the nearest reference of an unchanged or unclear view is another; `None` for other
+    /// views.
+    pub(super) moved: Option<bool>,
+}
+
+/// Counts of recent views and of readings.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub(crate) struct Tally {
+    /// Numbers of views compared with another, of those that equal it, of other views that are
+    /// unchanged or unclear, and of those with another nearest reference, all fading.
+    pub(crate) views: f64,
+    pub(crate) repeated: f64,
+    pub(crate) unchanged: f64,
+    pub(crate) moved: f64,
+    /// The last reading, the number of times in a row that it was read, and the excess of changed
+    /// views over unchanged ones of late.
+    pub(crate) reading: Option<f64>,
+    pub(crate) equal: u32,
+    pub(crate) changed: u32,
+    /// The number of views since the last changed one, and the sum of readings and of their
+    /// squares.
+    pub(crate) still: u32,
+    pub(crate) driven: f64,
+    pub(crate) squares: f64,
+}
+
+impl Tally {
+    /// Takes a step: its view, if it has one before it, and its reading.
+    pub(super) fn take(&mut self, glance: Option<Glance>, odometry: Option<f64>) {
+        if odometry.is_none() || odometry != self.reading {
+            (self.reading, self.equal, self.changed) = (odometry, 0, 0);
+        }
+        if odometry.is_some() {
+            self.equal = self.equal.saturating_add(1);
+        }
+        let Some(Glance { view, repeated, moved }) = glance else {
+            (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
+            return;
+        };
+        let add = |count: &mut f64, one: bool| {
+            *count = *count * (1.0 - 1.0 / RECENT) + f64::from(u8::from(one));
+        };
+        add(&mut self.views, true);
+        add(&mut self.repeated, repeated);
+        add(&mut self.unchanged, moved.is_some());
+        add(&mut self.moved, moved == Some(true));
+        if view == Some(ViewChange::Unchanged) {
+            self.changed = self.changed.saturating_sub(1);
+        }
+        if view == Some(ViewChange::Changed) {
+            self.changed = self.changed.saturating_add(1);
+            (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
+        } else if let Some(reading) = odometry {
+            self.still = self.still.saturating_add(1);
+            self.driven += reading;
+            self.squares += reading * reading;
+        }
+    }
+
+    /// Checks counts read from storage.
+    #[cfg(feature = "serde")]
+    pub(crate) fn checked(self) -> Result<Self, String> {
+        let Self { views, repeated, unchanged, moved, reading, driven, squares, .. } = self;
+        let counts = [views, repeated, unchanged, moved];
+        if let Some(count) = counts.iter().find(|count| !(0.0..=2.0 * RECENT).contains(*count)) {
+            return Err(format!("{count} recent views, expected from 0 to {}", 2.0 * RECENT));
+        }
+        let readings = [reading.unwrap_or(0.0), driven, squares];
+        if let Some(sum) = readings.iter().find(|sum| !sum.is_finite()) {
+            return Err(format!("a sum of readings of {sum}, expected a finite value"));
+        }
+        Ok(self)
+    }
+
+    /// Warns if most views are unchanged although the vehicle moves.
+    fn unchanged(&self) -> Option<Warning> {
+        let Self { views, repeated, unchanged, moved, .. } = *self;
+        let others = views - repeated;
+        let most = others >= ENOUGH_VIEWS && unchanged > MOST * others;
+        let moves = moved > MOVED * unchanged || unchanged > ALL * others;
+        (most && moves).then(|| Warning::Unchanged {
+            unchanged: unchanged / views,
+            repeated: repeated / views,
+        })
+    }
+
+    /// Warns if odometry reads the same again and again: that the vehicle stands, and the views
+    /// change, or that it moves, and they do not.
+    fn stuck(&self) -> Option<Warning> {
+        let Self { reading, equal: steps, changed, still, driven, .. } = *self;
+        let reading = reading?;
+        let stuck = if reading.abs() <= STANDS {
+            steps >= EQUAL && changed >= CHANGED
+        } else {
+            still.min(steps) >= STILL_EQUAL && driven.abs() >= DRIVEN
+        };
+        stuck.then_some(Warning::Stuck { reading, steps })
+    }
+
+    /// Warns if the views do not change, and odometry reads that the vehicle moves.
+    fn still(&self) -> Option<Warning> {
+        let Self { still: steps, driven, squares, .. } = *self;
+        let sure = driven.abs() >= DRIVEN.max(SURE * squares.sqrt());
+        (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
+    }
+
+    /// All of them.
+    pub(super) fn doubts(&self) -> Vec<Warning> {
+        self.unchanged().into_iter().chain(self.stuck()).chain(self.still()).collect()
+    }
+}
+
+/// The strongest doubt of each kind in the course of a drive.
+#[derive(Debug, Default)]
+pub(super) struct Doubts {
+    unchanged: Option<Warning>,
+    stuck: Option<(u32, Warning)>,
+    still: Option<(u32, Warning)>,
+}
+
+impl Doubts {
+    pub(super) fn take(&mut self, tally: &Tally) {
+        // That of all views, up to those that have faded.
+        self.unchanged = tally.unchanged();
+        let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {
+            if let Some(found) = found
+                && kept.as_ref().is_none_or(|kept| kept.0 < steps)
+            {
+                *kept = Some((steps, found));
+            }
+        };
+        longest(&mut self.stuck, tally.stuck(), tally.equal);
+        longest(&mut self.still, tally.still(), tally.still);
+    }
+
+    pub(super) fn into_warnings(self) -> Vec<Warning> {
+        let runs = self.stuck.into_iter().chain(self.still).map(|run| run.1);
+        self.unchanged.into_iter().chain(runs).collect()
+    }
+}
