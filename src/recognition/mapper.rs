@@ -1,10 +1,13 @@
 //! Mapping while driving.
 
-use super::{Options, RecognitionError, Recognizer, Track};
+use std::collections::VecDeque;
+
+use super::references::View;
+use super::{Answer, Options, RecognitionError, Recognizer, Track};
 use crate::error::InferenceError;
-use crate::motion::{OffMap, RouteControl, RouteTransition, ViewChange};
+use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{
-    Descriptor, DescriptorError, Distance, ReferenceDescriptors, ViewComparison,
+    Descriptor, DescriptorError, Distance, ReferenceDescriptors, view_change,
 };
 use crate::transition::Transition;
 
@@ -52,8 +55,23 @@ pub struct Mapper {
     /// The step at which each reference was added.
     added: Vec<usize>,
     steps: usize,
-    views: Option<ViewComparison>,
+    /// Mean change from a view to the next, and the number of changes.
+    usual_change: (f64, u32),
+    /// Distance driven since the last reference, by odometry; `None` if a reading is missing.
+    driven: Option<f64>,
     track: Option<Track>,
+    /// The last views, and the reference that each became.
+    recent: VecDeque<(Vec<f32>, Option<usize>)>,
+    /// References along which the track has found itself, without a jump.
+    run: Option<Run>,
+}
+
+/// A run of answers without a jump.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    first: usize,
+    last: usize,
+    now: usize,
 }
 
 /// Answer of a [`Mapper`].
@@ -80,8 +98,28 @@ const BATCH: usize = 16;
 const FIRST: usize = 48;
 /// Largest Euclidean length of a descriptor.
 const LONGEST: f64 = 1.7e38;
-/// Default rates: a vehicle that maps leaves the known part as often as it comes back to it.
-const MAPPING: OffMap = OffMap { leave: 0.01, back: 0.01, near: 0.3, within: 10 };
+/// Default rates: rare ones, so that a vehicle is taken for one that is back on the map, or has
+/// left it, by its views.
+const MAPPING: OffMap = OffMap { leave: 1e-4, back: 1e-4, near: 0.3, within: 10 };
+/// Factor of the temperature: views of places that are not on the map err together for longer.
+const WARMER: f64 = 1.25;
+/// Number of recent views from which the usual scores of the season are learned, and the weight of
+/// each, in queries.
+const RECENT: usize = 32;
+const RECENT_WEIGHT: f64 = 0.5;
+/// Number of references that a run of answers must pass before it is believed: a dark stretch
+/// looks like another, but does not lead anywhere.
+const PASSED: usize = 5;
+/// Greatest distance between successive answers of a run, in references.
+const JUMP: usize = 5;
+/// Probability that the vehicle is within so many references of an answer that is believed.
+const SURE: f64 = 0.8;
+const AROUND: usize = 5;
+/// Change up to which a view repeats another without odometry, in units of the usual change: in a
+/// tunnel views change less than in front of a red light.
+const EQUAL: f64 = 1e-4;
+/// Distance driven below which a vehicle may have stood, in references.
+const STOOD: f64 = 0.5;
 
 impl Mapper {
     /// Creates a mapper without references. Unless the options model leaving the map, the vehicle
@@ -96,6 +134,7 @@ impl Mapper {
             // Dark stretches are new places, too, and need references like any other.
             options.off_map_odds = 1.0;
         }
+        options.odds.temperature = (WARMER * options.odds.temperature).min(1000.0);
         // A route is not known to be a loop until it has closed.
         options.closed = false;
         options.check()?;
@@ -108,8 +147,11 @@ impl Mapper {
             references: Vec::new(),
             added: Vec::new(),
             steps: 0,
-            views: None,
+            usual_change: (0.0, 0),
+            driven: None,
             track: None,
+            recent: VecDeque::new(),
+            run: None,
         })
     }
 
@@ -141,16 +183,22 @@ impl Mapper {
             None => None,
         };
         self.steps += 1;
-        if let Some(answer) = answer
-            && let Some(reference) = answer.place
-        {
-            return Ok(Seen::Again { reference, probability: answer.probability });
-        }
-        if self.is_new_view(query) {
+        self.driven = self.driven.zip(odometry).map(|(driven, reading)| driven + reading.abs());
+        let seen = answer.and_then(|answer| self.seen_again(&answer));
+        let is_new = seen.is_none() && self.is_new_view(query);
+        if is_new {
             self.references.push(query.to_vec());
             self.added.push(self.steps);
+            self.driven = Some(0.0);
         }
-        Ok(Seen::New { reference: self.references.len() - 1 })
+        let reference = self.references.len() - 1;
+        if is_new || seen.is_some() {
+            if self.recent.len() == RECENT {
+                self.recent.pop_front();
+            }
+            self.recent.push_back((query.to_vec(), is_new.then_some(reference)));
+        }
+        Ok(seen.unwrap_or(Seen::New { reference }))
     }
 
     /// Returns a recogniser of the references so far, for later drives.
@@ -162,13 +210,39 @@ impl Mapper {
         Recognizer::from_descriptors(&self.references, self.distance, options)
     }
 
-    /// True if a descriptor differs from that of the last new view.
+    /// The place of an answer that is believed.
+    fn seen_again(&mut self, answer: &Answer) -> Option<Seen> {
+        let (Some(track), Some(place)) = (&self.track, answer.place) else {
+            self.run = None;
+            return None;
+        };
+        let run = match self.run {
+            Some(run) if run.now.abs_diff(place) <= JUMP => {
+                Run { first: run.first.min(place), last: run.last.max(place), now: place }
+            }
+            _ => Run { first: place, last: place, now: place },
+        };
+        self.run = Some(run);
+        let around = self.options.window.max(AROUND);
+        let near = track.recognizer().mass_near(track.places().as_slice(), place, around);
+        let believed = run.last - run.first >= PASSED && near >= SURE;
+        believed.then_some(Seen::Again { reference: place, probability: answer.probability })
+    }
+
+    /// True if a descriptor differs from that of the last reference.
     fn is_new_view(&mut self, query: &[f32]) -> bool {
-        if self.views.is_none() {
-            self.views = ViewComparison::new(self.options.view_threshold).ok();
+        let Some(last) = self.references.last() else { return true };
+        let change = view_change(last, query).unwrap_or(1.0);
+        let (usual, count) = &mut self.usual_change;
+        let stood = self.driven.is_some_and(|driven| driven < STOOD);
+        let part = if stood { self.options.view_threshold.max(EQUAL) } else { EQUAL };
+        let is_new = *count == 0 && change > 0.0 || change > part * *usual;
+        // Changes since an older reference are no change from view to view.
+        if is_new && self.added.last() == Some(&(self.steps - 1)) {
+            *count = count.saturating_add(1);
+            *usual += (change - *usual) / f64::from(*count);
         }
-        let view = self.views.as_mut().map(|views| views.next(query));
-        self.references.is_empty() || !matches!(view, Some(Ok(ViewChange::Unchanged)))
+        is_new
     }
 
     /// Checks a query, which may become a reference, and an odometry reading.
@@ -223,6 +297,12 @@ impl Mapper {
             }) => return Ok(()),
             Err(error) => return Err(error),
         };
+        let views = self.recent.iter().map(|(descriptor, reference)| View {
+            descriptor,
+            reference: *reference,
+            weight: RECENT_WEIGHT,
+        });
+        let recognizer = recognizer.after_views(views)?;
         self.track = Some(match &self.track {
             Some(track) => track.extended(recognizer)?,
             None => recognizer.track().after(self.steps)?,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::fit::Fit;
-use super::references::References;
+use super::references::{References, View, ViewScratch};
 use super::sensor::{Seeing, Sensor};
 use super::{Options, RecognitionError};
 use crate::hmm::{Hmm, Prior};
@@ -130,6 +130,21 @@ impl Recognizer {
         };
         let sensor = Sensor::new(standardizer);
         Ok(Self { references, fit, sensor, model })
+    }
+
+    /// Learns usual scores from views of the time, beside those learned from references alone.
+    pub(super) fn after_views<'a>(
+        mut self,
+        views: impl Iterator<Item = View<'a>>,
+    ) -> Result<Self, RecognitionError> {
+        let mut standardizer = self.sensor.standardizer().clone();
+        let mut scratch = ViewScratch::default();
+        for view in views {
+            let invalid = |source| RecognitionError::Query { step: 0, source };
+            self.references.observe(view, &mut standardizer, &mut scratch).map_err(invalid)?;
+        }
+        self.sensor = Sensor::new(standardizer);
+        Ok(self)
     }
 
     /// The number of references, n.

@@ -16,6 +16,26 @@ const SAMPLE_COUNT: f64 = 10.0;
 const NEAR: usize = 10;
 const UNLIKE: f32 = -1.0;
 
+/// A view from which the usual scores of references are learned.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View<'a> {
+    pub(super) descriptor: &'a [f32],
+    /// The reference that shows the same view, if one does: those around it say nothing of usual
+    /// scores.
+    pub(super) reference: Option<usize>,
+    /// Weight, in queries.
+    pub(super) weight: f64,
+}
+
+/// Scratch memory for [`References::observe`].
+#[derive(Debug, Default)]
+pub(super) struct ViewScratch {
+    row: Vec<f32>,
+    more: Vec<f32>,
+    scores: Vec<f32>,
+    rows: RowScratch,
+}
+
 /// References around one that look like it because they are near.
 fn alike_around(
     row: &[f32],
@@ -72,20 +92,36 @@ impl References {
     pub(super) fn standardizer(&self) -> Result<Standardizer, ObservationError> {
         let count = self.count();
         let mut standardizer = Standardizer::new(count)?;
-        let (mut row, mut more, mut scores) = (Vec::new(), Vec::new(), Vec::new());
-        let mut scratch = RowScratch::default();
         let Self::Descriptors(traverses) = self else { return Ok(standardizer) };
         let sample = SAMPLE.min(count);
+        let mut scratch = ViewScratch::default();
         for at in (0..sample).map(|at| at * count / sample) {
             let Some(descriptor) = traverses[0].descriptor(at) else { continue };
-            if self.distances(0, &descriptor, &mut row, &mut more).is_ok() {
-                let near = alike_around(&row, at, &mut scores, &mut scratch)?;
-                // The standardizer leaves out infinite distances.
-                row[near].fill(f32::INFINITY);
-                standardizer.observe(&row)?;
-            }
+            let view = View { descriptor: &descriptor, reference: Some(at), weight: 1.0 };
+            self.observe(view, &mut standardizer, &mut scratch)?;
         }
         Ok(standardizer.discounted(SAMPLE_COUNT))
+    }
+
+    /// Learns the usual scores of each reference from a view.
+    pub(super) fn observe(
+        &self,
+        view: View<'_>,
+        standardizer: &mut Standardizer,
+        scratch: &mut ViewScratch,
+    ) -> Result<(), ObservationError> {
+        let ViewScratch { row, more, scores, rows } = scratch;
+        if self.distances(0, view.descriptor, row, more).is_err() {
+            return Ok(());
+        }
+        if let Some(at) = view.reference.filter(|at| *at < row.len()) {
+            let near = alike_around(row, at, scores, rows)?;
+            // The standardizer leaves out infinite distances.
+            row[near].fill(f32::INFINITY);
+        }
+        row_scores(row, scores, rows)?;
+        standardizer.count_in(scores, view.weight);
+        Ok(())
     }
 
     pub(super) fn count(&self) -> usize {
