@@ -120,7 +120,7 @@ impl References {
             row[near].fill(f32::INFINITY);
         }
         row_scores(row, scores, rows)?;
-        standardizer.count_in(scores, view.weight);
+        standardizer.count_in(standardizer.spread(), scores, view.weight);
         Ok(())
     }
 
