@@ -269,12 +269,12 @@ fn what_was_not_learned_is_refused() {
         "a run of 0 views, expected at least 1",
     );
 
-    let gained = &state[state.find(r#""gained":"#).unwrap()..];
-    let refused = |to: &str, expected: &str| {
-        refuses::<TrackSnapshot>(&state.replace(gained, &format!(r#""gained":{to}}}"#)), expected);
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(state.contains(from));
+        refuses::<TrackSnapshot>(&state.replacen(from, to, 1), expected);
     };
-    refused("[0.5]", "1 gains, expected 30 as there are references");
-    refused("[-0.5]", "a gain of -0.5, expected a finite value of at least 0");
+    refused(r#""repeated":0.0"#, r#""repeated":-1"#, "-1 recent views, expected from 0 to 2000");
+    refused(r#""squares":0.0"#, r#""squares":null"#, "invalid type: null, expected f64");
 
     // Rates are checked when a recogniser is made.
     let fit: Fit = serde_json::from_str(
