@@ -145,9 +145,10 @@ fn mean_rank(scores: &[f64], places: &RangeInclusive<usize>) -> f64 {
 impl Recording {
     /// Returns all reasons to doubt the recording: most views are
     /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
-    /// [stuck](Warning::Stuck) or the view is [still](Warning::Still), the queries are [unlike](Warning::Unlike) those of the fit, or they
-    /// match [nothing](Warning::Nothing) for a while though the map is never left. Needs no labels.
-    /// Costs as much as [`filtered`](Self::filtered).
+    /// [stuck](Warning::Stuck), the view is [still](Warning::Still) though it reads that the
+    /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, or they match
+    /// [nothing](Warning::Nothing) for a while though the map is never left. Needs no labels. Costs
+    /// as much as [`filtered`](Self::filtered), and twice that if odometry reads the same for long.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
         let own = self.own_doubts().iter().cloned();
@@ -164,46 +165,47 @@ impl Recording {
     }
 
     /// Warns if odometry reads again and again that the vehicle moves at one speed, and the images
-    /// alone say that it moves at another. The first such stretch.
+    /// alone say that it moves at another.
     fn stuck(&self) -> Option<Warning> {
-        let equal = |at: &usize| {
-            *at > 0 && self.odometry(*at).is_some() && self.odometry(*at) == self.odometry(at - 1)
-        };
         let mut answers = Vec::new();
         let mut start = 0;
         while start < self.steps() {
-            let end = (start + 1..self.steps()).find(|at| !equal(at)).unwrap_or(self.steps());
-            let (steps, first) = (end - start, start);
-            start = end;
-            let Some(reading) = self.odometry(first).filter(|reading| reading.abs() > STANDS)
-            else {
-                continue;
-            };
-            if steps <= EQUAL as usize {
+            let reading = self.odometry(start);
+            let equal = (start..self.steps()).take_while(|at| self.odometry(*at) == reading);
+            let run = start..start + equal.count().max(1);
+            start = run.end;
+            let Some(reading) = reading.filter(|reading| reading.abs() > STANDS) else { continue };
+            if run.len() <= EQUAL as usize {
                 continue;
             }
             if answers.is_empty() {
                 answers = self.without_odometry().ok()?;
             }
-            let odometry = self.recognizer().options().odometry;
-            let part = EQUAL as usize;
-            let driven = part as f64 * (reading - odometry.bias) / odometry.scale;
-            let (mut judged, mut against) = (0, 0);
-            for ends in (first..end - part).step_by(part).map(|at| [at, at + part]) {
-                let sure = |at: usize| -> Option<f64> {
-                    let answer: &Answer = &answers[at];
-                    answer.place.filter(|_| answer.probability > SURE).map(|place| place as f64)
-                };
-                let (Some(before), Some(after)) = (sure(ends[0]), sure(ends[1])) else { continue };
-                let apart = (self.recognizer().places_between(before, after) - driven).abs();
-                judged += 1;
-                against += usize::from(apart > APART.max(APART_SHARE * driven.abs()));
-            }
-            if against > 1 && 4 * against > judged {
-                return Some(Warning::Stuck { reading, steps: steps as u32 });
+            if self.contradicted(reading, &answers[run.clone()]) {
+                return Some(Warning::Stuck { reading, steps: run.len() as u32 });
             }
         }
         None
+    }
+
+    /// True if answers are often further on, or less far, than by a reading that stays.
+    fn contradicted(&self, reading: f64, answers: &[Answer]) -> bool {
+        let OdometryModel { scale, bias, .. } = self.recognizer().options().odometry;
+        let driven = f64::from(EQUAL) * (reading - bias) / scale;
+        let sure = |answer: &Answer| -> Option<f64> {
+            let place = answer.place.filter(|_| answer.probability > SURE)?;
+            Some(place as f64)
+        };
+        let ends: Vec<Option<f64>> = answers.iter().step_by(EQUAL as usize).map(sure).collect();
+        let (mut judged, mut against) = (0, 0);
+        for pair in ends.windows(2) {
+            let [Some(before), Some(after)] = *pair else { continue };
+            let apart = (self.recognizer().places_between(before, after) - driven).abs();
+            judged += 1;
+            against += usize::from(apart > APART.max(APART_SHARE * driven.abs()));
+        }
+        // One may be a wrong answer.
+        against > 1 && 4 * against > judged
     }
 
     /// The filter's answers by images alone.
@@ -222,7 +224,8 @@ impl Recording {
     /// Warns if the filter predicts the images hardly better than for a vehicle that is surely
     /// lost, whose log-likelihood a step is ln `lost_odds` for an independent view.
     fn nothing(&self) -> Option<Warning> {
-        if self.recognizer().options().off_map.is_some() {
+        let options = self.recognizer().options();
+        if options.off_map.is_some() || options.lost_odds == 1.0 {
             return None;
         }
         let mut filter = self.recognizer().model().filter();

@@ -7,7 +7,7 @@ use crate::observation::Standardizer;
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
 /// of each reference.
 ///
-/// With the feature `serde` it can be stored, without warnings and
+/// With the feature `serde` it can be stored, without [doubts](Self::doubts) and
 /// [calibration](Self::calibrated), which do not count in comparisons either.
 #[derive(Debug, Clone)]
 pub struct Fit {

@@ -74,7 +74,7 @@ impl Track {
     /// For a lost frame, call [`predict`](Self::predict).
     ///
     /// A wheel slip does little harm, but a lasting fault (wheels that are stuck, a unit that
-    /// stopped counting) is not a slip: give `None`.
+    /// stopped counting) is not a slip: give `None`. [`doubts`](Self::doubts) shows some of them.
     ///
     /// # Errors
     ///
@@ -149,9 +149,11 @@ impl Track {
     }
 
     /// Returns reasons to doubt the recent views and readings: most views are
-    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry
-    /// reads that it stands and is [stuck](Warning::Stuck), or the view is [still](Warning::Still)
-    /// though it reads that the vehicle moves. Cheap enough for each step, but allocates where there is one.
+    /// [unchanged](Warning::Unchanged) although the vehicle moves, odometry is
+    /// [stuck](Warning::Stuck), or the view is [still](Warning::Still) though it reads that the
+    /// vehicle moves. A reading that stays is compared with changes of the view alone; whether it is
+    /// the speed at which the images move on, [`Recording::doubts`](super::Recording::doubts) tells.
+    /// Cheap enough for each step.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
         self.sensor.tally().doubts()
