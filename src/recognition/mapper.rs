@@ -14,15 +14,22 @@ use crate::transition::Transition;
 /// Builds the references while the vehicle drives: is this a new place, or one that it has
 /// seen before?
 ///
-/// Each new view becomes a reference unless its place was seen before; views of the last
-/// [`gap`](Self::with_gap) steps do not count as seen before. References join the model in
-/// groups. A step costs as much as a [`Track`] step, and every sixteenth reference 64 comparisons
-/// of O(n d) more, for n references of d numbers each.
+/// Each view becomes a reference unless its place was seen before, or it equals the last one;
+/// views of the last [`gap`](Self::with_gap) steps do not count as seen before. Where odometry says
+/// that the vehicle stands, views that hardly change are no references either. A place is seen
+/// again once the track has passed some references without a jump and is sure to within a few of
+/// them. References join the model in groups. A step costs as much as a [`Track`] step, and every
+/// sixteenth reference 96 comparisons of O(n d) more, for n references of d numbers each.
 ///
-/// On a railway by pixels (16 × 32, normalised in patches), first in summer and then in winter,
-/// 98% to 100% of the first pass were taken for new; of the second, 78% to 88% were recognised,
-/// none to 9% taken for another place, and the rest for new. By unnormalised pixels, almost all
-/// of the second pass were taken for new.
+/// On pairs of passes in two seasons or drives, one after the other, of the second pass were
+/// recognised within two references: on a railway by pixels (16 × 32, normalised in patches), 94%
+/// from summer to winter and 92% back, and 83% to 97% on parts of 600 places; by a network's
+/// descriptors, 86% and 53% on 357 places from winter to spring and back; of cars, 93% to 95% of
+/// three pairs and 46% of a fourth, and 78% and 81% of one by an event camera. Of all steps of both
+/// passes, at most 0.7% were taken for another place, but for 1.6% on one part of the railway and
+/// 2.4% and 4.1% with the event camera. What is missed is mostly the start of the second pass: a
+/// new season is recognised after some tens of views. A [`Recognizer`] of the first pass, which
+/// knows that each place is on the map, finds 84% to 100%.
 ///
 /// ```
 /// use wayfix::observation::Distance;

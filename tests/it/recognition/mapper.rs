@@ -66,6 +66,45 @@ fn a_vehicle_that_stands_from_the_start_is_no_error() {
     }
 }
 
+/// With odometry, noise in front of a red light makes no references.
+#[test]
+fn a_vehicle_that_stands_adds_no_references_by_odometry() {
+    let noisy = |place: usize, step: usize| -> Vec<f32> {
+        let noise = |k: usize| 0.02 * ((step * 31 + k * 17) as f32).sin();
+        image(place).iter().enumerate().map(|(k, x)| x + noise(k)).collect()
+    };
+    let count = |odometry: Option<f64>| {
+        let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
+        for step in 0..20 {
+            mapper.step(&noisy(step, step), Some(1.0)).unwrap();
+        }
+        for step in 20..45 {
+            mapper.step(&noisy(19, step), odometry).unwrap();
+        }
+        mapper.references().len()
+    };
+    assert!(count(Some(0.0)) == 20 && count(None) > 35);
+}
+
+/// Two tunnels look alike, but nothing after them does.
+#[test]
+fn a_dark_stretch_like_another_is_no_place_seen_before() {
+    let dark = |step: usize| -> Vec<f32> {
+        (0..16).map(|k| 0.3 + 0.01 * ((step * 13 + k * 7) as f32).sin()).collect()
+    };
+    let light = |step: usize| -> Vec<f32> {
+        let scrambled = |k: usize| (step * 16 + k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40;
+        (0..16).map(|k| (scrambled(k) * scrambled(k) % 1009) as f32 / 1009.0).collect()
+    };
+    let mut mapper = Mapper::new(Distance::Euclidean, Options::default()).unwrap();
+    for step in 0..300 {
+        let is_dark = (60..72).contains(&step) || (200..212).contains(&step);
+        let view = if is_dark { dark(step) } else { light(step) };
+        let seen = mapper.step(&view, None).unwrap();
+        assert!(matches!(seen, Seen::New { .. }), "{step}: {seen:?}");
+    }
+}
+
 #[test]
 fn options_and_readings_are_checked_from_the_start() {
     let with = |change: &dyn Fn(&mut Options)| {
