@@ -1,5 +1,6 @@
 //! Loops of the [`Standardizer`](super::Standardizer).
 
+use super::rows::MOST_CHANGED;
 use crate::kernels::{LANES, Simd, WithSimd};
 
 /// Prior of the variance of one reference's scores over queries, and of all scores, in queries.
@@ -56,7 +57,9 @@ impl WithSimd for CountSteps<'_> {
     fn run<S: Simd>(self, _: S) {
         let Self { rows, weight, steps } = self;
         for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
-            let apart = f64::from(a - b);
+            // As in the change from view to view.
+            let [x, y] = [a, b].map(|score| score.max(-MOST_CHANGED).min(MOST_CHANGED));
+            let apart = f64::from(x - y);
             *step += if a.is_finite() & b.is_finite() { weight * apart * apart } else { 0.0 };
         }
     }

@@ -8,7 +8,7 @@ use crate::kernels::run;
 /// Brings the distances of a query to one scale for all references.
 ///
 /// A distance is first scored within its row: its difference from the median, in median
-/// deviations, and beyond three of them as a logarithm, so that a few references that are
+/// deviations, and beyond three of them as a logarithm, up to 1000, so that a few references that are
 /// saturated or broken move no other score. Then it is compared with the usual scores of its
 /// reference for other queries, as in the test-normalisation of speaker recognition (Auckenthaler,
 /// Carey and Lloyd-Thomas 2000). A reference that looks like everything (a dark tunnel, a plain
@@ -191,7 +191,8 @@ impl Standardizer {
         changes.clear();
         changes.reserve(self.squares.len());
         changes.extend(pairs.map(|(two, step)| step / (two[0] + two[1])));
-        changes.retain(|change| change.is_finite());
+        // References that no query tells apart are repeated images, or broken.
+        changes.retain(|change| change.is_finite() && *change > 0.0);
         let at = (changes.len() as f64 * share) as usize;
         if at >= changes.len() {
             return 0.0;
