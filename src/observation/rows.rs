@@ -124,11 +124,11 @@ impl WithSimd for Score<'_> {
 /// all others. 0 for equal rows, about 1 for two that have nothing in common, and if nothing can be
 /// compared.
 pub(crate) fn change(a: &[f32], b: &[f32]) -> f64 {
-    let Apart { apart, size, compared } = run(Compare { a, b });
+    let Apart { difference, size, compared } = run(Compare { a, b });
     match () {
         () if !compared => 1.0,
-        () if apart == 0.0 => 0.0,
-        () => apart / size,
+        () if difference == 0.0 => 0.0,
+        () => difference / size,
     }
 }
 
@@ -138,7 +138,7 @@ struct Compare<'a> {
 }
 
 struct Apart {
-    apart: f64,
+    difference: f64,
     size: f64,
     compared: bool,
 }
@@ -146,14 +146,13 @@ struct Apart {
 impl WithSimd for Compare<'_> {
     type Output = Apart;
 
-    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
     fn run<S: Simd>(self, _: S) -> Apart {
         let (mut apart, mut size) = ([0.0_f64; WIDTH], [0.0_f64; WIDTH]);
         let mut counts = [0_u32; WIDTH];
         let mut take = |l: usize, a: f32, b: f32| {
             let both = a.is_finite() & b.is_finite();
-            let [a, b] = [a, b].map(|score| f64::from(score.max(-MOST_CHANGED).min(MOST_CHANGED)));
+            let [a, b] = [a, b].map(|score| f64::from(score.clamp(-MOST_CHANGED, MOST_CHANGED)));
             counts[l] |= u32::from(both);
             apart[l] += if both { (a - b) * (a - b) } else { 0.0 };
             size[l] += if both { a * a + b * b } else { 0.0 };
@@ -166,7 +165,7 @@ impl WithSimd for Compare<'_> {
         }
         a_rest.iter().zip(b_rest).enumerate().for_each(|(l, (a, b))| take(l, *a, *b));
         let compared = counts.iter().any(|any| *any > 0);
-        Apart { apart: apart.iter().sum(), size: size.iter().sum(), compared }
+        Apart { difference: apart.iter().sum(), size: size.iter().sum(), compared }
     }
 }
 

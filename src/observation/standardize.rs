@@ -52,13 +52,12 @@ pub(super) struct CountSteps<'a> {
 impl WithSimd for CountSteps<'_> {
     type Output = ();
 
-    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { rows, weight, steps } = self;
         for ((step, &a), &b) in steps.iter_mut().zip(rows).zip(&rows[1..]) {
             // As in the change from view to view.
-            let [x, y] = [a, b].map(|score| score.max(-MOST_CHANGED).min(MOST_CHANGED));
+            let [x, y] = [a, b].map(|score| score.clamp(-MOST_CHANGED, MOST_CHANGED));
             let apart = f64::from(x - y);
             *step += if a.is_finite() & b.is_finite() { weight * apart * apart } else { 0.0 };
         }

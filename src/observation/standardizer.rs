@@ -186,6 +186,7 @@ impl Standardizer {
 
     /// A quantile of the changes from a reference to the next, as of a change from view to view;
     /// 0 before any query. O(n). `changes` is scratch memory.
+    #[expect(clippy::cast_sign_loss, reason = "a count times a share")]
     pub(crate) fn step_quantile(&self, share: f64, changes: &mut Vec<f64>) -> f64 {
         let pairs = self.squares.windows(2).zip(&self.steps);
         changes.clear();
