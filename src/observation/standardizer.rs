@@ -240,13 +240,19 @@ mod tests {
     #[test]
     fn like_references_are_not_told_apart_by_a_few_queries() {
         // All references are alike, so that their means over ten queries are noise.
-        let alike = |k: u32| -> Vec<f32> {
-            (0..200_u32).map(|i| ((k * 7919 + i * 104_729 + k * k * i) % 997) as f32).collect()
+        let mut state = 1_u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32
         };
         let mut standard = Standardizer::new(200).unwrap();
-        (0..10).for_each(|k| standard.observe(&alike(k)).unwrap());
+        for _ in 0..10 {
+            let alike: Vec<f32> = (0..200).map(|_| noise()).collect();
+            standard.observe(&alike).unwrap();
+        }
         let Spread { mean_share, .. } = standard.spread();
-        assert!(10.0 * mean_share < 0.5, "{mean_share}");
+        // Of the prior, which expects a third of the variance between references.
+        assert!(10.0 * mean_share < 0.65, "{mean_share}");
     }
 
     #[test]

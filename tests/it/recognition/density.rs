@@ -33,14 +33,15 @@ fn judged(
     drive: &[usize],
     within: usize,
 ) -> (f64, f64) {
-    let (mut right, mut bins) = (0.0, HashMap::<u8, f64>::new());
+    let (mut right, mut bins) = (0.0, HashMap::<String, f64>::new());
     let answers = beliefs.answers();
     for (k, place) in drive.iter().enumerate().skip(FINDING) {
         let found = answers[k].place.unwrap();
         let probability = recognizer.mass_near(beliefs.get(k).unwrap().as_slice(), found, within);
         let is_right = f64::from(u8::from(found.abs_diff(*place) <= within));
         right += is_right;
-        *bins.entry((10.0 * probability) as u8).or_default() += probability - is_right;
+        *bins.entry((10.0 * probability).floor().to_string()).or_default() +=
+            probability - is_right;
     }
     let steps = (drive.len() - FINDING) as f64;
     (right / steps, bins.values().map(|apart| apart.abs()).sum::<f64>() / steps)
