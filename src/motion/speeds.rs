@@ -33,8 +33,8 @@ const FASTEST: f64 = 64.0;
 ///
 /// let speeds = Speeds::default();
 /// assert_eq!(speeds.values().len(), 15);
-/// // From standing, 150 steps at 0.8 places a step, then a stop.
-/// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 4 / 5 - (k - 1) * 4 / 5)).collect();
+/// // 150 steps at ¾ place a step, then a stop.
+/// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 3 / 4 - (k - 1) * 3 / 4)).collect();
 /// let learned = speeds.learned(&[moves, vec![0.0; 20]])?;
 /// let share = |speed: f64| learned.shares()[learned.nearest(speed)];
 /// assert!(share(0.75) > 0.5 && share(0.0) > share(2.0));

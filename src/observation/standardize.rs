@@ -52,7 +52,6 @@ pub(super) struct CountSteps<'a> {
 impl WithSimd for CountSteps<'_> {
     type Output = ();
 
-    #[expect(clippy::needless_bitwise_bool, reason = "lanes do not branch")]
     #[inline(always)]
     fn run<S: Simd>(self, _: S) {
         let Self { rows, weight, steps } = self;

@@ -5,7 +5,7 @@ use super::rows::{RowScratch, change, row_scores};
 use crate::motion::ViewChange;
 
 /// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
-/// distances (see [`Standardizer`](super::Standardizer)). 0 for rows that are equal but for scale
+/// distances (see [`Standardizer`](super::Standardizer)), each within ±5. 0 for rows that are equal but for scale
 /// and offset; about 1 for two places that have nothing in common, and at most 2. Distances that
 /// are infinite in either row take no part; if none is left, the change is 1. O(n).
 ///

@@ -201,6 +201,7 @@ impl Sensor {
     }
 
     /// Learns from the last row, that of a view with a new part.
+    #[expect(clippy::cast_sign_loss, reason = "ln(1 + count) is at least 0")]
     fn learn(&mut self, options: &Options, spread: Spread, fresh: f64) {
         let SensorState { standardizer, last_view, still: unchanged, .. } = &mut self.state;
         if options.standardize {

@@ -86,7 +86,7 @@ pub enum RouteState {
 /// let drive = RouteTransition::new(50, false, Speeds::default())?;
 /// let speed = drive.speeds().nearest(2.0);
 /// let start = drive.index(speed, 10).expect("there is such a place");
-/// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 13, start)?);
+/// let prior = Prior::BeforeFirstTransition(Belief::certain(50 * 15, start)?);
 /// let sensor = GroupedLikelihood::new(LikelihoodVector::linear(50), drive.place_groups())?;
 /// let hmm = Hmm::new(prior, drive, sensor)?;
 ///

@@ -1,6 +1,8 @@
 //! Recognising places end to end, on a route that the tests make up.
 
+mod density;
 mod errors;
+mod influence;
 mod live;
 mod mapper;
 mod rows;

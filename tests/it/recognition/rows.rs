@@ -12,7 +12,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Scores within a row: differences from the median, in median deviations; beyond three as a
-/// logarithm.
+/// logarithm, up to 1000.
 pub(super) fn within(row: &[f32]) -> Vec<f64> {
     let finite: Vec<f64> = row.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d)).collect();
     if finite.is_empty() {
@@ -30,9 +30,9 @@ pub(super) fn within(row: &[f32]) -> Vec<f64> {
     };
     let score = |d: &f32| {
         let score = (f64::from(*d) - centre) / unit;
-        let bent = if score.abs() > 3.0 { 3.0 + (score.abs() - 2.0).ln() } else { score.abs() };
-        // So are scores.
-        if *d == INF { f64::INFINITY } else { bent.min(3.0 + 1e30_f64.ln()).copysign(score) }
+        let size = score.abs().min(1000.0);
+        let bent = if size > 3.0 { 3.0 + (size - 2.0).ln() } else { size };
+        if *d == INF { f64::INFINITY } else { bent.copysign(score) }
     };
     row.iter().map(score).collect()
 }

@@ -8,10 +8,12 @@ use wayfix::observation::{ViewComparison, alike_stretches, view_change};
 use super::rows::{INF, row, within};
 use crate::kit::{cases, text};
 
-/// Σ (a − b)² / Σ (a² + b²) over scores that are finite in both rows.
+/// Σ (a − b)² / Σ (a² + b²) over scores that are finite in both rows, each within ±5.
 fn change(before: &[f32], now: &[f32]) -> f64 {
     let pairs = within(before).into_iter().zip(within(now));
-    let both: Vec<(f64, f64)> = pairs.filter(|(a, b)| a.is_finite() && b.is_finite()).collect();
+    let finite = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
+    let both: Vec<(f64, f64)> =
+        finite.map(|(a, b)| (a.clamp(-5.0, 5.0), b.clamp(-5.0, 5.0))).collect();
     let apart: f64 = both.iter().map(|(a, b)| (a - b).powi(2)).sum();
     let size: f64 = both.iter().map(|(a, b)| a * a + b * b).sum();
     match both.len() {
