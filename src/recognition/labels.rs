@@ -28,7 +28,7 @@ impl<Q> Clone for LabelledPart<'_, Q> {
 
 impl<Q> Copy for LabelledPart<'_, Q> {}
 
-impl<'a, Q> LabelledPart<'a, Q> {
+impl<Q> LabelledPart<'_, Q> {
     /// Steps from `first` to before `end`.
     pub(super) fn cut(&self, first: usize, end: usize) -> Self {
         let odometry = self.odometry.get(first..end).unwrap_or(&[]);

@@ -412,7 +412,7 @@ mod tests {
         let off_maps = [None, Some(OffMap { leave: 0.1, back: 0.3, near: 0.5, within: 1 })];
         for (seed, off_map) in (0..12_u32).map(|seed| (seed, off_maps[seed as usize % 2])) {
             let speeds = Speeds::new(&[0.0, 1.0]).unwrap();
-            let mut options = Options { off_map, speeds, ..Options::default() };
+            let mut options = Options { speeds, off_map, ..Options::default() };
             options.off_map_odds = 1.0;
             options.window = seed as usize % 3 % 2;
             let recognizer = Recognizer::from_distances(4, options).unwrap();

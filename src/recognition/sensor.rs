@@ -38,7 +38,7 @@ pub(super) fn index_of_least<T: PartialOrd + Copy>(row: &[T]) -> usize {
 /// A view compared with the last new one.
 struct View {
     /// Changed or not, if that is clear.
-    view: Option<ViewChange>,
+    change: Option<ViewChange>,
     /// Share of it that is new, in an autoregression of the first order.
     fresh: f64,
     /// True if it equals the last new view.
@@ -122,7 +122,7 @@ impl Sensor {
         let control = self.moved(odometry);
         let n = references.count();
         // Checked first, so that an error leaves the sensor as it was.
-        let View { view, fresh, repeated } = self.compare(options).map_err(failed)?;
+        let View { change: view, fresh, repeated } = self.compare(options).map_err(failed)?;
         let moved = (fresh == 0.0 && !repeated).then(|| self.nearest_moved(options));
         let nowhere = self.rows.iter().all(|score| *score == f32::INFINITY);
         if nowhere && options.off_map.is_none() {
@@ -173,7 +173,7 @@ impl Sensor {
         standardizer.check(distances)?;
         row_scores(distances, &mut self.rows, &mut self.scratch)?;
         let Some(last) = last_view else {
-            return Ok(View { view: Some(ViewChange::Changed), fresh: 1.0, repeated: false });
+            return Ok(View { change: Some(ViewChange::Changed), fresh: 1.0, repeated: false });
         };
         let rows = &self.rows;
         let changed = change(last, rows);
@@ -181,13 +181,13 @@ impl Sensor {
         let unit = change(&rows[1..], &rows[..rows.len() - 1]);
         let repeated = changed == 0.0;
         Ok(if changed <= *still {
-            View { view: Some(ViewChange::Unchanged), fresh: 0.0, repeated }
+            View { change: Some(ViewChange::Unchanged), fresh: 0.0, repeated }
         } else if changed < options.view_threshold * unit {
-            View { view: None, fresh: 0.0, repeated }
+            View { change: None, fresh: 0.0, repeated }
         } else {
             let part = changed.min(1.0);
             // (1 − r) / (1 + r) for a correlation r from view to view.
-            View { view: Some(ViewChange::Changed), fresh: part / (2.0 - part), repeated }
+            View { change: Some(ViewChange::Changed), fresh: part / (2.0 - part), repeated }
         })
     }
 
