@@ -24,9 +24,8 @@ stored! {
     [] Fit in recognition: [], |fit| {
         options: Options = fit.options,
         standardizer: Option<Standardizer> = fit.standardizer,
-        stretches: Option<Vec<usize>> = fit.stretches,
         best_scores: Option<[f64; 2]> = fit.best_scores,
-    } => Self::from_parts(options, standardizer, stretches, best_scores);
+    } => Self::from_parts(options, standardizer, best_scores);
 
     [] TrackSnapshot in recognition: [], |state| {
         filter: FilterSnapshot = state.filter,

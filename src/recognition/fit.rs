@@ -13,7 +13,6 @@ use crate::observation::Standardizer;
 pub struct Fit {
     pub(crate) options: Options,
     pub(crate) standardizer: Option<Standardizer>,
-    pub(crate) stretches: Option<Vec<usize>>,
     /// Mean and deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
@@ -24,7 +23,6 @@ impl PartialEq for Fit {
     fn eq(&self, other: &Self) -> bool {
         self.options == other.options
             && self.standardizer == other.standardizer
-            && self.stretches == other.stretches
             && self.best_scores == other.best_scores
     }
 }
@@ -34,7 +32,6 @@ impl Fit {
         Self {
             options,
             standardizer: None,
-            stretches: None,
             best_scores: None,
             warnings: Vec::new(),
             calibrated: None,
@@ -46,7 +43,6 @@ impl Fit {
     pub(crate) fn from_parts(
         options: Options,
         standardizer: Option<Standardizer>,
-        stretches: Option<Vec<usize>>,
         best_scores: Option<[f64; 2]>,
     ) -> Result<Self, RecognitionError> {
         options.check()?;
@@ -64,7 +60,7 @@ impl Fit {
                 return Err(RecognitionError::Parameter { what, value, expected });
             }
         }
-        Ok(Self { standardizer, stretches, best_scores, ..Self::new(options) })
+        Ok(Self { standardizer, best_scores, ..Self::new(options) })
     }
 
     /// The options, including the learned ones.
@@ -82,7 +78,7 @@ impl Fit {
     /// Drops everything learned of single references: for another map.
     #[must_use]
     pub fn without_references(self) -> Self {
-        Self { standardizer: None, stretches: None, best_scores: None, ..self }
+        Self { standardizer: None, best_scores: None, ..self }
     }
 
     /// Reasons to doubt the fit. Empty for one read from storage.
@@ -97,12 +93,6 @@ impl Fit {
         self.calibrated.as_ref()
     }
 
-    /// The stretch of each reference, if known: references of the same stretch look alike.
-    #[must_use]
-    pub fn stretches(&self) -> Option<&[usize]> {
-        self.stretches.as_deref()
-    }
-
     pub(super) fn standardizer(&self) -> Option<&Standardizer> {
         self.standardizer.as_ref()
     }
@@ -113,10 +103,8 @@ impl Fit {
         if references == 0 {
             return Err(RecognitionError::Count { what: "references", found: 0, expected: 1 });
         }
-        let other = |count: usize| count != references;
-        let known = self.standardizer.as_ref().is_some_and(|s| other(s.references()))
-            || self.stretches.as_ref().is_some_and(|s| other(s.len()));
-        Ok(if known { self.without_references() } else { self })
+        let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
+        Ok(if others { self.without_references() } else { self })
     }
 }
 

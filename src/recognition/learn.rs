@@ -4,13 +4,12 @@ use super::fit::Fit;
 use super::labels::{LabelledPart, Labels, rates};
 use super::{RecognitionError, Recognizer};
 use crate::motion::OdometryModel;
-use crate::observation::alike_stretches;
 
 impl Recognizer {
     /// Learns from labelled parts of drives.
     ///
     /// Learned are the use, the changes and the slack of speeds, odometry, the rates of leaving the
-    /// map, the stretches of references that look alike, the usual scores of each reference, and
+    /// map, the usual scores of each reference, and
     /// the [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
     /// with what was learned from the other. Learning starts from the present options; everything
     /// else learned before is replaced.
@@ -69,16 +68,12 @@ impl Recognizer {
     fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), RecognitionError> {
         let wrong = |source| RecognitionError::Query { step: 0, source };
         let mut sensor = self.with_fit(fit.clone())?.sensor_of_fit();
-        let mut new = Vec::new();
         for part in rows {
             for row in part {
-                if sensor.see(&fit.options, row).map_err(wrong)? {
-                    new.push(row);
-                }
+                sensor.see(&fit.options, row).map_err(wrong)?;
             }
             sensor.forget();
         }
-        fit.stretches = Some(alike_stretches(&new).map_err(wrong)?);
         fit.standardizer = fit.options.standardize.then(|| sensor.standardizer().clone());
         Ok(())
     }

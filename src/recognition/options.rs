@@ -107,20 +107,12 @@ impl Options {
         Ok(())
     }
 
-    /// Motion along so many places, none of which are known to look alike.
+    /// Motion along so many places.
     pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
         let own: Vec<usize> = (0..places).collect();
-        self.motion_along(&own)
-    }
-
-    /// Motion along places with these stretches.
-    pub(super) fn motion_along(
-        &self,
-        stretches: &[usize],
-    ) -> Result<RouteTransition, RecognitionError> {
-        let motion = RouteTransition::new(stretches.len(), self.closed, self.speeds.clone())?
+        let motion = RouteTransition::new(places, self.closed, self.speeds.clone())?
             .with_odometry(self.odometry)?
-            .with_views(stretches, self.views)?
+            .with_views(&own, self.views)?
             .with_off_map(self.off_map.unwrap_or(self.lost))?;
         Ok(motion)
     }

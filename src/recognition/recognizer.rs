@@ -12,6 +12,10 @@ use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::RouteTransition;
 use crate::observation::Distance;
 
+/// Number of queries that usual scores learned before a drive count as at most: they come from
+/// other places, or from the same drive again.
+const KNOWN_COUNT: f64 = 10.0;
+
 /// The hidden Markov model: motion along a route, and likelihoods of its places.
 pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<Vec<f64>>>>;
 
@@ -109,10 +113,7 @@ impl Recognizer {
         let fit = fit.checked(references.count())?;
         let options = &fit.options;
         let n = references.count();
-        let motion = match fit.stretches() {
-            Some(stretches) => options.motion_along(stretches)?,
-            None => options.motion(n)?,
-        };
+        let motion = options.motion(n)?;
         let groups = motion.place_groups();
         let prior = Prior::AtFirstObservation(motion.anywhere());
         let wrong = |_| RecognitionError::Count {
@@ -128,7 +129,7 @@ impl Recognizer {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(invalid)?,
         };
-        let sensor = Sensor::new(standardizer);
+        let sensor = Sensor::new(standardizer.discounted(KNOWN_COUNT));
         Ok(Self { references, fit, sensor, model })
     }
 

@@ -8,9 +8,8 @@ use crate::observation::{
 };
 
 /// Number of evenly spaced references that are compared with all, to learn the usual scores of
-/// each, and the number of queries that they count as.
+/// each.
 const SAMPLE: usize = 64;
-const SAMPLE_COUNT: f64 = 10.0;
 /// Distance along the route within which references look alike because they are near, at least,
 /// and the score above which they no longer do.
 const NEAR: usize = 10;
@@ -100,7 +99,7 @@ impl References {
             let view = View { descriptor: &descriptor, reference: Some(at), weight: 1.0 };
             self.observe(view, &mut standardizer, &mut scratch)?;
         }
-        Ok(standardizer.discounted(SAMPLE_COUNT))
+        Ok(standardizer)
     }
 
     /// Learns the usual scores of each reference from a view.
