@@ -225,7 +225,7 @@ mod tests {
                 assert!((sum - 1.0).abs() < 1e-12);
             }
         }
-        let alone = Speeds::new(&[1.0]).unwrap();
+        let alone = Speeds::new(&[1.0]).unwrap().with_slack(0.0).unwrap();
         assert_eq!(alone.windows[0].weights, [1.0]);
         assert_eq!(alone.switching(), [1.0]);
     }

@@ -105,8 +105,9 @@ proptest! {
 
     /// 5% of the frames are replaced, or a distance in them. At all others, the probability of the
     /// right place moves by 0.02 on average, 0.005 in the smoother, and where single images are
-    /// mostly wrong by 0.1 and 0.05. In a fit, speeds stay, the temperature goes to a neighbour on its
-    /// grid at most, and answers on another drive move by 0.01. Usual scores move by 0.4 deviations.
+    /// mostly wrong by 0.1 and 0.05. In a fit, speeds stay, and the temperature goes to a neighbour on
+    /// its grid at most: answers on another drive then move by 0.06, else by 0.002. Usual scores move
+    /// by 0.4 deviations.
     #[test]
     fn a_few_frames_move_no_other_answers(
         clear in any::<bool>(),
@@ -146,7 +147,7 @@ proptest! {
         let next = recording(depth, seed + 1);
         let [a, b] = [fit, changed].map(|r| r.recording(&next, &[]).unwrap().filtered().unwrap());
         let apart = moved(&a, &b, others);
-        prop_assert!(apart < 0.01, "{apart}");
+        prop_assert!(apart < if before == after { 0.002 } else { 0.06 }, "{apart}");
 
         let [a, b] = [&rows, &other].map(|rows| {
             let mut standard = Standardizer::new(PLACES).unwrap();
