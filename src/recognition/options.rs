@@ -7,7 +7,8 @@ use crate::observation::MatchOdds;
 /// Options of a [`Recognizer`](super::Recognizer).
 ///
 /// The defaults were chosen on some recordings, descriptors and drives, and reported on
-/// others; most of them can be halved or doubled within a per cent of recall.
+/// others; the docs' chapter [from descriptors to a
+/// position](crate::guide::from_descriptors) has each, with what changes if it is halved or doubled.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
@@ -15,8 +16,8 @@ use crate::observation::MatchOdds;
 pub struct Options {
     /// True if the references form a loop; false by default.
     pub closed: bool,
-    /// The speeds of the vehicle, in references a step, and how they change. From −3 to 3
-    /// by default; [fitting](super::Recognizer::fitted) learns their use and changes.
+    /// The speeds of the vehicle, in references a step, how they change, and the noise of a step. From
+    /// −2 to 3 by default; [fitting](super::Recognizer::fitted) learns all but the grid.
     pub speeds: Speeds,
     /// Model of odometry. Fitting learns it.
     pub odometry: OdometryModel,
@@ -39,7 +40,7 @@ pub struct Options {
     /// Odds of a score. Their temperature, 1.8 by default, is for frames in sequence; fitting
     /// chooses another where labels are in favour of it.
     pub odds: MatchOdds,
-    /// True if each reference's mean and deviation are learned from the queries, so that
+    /// True if the usual scores of each reference are learned from the queries, so that
     /// references that look like everything do not win; true by default.
     pub standardize: bool,
     /// Rates of views that do not change; see [`ViewChangeRates`].
