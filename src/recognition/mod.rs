@@ -40,6 +40,7 @@
 mod adapt;
 mod answer;
 mod calibrate;
+mod decode;
 mod error;
 mod examine;
 mod fit;
