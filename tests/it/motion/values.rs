@@ -188,7 +188,8 @@ fn what_is_no_route_is_an_error() {
 fn what_was_measured_before_tells_what_to_expect_off_the_map() {
     let route = RouteTransition::new(9, false, Speeds::default()).unwrap();
     let route = route.with_views(&[0, 1, 2, 3, 4, 5, 6, 7, 8], ViewChangeRates::default()).unwrap();
-    let route = route.with_off_map(OffMap::default()).unwrap();
+    let odometry = OdometryModel { scale: 1.0, bias: 0.0, deviation: 0.3 };
+    let route = route.with_off_map(OffMap::default()).unwrap().with_odometry(odometry).unwrap();
     let stay = |u: &RouteControl| column(&route, u, 9 * 15 + 4).last().unwrap().1;
     let mut control = RouteControl::default();
     for reading in [0.9, 1.1, 1.05, 0.95] {

@@ -234,7 +234,7 @@ fn what_was_not_learned_is_refused() {
         refuses::<MatchOdds>(&odds.replace(from, to), expected);
     };
     refused(
-        r#""temperature":2.0"#,
+        r#""temperature":1.8"#,
         r#""temperature":0"#,
         "the temperature is 0, expected from 0.01 to 1000",
     );
