@@ -70,14 +70,13 @@ fn live(criterion: &mut Criterion) {
     let given = LikelihoodVector::linear(PLACES).owned();
     step(criterion, "window of 5, likelihoods given", &window, given, &(), &likelihoods);
 
-    let stretches: Vec<usize> = (0..PLACES).collect();
     let route = RouteTransition::new(PLACES, false, Speeds::default())
-        .and_then(|route| route.with_views(&stretches, ViewChangeRates::default()))
+        .and_then(|route| route.with_views(ViewChangeRates::default()))
         .expect("a route");
     let camera = GroupedLikelihood::new(given, route.place_groups()).expect("a group a place");
     let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 1.0 });
     let control = RouteControl { view, ..RouteControl::default() };
-    step(criterion, "13 speeds, likelihoods given", &route, camera, &control, &likelihoods);
+    step(criterion, "15 speeds, likelihoods given", &route, camera, &control, &likelihoods);
 
     let recognizer = Recognizer::from_distances(PLACES, Options::default()).expect("references");
     let mut track = recognizer.track();

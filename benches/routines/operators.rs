@@ -42,15 +42,14 @@ pub(crate) fn all(criterion: &mut Criterion) {
     route(criterion, n);
 }
 
-/// The 13 usual speeds, and stretches of 1 to 4 places.
+/// The usual speeds.
 fn route(criterion: &mut Criterion, n: usize) {
-    let stretches: Vec<_> = (0..n).map(|place| place / (1 + place % 4)).collect();
     let route = RouteTransition::new(n, false, Speeds::default()).expect("few states");
-    let route = route.with_views(&stretches, ViewChangeRates::default()).expect("a stretch each");
+    let route = route.with_views(ViewChangeRates::default()).expect("valid rates");
     let odometry = Some(0.8);
     let view = Some(ViewEvidence { view: ViewChange::Changed, weight: 0.5 });
     for (name, odometry, view) in [
-        ("route at 13 speeds", None, None),
+        ("route at 15 speeds", None, None),
         ("route, odometry", odometry, None),
         ("route, views", None, view),
         ("route, odometry and views", odometry, view),

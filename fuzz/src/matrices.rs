@@ -256,11 +256,10 @@ fn route(draw: &mut Draw<'_>, n: usize) -> RouteTransition {
         .and_then(|route| route.with_odometry(odometry))
         .expect("a valid route");
     let route = if draw.one_in(2) {
-        let stretches: Vec<usize> = (0..places).map(|_| draw.below(3)).collect();
         let rates = [0.5, 1e-9, 0.999, 0.1];
-        let (standing, alike, moved) = (draw.pick(&rates), draw.pick(&rates), draw.pick(&rates));
-        let rates = ViewChangeRates { standing, alike, moved };
-        route.with_views(&stretches, rates).expect("valid rates")
+        let (standing, moved) = (draw.pick(&rates), draw.pick(&rates));
+        let rates = ViewChangeRates { standing, moved };
+        route.with_views(rates).expect("valid rates")
     } else {
         route
     };

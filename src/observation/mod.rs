@@ -51,4 +51,4 @@ pub use reader::{ReadRates, TagLikelihood};
 pub(crate) use rows::{RowScratch, change, row_scores};
 pub(crate) use standardize::Spread;
 pub use standardizer::Standardizer;
-pub use view::{ViewComparison, alike_stretches, view_change};
+pub use view::{ViewComparison, view_change};

@@ -119,38 +119,3 @@ pub(crate) fn threshold_of_changes(mut changes: Vec<f64>) -> f64 {
     changes.sort_by(f64::total_cmp);
     changes.get(changes.len() / 2).map_or(0.0, |median| 0.1 * median)
 }
-
-/// Finds the stretch of each reference, for
-/// [`RouteTransition::with_views`](crate::motion::RouteTransition::with_views).
-///
-/// Consecutive references share a stretch if no query tells them apart, that is, if
-/// the columns of `rows` are equal, or their [change](view_change) from the
-/// first of the stretch is below a tenth of the median
-/// ([`ViewComparison::threshold_of`] the columns).
-/// Repeated images in a recorded route (a stop at a station, a tunnel) make
-/// such stretches. O(rows × references).
-///
-/// # Errors
-///
-/// [`ObservationError::Distances`] if rows differ in length.
-pub fn alike_stretches<R: AsRef<[f32]>>(rows: &[R]) -> Result<Vec<usize>, ObservationError> {
-    let Some(first) = rows.first() else { return Ok(Vec::new()) };
-    let expected = first.as_ref().len();
-    if let Some(row) = rows.iter().find(|row| row.as_ref().len() != expected) {
-        return Err(ObservationError::Distances { found: row.as_ref().len(), expected });
-    }
-    let column = |i: usize| rows.iter().map(|row| row.as_ref()[i]).collect::<Vec<f32>>();
-    let columns: Vec<Vec<f32>> = (0..expected).map(column).collect();
-    let threshold = ViewComparison::threshold_of(&columns)?;
-    let (mut start, mut stretch) = (0, 0);
-    let mut stretches = Vec::with_capacity(expected);
-    for (i, column) in columns.iter().enumerate() {
-        // Against the first of the stretch, so that the stretch does not creep along.
-        let change = view_change(&columns[start], column)?;
-        if change > 0.0 && change >= threshold && i > 0 {
-            (start, stretch) = (i, stretch + 1);
-        }
-        stretches.push(stretch);
-    }
-    Ok(stretches)
-}

@@ -73,7 +73,7 @@
 //! | `SwitchedTransition` | `operators` |
 //! | `WindowTransition` | `states`, `first`, `weights`, `closed` |
 //! | `Speeds` | `values`, ascending; `shares`; `nearby` and `anywhere`, the probabilities of a change; `slack` |
-//! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or a pair, the stretch of each place and the rates `standing`, `alike` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
+//! | `RouteTransition` | `places`, `closed`, `speeds`; `odometry`: `scale`, `bias` and `deviation`; `views`: null or the rates `standing` and `moved`; `off_map`: null or `leave`, `back`, `near` and `within` |
 //! | `RestartTransition` | `inner`; `keep`, 1 − ε; `restart`, ε r; `evidence`, a log-likelihood, or null |
 //! | `DistanceTransition` | `base`; `lengths` of its entries, column by column |
 //! | `OffMapTransition` | `inner`; `leave`, λ; `stay`, 1 − ρ; `back`, ρ r; `evidence`, a log-likelihood, or null |

@@ -21,13 +21,11 @@ stored! {
         closed: bool = route.is_closed(),
         speeds: Speeds = route.speeds(),
         odometry: OdometryModel = route.odometry(),
-        views: Option<(Vec<usize>, ViewChangeRates)> = route.views(),
+        views: Option<ViewChangeRates> = route.views(),
         off_map: Option<OffMap> = route.off_map(),
     } => Self::new(places, closed, speeds)
         .and_then(|route| route.with_odometry(odometry))
-        .and_then(|route| optional(route, views, |route, (stretches, rates)| {
-            route.with_views(&stretches, rates)
-        }))
+        .and_then(|route| optional(route, views, crate::motion::RouteTransition::with_views))
         .and_then(|route| optional(route, off_map, crate::motion::RouteTransition::with_off_map));
 }
 

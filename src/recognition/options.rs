@@ -110,10 +110,9 @@ impl Options {
 
     /// Motion along so many places.
     pub(super) fn motion(&self, places: usize) -> Result<RouteTransition, RecognitionError> {
-        let own: Vec<usize> = (0..places).collect();
         let motion = RouteTransition::new(places, self.closed, self.speeds.clone())?
             .with_odometry(self.odometry)?
-            .with_views(&own, self.views)?
+            .with_views(self.views)?
             .with_off_map(self.off_map.unwrap_or(self.lost))?;
         Ok(motion)
     }

@@ -11,13 +11,12 @@ use crate::allocations;
 use crate::operators::check_with;
 
 fn routes() -> Vec<RouteTransition> {
-    let stretches: Vec<_> = (0..20).map(|place| place / 3).collect();
     let mut routes = Vec::new();
     for closed in [false, true] {
         let route = RouteTransition::new(20, closed, Speeds::default()).unwrap();
         let model = OdometryModel { scale: 1.1, bias: 0.1, deviation: 0.4 };
         let route = route.with_odometry(model).unwrap();
-        let views = route.clone().with_views(&stretches, ViewChangeRates::default()).unwrap();
+        let views = route.clone().with_views(ViewChangeRates::default()).unwrap();
         let off_map = views.clone().with_off_map(OffMap::default()).unwrap();
         routes.extend([route, views, off_map]);
     }

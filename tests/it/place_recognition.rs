@@ -179,10 +179,7 @@ fn a_stop_does_not_count_one_image_again_and_again() {
     let speeds = Speeds::new(&[0.0, 1.0]).and_then(|speeds| speeds.with_changes(0.0, 0.1));
     let motion = RouteTransition::new(PLACES, true, speeds.unwrap())
         .unwrap()
-        .with_views(
-            &(0..PLACES).collect::<Vec<_>>(),
-            ViewChangeRates { standing: 0.95, alike: 0.9, moved: 0.03 },
-        )
+        .with_views(ViewChangeRates { standing: 0.95, moved: 0.03 })
         .unwrap();
     let sensor = OptionalLikelihood::new(camera());
     let sensor = GroupedLikelihood::new(sensor, motion.place_groups()).unwrap();

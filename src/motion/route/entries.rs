@@ -111,8 +111,8 @@ impl Step<'_> {
         let laps = route.line.closed && window.len() > route.line.places;
         let alone = if laps { 0..0 } else { 0..route.line.places };
         for (places, taps) in route.stencils[new][0].runs(alone) {
-            for (first, weight, class) in taps {
-                let added = log2(window[weight]) + log2(self.factors.of(class));
+            for (first, weight, stays) in taps {
+                let added = log2(window[weight]) + log2(self.factors.of(stays));
                 for (span, at) in route.line.spans(first, places.len()) {
                     let scores = mixed.scores[span.clone()].iter().map(|x| x + added);
                     best.offer(places.start + at, scores.zip(mixed.from[span].iter().copied()));

@@ -16,7 +16,6 @@ pub use driven::Driven;
 use geometry::Line;
 pub use off_map::OffMap;
 use stencil::{Stencil, Way};
-use views::{Class, ViewComparison};
 pub use views::{ViewChange, ViewChangeRates, ViewEvidence};
 
 use super::{OdometryModel, Speeds};
@@ -74,7 +73,7 @@ pub enum RouteState {
 ///
 /// Products and steps of Viterbi cost O(n k (k + w)) for k speeds with windows of
 /// w weights, in contiguous loops, and n r more for r places near where the vehicle left.
-/// Memory is O(k (k + w)), with views O(n w). Listing the entries into or out of a state costs
+/// Memory is O(k (k + w)). Listing the entries into or out of a state costs
 /// O(k w); to or from off the map O(n k).
 ///
 /// ```
@@ -102,7 +101,7 @@ pub struct RouteTransition {
     line: Line,
     speeds: Speeds,
     odometry: OdometryModel,
-    views: Option<ViewComparison>,
+    views: Option<ViewChangeRates>,
     off_map: Option<OffMap>,
     /// G, row by row: `switching[to * k + from]`.
     switching: Vec<f64>,
@@ -157,25 +156,14 @@ impl RouteTransition {
         Ok(Self { odometry, ..self })
     }
 
-    /// Adds changes of the camera's view as evidence. `stretches[i]` is the stretch
-    /// of place i: places of the same stretch look alike.
+    /// Adds changes of the camera's view as evidence.
     ///
     /// # Errors
     ///
-    /// [`TransitionError::PartStates`] unless there is a stretch for each place, or
     /// [`TransitionError::Parameter`] for a rate below 1e-30 or not below 1.
-    pub fn with_views(
-        self,
-        stretches: &[usize],
-        rates: ViewChangeRates,
-    ) -> Result<Self, TransitionError> {
-        let (found, expected) = (stretches.len(), self.line.places);
-        if found != expected {
-            return Err(TransitionError::PartStates { part: "stretches", found, expected });
-        }
+    pub fn with_views(self, rates: ViewChangeRates) -> Result<Self, TransitionError> {
         rates.check()?;
-        let views = ViewComparison { rates, stretches: stretches.to_vec() };
-        Ok(Self { views: Some(views), ..self }.with_stencils())
+        Ok(Self { views: Some(rates), ..self })
     }
 
     /// Adds states off the map.
@@ -272,24 +260,13 @@ impl RouteTransition {
     fn with_stencils(self) -> Self {
         let stencil = |way| {
             move |window: &super::speeds::Window, route: &Self| {
-                let class = |from, to| route.class(from, to);
-                Stencil::new(route.line, window.first, window.weights.len(), way, class)
+                Stencil::new(route.line, window.first, window.weights.len(), way)
             }
         };
         let (into, out_of) = (stencil(Way::Into), stencil(Way::OutOf));
         let windows = self.speeds.windows.iter();
         let stencils = windows.map(|window| [into(window, &self), out_of(window, &self)]).collect();
         Self { stencils, ..self }
-    }
-
-    /// Class of a way, for views.
-    fn class(&self, from: usize, to: usize) -> Class {
-        let alike = |views: &ViewComparison| views.stretches[from] == views.stretches[to];
-        match &self.views {
-            _ if from == to => Class::Standing,
-            Some(views) if alike(views) => Class::Alike,
-            _ => Class::Moved,
-        }
     }
 
     fn k(&self) -> usize {

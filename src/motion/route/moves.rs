@@ -44,7 +44,7 @@ impl Step<'_> {
                 count = 1;
             }
             let out = &mut out[inner];
-            for (first, weight, class) in taps {
+            for (first, weight, stays) in taps {
                 if count == TERMS {
                     if some {
                         add_combined(out, &terms);
@@ -53,7 +53,7 @@ impl Step<'_> {
                     }
                     (count, some) = (0, true);
                 }
-                let factor = window[weight] * self.factors.of(class);
+                let factor = window[weight] * self.factors.of(stays);
                 terms[count] = (factor, &x.from(first)[..out.len()]);
                 count += 1;
             }

@@ -122,8 +122,8 @@ impl Step<'_> {
                 self.changes(new, |_, share| changes = least(&mut [changes, share].into_iter()));
             changes = least(&mut [changes, all].into_iter());
         }
-        let Factors { standing, alike, moved } = self.factors;
-        let seen = least(&mut [standing, alike, moved].into_iter());
+        let Factors { standing, moved } = self.factors;
+        let seen = least(&mut [standing, moved].into_iter());
         let on = changes * seen * least(&mut self.windows.iter().copied());
         let Some(off) = &self.off else { return on };
         let most = 2 * off.within.min(self.route.line.places) + 1;

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use super::geometry::Line;
-use super::views::Class;
 
 /// Terms of the sums at runs of places, without the ends of an open route, where several moves
 /// stop.
@@ -23,7 +22,8 @@ struct Tap {
     offset: isize,
     /// Index of the weight in the window.
     weight: usize,
-    class: Class,
+    /// True for a move that ends where it began.
+    stays: bool,
 }
 
 /// Direction of a stencil.
@@ -37,24 +37,18 @@ pub(super) enum Way {
 
 impl Stencil {
     /// Builds the stencil of moves from `first` on.
-    pub(super) fn new(
-        line: Line,
-        first: isize,
-        count: usize,
-        way: Way,
-        class: impl Fn(usize, usize) -> Class,
-    ) -> Self {
+    pub(super) fn new(line: Line, first: isize, count: usize, way: Way) -> Self {
         let mut runs: Vec<Run> = Vec::new();
         for place in 0..line.places {
             let mut taps = Vec::new();
             for (weight, m) in (0..count).zip(first..) {
                 let shift = if way == Way::Into { -m } else { m };
                 let Some(other) = line.moved(place, shift) else { continue };
-                let (from, to) = if way == Way::Into { (other, place) } else { (place, other) };
+                let to = if way == Way::Into { place } else { other };
                 if line.ends().any(|end| end == to) {
                     continue;
                 }
-                taps.push(Tap { offset: shift, weight, class: class(from, to) });
+                taps.push(Tap { offset: shift, weight, stays: other == place });
             }
             match runs.last_mut() {
                 Some(run) if run.taps == taps => run.places.end = place + 1,
@@ -65,18 +59,18 @@ impl Stencil {
     }
 
     /// Visits the runs among some places: the places, and for each tap the first place that it
-    /// reads, its weight and its class.
+    /// reads, its weight, and whether the move ends where it began.
     pub(super) fn runs(
         &self,
         places: Range<usize>,
-    ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (isize, usize, Class)> + Clone)>
+    ) -> impl Iterator<Item = (Range<usize>, impl Iterator<Item = (isize, usize, bool)> + Clone)>
     {
         let first = self.0.partition_point(|run| run.places.end <= places.start);
         let runs = self.0[first..].iter().take_while(move |run| run.places.start < places.end);
         runs.map(move |run| {
             let start = run.places.start.max(places.start);
             let from = start.cast_signed();
-            let taps = run.taps.iter().map(move |tap| (from + tap.offset, tap.weight, tap.class));
+            let taps = run.taps.iter().map(move |tap| (from + tap.offset, tap.weight, tap.stays));
             (start..run.places.end.min(places.end), taps)
         })
     }

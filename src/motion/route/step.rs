@@ -56,8 +56,8 @@ impl RouteTransition {
                     }
                 };
             }
-            let seen = self.views.as_ref().zip(control.view);
-            let factors = seen.map_or(Factors::NONE, |(views, view)| views.rates.factors(view).0);
+            let seen = self.views.zip(control.view);
+            let factors = seen.map_or(Factors::NONE, |(rates, view)| rates.factors(view).0);
             let keep = self.off_map.map_or(1.0, |off| 1.0 - off.leave);
             let mut step = Step { route: self, windows, factors, keep, off: None };
             let driven = step.off_map_likelihood(control, means);
@@ -75,8 +75,8 @@ impl RouteTransition {
 
     /// Log factor taken out of the entries of a step with evidence.
     pub(super) fn log_factor(&self, control: &RouteControl) -> Option<f64> {
-        let seen = self.views.as_ref().zip(control.view);
-        let view = seen.map(|(views, view)| views.rates.factors(view).1);
+        let seen = self.views.zip(control.view);
+        let view = seen.map(|(rates, view)| rates.factors(view).1);
         let driven = control.odometry.map(|_| self.odometry.log_peak());
         (view.is_some() || driven.is_some()).then(|| view.unwrap_or(0.0) + driven.unwrap_or(0.0))
     }
@@ -94,12 +94,12 @@ impl Step<'_> {
         let (route, window) = (self.route, self.window(speed));
         let way = route.way(speed, window, from, to);
         if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
-            return [way, self.factors.of(route.class(from, to))];
+            return [way, self.factors.of(from == to)];
         }
         // Moves beyond an end stop there, with the lesser likelihood of standing and moving on.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
-        let Factors { standing, moved, .. } = self.factors;
+        let Factors { standing, moved } = self.factors;
         [stay * standing + (way - stay).max(0.0) * standing.min(moved), 1.0]
     }
 

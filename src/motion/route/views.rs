@@ -27,76 +27,52 @@ pub struct ViewEvidence {
 }
 
 /// Probabilities of [`ViewChange::Unchanged`] after a step; [`ViewChange::Changed`] has the
-/// complement. A *stretch* is a run of references that look alike
-/// ([`alike_stretches`](crate::observation::alike_stretches)).
+/// complement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ViewChangeRates {
     /// Probability if the vehicle is at the same place.
     pub standing: f64,
-    /// Probability if the vehicle is at another place of the same stretch.
-    pub alike: f64,
-    /// Probability if the vehicle is on another stretch.
+    /// Probability if the vehicle is at another place.
     pub moved: f64,
 }
 
 impl Default for ViewChangeRates {
-    /// 0.9, 0.8 and 0.05, for views compared with a threshold that noise rarely
+    /// 0.9 and 0.05, for views compared with a threshold that noise rarely
     /// reaches: traffic may pass a vehicle that stands, and walls a vehicle that moves.
     fn default() -> Self {
-        Self { standing: 0.9, alike: 0.8, moved: 0.05 }
+        Self { standing: 0.9, moved: 0.05 }
     }
-}
-
-/// Views along a route.
-#[derive(Debug, Clone)]
-pub(super) struct ViewComparison {
-    pub(super) rates: ViewChangeRates,
-    /// The stretch of each place.
-    pub(super) stretches: Vec<usize>,
 }
 
 #[cfg(feature = "serde")]
 impl super::RouteTransition {
-    /// The stretch of each place, and the rates of unchanged views.
-    pub(crate) fn views(&self) -> Option<(&[usize], ViewChangeRates)> {
-        self.views.as_ref().map(|views| (&views.stretches[..], views.rates))
+    /// The rates of unchanged views.
+    pub(crate) fn views(&self) -> Option<ViewChangeRates> {
+        self.views
     }
 }
 
-/// Likelihoods of a view for each class of move, relative to the largest.
+/// Likelihoods of a view for standing and for moving, relative to the larger.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Factors {
     pub(super) standing: f64,
-    pub(super) alike: f64,
     pub(super) moved: f64,
 }
 
-/// Class of a move, for views.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Class {
-    Standing,
-    Alike,
-    Moved,
-}
-
 impl Factors {
-    pub(super) const NONE: Self = Self { standing: 1.0, alike: 1.0, moved: 1.0 };
+    pub(super) const NONE: Self = Self { standing: 1.0, moved: 1.0 };
 
-    pub(super) fn of(self, class: Class) -> f64 {
-        match class {
-            Class::Standing => self.standing,
-            Class::Alike => self.alike,
-            Class::Moved => self.moved,
-        }
+    pub(super) fn of(self, stays: bool) -> f64 {
+        if stays { self.standing } else { self.moved }
     }
 }
 
 impl ViewChangeRates {
     pub(super) fn check(self) -> Result<(), TransitionError> {
-        let Self { standing, alike, moved } = self;
-        let named = [("standing", standing), ("in a stretch", alike), ("elsewhere", moved)];
+        let Self { standing, moved } = self;
+        let named = [("standing", standing), ("elsewhere", moved)];
         for (name, value) in named {
             if !(1e-30..1.0).contains(&value) {
                 return Err(TransitionError::Parameter {
@@ -111,13 +87,13 @@ impl ViewChangeRates {
 
     /// Factors of a view, and the log factor taken out.
     pub(super) fn factors(self, evidence: ViewEvidence) -> (Factors, f64) {
-        let p = [self.standing, self.alike, self.moved].map(|unchanged| match evidence.view {
+        let p = [self.standing, self.moved].map(|unchanged| match evidence.view {
             ViewChange::Changed => 1.0 - unchanged,
             ViewChange::Unchanged => unchanged,
         });
         let largest = p.into_iter().fold(0.0, f64::max);
-        let [standing, alike, moved] = p.map(|p| (p / largest).powf(evidence.weight));
-        (Factors { standing, alike, moved }, evidence.weight * largest.ln())
+        let [standing, moved] = p.map(|p| (p / largest).powf(evidence.weight));
+        (Factors { standing, moved }, evidence.weight * largest.ln())
     }
 }
 

@@ -10,11 +10,10 @@ use wayfix::{Hmm, InferenceError, LikelihoodVector, Prior, Transition, Transitio
 const PLACES: usize = 1291;
 
 fn routes() -> Vec<RouteTransition> {
-    let stretches: Vec<usize> = (0..PLACES).map(|place| place / 7 % 90).collect();
     let plain = |closed| RouteTransition::new(PLACES, closed, Speeds::default()).unwrap();
     let mut routes = vec![plain(false), plain(true)];
     for route in routes.clone() {
-        let route = route.with_views(&stretches, ViewChangeRates::default()).unwrap();
+        let route = route.with_views(ViewChangeRates::default()).unwrap();
         let never_near = OffMap { near: 0.0, ..OffMap::default() };
         routes.push(route.clone().with_off_map(never_near).unwrap());
         let wherever = OffMap { within: usize::MAX, ..OffMap::default() };

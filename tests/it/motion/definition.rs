@@ -16,7 +16,7 @@ pub(crate) struct Parts {
     pub(crate) closed: bool,
     pub(crate) speeds: Speeds,
     pub(crate) odometry: OdometryModel,
-    pub(crate) views: Option<(Vec<usize>, ViewChangeRates)>,
+    pub(crate) views: Option<ViewChangeRates>,
     pub(crate) off_map: Option<OffMap>,
 }
 
@@ -39,8 +39,8 @@ impl Parts {
     pub(crate) fn route(&self) -> RouteTransition {
         let route = RouteTransition::new(self.places, self.closed, self.speeds.clone()).unwrap();
         let mut route = route.with_odometry(self.odometry).unwrap();
-        if let Some((stretches, rates)) = &self.views {
-            route = route.with_views(stretches, *rates).unwrap();
+        if let Some(rates) = self.views {
+            route = route.with_views(rates).unwrap();
         }
         match self.off_map {
             Some(off_map) => route.with_off_map(off_map).unwrap(),
@@ -57,13 +57,13 @@ impl Parts {
         deviation / s * (1.0 + off * off / 4.0).powf(-2.5)
     }
 
-    /// p(view | standing, alike, moved), over the largest of them, to the power of the
+    /// p(view | standing, moved), over the largest of them, to the power of the
     /// weight; and the logarithm of what was divided out.
-    fn seen(&self, control: &RouteControl) -> ([f64; 3], Option<f64>) {
-        let (Some((_, rates)), Some(evidence)) = (&self.views, control.view) else {
-            return ([1.0; 3], None);
+    fn seen(&self, control: &RouteControl) -> ([f64; 2], Option<f64>) {
+        let (Some(rates), Some(evidence)) = (&self.views, control.view) else {
+            return ([1.0; 2], None);
         };
-        let p = [rates.standing, rates.alike, rates.moved].map(|p| match evidence.view {
+        let p = [rates.standing, rates.moved].map(|p| match evidence.view {
             ViewChange::Unchanged => p,
             ViewChange::Changed => 1.0 - p,
         });
@@ -140,9 +140,10 @@ impl Parts {
                             if self.closed { to.rem_euclid(last + 1) } else { to.clamp(0, last) };
                         let to = to.cast_unsigned();
                         // At an end, what stops there neither stands nor moves on.
-                        let class =
-                            if to == i && m != 0 && !self.closed { 3 } else { self.class(i, to) };
-                        let factor = if class == 3 { seen[0].min(seen[2]) } else { seen[class] };
+                        let factor = match () {
+                            () if to == i && m != 0 && !self.closed => seen[0].min(seen[1]),
+                            () => seen[usize::from(to != i)],
+                        };
                         column[new * n + to] += share * weight * factor;
                     }
                 }
@@ -168,7 +169,7 @@ impl Parts {
         let (values, shares, seen) =
             (self.speeds.values(), self.speeds.shares(), self.seen(control).0);
         let each = (0..values.len()).map(|g| {
-            let factor = if values[g] == 0.0 { seen[0] } else { seen[2] };
+            let factor = if values[g] == 0.0 { seen[0] } else { seen[1] };
             (values[g] == 0.0, shares[g], shares[g] * means[g] * factor)
         });
         let of = |standing: bool| {
@@ -194,19 +195,11 @@ impl Parts {
             (Some(reading), Some((mean, count))) => {
                 let width = (1.0 + 1.0 / f64::from(count)).sqrt();
                 let off = (reading - mean) / (width * self.odometry.deviation);
-                (1.0 + off * off / 4.0).powf(-2.5) / width * seen[2]
+                (1.0 + off * off / 4.0).powf(-2.5) / width * seen[1]
             }
             _ => of(false).1 / (1.0 - of(true).0).max(1e-3),
         };
         change * any + (1.0 - change) * (stood * stands + (1.0 - stood) * goes_on)
-    }
-
-    fn class(&self, from: usize, to: usize) -> usize {
-        match &self.views {
-            _ if from == to => 0,
-            Some((stretches, _)) if stretches[from] == stretches[to] => 1,
-            _ => 2,
-        }
     }
 }
 
@@ -301,9 +294,9 @@ pub(crate) fn parts(places: usize, speeds_at_most: usize) -> BoxedStrategy<Parts
     let odometry = prop_oneof![1 => Just(OdometryModel::default()), 2 => odometry];
     (1..=places, any::<bool>(), speeds(speeds_at_most), odometry)
         .prop_flat_map(move |(places, closed, speeds, odometry)| {
-            let rates = (rate(), rate(), rate())
-                .prop_map(|(standing, alike, moved)| ViewChangeRates { standing, alike, moved });
-            let views = proptest::option::weighted(0.7, (vec(0..3_usize, places), rates));
+            let rates =
+                (rate(), rate()).prop_map(|(standing, moved)| ViewChangeRates { standing, moved });
+            let views = proptest::option::weighted(0.7, rates);
             let off_map = proptest::option::weighted(0.6, off_map());
             (views, off_map).prop_map(move |(views, off_map)| Parts {
                 places,

@@ -29,13 +29,13 @@ fn the_format_is_as_documented() {
         r#"{{"version":1,"places":3,"closed":true,"speeds":{SPEEDS},"odometry":{{"scale":1.5,"bias":0.25,"deviation":0.5}}"#
     );
     assert_eq!(json(&route), format!(r#"{start},"views":null,"off_map":null}}"#));
-    let rates = ViewChangeRates { standing: 0.75, alike: 0.5, moved: 0.25 };
-    let route = route.with_views(&[7, 7, 8], rates).unwrap();
+    let rates = ViewChangeRates { standing: 0.75, moved: 0.25 };
+    let route = route.with_views(rates).unwrap();
     let off_map = OffMap { leave: 0.25, back: 0.5, near: 0.125, within: 2 };
     assert_eq!(
         json(&route.with_off_map(off_map).unwrap()),
         format!(
-            r#"{start},"views":[[7,7,8],{{"standing":0.75,"alike":0.5,"moved":0.25}}],"off_map":{{"leave":0.25,"back":0.5,"near":0.125,"within":2}}}}"#
+            r#"{start},"views":{{"standing":0.75,"moved":0.25}},"off_map":{{"leave":0.25,"back":0.5,"near":0.125,"within":2}}}}"#
         )
     );
     let view = Some(ViewEvidence { view: ViewChange::Unchanged, weight: 0.5 });
@@ -71,7 +71,7 @@ fn what_is_no_grid_of_speeds_or_route_is_refused() {
     speeds("0.0625", "-0.5", "the slack of speeds is -0.5, expected a value from 0 to 0.5");
     speeds("1,", "2,", "version 2, expected 1");
     let route = RouteTransition::new(2, false, Speeds::new(&[0.0]).unwrap()).unwrap();
-    let route = route.with_views(&[0, 1], ViewChangeRates::default()).unwrap();
+    let route = route.with_views(ViewChangeRates::default()).unwrap();
     let text = json(&route.with_off_map(OffMap::default()).unwrap());
     let route = |from: &str, to: &str, expected: &str| {
         assert!(text.contains(from));

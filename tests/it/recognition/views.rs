@@ -1,9 +1,9 @@
-//! Views that change or do not, and stretches of references that look alike.
+//! Views that change or do not.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::motion::ViewChange;
-use wayfix::observation::{ViewComparison, alike_stretches, view_change};
+use wayfix::observation::{ViewComparison, view_change};
 
 use super::rows::{INF, row, within};
 use crate::kit::{cases, text};
@@ -77,30 +77,6 @@ proptest! {
             }
         }
     }
-
-    #[test]
-    fn stretches_are_runs_of_alike_columns(rows in drive()) {
-        let found = alike_stretches(&rows).unwrap();
-        let Some(first) = rows.first() else {
-            prop_assert!(found.is_empty());
-            return Ok(());
-        };
-        let n = first.len();
-        prop_assert_eq!(found.len(), n);
-        let column = |i: usize| -> Vec<f32> { rows.iter().map(|row| row[i]).collect() };
-        let apart = |i: usize, j: usize| view_change(&column(i), &column(j)).unwrap();
-        let mut above: Vec<f64> = (1..n).map(|i| apart(i - 1, i)).filter(|c| *c > 0.0).collect();
-        above.sort_by(f64::total_cmp);
-        let threshold = above.get(above.len() / 2).map_or(0.0, |median| 0.1 * median);
-        let (mut start, mut stretches) = (0, vec![0]);
-        for i in 1..n {
-            let change = apart(start, i);
-            let alike = change == 0.0 || change < threshold;
-            start = if alike { start } else { i };
-            stretches.push(stretches[i - 1] + usize::from(!alike));
-        }
-        prop_assert_eq!(found, stretches);
-    }
 }
 
 #[test]
@@ -123,7 +99,6 @@ fn views_by_hand() {
     let lengths = "2 distances, expected one for each of 3 references";
     assert_eq!(text(view_change(&[0.0; 3], &[0.0; 2])), lengths);
     assert_eq!(text(ViewComparison::threshold_of(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
-    assert_eq!(text(alike_stretches(&[vec![0.0_f32; 3], vec![0.0; 2]])), lengths);
     assert_eq!(ViewComparison::threshold_of::<[f32; 2]>(&[]), Ok(0.0));
     assert_eq!(ViewComparison::threshold_of(&[[0.0_f32, 1.0]; 3]), Ok(0.0));
     for threshold in [-1.0, f64::NAN, f64::INFINITY] {
@@ -170,16 +145,4 @@ fn views_by_hand() {
         [all.next(&[1.0]), all.next(&[1.0])],
         [Ok(ViewChange::Changed), Ok(ViewChange::Changed)]
     );
-}
-
-#[test]
-fn stretches_by_hand() {
-    // References 1 and 2 differ by a hundredth of what others do.
-    let rows = [[0.0_f32, 1.0, 1.01, 0.0, 1.0], [1.0, 0.0, 0.01, 1.0, 0.0]];
-    assert_eq!(alike_stretches(&rows), Ok(vec![0, 1, 1, 2, 3]));
-    assert_eq!(alike_stretches::<[f32; 0]>(&[]), Ok(vec![]));
-    assert_eq!(alike_stretches(&[[0.0_f32; 0]; 2]), Ok(vec![]));
-    assert_eq!(alike_stretches(&[[0.3_f32]]), Ok(vec![0]));
-    // No query tells any apart.
-    assert_eq!(alike_stretches(&[[0.3_f32; 4]; 3]), Ok(vec![0; 4]));
 }
