@@ -48,7 +48,7 @@ pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};
 pub use reader::{ReadRates, TagLikelihood};
-pub(crate) use rows::{RowScratch, change, row_scores};
+pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardize::Spread;
 pub use standardizer::Standardizer;
 pub use view::{ViewComparison, view_change};

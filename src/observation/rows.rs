@@ -122,7 +122,7 @@ impl WithSimd for Score<'_> {
 
 /// A score as it counts in a change.
 #[inline(always)]
-pub(super) fn within(score: f32) -> f32 {
+pub(crate) fn within(score: f32) -> f32 {
     score.clamp(-MOST_CHANGED, MOST_CHANGED)
 }
 

@@ -179,6 +179,11 @@ impl Standardizer {
         run(CountSteps { rows, weight, steps: &mut self.steps });
     }
 
+    /// The usual score of a reference within its row.
+    pub(crate) fn usual(&self, spread: Spread, reference: usize) -> f32 {
+        (self.sums[reference] * spread.mean_share) as f32
+    }
+
     /// Usual scores, and how sure they are.
     pub(crate) fn spread(&self) -> Spread {
         run(Usual { count: self.count, sums: &self.sums, squares: &self.squares })

@@ -34,9 +34,10 @@ stored! {
             state.sensor.last_view.as_ref().map(|row| row.iter().map(finite).collect::<Vec<_>>()),
         run: Option<(Option<ViewChange>, u32)> = state.sensor.run,
         still: f64 = state.sensor.still,
+        lingering: f64 = state.sensor.lingering,
         driven: Option<Driven> = state.sensor.driven,
         tally: Tally = state.sensor.tally,
-    } => track_state(filter, standardizer, last_view, run, still, driven, tally);
+    } => track_state(filter, standardizer, last_view, run, [still, lingering], driven, tally);
 }
 
 /// A finite score, or `None`, since JSON has no infinity.
@@ -50,12 +51,15 @@ fn track_state(
     standardizer: Standardizer,
     last_view: Option<Vec<Option<f32>>>,
     run: Option<(Option<ViewChange>, u32)>,
-    still: f64,
+    [still, lingering]: [f64; 2],
     driven: Option<Driven>,
     tally: Tally,
 ) -> Result<TrackSnapshot, String> {
     if !(0.0..=2.0).contains(&still) {
         return Err(format!("an unchanged view by up to {still}, expected from 0 to 2"));
+    }
+    if !(0.0..=1.0).contains(&lingering) {
+        return Err(format!("a share of lingering views of {lingering}, expected from 0 to 1"));
     }
     if run.is_some_and(|(_, count)| count == 0) {
         return Err("a run of 0 views, expected at least 1".into());
@@ -74,6 +78,7 @@ fn track_state(
             last_view,
             run,
             still,
+            lingering,
             driven,
             tally: tally.checked()?,
         },

@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::labels::LabelledPart;
-use super::sensor::{index_of_least, least};
+use super::sensor::{least, nearest};
 use super::tally::{EQUAL, STANDS};
 use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Answer, RecognitionError, Recognizer, Recording};
@@ -84,13 +84,14 @@ impl Recognizer {
                 sensor.standardizer().scores(row, &mut scores)?;
                 ranks.push(mean_rank(&scores, places));
                 row_scores(row, &mut within, &mut scratch)?;
-                best.extend(Some(least(&within)).filter(|best| best.is_finite()));
+                best.extend(Some(f64::from(least(&within))).filter(|best| best.is_finite()));
                 // A vehicle that stands is one witness.
                 if before != *row {
                     let window = self.options().window;
                     let right =
                         |at: usize| at + window >= *places.start() && at <= places.end() + window;
-                    rivals.take(right(index_of_least(&within)), right(index_of_least(&scores)));
+                    let single = (0..scores.len()).min_by(|a, b| scores[*a].total_cmp(&scores[*b]));
+                    rivals.take(right(nearest(&within)), single.is_some_and(right));
                     before.clone_from(row);
                 }
             }

@@ -1,11 +1,14 @@
 //! From queries to likelihoods and evidence on moves.
 
+use super::recognizer::KNOWN_COUNT;
 use super::references::References;
 use super::tally::{Glance, Tally};
 use super::{Options, RecognitionError};
 use crate::error::InferenceError;
 use crate::motion::{Driven, RouteControl, RouteTransition, ViewChange, ViewEvidence};
-use crate::observation::{ObservationError, RowScratch, Spread, Standardizer, change, row_scores};
+use crate::observation::{
+    ObservationError, RowScratch, Spread, Standardizer, change, row_scores, within,
+};
 use crate::transition::Transition;
 
 /// Share of a view that is new above which it counts as a whole witness: frames of a route that is
@@ -16,6 +19,13 @@ const WITNESS: f64 = 0.03;
 const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
+/// Share of the least score up to which a reference is among the nearest.
+const AMONG: f32 = 0.8;
+/// Share of its score up to which a reference is near usually, and not now only.
+const USUALLY: f32 = 0.3;
+/// Number of new views over which the share of those that linger fades, by e.
+const LINGERING: f64 = 20.0;
+
 /// Places from the nearest reference within which another is beside it.
 const BESIDE: usize = 2;
 
@@ -24,15 +34,23 @@ fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
     STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
 }
 
-/// The least of the scores of a row.
-pub(super) fn least(rows: &[f32]) -> f64 {
-    f64::from(rows.iter().copied().fold(f32::INFINITY, f32::min))
+/// The least of the scores of a row, without NaN.
+pub(super) fn least(rows: &[f32]) -> f32 {
+    // Lanes of their own, which a compiler brings into vectors.
+    let mut lanes = [f32::INFINITY; 16];
+    let (whole, rest) = rows.as_chunks::<16>();
+    let take = |least: &mut f32, score: f32| *least = if score < *least { score } else { *least };
+    for chunk in whole {
+        lanes.iter_mut().zip(chunk).for_each(|(least, score)| take(least, *score));
+    }
+    lanes.iter_mut().zip(rest).for_each(|(least, score)| take(least, *score));
+    lanes.into_iter().fold(f32::INFINITY, f32::min)
 }
 
-/// Index of the least value of a row that is not empty; the first of equal ones.
-pub(super) fn index_of_least<T: PartialOrd + Copy>(row: &[T]) -> usize {
-    let first = (0, row[0]);
-    row.iter().copied().enumerate().fold(first, |a, b| if b.1 < a.1 { b } else { a }).0
+/// Index of the least score of a row that is not empty; the first of equal ones.
+pub(super) fn nearest(rows: &[f32]) -> usize {
+    let least = least(rows);
+    rows.iter().position(|score| *score == least).unwrap_or(0)
 }
 
 /// A view compared with the last new one.
@@ -71,6 +89,9 @@ pub(crate) struct SensorState {
     pub(crate) run: Option<(Option<ViewChange>, u32)>,
     /// Largest change of an unchanged view.
     pub(crate) still: f64,
+    /// Share of recent new views in which the reference that was nearest before is still among the
+    /// nearest.
+    pub(crate) lingering: f64,
     /// Motion by odometry and views, if the vehicle may leave the map.
     pub(crate) driven: Option<Driven>,
     /// Recent views and readings.
@@ -94,6 +115,7 @@ impl Sensor {
                 standardizer,
                 last_view: None,
                 run: None,
+                lingering: 0.0,
                 driven: None,
                 tally: Tally::default(),
             },
@@ -195,7 +217,7 @@ impl Sensor {
     /// so the vehicle has moved although the view is hardly another.
     fn nearest_moved(&self, options: &Options) -> bool {
         let Some(last) = &self.state.last_view else { return false };
-        let apart = index_of_least(last).abs_diff(index_of_least(&self.rows));
+        let apart = nearest(last).abs_diff(nearest(&self.rows));
         let around = if options.closed { self.rows.len() - apart } else { apart };
         apart.min(around) > BESIDE.max(options.window)
     }
@@ -203,8 +225,21 @@ impl Sensor {
     /// Learns from the last row, that of a view with a new part.
     #[expect(clippy::cast_sign_loss, reason = "ln(1 + count) is at least 0")]
     fn learn(&mut self, options: &Options, spread: Spread, fresh: f64) {
-        let SensorState { standardizer, last_view, still: unchanged, .. } = &mut self.state;
+        let SensorState { standardizer, last_view, still: unchanged, lingering, .. } =
+            &mut self.state;
         if options.standardize {
+            if let Some(last) = last_view {
+                let at = nearest(last);
+                // References that are near to everything linger, too, but usually.
+                let lingers = self.rows[at] <= AMONG * least(&self.rows)
+                    && standardizer.count() >= KNOWN_COUNT
+                    && standardizer.usual(spread, at) > USUALLY * within(self.rows[at]);
+                *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
+            }
+            // A vehicle that moves on slowly has views with new noise and little else: where it is
+            // must not become usual. The correlation of views is taken for the share of those that
+            // linger.
+            let fresh = fresh * (1.0 - *lingering) / (1.0 + *lingering);
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
             standardizer.count_in(spread, &self.rows, fresh);
@@ -246,8 +281,8 @@ impl Sensor {
 
     /// Forgets the last view, but nothing learned of the references.
     pub(super) fn forget(&mut self) {
-        let SensorState { last_view, run, driven, tally, .. } = &mut self.state;
-        (*run, *driven, *tally) = (None, None, Tally::default());
+        let SensorState { last_view, run, lingering, driven, tally, .. } = &mut self.state;
+        (*run, *lingering, *driven, *tally) = (None, 0.0, None, Tally::default());
         // Infinite distances are not compared; the memory is kept.
         last_view.iter_mut().for_each(|row| row.fill(f32::INFINITY));
     }
@@ -258,12 +293,12 @@ impl Sensor {
     /// had learned from many queries and new ones from few, old places would win (on a railway by
     /// pixels, up to 27 times as many wrong matches).
     pub(super) fn extended(&self, fresh: Self) -> Self {
-        let SensorState { mut last_view, run, still, driven, tally, .. } = self.state.clone();
+        let mut state = self.state.clone();
         let count = fresh.state.standardizer.references();
         // Infinite distances are not compared.
-        last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
-        let standardizer = fresh.state.standardizer;
-        Self { state: SensorState { standardizer, last_view, run, still, driven, tally }, ..fresh }
+        state.last_view.iter_mut().for_each(|row| row.resize(count, f32::INFINITY));
+        state.standardizer = fresh.state.standardizer;
+        Self { state, ..fresh }
     }
 
     /// Keeps the single-frame odds from now on.
@@ -278,7 +313,7 @@ impl Sensor {
 
     /// The least score within the row of the last query.
     pub(super) fn best(&self) -> f64 {
-        least(&self.rows)
+        f64::from(least(&self.rows))
     }
 
     pub(super) fn standardizer(&self) -> &Standardizer {

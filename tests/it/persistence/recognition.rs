@@ -288,6 +288,8 @@ fn what_was_not_learned_is_refused() {
     };
     let range = "an unchanged view by up to -1, expected from 0 to 2";
     refused(part("still", ','), r#""still":-1"#, range);
+    let range = "a share of lingering views of 2, expected from 0 to 1";
+    refused(part("lingering", ','), r#""lingering":2"#, range);
 
     // Rates are checked when a recogniser is made.
     let fit: Fit = serde_json::from_str(
