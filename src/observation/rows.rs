@@ -36,8 +36,10 @@ pub(crate) fn row_scores(
     out: &mut Vec<f32>,
     scratch: &mut RowScratch,
 ) -> Result<usize, ObservationError> {
+    // Without a way out, so that it is done in vectors.
+    let all_finite = distances.iter().fold(true, |all, d| all & d.is_finite());
     let invalid = |d: &f32| d.is_nan() || *d == f32::NEG_INFINITY;
-    if let Some(reference) = distances.iter().position(invalid) {
+    if !all_finite && let Some(reference) = distances.iter().position(invalid) {
         return Err(ObservationError::Distance { reference, value: distances[reference] });
     }
     let RowScratch { finite, middle } = scratch;
@@ -46,7 +48,11 @@ pub(crate) fn row_scores(
     // At once, so that a later row with fewer infinite distances needs no more memory.
     finite.reserve(distances.len());
     middle.reserve(distances.len());
-    finite.extend(distances.iter().filter(|d| d.is_finite()));
+    if all_finite {
+        finite.extend_from_slice(distances);
+    } else {
+        finite.extend(distances.iter().filter(|d| d.is_finite()));
+    }
     let count = finite.len();
     out.clear();
     if count == 0 {

@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::recognizer::Recognizer;
+use crate::kernels;
 
 /// Estimated position of the vehicle at one step.
 #[derive(Debug, Clone, PartialEq)]
@@ -123,7 +124,7 @@ impl Recognizer {
     /// Grows a range from a place to the more probable side until it holds enough.
     fn around(&self, places: &[f64], place: usize) -> RangeInclusive<usize> {
         let n = places.len();
-        let wanted = CREDIBLE * places.iter().sum::<f64>();
+        let wanted = CREDIBLE * kernels::sum(places);
         let (mut first, mut last, mut mass) = (place, place, places[place]);
         let mut count = 1;
         while mass < wanted && count < n {
