@@ -33,7 +33,8 @@ struct Arguments {
     /// Frames of the map: grey, unsigned 8-bit, as .npy of frames × rows × columns, or raw bytes.
     #[arg(long, value_name = "FILE", requires = "query")]
     reference: Option<PathBuf>,
-    /// Frames to be located: frame i shows the place of frame i of the map, if that has so many.
+    /// Frames to be located. Unless --unknown is given, frame i is taken to show the place of frame i
+    /// of the map, if that has so many.
     #[arg(long, value_name = "FILE", requires = "reference")]
     query: Option<PathBuf>,
     /// The places of the frames are unknown: nothing is learned or scored.

@@ -52,7 +52,7 @@ pub(crate) struct Common {
     /// Temperature of the camera: likelihoods are raised to the power of 1 / T [default: the fit's].
     #[arg(long, value_name = "T")]
     pub(crate) temperature: Option<f64>,
-    /// Speeds that the vehicle may have, in references per step [default: 13 from -3 to 3].
+    /// Speeds that the vehicle may have, in references per step [default: 15 from -2 to 3].
     #[arg(long, value_name = "LIST", value_delimiter = ',', allow_hyphen_values = true)]
     pub(crate) speeds: Vec<f64>,
     /// Seed of all random numbers.

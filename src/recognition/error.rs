@@ -49,7 +49,7 @@ pub enum RecognitionError {
         /// The cause.
         source: ObservationError,
     },
-    /// A label names references that do not exist.
+    /// A label is empty, or names references that do not exist.
     Label {
         /// The labelled part, from 0.
         part: usize,
@@ -98,8 +98,8 @@ impl fmt::Display for RecognitionError {
             }
             Self::Label { part, step, place, references } => write!(
                 f,
-                "step {step} of labelled part {part} shows reference {place}, expected one from \
-                 0 to {}",
+                "step {step} of labelled part {part} shows references up to {place}, expected a range \
+                 that is not empty, within 0 to {}",
                 references.saturating_sub(1)
             ),
             Self::FewLabels { found } => {

@@ -44,8 +44,8 @@ pub enum Warning {
         /// Number of steps labelled as off the map.
         steps: usize,
     },
-    /// The best scores of a recording differ from those of the labelled part by more than their
-    /// deviation there.
+    /// The best scores of a recording differ from those of the labelled part, on average by more than
+    /// 1.8 of their deviations there: another camera or season, or much of the drive is off the map.
     Unlike {
         /// The mean best score of the labelled part.
         labelled: f64,
