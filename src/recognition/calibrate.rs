@@ -17,6 +17,10 @@ const LEAST: f64 = 1e-3;
 const HALF: usize = 30;
 /// Steps left out at the beginning of a part, in which the vehicle is still being localised.
 const FINDING: usize = 10;
+/// Probability of a label below which the filter contradicts it, and the share of such labels above
+/// which the fit is doubtful: 0.42 at most on drives with right labels.
+const UNLIKELY: f64 = 0.1;
+const MOST: f64 = 0.6;
 /// Places on either side of a label that count as right, too.
 const BESIDE: usize = 1;
 
@@ -31,7 +35,7 @@ impl Recognizer {
         &self,
         before: Options,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<(Options, Option<Calibrated>, Option<Warning>), RecognitionError> {
+    ) -> Result<(Options, Option<Calibrated>, Vec<Warning>), RecognitionError> {
         let mut halves: [Vec<LabelledPart<'_, Q>>; 2] = [Vec::new(), Vec::new()];
         for part in parts {
             let middle = part.queries.len() / 2;
@@ -44,27 +48,33 @@ impl Recognizer {
             steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
         };
         if !halves.iter().all(long) {
-            return Ok((before, None, None));
+            return Ok((before, None, Vec::new()));
         }
         let mut options = Vec::new();
         for factor in FACTORS {
             let temperature = before.odds.temperature() * factor;
             let Ok(odds) = before.odds.with_temperature(temperature) else {
-                return Ok((before, None, None));
+                return Ok((before, None, Vec::new()));
             };
             options.push(Options { odds, ..before.clone() });
         }
         let learned = [self.learned(&halves[1])?, self.learned(&halves[0])?];
-        let mut scores = Vec::new();
+        let (mut scores, mut shares) = (Vec::new(), Vec::new());
         for (options, factor) in options.iter().zip(FACTORS) {
             let mut score = -0.5 * (factor.ln() / DEVIATION).powi(2);
+            let (mut steps, mut unlikely) = (0_u32, 0_u32);
             for (learned, half) in learned.iter().zip(&halves) {
                 let own = learned.options().clone();
                 let options = Options { odds: options.odds, ..own };
                 let fit = learned.fit().clone().with_options(options);
-                score += learned.with_fit(fit)?.log_score(half)? / TOGETHER;
+                for mass in learned.with_fit(fit)?.label_masses(half)? {
+                    score += mass.max(LEAST).ln() / TOGETHER;
+                    steps += 1;
+                    unlikely += u32::from(mass < UNLIKELY);
+                }
             }
             scores.push(score);
+            shares.push(f64::from(unlikely) / f64::from(steps));
         }
         let better = |best: usize, at: usize| if scores[at] > scores[best] { at } else { best };
         let chosen = (0..FACTORS.len()).fold(0, better);
@@ -72,27 +82,28 @@ impl Recognizer {
             options.iter().map(|options| options.odds.temperature()).collect();
         let at_edge = chosen == 0 || chosen + 1 == FACTORS.len();
         let edge = at_edge.then(|| Warning::Edge { temperature: temperatures[chosen] });
+        let share = shares[chosen];
+        let contradicted = (share > MOST).then_some(Warning::Contradicted { share });
+        let warnings = contradicted.into_iter().chain(edge).collect();
         let calibrated = Calibrated { temperatures, scores, chosen };
-        Ok((options.swap_remove(chosen), Some(calibrated), edge))
+        Ok((options.swap_remove(chosen), Some(calibrated), warnings))
     }
 
-    /// Sum of the log-probabilities that the filter gives to the truth at labelled steps, without
-    /// the first steps of each part.
-    fn log_score<Q: AsRef<[f32]>>(
+    /// The probabilities that the filter gives to labels, without the first steps of each part.
+    fn label_masses<Q: AsRef<[f32]>>(
         &self,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<f64, RecognitionError> {
-        let mut score = 0.0;
+    ) -> Result<Vec<f64>, RecognitionError> {
+        let mut masses = Vec::new();
         for part in parts {
             let beliefs = self.recording(part.queries, part.odometry)?.filtered()?;
             for (at, places) in part.places.iter().enumerate().skip(FINDING) {
                 let beside = |range: &std::ops::RangeInclusive<usize>| {
                     range.start().saturating_sub(BESIDE)..=range.end().saturating_add(BESIDE)
                 };
-                let mass = beliefs.mass(at, places.as_ref().map(beside).as_ref());
-                score += mass.max(LEAST).ln();
+                masses.push(beliefs.mass(at, places.as_ref().map(beside).as_ref()));
             }
         }
-        Ok(score)
+        Ok(masses)
     }
 }

@@ -27,10 +27,10 @@ impl Recognizer {
     ) -> Result<Self, RecognitionError> {
         let fitted = self.learned(parts)?;
         let mut fit = fitted.fit().clone();
-        let (options, calibrated, edge) = self.calibrate(fit.options, parts)?;
+        let (options, calibrated, warnings) = self.calibrate(fit.options, parts)?;
         fit.options = options;
         fit.calibrated = calibrated;
-        fit.warnings.extend(edge);
+        fit.warnings.extend(warnings);
         self.with_fit(fit)
     }
 

@@ -21,6 +21,12 @@ pub enum Warning {
         /// half; 0.5 by chance.
         rank: f64,
     },
+    /// The filter, with what it learned from one half of the labels, is sure of other places in most
+    /// steps of the other half: perhaps labels are shifted by some steps or places.
+    Contradicted {
+        /// Share of labelled steps whose places have a probability below 0.1.
+        share: f64,
+    },
     /// Few steps are labelled.
     Short {
         /// Number of labelled steps.
@@ -109,6 +115,12 @@ impl fmt::Display for Warning {
                  50% would be by chance: is the matrix transposed, are similarities and distances \
                  mixed up, or labels of other steps?",
                 100.0 * rank
+            ),
+            Self::Contradicted { share } => write!(
+                f,
+                "the filter gives less than 0.1 to {:.0}% of the labels that it was not fitted to: \
+                 are labels shifted by some steps or places?",
+                100.0 * share
             ),
             Self::Short { steps } => {
                 write!(f, "{steps} steps are labelled, and {ENOUGH} or more tell how it drives")

@@ -18,6 +18,18 @@ fn warnings_are_given_where_they_should_be() {
     let fitted = recognizer.fitted(&[part]).unwrap();
     assert!(fitted.fit().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
     assert!(fitted.fit().calibrated().is_some());
+
+    // Labels of other places, near the right ones.
+    let contradicted = |shift: usize| {
+        let places: Vec<_> = places.iter().flatten().map(|place| place.end() - shift).collect();
+        let places: Vec<_> = places.iter().map(|at| Some(*at..=*at)).collect();
+        let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
+        let fitted = recognizer.fitted(&[part]).unwrap();
+        let is = |w: &Warning| matches!(w, Warning::Contradicted { share } if *share > 0.6);
+        fitted.fit().doubts().iter().any(is)
+    };
+    assert!(!contradicted(0) && [3, 6, 10].into_iter().all(contradicted));
+
     let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
     let few = recognizer.fitted(&[part]).unwrap();
     assert!(few.fit().doubts().contains(&Warning::Short { steps: 12 }));
