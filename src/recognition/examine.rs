@@ -149,7 +149,8 @@ impl Recording {
     /// [stuck](Warning::Stuck), the view is [still](Warning::Still) though it reads that the
     /// vehicle moves, the queries are [unlike](Warning::Unlike) those of the fit, or they match
     /// [nothing](Warning::Nothing) for a while though the map is never left. Needs no labels. Costs
-    /// as much as [`filtered`](Self::filtered), and twice that if odometry reads the same for long.
+    /// as much as [`filtered`](Self::filtered), twice that if odometry reads the same for long, and as
+    /// [`smoothed`](Self::smoothed) if queries are unlike and the map may be left.
     #[must_use]
     pub fn doubts(&self) -> Vec<Warning> {
         let own = self.own_doubts().iter().cloned();
@@ -160,9 +161,24 @@ impl Recording {
 
     fn unlike(&self) -> Option<Warning> {
         let [labelled, deviation] = self.recognizer().fit().best_scores?;
-        let [recording, _] = moments(self.best_scores())?;
-        let unlike = (recording - labelled).abs() > UNLIKE * deviation;
-        unlike.then_some(Warning::Unlike { labelled, recording })
+        let unlike = |scores: &[f64]| {
+            let [recording, _] = moments(scores)?;
+            let unlike = (recording - labelled).abs() > UNLIKE * deviation;
+            unlike.then_some(Warning::Unlike { labelled, recording })
+        };
+        let finite = |best: &f64| best.is_finite();
+        let all: Vec<f64> = self.best_scores().iter().copied().filter(finite).collect();
+        let warning = unlike(&all)?;
+        if self.recognizer().options().off_map.is_none() {
+            return Some(warning);
+        }
+        // Queries off the map match nothing, unlike labelled ones; but if most are, the camera may
+        // be another.
+        let beliefs = self.smoothed().ok()?;
+        let scores = self.best_scores().iter().enumerate();
+        let on_map = scores.filter(|(step, _)| beliefs.mass(*step, None) < 0.5);
+        let on_map: Vec<f64> = on_map.map(|(_, best)| *best).filter(finite).collect();
+        if on_map.len() < all.len() / 2 { Some(warning) } else { unlike(&on_map) }
     }
 
     /// Warns if odometry reads again and again that the vehicle moves at one speed, and the images

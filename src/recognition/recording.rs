@@ -79,7 +79,7 @@ impl Recording {
             controls.push(sensor.sense(seeing, at + 1, query, reading, &mut row)?);
             doubts.take(sensor.tally());
             likelihoods.push(row);
-            best_scores.extend(Some(sensor.best()).filter(|best| best.is_finite()));
+            best_scores.push(sensor.best());
             alone.push(sensor.alone().to_vec());
         }
         let (recognizer, standardizer) = (recognizer.clone(), sensor.standardizer().clone());

@@ -243,6 +243,22 @@ fn queries_unlike_the_labelled_ones_are_told() {
     assert!(unlike(0.05, 1.0) && unlike(1.0, 0.05));
 }
 
+/// Images of a detour match nothing, which says nothing of the others.
+#[test]
+fn queries_off_the_map_are_not_unlike() {
+    let unlike = |off_map: bool| {
+        let (recognizer, world) = recognizer(245, off_map);
+        let drive: Vec<usize> = (10..60).chain(PLACES..PLACES + 40).chain(60..110).collect();
+        let places = labels(&drive);
+        let queries = seen(&world, &drive, 0.5, 246);
+        let part = LabelledPart { queries: &queries[..50], places: &places[..50], odometry: &[] };
+        let fitted = recognizer.fitted(&[part]).unwrap();
+        let doubts = doubts(&fitted, &queries[50..], &[]);
+        doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
+    };
+    assert!(!unlike(true) && unlike(false));
+}
+
 #[test]
 fn stuck_odometry_is_told() {
     let (recognizer, world) = recognizer(250, false);
