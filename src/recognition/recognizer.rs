@@ -13,8 +13,7 @@ use crate::motion::RouteTransition;
 use crate::observation::Distance;
 
 /// Number of queries that usual scores learned before a drive count as at most: they come from
-/// other places, or from the same drive again. It is also the number from which on they tell a
-/// reference that is near to everything.
+/// other places, or from the same drive again.
 pub(super) const KNOWN_COUNT: f64 = 10.0;
 
 /// The hidden Markov model: motion along a route, and likelihoods of its places.

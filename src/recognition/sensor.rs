@@ -23,6 +23,11 @@ const STILL_PART: f64 = 0.2;
 const AMONG: f32 = 0.8;
 /// Share of its score up to which a reference is near usually, and not now only.
 const USUALLY: f32 = 0.3;
+/// Number of queries from which on usual scores tell one from the other: those known before the
+/// drive may be of another season, and ten of the drive.
+const ACQUAINTED: f64 = 2.0 * KNOWN_COUNT;
+/// Largest share of those that linger, so that what becomes near to everything is learned at last.
+const MOST_LINGERING: f64 = 0.8;
 /// Number of new views over which the share of those that linger fades, by e.
 const LINGERING: f64 = 20.0;
 
@@ -232,14 +237,15 @@ impl Sensor {
                 let at = nearest(last);
                 // References that are near to everything linger, too, but usually.
                 let lingers = self.rows[at] <= AMONG * least(&self.rows)
-                    && standardizer.count() >= KNOWN_COUNT
+                    && standardizer.count() >= ACQUAINTED
                     && standardizer.usual(spread, at) > USUALLY * within(self.rows[at]);
                 *lingering += (f64::from(u8::from(lingers)) - *lingering) / LINGERING;
             }
             // A vehicle that moves on slowly has views with new noise and little else: where it is
             // must not become usual. The correlation of views is taken for the share of those that
             // linger.
-            let fresh = fresh * (1.0 - *lingering) / (1.0 + *lingering);
+            let lingering = lingering.min(MOST_LINGERING);
+            let fresh = fresh * (1.0 - lingering) / (1.0 + lingering);
             let level = |count: f64| (30.0 * count.ln_1p()) as u32;
             let before = level(standardizer.count());
             standardizer.count_in(spread, &self.rows, fresh);

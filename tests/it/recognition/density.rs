@@ -121,43 +121,89 @@ proptest! {
             prop_assert!(right >= nearest && error < 0.05, "filter {right} {nearest} {error}");
         }
     }
+}
 
-    /// A vehicle creeps for 400 steps past views that are noisy, each unlike the one before, and
-    /// where it is does not become usual: within 3 places, the filter is right in 0.9 of the steps
-    /// and the smoother in 0.95, and it is wrong in 20 steps at most in which it is sure. Single
-    /// images do become worse, as what is learned is discounted, not left out.
-    #[test]
-    #[expect(clippy::cast_sign_loss, reason = "places from 100 on")]
-    fn where_a_vehicle_creeps_does_not_become_usual(
-        noise in 2.0_f32..3.3,
-        speed in 0.01..0.05_f32,
-        seed in 0..1000_u64,
-    ) {
+/// A vehicle creeps for 400 steps past views that are noisy, each unlike the one before, and where it
+/// is hardly becomes usual: within 3 places, the filter and the smoother are right in 0.95 of the steps
+/// of 24 drives, and the smoother is wrong in 0.02 of them where it is sure. What is learned
+/// meanwhile is discounted, not left out: single drives do worse.
+#[test]
+#[expect(clippy::cast_sign_loss, reason = "places from 100 on")]
+fn where_a_vehicle_creeps_hardly_becomes_usual() {
+    const DRIVES: u64 = 24;
+    let (mut filtered, mut smoothed, mut sure_and_wrong) = (0.0, 0.0, 0);
+    for seed in 0..DRIVES {
         let map = route(400, 10, seed);
+        let (noise, speed) = ([2.0, 2.5, 3.0][seed as usize % 3], [0.01, 0.03][seed as usize % 2]);
         let mut rng = rng(seed + 1000);
         let (mut at, mut drive, mut queries) = (100.0_f32, Vec::new(), Vec::<Vec<f32>>::new());
         for k in 0..500 {
             let (place, part) = (at as usize, at.fract());
             let pairs = map[place].iter().zip(&map[place + 1]);
             let mut error = || -> f32 { StandardNormal.sample(&mut rng) };
-            queries.push(pairs.map(|(a, b)| a * (1.0 - part) + b * part + noise * error()).collect());
+            let view = pairs.map(|(a, b)| a * (1.0 - part) + b * part + noise * error());
+            queries.push(view.collect());
             drive.push(at);
             at += if k < 100 { 1.0 } else { speed };
         }
         let recognizer =
             Recognizer::from_descriptors(&map, Distance::Cosine, Options::default()).unwrap();
         let recording = recognizer.recording(&queries, &[]).unwrap();
-        let wrong = |found: usize, k: usize| (found as f32 - drive[k]).abs() > 3.0;
-        let share = |answers: &[Answer]| {
-            let wrong = (100..500).filter(|k| wrong(answers[*k].place.unwrap(), *k)).count();
-            1.0 - wrong as f64 / 400.0
+        let answers = [recording.filtered().unwrap(), recording.smoothed().unwrap()];
+        let answers = answers.map(|beliefs| beliefs.answers());
+        let wrong = |answer: &Answer, k: usize| {
+            answer.place.is_none_or(|place| (place as f32 - drive[k]).abs() > 3.0)
         };
-        let smoothed = recording.smoothed().unwrap().answers();
-        let sure = (100..500).filter(|k| smoothed[*k].probability > 0.9);
-        let sure_and_wrong = sure.filter(|k| wrong(smoothed[*k].place.unwrap(), *k)).count();
-        let filtered = share(&recording.filtered().unwrap().answers());
-        let smooth = share(&smoothed);
-        prop_assert!(filtered > 0.9 && smooth > 0.95, "{filtered} {smooth}");
-        prop_assert!(sure_and_wrong <= 20, "{sure_and_wrong}");
+        let right = |answers: &[Answer]| {
+            let right = (100..500).filter(|k| !wrong(&answers[*k], *k)).count();
+            right as f64 / (400.0 * DRIVES as f64)
+        };
+        filtered += right(&answers[0]);
+        smoothed += right(&answers[1]);
+        let sure = (100..500).filter(|k| answers[1][*k].probability > 0.9);
+        sure_and_wrong += sure.filter(|k| wrong(&answers[1][*k], *k)).count();
     }
+    let most = (0.02 * 400.0 * DRIVES as f64) as usize;
+    assert!(filtered > 0.95 && smoothed > 0.95, "{filtered} {smoothed}");
+    assert!(sure_and_wrong <= most, "{sure_and_wrong}");
+}
+
+/// At dusk all images look a little like the one dark reference, which none of the others did. It
+/// is nearest again and again, and yet it becomes usual: filter and smoother are right within 3
+/// places in 0.95 of the steps of 12 drives, where the dark one mostly is the nearest image.
+#[test]
+fn a_reference_that_comes_to_be_near_to_everything_becomes_usual() {
+    const DRIVES: u64 = 12;
+    const DARK: usize = 300;
+    let (mut filtered, mut smoothed, mut nearest) = (0.0, 0.0, 0.0);
+    for seed in 0..DRIVES {
+        let (mut map, season) = (route(400, 5, seed), route(400, 5, seed + 1000));
+        let mut rng = rng(seed + 2000);
+        let dark = route(2, 1, seed + 3000);
+        map[DARK].clone_from(&dark[0]);
+        let drive: Vec<usize> = (20..280).collect();
+        let query = |place: &usize| -> Vec<f32> {
+            let pairs = map[*place].iter().zip(&season[*place]).zip(&dark[0]);
+            let mut error = || -> f32 { StandardNormal.sample(&mut rng) };
+            pairs.map(|((a, b), dark)| 0.5 * a + 0.8 * b + 0.5 * error() + 1.2 * dark).collect()
+        };
+        let queries: Vec<Vec<f32>> = drive.iter().map(query).collect();
+        let recognizer =
+            Recognizer::from_descriptors(&map, Distance::Cosine, Options::default()).unwrap();
+        let recording = recognizer.recording(&queries, &[]).unwrap();
+        let share = |answers: &[Answer], within: &dyn Fn(usize, usize) -> bool| {
+            let found = |k: &usize| answers[*k].place.is_some_and(|place| within(place, drive[*k]));
+            (FINDING..drive.len()).filter(found).count() as f64
+                / ((drive.len() - FINDING) as f64 * DRIVES as f64)
+        };
+        let right = |place: usize, truth: usize| place.abs_diff(truth) <= 3;
+        filtered += share(&recording.filtered().unwrap().answers(), &right);
+        smoothed += share(&recording.smoothed().unwrap().answers(), &right);
+        let mut raw = Options::default();
+        raw.standardize = false;
+        let raw = Recognizer::from_descriptors(&map, Distance::Cosine, raw).unwrap();
+        let raw = raw.recording(&queries, &[]).unwrap().single().answers();
+        nearest += share(&raw, &|place, _| place.abs_diff(DARK) <= 1);
+    }
+    assert!(filtered > 0.95 && smoothed > 0.95 && nearest > 0.9, "{filtered} {smoothed} {nearest}");
 }
