@@ -73,9 +73,9 @@ proptest! {
 
     /// 5% of the references of every row are replaced. Elsewhere, the probability of the right place
     /// moves by 0.02 on average, 0.005 in the smoother, and where single images are mostly wrong by
-    /// 0.06 and 0.02. References that are always nearer than all others cannot be told from the
-    /// right place at first: with clear images, the bounds are ten times as wide, and hold after
-    /// 80 steps; with weak ones there are none.
+    /// 0.12 and 0.06. References that are often nearer than the right place cannot be told from it
+    /// at first: with clear images, the bounds are ten times as wide, and hold after 80 steps; with
+    /// weak ones there are none.
     #[test]
     fn a_few_references_move_no_other_answers(
         clear in any::<bool>(),
@@ -83,16 +83,17 @@ proptest! {
         first in 0..20_usize,
         with in noisy(),
     ) {
-        let rows = recording(if clear { 6.0 } else { 2.0 }, seed);
+        let depth = if clear { 6.0 } else { 2.0 };
+        let rows = recording(depth, seed);
         let (mut rng, mut other) = (rng(seed + 5000), rows.clone());
         for row in &mut other {
             for i in (first..PLACES).step_by(20) {
                 row[i] = replaced(with, StandardNormal.sample(&mut rng));
             }
         }
-        let near = with.0 < 5.0;
+        let near = with.0 - 2.0 * with.1 < 10.0 - depth;
         prop_assume!(clear || !near);
-        let [most, most_smoothed] = if clear { [0.02, 0.005] } else { [0.06, 0.02] };
+        let [most, most_smoothed] = if clear { [0.02, 0.005] } else { [0.12, 0.06] };
         let (drive, begin) = (drive(), if near { 80 } else { FINDING });
         let elsewhere = |k: usize| {
             k >= begin && (first..PLACES).step_by(20).all(|i| drive[k].abs_diff(i) > 2)
