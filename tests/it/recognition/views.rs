@@ -12,8 +12,9 @@ use crate::kit::{cases, text};
 fn change(before: &[f32], now: &[f32]) -> f64 {
     let pairs = within(before).into_iter().zip(within(now));
     let finite = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
-    let both: Vec<(f64, f64)> =
-        finite.map(|(a, b)| (a.clamp(-5.0, 5.0), b.clamp(-5.0, 5.0))).collect();
+    // Scores are singles: of differences beyond their range nothing is left.
+    let single = |score: f64| f64::from(score.clamp(-5.0, 5.0) as f32);
+    let both: Vec<(f64, f64)> = finite.map(|(a, b)| (single(a), single(b))).collect();
     let apart: f64 = both.iter().map(|(a, b)| (a - b).powi(2)).sum();
     let size: f64 = both.iter().map(|(a, b)| a * a + b * b).sum();
     match both.len() {
