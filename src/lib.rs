@@ -175,8 +175,8 @@ mod fixed;
 mod groups;
 mod hmm;
 mod kernels;
+mod limits;
 mod random;
-mod range;
 mod reorder;
 mod sequence;
 

@@ -126,13 +126,13 @@ impl Likelihood for Sensor {
         }
     }
 
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         match &self.kind {
-            Kind::Table(table) => table.is_at_hand(),
-            Kind::SparseTable(table) => table.is_at_hand(),
-            Kind::Vector { vector, .. } => vector.is_at_hand(),
-            Kind::Sparse(sparse) => sparse.is_at_hand(),
-            Kind::Places(places) => places.is_at_hand(),
+            Kind::Table(table) => table.is_precomputed(),
+            Kind::SparseTable(table) => table.is_precomputed(),
+            Kind::Vector { vector, .. } => vector.is_precomputed(),
+            Kind::Sparse(sparse) => sparse.is_precomputed(),
+            Kind::Places(places) => places.is_precomputed(),
         }
     }
 }

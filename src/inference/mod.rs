@@ -27,128 +27,46 @@
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
 //! [`performance`](crate::guide::performance) says what limits its speed.
 
-// One algorithm per file; `step` has their common parts: prediction, checked diagonal,
-// normaliser.
-mod filter;
-mod filter_snapshot;
-
-mod fixed_lag;
-mod fixed_lag_snapshot;
-
-mod pruned;
-
-mod online_viterbi;
-mod online_viterbi_snapshot;
-
-mod filtering;
-
-mod smoother;
-
-mod checkpoints;
-mod entropy;
-
-mod viterbi;
-
-mod k_best;
-
 mod beam;
-
+mod decoding;
+pub(crate) mod engines;
+mod learning;
+mod pruned;
+mod sequences;
+mod step;
+pub(crate) mod streams;
 mod trellis;
 
-mod sampler;
-
-mod simulate;
-
-mod batch;
-mod baum_welch;
-mod criteria;
-mod expectations;
-mod few;
-pub(crate) mod in_parallel;
-mod jackknife;
-mod labelled;
-mod many;
-mod plan;
-mod restarts;
-
-mod active_set;
-mod backward;
-mod block;
-mod by_blocks;
-#[cfg(feature = "matching")]
-pub(crate) mod bytes;
-#[cfg(not(feature = "matching"))]
-mod bytes;
-mod evidence;
-mod form;
-mod pairs;
-mod posteriors;
-mod scores;
-mod step;
-
 pub use crate::error::{LearnError, SequenceError, SnapshotError};
-pub use baum_welch::{LearnedModel, LearningOptions, StopReason};
 pub use beam::BeamPath;
-pub use checkpoints::{Order, SmoothedStep};
-pub use criteria::{Candidate, Criteria, HeldOut, ModelSelection};
-pub use expectations::Expectations;
-pub use filter::Filter;
-pub use filter_snapshot::FilterSnapshot;
-pub(crate) use filter_snapshot::MOST_STEPS;
-pub use filtering::FilteredSequence;
-pub use fixed_lag::FixedLag;
-pub use fixed_lag_snapshot::FixedLagSnapshot;
-pub use jackknife::StandardErrors;
-pub use labelled::LabelledSequence;
-pub use online_viterbi::OnlineViterbi;
+pub use decoding::viterbi::ViterbiPath;
+pub use learning::baum_welch::{LearnedModel, LearningOptions, StopReason};
+pub use learning::criteria::{Candidate, Criteria, HeldOut, ModelSelection};
+pub use learning::expectations::Expectations;
+pub use learning::jackknife::StandardErrors;
+pub use learning::labels::LabelledSequence;
+pub use learning::restarts::Restarts;
+pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
+pub use sequences::forward::FilteredSequence;
+pub use sequences::pairwise::Pairs;
+pub use sequences::path_sampler::PathSampler;
+pub use sequences::posteriors::Posteriors;
+pub use sequences::simulation::Simulation;
+pub use sequences::smooth_each::{Order, SmoothedStep};
+pub use sequences::smoother::SmoothedSequence;
+pub use streams::filter::Filter;
+pub use streams::filter_snapshot::FilterSnapshot;
+pub use streams::fixed_lag::FixedLag;
+pub use streams::fixed_lag_snapshot::FixedLagSnapshot;
+pub use streams::online_viterbi::OnlineViterbi;
+pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
+pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
+
 #[cfg(feature = "serde")]
-pub(crate) use online_viterbi_snapshot::Node;
-pub use online_viterbi_snapshot::OnlineViterbiSnapshot;
-pub use pairs::Pairs;
-pub use posteriors::Posteriors;
+pub(crate) use decoding::scores::TakenOut;
 #[cfg(feature = "serde")]
 pub(crate) use pruned::Envelope;
-pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
-pub use restarts::Restarts;
-pub use sampler::PathSampler;
+pub(crate) use step::log_sum::LogSum;
+pub(crate) use streams::filter_snapshot::MOST_STEPS;
 #[cfg(feature = "serde")]
-pub(crate) use scores::TakenOut;
-pub use simulate::Simulation;
-pub use smoother::SmoothedSequence;
-pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
-pub use viterbi::ViterbiPath;
-
-/// Compensated sum of many logarithms (Neumaier 1974), so that a million steps do not drift.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct LogSum {
-    pub(crate) sum: f64,
-    pub(crate) lost: f64,
-}
-
-impl LogSum {
-    #[inline]
-    pub(crate) fn add(&mut self, value: f64) {
-        let sum = self.sum + value;
-        self.lost += if self.sum.abs() >= value.abs() {
-            (self.sum - sum) + value
-        } else {
-            (value - sum) + self.sum
-        };
-        self.sum = sum;
-    }
-
-    /// Clears the compensation of an infinite sum, which is NaN and unused.
-    fn known(self) -> Self {
-        if self.sum.is_finite() { self } else { Self { sum: self.sum, lost: 0.0 } }
-    }
-
-    /// True if sum and compensation together are finite; both may be damaged.
-    fn is_finite(self) -> bool {
-        self.sum.is_finite() && (self.sum + self.lost).is_finite()
-    }
-
-    pub(crate) fn value(self) -> f64 {
-        // An infinite sum has no meaningful compensation.
-        if self.sum.is_finite() { self.sum + self.lost } else { self.sum }
-    }
-}
+pub(crate) use streams::online_viterbi_snapshot::Node;

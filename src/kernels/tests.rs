@@ -10,7 +10,7 @@ use super::ops::*;
 use super::parallel::{PART, Splits, in_turn, run_in_parts};
 use super::simd::{Eight, Isa, LANES, with_isa};
 use super::vector::{dot, sum};
-use crate::range::{BACK_LIFT, LIFT};
+use crate::limits::{BACK_LIFT, LIFT};
 
 type EntryRows = Vec<Vec<(u32, f64)>>;
 

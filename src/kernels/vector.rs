@@ -1,7 +1,7 @@
 //! Sums and scales of vectors.
 
 use super::simd::{LANES, total};
-use crate::range::{LIFT, TINY};
+use crate::limits::{LIFT, TINY};
 
 /// Σ xᵢ.
 pub(crate) fn sum(x: &[f64]) -> f64 {

@@ -3,7 +3,7 @@
 use super::sparse::{SparseDiagonal, SparseObservation};
 use crate::error::LikelihoodError;
 use crate::kernels::{self, Valid};
-use crate::range;
+use crate::limits;
 
 /// Diagonal of B(y): one likelihood per state, as numbers or as logarithms, with an optional
 /// common log factor.
@@ -115,7 +115,7 @@ impl<'a> Diagonal<'a> {
 
 /// Checks a log factor, the sum of which must stay finite over all steps.
 pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
-    if range::is_log(value) { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
+    if limits::is_log(value) { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
 }
 
 /// Reusable memory for the values of a diagonal, kept from step to step.

@@ -133,9 +133,9 @@ where
         Ok(Unlisted::log_at_most(others).with_log_factor(log_factor))
     }
 
-    fn standing_out(&self, (first, second): &Self::Observation, states: &mut Vec<usize>) {
-        self.first.standing_out(first, states);
-        self.second.standing_out(second, states);
+    fn listed_states(&self, (first, second): &Self::Observation, states: &mut Vec<usize>) {
+        self.first.listed_states(first, states);
+        self.second.listed_states(second, states);
     }
 }
 

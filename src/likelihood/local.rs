@@ -53,7 +53,7 @@ use crate::kernels::Valid;
 ///     }
 ///
 ///     // Places near the beacon, even if the filter has no mass there.
-///     fn standing_out(&self, &beacon: &usize, states: &mut Vec<usize>) {
+///     fn listed_states(&self, &beacon: &usize, states: &mut Vec<usize>) {
 ///         states.extend(beacon.saturating_sub(9)..(beacon + 10).min(self.0));
 ///     }
 /// }
@@ -91,7 +91,7 @@ pub trait LocalLikelihood: Likelihood {
     ///
     /// The choice affects the cost and the tightness of the error bounds, not their validity. By
     /// default no states are appended.
-    fn standing_out(&self, observation: &Self::Observation, states: &mut Vec<usize>) {
+    fn listed_states(&self, observation: &Self::Observation, states: &mut Vec<usize>) {
         let _ = (observation, states);
     }
 }

@@ -138,7 +138,7 @@ pub trait Likelihood {
 
     /// True if likelihoods are stored, so that requesting them costs nothing: the smoother then
     /// requests them a second time instead of computing a product with A. False by default.
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         false
     }
 }

@@ -67,8 +67,8 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
         Ok(Diagonal::checked(&self.ones, 1.0, None))
     }
 
-    fn is_at_hand(&self) -> bool {
-        self.sensor.is_at_hand()
+    fn is_precomputed(&self) -> bool {
+        self.sensor.is_precomputed()
     }
 }
 
@@ -87,9 +87,9 @@ impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelih
         Ok(Unlisted::at_most(1.0))
     }
 
-    fn standing_out(&self, observation: &Option<B::Observation>, states: &mut Vec<usize>) {
+    fn listed_states(&self, observation: &Option<B::Observation>, states: &mut Vec<usize>) {
         if let Some(observation) = observation {
-            self.sensor.standing_out(observation, states);
+            self.sensor.listed_states(observation, states);
         }
     }
 }

@@ -40,8 +40,8 @@ macro_rules! as_target {
                 (**self).by_groups(observation, scratch)
             }
 
-            fn is_at_hand(&self) -> bool {
-                (**self).is_at_hand()
+            fn is_precomputed(&self) -> bool {
+                (**self).is_precomputed()
             }
         }
 
@@ -59,8 +59,8 @@ macro_rules! as_target {
                 (**self).local(observation, states, out, scratch)
             }
 
-            fn standing_out(&self, observation: &B::Observation, states: &mut Vec<usize>) {
-                (**self).standing_out(observation, states);
+            fn listed_states(&self, observation: &B::Observation, states: &mut Vec<usize>) {
+                (**self).listed_states(observation, states);
             }
         }
     )*};

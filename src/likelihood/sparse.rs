@@ -141,8 +141,8 @@ impl SparseObservation {
         Unlisted::at_most(next.fold(others, |others, entry| others.max(entry.1)))
     }
 
-    /// [`LocalLikelihood::standing_out`].
-    pub(super) fn standing_out(&self, all: usize, states: &mut Vec<usize>) {
+    /// [`LocalLikelihood::listed_states`].
+    pub(super) fn listed_states(&self, all: usize, states: &mut Vec<usize>) {
         let above = self.listed.iter().filter(|entry| entry.1 > self.elsewhere);
         states.extend(above.map(|entry| entry.0).filter(|&state| state < all));
     }
@@ -223,7 +223,7 @@ impl Likelihood for SparseLikelihood {
         Ok(scratch.sparse(self.states, observation))
     }
 
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         true
     }
 }
@@ -243,8 +243,8 @@ impl LocalLikelihood for SparseLikelihood {
         Ok(observation.local(self.states, states, out))
     }
 
-    fn standing_out(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
-        observation.standing_out(self.states, states);
+    fn listed_states(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
+        observation.listed_states(self.states, states);
     }
 }
 
@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(ask(&[0, 2, 4]), (vec![0.0, 0.25, 0.5], 0.125));
         assert_eq!(ask(&[0, 1, 2, 3, 4]), (vec![0.0, 0.125, 0.25, 0.125, 0.5], 0.0));
         let mut states = Vec::new();
-        SparseLikelihood::new(5).standing_out(&seen, &mut states);
+        SparseLikelihood::new(5).listed_states(&seen, &mut states);
         assert_eq!(states, [2, 4]);
     }
 }

@@ -119,7 +119,7 @@ impl Likelihood for SparseTableLikelihood {
         Ok(scratch.sparse(self.states, self.seen(symbol)?))
     }
 
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         true
     }
 }
@@ -139,7 +139,7 @@ impl LocalLikelihood for SparseTableLikelihood {
         Ok(self.seen(symbol)?.local(self.states, states, out))
     }
 
-    fn standing_out(&self, &symbol: &usize, states: &mut Vec<usize>) {
-        self.symbol(symbol).into_iter().for_each(|seen| seen.standing_out(self.states, states));
+    fn listed_states(&self, &symbol: &usize, states: &mut Vec<usize>) {
+        self.symbol(symbol).into_iter().for_each(|seen| seen.listed_states(self.states, states));
     }
 }

@@ -33,10 +33,10 @@ pub struct TableLikelihood {
     /// Maximum of each symbol's column.
     largest: Vec<f64>,
     /// States with the largest values of each symbol, in descending order of the values.
-    standing_out: Vec<Vec<(usize, f64)>>,
+    listed_states: Vec<Vec<(usize, f64)>>,
 }
 
-/// Most states stored in `standing_out` per symbol.
+/// Most states stored in `listed_states` per symbol.
 const STANDING_OUT: usize = 16;
 
 impl TableLikelihood {
@@ -79,8 +79,8 @@ impl TableLikelihood {
         let log2 = columns.iter().map(|&value| kernels::log2(value)).collect();
         let maximum = |column: &[f64]| column.iter().copied().fold(0.0, f64::max);
         let largest = columns.chunks_exact(states).map(maximum).collect();
-        let standing_out = columns.chunks_exact(states).map(standing_out).collect();
-        Self { states, columns, log2, largest, standing_out }
+        let listed_states = columns.chunks_exact(states).map(listed_states).collect();
+        Self { states, columns, log2, largest, listed_states }
     }
 
     /// Creates a table from a faer view with one row per state. O(n m).
@@ -167,7 +167,7 @@ impl Likelihood for TableLikelihood {
         Ok(Diagonal::checked(linear, self.largest[symbol], Some(log2)))
     }
 
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         true
     }
 }
@@ -191,15 +191,15 @@ impl LocalLikelihood for TableLikelihood {
         if states.len() == self.states {
             return Ok(Unlisted::at_most(0.0));
         }
-        let known = &self.standing_out[symbol];
+        let known = &self.listed_states[symbol];
         let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
         // With fewer than 16 stored, all others are 0.
         let rest = known.last().filter(|_| known.len() == STANDING_OUT);
         Ok(Unlisted::at_most(other.or(rest).map_or(0.0, |entry| entry.1)))
     }
 
-    fn standing_out(&self, &symbol: &usize, states: &mut Vec<usize>) {
-        let known = self.standing_out.get(symbol).into_iter().flatten();
+    fn listed_states(&self, &symbol: &usize, states: &mut Vec<usize>) {
+        let known = self.listed_states.get(symbol).into_iter().flatten();
         states.extend(known.map(|entry| entry.0));
     }
 }
@@ -213,7 +213,7 @@ impl ReorderStates for TableLikelihood {
 }
 
 /// States with the largest values above 0 of a column.
-fn standing_out(column: &[f64]) -> Vec<(usize, f64)> {
+fn listed_states(column: &[f64]) -> Vec<(usize, f64)> {
     let mut known: Vec<(usize, f64)> = Vec::with_capacity(STANDING_OUT + 1);
     for (state, &value) in column.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
         if known.len() < STANDING_OUT || known.last().is_some_and(|last| value > last.1) {

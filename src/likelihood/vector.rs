@@ -70,7 +70,7 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
         Ok(if self.log { Diagonal::log(values) } else { Diagonal::linear(values) })
     }
 
-    fn is_at_hand(&self) -> bool {
+    fn is_precomputed(&self) -> bool {
         !self.log
     }
 }

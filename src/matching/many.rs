@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use super::{MatchError, MatchMemory, MatchedDrive, Matcher, TracePoint};
-use crate::inference::in_parallel::{self, Spare};
+use crate::inference::engines::parallel::{self, MemoryPool};
 use crate::map::Coordinates;
 
 /// Drives for each thread that are under way or wait for the visitor.
@@ -66,7 +66,7 @@ pub(super) fn in_order<T: Send, R: Send, Stop>(
     work: impl Fn(T, &mut MatchMemory) -> R + Sync,
     take: impl FnMut(R) -> ControlFlow<Stop>,
 ) -> ControlFlow<Stop> {
-    let spare = Spare::default();
+    let spare = MemoryPool::default();
     spare.push(std::mem::take(memory));
     let work = |item| {
         let mut memory = spare.pop().unwrap_or_default();
@@ -74,7 +74,7 @@ pub(super) fn in_order<T: Send, R: Send, Stop>(
         spare.push(memory);
         result
     };
-    let done = in_parallel::in_order(items, DRIVES_AHEAD, work, take);
+    let done = parallel::in_order(items, DRIVES_AHEAD, work, take);
     *memory = spare.pop().unwrap_or_default();
     done
 }

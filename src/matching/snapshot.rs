@@ -4,7 +4,7 @@ use super::candidates::{Candidate, OFF_ROAD};
 use super::{TracePoint, Vehicle};
 use crate::error::SnapshotError;
 use crate::inference::Trellis;
-use crate::inference::bytes::{Kind, Reader, Writer, contents};
+use crate::inference::streams::bytes::{Kind, Reader, Writer, contents};
 use crate::map::Coordinates;
 
 /// Types of vehicles, by the units of their coordinates.

@@ -250,7 +250,7 @@ impl LocalLikelihood for TagLikelihood {
         Ok(Unlisted::at_most(values.fold(self.by_mistake(), f64::max)))
     }
 
-    fn standing_out(&self, seen: &Option<usize>, states: &mut Vec<usize>) {
+    fn listed_states(&self, seen: &Option<usize>, states: &mut Vec<usize>) {
         if let Some(tag) = seen.filter(|&tag| tag < self.tags()) {
             states.extend(self.cells(tag));
         }

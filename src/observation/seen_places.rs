@@ -73,7 +73,7 @@ impl LocalLikelihood for Confusion {
         Ok(Unlisted::at_most(entries.fold(others, |others, entry| others.max(entry.1))))
     }
 
-    fn standing_out(&self, &seen: &usize, states: &mut Vec<usize>) {
+    fn listed_states(&self, &seen: &usize, states: &mut Vec<usize>) {
         states.extend(self.seen_as(seen).into_iter().flatten().map(|entry| entry.0));
     }
 }

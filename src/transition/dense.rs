@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use super::check::{check_columns_of, check_count, check_rows, check_square};
 use crate::error::TransitionError;
 use crate::kernels::{Dense, Lines, Panels};
-use crate::range;
+use crate::limits;
 
 /// Most states whose entries `Debug` shows.
 const SHOWN: usize = 8;
@@ -158,7 +158,7 @@ impl DenseTransition {
 
     /// Creates an operator from entries that are known to be valid.
     pub(super) fn known(matrix: Dense) -> Self {
-        let plain = matrix.values().iter().all(|&p| p == 0.0 || range::is_plain(p));
+        let plain = matrix.values().iter().all(|&p| p == 0.0 || limits::is_plain(p));
         Self { matrix, plain, log2: OnceLock::new() }
     }
 

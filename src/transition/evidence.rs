@@ -9,7 +9,7 @@ use super::{LearnTransition, MoveCounts};
 use super::{Transition, TransitionEntries, check_slices, log, validate_with};
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
-use crate::range::LARGEST_LOG;
+use crate::limits::LARGEST_LOG;
 
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
 /// likelihood p(u | `X_{k-1}`, `X_k`) multiplies the entries of A.

@@ -1,7 +1,7 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
 use super::buffers;
-use crate::range::LIFT;
+use crate::limits::LIFT;
 
 /// Width of a band, in nats: the product of its smallest number with the smallest entry is still
 /// a normal double.

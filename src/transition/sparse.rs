@@ -7,7 +7,7 @@ use super::check::{check_columns_of, check_count, check_rows, check_square};
 use super::compressed::Compressed;
 use crate::error::TransitionError;
 use crate::kernels::{EntryValues, Lines, Scores, Sliced, max_step};
-use crate::range;
+use crate::limits;
 
 /// A sparse transition matrix, stored by rows and by columns with 32-bit indices.
 ///
@@ -119,7 +119,7 @@ impl SparseTransition {
         let (sliced_rows, sliced_columns) = rayon::join(sliced_rows, sliced_columns);
         #[cfg(not(feature = "rayon"))]
         let (sliced_rows, sliced_columns) = (sliced_rows(), sliced_columns());
-        let plain = (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| range::is_plain(p)));
+        let plain = (0..rows.lines()).all(|i| rows.line(i).all(|(_, p)| limits::is_plain(p)));
         let log2 = OnceLock::new();
         Self { rows, columns, sliced_rows, sliced_columns, plain, log2, rounding }
     }

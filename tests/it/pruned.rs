@@ -594,7 +594,7 @@ fn check_local<B: LocalLikelihood>(sensor: &B, y: &B::Observation) {
         assert!(scaled(others.largest()) >= largest - 1e-12, "{states:?}");
     }
     let mut wanted = Vec::new();
-    sensor.standing_out(y, &mut wanted);
+    sensor.listed_states(y, &mut wanted);
     assert!(wanted.iter().all(|&i| i < n));
 }
 

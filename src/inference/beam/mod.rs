@@ -6,12 +6,12 @@ mod scores;
 
 use std::f64::consts::{LN_2, LOG2_E};
 
-use super::LogSum;
-use super::active_set::ActiveSet;
-use super::step::Step;
-use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::inference::LogSum;
+use crate::inference::decoding::viterbi::ViterbiPath;
+use crate::inference::pruned::active_set::ActiveSet;
+use crate::inference::step::Step;
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -147,7 +147,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             };
             wanted.clear();
             if beam.elsewhere > f64::NEG_INFINITY {
-                self.likelihood().standing_out(observation, &mut wanted);
+                self.likelihood().listed_states(observation, &mut wanted);
             }
             active_set.list(&beam.states, moves, &wanted);
             next.clear();
@@ -211,7 +211,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             sum.add(score * LN_2);
             sum.value()
         };
-        let at = super::scores::best(&beam.scores);
+        let at = crate::inference::decoding::scores::best(&beam.scores);
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),

@@ -2,48 +2,48 @@
 
 use std::f64::consts::LOG2_E;
 
-use super::super::active_set::ActiveSet;
-use super::super::scores::unlifted_log2;
+use crate::inference::decoding::scores::unlifted_log2;
+use crate::inference::pruned::active_set::ActiveSet;
 use crate::kernels;
-use crate::range::LIFT;
+use crate::limits::LIFT;
 use crate::transition::TransitionEntries;
 
 /// Upper bound on log2 of an entry without evidence on the move: above 0, since columns may
 /// deviate from one by 1e-9.
-pub(super) const ENTRY: f64 = 1.6e-9;
+pub(crate) const ENTRY: f64 = 1.6e-9;
 
 /// Scores of a step: logarithms to base 2 on the grid of `kernels::log2`.
 #[derive(Debug, Default)]
-pub(super) struct Beam {
+pub(crate) struct Beam {
     /// States in the beam, in ascending order.
-    pub(super) states: Vec<usize>,
+    pub(crate) states: Vec<usize>,
     /// Score of the best path to each state that never left the beam.
-    pub(super) scores: Vec<f64>,
+    pub(crate) scores: Vec<f64>,
     /// Upper bound on the scores of the paths to each state that left the beam.
-    pub(super) ceilings: Vec<f64>,
+    pub(crate) ceilings: Vec<f64>,
     /// Upper bound on the scores of the paths to any other state.
-    pub(super) elsewhere: f64,
+    pub(crate) elsewhere: f64,
 }
 
 /// Backpointers of all steps.
 #[derive(Debug, Default)]
-pub(super) struct Pointers {
+pub(crate) struct Pointers {
     /// States of all steps, each with the position of its predecessor among those of the step
     /// before.
-    pub(super) entries: Vec<(u32, u32)>,
+    pub(crate) entries: Vec<(u32, u32)>,
     /// Index of the first entry of each step.
-    pub(super) starts: Vec<usize>,
+    pub(crate) starts: Vec<usize>,
 }
 
 impl Beam {
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.states.clear();
         self.scores.clear();
         self.ceilings.clear();
     }
 
     /// Computes the scores of step 1; X_0 is summed over.
-    pub(super) fn start<A: TransitionEntries>(
+    pub(crate) fn start<A: TransitionEntries>(
         &mut self,
         prior: &[f64],
         moves: Option<(&A, &A::Control)>,
@@ -75,13 +75,13 @@ impl Beam {
     }
 
     /// Returns true if no path has a probability above 0.
-    pub(super) fn is_nowhere(&self) -> bool {
+    pub(crate) fn is_nowhere(&self) -> bool {
         let all = self.scores.iter().chain(&self.ceilings).chain([&self.elsewhere]);
         all.copied().all(|score| score == f64::NEG_INFINITY)
     }
 
     /// Extends the best paths to each state.
-    pub(super) fn extend<I: Iterator<Item = (usize, f64)>>(
+    pub(crate) fn extend<I: Iterator<Item = (usize, f64)>>(
         &mut self,
         before: &Self,
         active_set: &ActiveSet,
@@ -110,7 +110,7 @@ impl Beam {
 
     /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number,
     /// which is returned.
-    pub(super) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
+    pub(crate) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
         self.elsewhere += kernels::log2(others) - whole;
@@ -118,7 +118,7 @@ impl Beam {
     }
 
     /// Adds natural logarithms of likelihoods, less the largest, which is returned.
-    pub(super) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
+    pub(crate) fn weigh_with_logs(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
         let largest = if largest.is_finite() { largest } else { 0.0 };
         // As in the exact decoder, whose scores these must equal.
         let log2 = |log: f64| kernels::on_grid((log - largest) * LOG2_E);
@@ -136,7 +136,7 @@ impl Beam {
 
     /// Drops the states of which all paths are further than `width` below the best, and takes out
     /// the whole part of the best.
-    pub(super) fn prune(&mut self, best: f64, width: f64, from: &mut Vec<u32>) {
+    pub(crate) fn prune(&mut self, best: f64, width: f64, from: &mut Vec<u32>) {
         let (floor, least) = (best.floor(), best - width);
         let mut kept = 0;
         for at in 0..self.states.len() {
@@ -160,7 +160,7 @@ impl Beam {
 
 impl Pointers {
     /// Returns the path that ends in the state at this position of the last step.
-    pub(super) fn path(&self, mut at: usize) -> Vec<usize> {
+    pub(crate) fn path(&self, mut at: usize) -> Vec<usize> {
         let mut states = vec![0; self.starts.len()];
         for (state, start) in states.iter_mut().zip(&self.starts).rev() {
             let (here, before) = self.entries[start + at];
@@ -172,7 +172,7 @@ impl Pointers {
 }
 
 /// Returns log2 of the largest entry. O(E).
-pub(super) fn largest_log2<A: TransitionEntries>(transition: &A, control: &A::Control) -> f64 {
+pub(crate) fn largest_log2<A: TransitionEntries>(transition: &A, control: &A::Control) -> f64 {
     let entries = (0..transition.states()).flat_map(|i| transition.incoming_log2(control, i));
     entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
 }

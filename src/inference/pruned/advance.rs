@@ -1,6 +1,6 @@
 //! Prediction and update of a pruned belief, with its bounds.
 
-use super::super::active_set::ActiveSet;
+use super::active_set::ActiveSet;
 use super::envelope::{Envelope, LIFT, LOST, Raw};
 use super::moves::Moves;
 use super::weights::{Weight, Weights};
@@ -12,28 +12,28 @@ const SMALL: f64 = 1e-270;
 const ROUNDED_UP: f64 = 1.0 + 12.0 * f64::EPSILON;
 
 /// Sums of a prediction.
-pub(super) struct Predicted {
+pub(crate) struct Predicted {
     /// Σ of the predicted estimates.
-    pub(super) sum: f64,
+    pub(crate) sum: f64,
     /// Largest number of terms of a sum.
     terms: usize,
 }
 
 /// Sums over the entries into a state; lifted, except for `beyond`.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Sums {
-    pub(super) estimate: f64,
-    pub(super) lower: f64,
-    pub(super) excess: f64,
+pub(crate) struct Sums {
+    pub(crate) estimate: f64,
+    pub(crate) lower: f64,
+    pub(crate) excess: f64,
     /// Sum of the entries out of inactive states.
-    pub(super) beyond: f64,
+    pub(crate) beyond: f64,
     /// Upper bound on the number of entries.
-    pub(super) terms: usize,
+    pub(crate) terms: usize,
 }
 
 impl Envelope {
     /// Predicts all candidates from `before`; lifted.
-    pub(super) fn predict<A: TransitionEntries>(
+    pub(crate) fn predict<A: TransitionEntries>(
         &mut self,
         before: &Self,
         moves: Option<&Moves<'_, A>>,
@@ -43,7 +43,7 @@ impl Envelope {
     }
 
     /// Predicts all candidates, with sums that the caller computes.
-    pub(super) fn predict_by<A: TransitionEntries>(
+    pub(crate) fn predict_by<A: TransitionEntries>(
         &mut self,
         before: &Self,
         moves: Option<&Moves<'_, A>>,
@@ -118,7 +118,7 @@ impl Envelope {
     }
 
     /// Multiplies the candidates by their likelihoods, and drops those that are ruled out.
-    pub(super) fn weigh(
+    pub(crate) fn weigh(
         &mut self,
         Predicted { terms, .. }: Predicted,
         likelihoods: &[f64],

@@ -1,14 +1,14 @@
 //! Proven bounds on the exact belief.
 
-use crate::range::power;
+use crate::limits::power;
 
 /// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
 /// bounds as large as 1e37 do not overflow.
-pub(super) const LIFT: f64 = power(900);
+pub(crate) const LIFT: f64 = power(900);
 /// Upper bound on the loss of a lifted sum below the smallest `f64`.
-pub(super) const LOST: f64 = 1e-290;
+pub(crate) const LOST: f64 = 1e-290;
 /// Largest value that is dropped in any case.
-pub(super) const LEAST_KEPT: f64 = 1e-290;
+pub(crate) const LEAST_KEPT: f64 = 1e-290;
 /// Factor by which a dropped upper bound may exceed a dropped estimate: otherwise a state that
 /// only the sensor names would be followed, with all that it leads to.
 const IDLE: f64 = 256.0;
@@ -35,20 +35,20 @@ pub(crate) struct Envelope {
 }
 
 /// Sums of a step before they are scaled.
-pub(super) struct Raw {
+pub(crate) struct Raw {
     /// Σ of the estimates, lifted.
-    pub(super) estimate: f64,
+    pub(crate) estimate: f64,
     /// Σ of the lower bounds, lifted.
-    pub(super) lower: f64,
+    pub(crate) lower: f64,
     /// Σ of all excess, with that of inactive states.
-    pub(super) excess: f64,
+    pub(crate) excess: f64,
     /// Largest number of terms of a sum.
-    pub(super) terms: usize,
+    pub(crate) terms: usize,
 }
 
 impl Envelope {
     /// Copies another envelope, in the memory at hand.
-    pub(super) fn copy_from(&mut self, other: &Self) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.states.clone_from(&other.states);
         self.estimate.clone_from(&other.estimate);
         self.lower.clone_from(&other.lower);
@@ -57,7 +57,7 @@ impl Envelope {
     }
 
     /// Starts from an exact belief, with nothing pruned.
-    pub(super) fn start(&mut self, belief: &[f64]) {
+    pub(crate) fn start(&mut self, belief: &[f64]) {
         self.clear();
         for (state, &p) in belief.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
             self.push(state, p, p, 0.0);
@@ -65,21 +65,21 @@ impl Envelope {
         (self.elsewhere, self.outside) = (0.0, 0.0);
     }
 
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.states.clear();
         self.estimate.clear();
         self.lower.clear();
         self.excess.clear();
     }
 
-    pub(super) fn push(&mut self, state: usize, estimate: f64, lower: f64, excess: f64) {
+    pub(crate) fn push(&mut self, state: usize, estimate: f64, lower: f64, excess: f64) {
         self.states.push(state);
         self.estimate.push(estimate);
         self.lower.push(lower);
         self.excess.push(excess);
     }
 
-    pub(super) fn truncate(&mut self, kept: usize) {
+    pub(crate) fn truncate(&mut self, kept: usize) {
         self.states.truncate(kept);
         self.estimate.truncate(kept);
         self.lower.truncate(kept);
@@ -87,19 +87,19 @@ impl Envelope {
     }
 
     /// Returns true if inactive states may have some probability.
-    pub(super) fn is_open(&self) -> bool {
+    pub(crate) fn is_open(&self) -> bool {
         self.outside > 0.0
     }
 
     /// Returns true if there is a lower bound above 0.
-    pub(super) fn is_known(&self) -> bool {
+    pub(crate) fn is_known(&self) -> bool {
         self.lower.iter().any(|p| *p > 0.0)
     }
 
     /// Scales the sums of a step, counts their rounding, and drops small states and those beyond
     /// the `limit` largest; `ranked` is scratch memory. Returns the logarithm of the divisor of
     /// the lower bounds.
-    pub(super) fn settle(
+    pub(crate) fn settle(
         &mut self,
         raw: &Raw,
         threshold: f64,
@@ -186,7 +186,7 @@ impl Envelope {
     /// Removes the uncertainty of the scale: where most of the belief is in one state, s is
     /// chosen so that this state is known exactly. Returns the logarithms of the divisor of the
     /// lower bounds, and of an upper bound on the further divisor of s.
-    pub(super) fn rebase(&mut self) -> (f64, f64) {
+    pub(crate) fn rebase(&mut self) -> (f64, f64) {
         let mut mode = 0;
         let mut rest = 0.0;
         for (at, &lower) in self.lower.iter().enumerate() {
@@ -214,13 +214,13 @@ impl Envelope {
     }
 
     /// Returns an upper bound on the mass that the lower bounds miss, relative to their sum.
-    pub(super) fn deficit(&self) -> f64 {
+    pub(crate) fn deficit(&self) -> f64 {
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
         (self.excess.iter().sum::<f64>() + self.outside) * up
     }
 
     /// Returns an upper bound on the total variation between the estimate and the exact belief.
-    pub(super) fn bound(&self) -> f64 {
+    pub(crate) fn bound(&self) -> f64 {
         let sum: f64 = self.lower.iter().sum();
         let deficit = self.deficit();
         if sum == 0.0 || !deficit.is_finite() {

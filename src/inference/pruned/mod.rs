@@ -9,6 +9,7 @@
 //! beyond doubles, which need logarithms in the policy, are taken as powers of two with
 //! a common one taken out.
 
+pub(crate) mod active_set;
 mod advance;
 mod certificate;
 mod envelope;
@@ -21,12 +22,12 @@ mod wide;
 use std::mem;
 use std::ops::{Deref, RangeInclusive};
 
-use super::LogSum;
-use super::active_set::ActiveSet;
-use super::filter_snapshot::next_step;
+use self::active_set::ActiveSet;
 use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::inference::LogSum;
+use crate::inference::streams::filter_snapshot::next_step;
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::transition::{NoControl, TransitionEntries};
 pub use certificate::{Certificate, Pruning};

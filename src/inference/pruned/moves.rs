@@ -17,30 +17,30 @@ const LARGEST: f64 = 1e30;
 
 /// Bounds on the entries of A: the largest entry, the largest sum of a row, and that of a column.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Bounds {
-    pub(super) entry: f64,
-    pub(super) row: f64,
-    pub(super) column: f64,
+pub(crate) struct Bounds {
+    pub(crate) entry: f64,
+    pub(crate) row: f64,
+    pub(crate) column: f64,
     /// Largest number of entries of a row, and smallest entry, where these have been counted.
-    pub(super) terms: usize,
-    pub(super) smallest: f64,
+    pub(crate) terms: usize,
+    pub(crate) smallest: f64,
 }
 
-/// Form of the entries: numbers, or powers of two, of which a whole one is taken out.
+/// BeliefForm of the entries: numbers, or powers of two, of which a whole one is taken out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Form {
+enum BeliefForm {
     Linear,
     Log2 { taken_out: f64 },
 }
 
 /// Transition operator of a step.
-pub(super) struct Moves<'a, A: Transition> {
-    pub(super) transition: &'a A,
-    pub(super) control: &'a A::Control,
-    pub(super) bounds: Bounds,
+pub(crate) struct Moves<'a, A: Transition> {
+    pub(crate) transition: &'a A,
+    pub(crate) control: &'a A::Control,
+    pub(crate) bounds: Bounds,
     /// Log factor of the evidence, if any.
-    pub(super) evidence: Option<f64>,
-    form: Form,
+    pub(crate) evidence: Option<f64>,
+    form: BeliefForm,
 }
 
 impl Bounds {
@@ -48,7 +48,7 @@ impl Bounds {
 
     /// Computes the bounds on an operator without a control and without evidence, the same for
     /// all steps. O(E).
-    pub(super) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
+    pub(crate) fn constant<A: TransitionEntries>(transition: &A) -> Option<Self> {
         let control = transition.no_control()?;
         transition.check_control(control).ok()?;
         if transition.evidence(control).is_some() {
@@ -75,7 +75,7 @@ impl Bounds {
 impl<'a, A: TransitionEntries> Moves<'a, A> {
     /// Creates the operator of a step. For an open belief it needs the bounds, which for evidence
     /// take O(E).
-    pub(super) fn new(
+    pub(crate) fn new(
         transition: &'a A,
         control: &'a A::Control,
         evidence: Option<f64>,
@@ -84,7 +84,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     ) -> Self {
         let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
-        let mut moves = Self { transition, control, bounds, evidence, form: Form::Linear };
+        let mut moves = Self { transition, control, bounds, evidence, form: BeliefForm::Linear };
         if evidence.is_some() {
             if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);
@@ -101,7 +101,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 
     /// Switches to entries as powers of two. The largest is near one; if it is far above the
     /// largest entry out of an active state, that one is near 2^-500.
-    pub(super) fn in_powers_of_two(mut self, followed: &[usize], is_open: bool) -> Self {
+    pub(crate) fn in_powers_of_two(mut self, followed: &[usize], is_open: bool) -> Self {
         let largest = |states: &mut dyn Iterator<Item = usize>| {
             let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
             entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
@@ -110,7 +110,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         let all = if is_open { largest(&mut (0..self.transition.states())) } else { likely };
         let near = all.min(if likely.is_finite() { likely + SPREAD } else { all });
         let taken_out = if near.is_finite() { near.floor() } else { 0.0 };
-        self.form = Form::Log2 { taken_out };
+        self.form = BeliefForm::Log2 { taken_out };
         if is_open {
             self.bounds = self.largest();
         }
@@ -118,15 +118,15 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     }
 
     /// Returns true if entries are powers of two already.
-    pub(super) fn is_in_powers_of_two(&self) -> bool {
-        self.form != Form::Linear
+    pub(crate) fn is_in_powers_of_two(&self) -> bool {
+        self.form != BeliefForm::Linear
     }
 
     /// Returns the logarithm of the factor taken out of the entries, with that of the evidence.
-    pub(super) fn log_factor(&self) -> f64 {
+    pub(crate) fn log_factor(&self) -> f64 {
         let taken_out = match self.form {
-            Form::Linear => 0.0,
-            Form::Log2 { taken_out } => taken_out * LN_2,
+            BeliefForm::Linear => 0.0,
+            BeliefForm::Log2 { taken_out } => taken_out * LN_2,
         };
         taken_out + self.evidence.unwrap_or(0.0)
     }
@@ -134,13 +134,13 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     /// Passes on the entries into a state, each with a bound on its relative error. Those below
     /// 2.2e-308 are 0, and may be up to twice that.
     #[inline]
-    pub(super) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
+    pub(crate) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
         match self.form {
-            Form::Linear => {
+            BeliefForm::Linear => {
                 let entries = self.transition.incoming(self.control, to);
                 entries.for_each(|(j, a)| add(j, a, 0.0));
             }
-            Form::Log2 { taken_out } => {
+            BeliefForm::Log2 { taken_out } => {
                 let entries = self.transition.incoming_log2(self.control, to);
                 entries.for_each(|(j, log2)| add_power(log2, taken_out, |a, off| add(j, a, off)));
             }
@@ -149,11 +149,11 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 
     fn outgoing(&self, from: usize, mut add: impl FnMut(f64, f64)) {
         match self.form {
-            Form::Linear => {
+            BeliefForm::Linear => {
                 let entries = self.transition.outgoing(self.control, from);
                 entries.for_each(|entry| add(entry.1, 0.0));
             }
-            Form::Log2 { taken_out } => {
+            BeliefForm::Log2 { taken_out } => {
                 let entries = self.transition.outgoing_log2(self.control, from);
                 entries.for_each(|entry| add_power(entry.1, taken_out, &mut add));
             }

@@ -3,7 +3,6 @@
 use std::mem;
 use std::ops::Deref;
 
-use super::super::step::Step;
 use super::envelope::LEAST_KEPT;
 use super::moves::Moves;
 use super::weights::Weights;
@@ -11,18 +10,19 @@ use super::wide::Wide;
 use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::inference::step::Step;
 use crate::likelihood::{LocalLikelihood, Unlisted};
-use crate::range;
+use crate::limits;
 use crate::transition::TransitionEntries;
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because
 /// an observation that contradicts the belief multiplies the dropped mass, and because ten times
 /// as small a part takes hardly more states.
-pub(super) const LARGEST_SHARE: f64 = 1e-8;
+pub(crate) const LARGEST_SHARE: f64 = 1e-8;
 /// Range of the sums of predictions with evidence that `f64` holds, lifted and weighed.
 const SUMS: std::ops::RangeInclusive<f64> = 1e-100..=1e30;
 /// Smallest part of the tolerance that a step may drop.
-pub(super) const LEAST_SHARE: f64 = 1e-30;
+pub(crate) const LEAST_SHARE: f64 = 1e-30;
 /// Part of the tolerance from which on the bound makes steps drop less.
 const NEAR: f64 = 1e-3;
 /// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
@@ -36,7 +36,7 @@ where
     B: LocalLikelihood,
 {
     /// Takes a step. Only its last part changes the filter, so that an error leaves it unchanged.
-    pub(super) fn advance(
+    pub(crate) fn advance(
         &mut self,
         number: usize,
         control: Option<&A::Control>,
@@ -47,7 +47,7 @@ where
         let evidence = step.evidence()?;
         wanted.clear();
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
-            model.likelihood().standing_out(observation, wanted);
+            model.likelihood().listed_states(observation, wanted);
         }
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
@@ -91,7 +91,7 @@ where
             next.predict(belief, moves.as_ref(), active_set)
         };
         if evidence.is_none() {
-            if !range::is_one(predicted.sum) {
+            if !limits::is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
         } else if !SUMS.contains(&predicted.sum)

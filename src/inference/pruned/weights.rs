@@ -10,28 +10,28 @@ const UNSCALED: std::ops::RangeInclusive<f64> = 1.0 / 65536.0..=65536.0;
 
 /// Likelihood divided by a factor that is the same for all states, with lower and upper bounds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Weight {
-    pub(super) value: f64,
-    pub(super) least: f64,
-    pub(super) most: f64,
+pub(crate) struct Weight {
+    pub(crate) value: f64,
+    pub(crate) least: f64,
+    pub(crate) most: f64,
 }
 
 /// Likelihoods of a step, divided by a factor near the largest of them, or of those of states to
 /// which the belief leads, if these are far below it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Weights {
+pub(crate) struct Weights {
     is_log: bool,
     /// Common factor, or its logarithm.
     factor: f64,
     /// Upper bound on the weight of any state that is not listed.
-    pub(super) others: f64,
-    pub(super) log_factor: f64,
+    pub(crate) others: f64,
+    pub(crate) log_factor: f64,
 }
 
 impl Weights {
     /// Creates the weights from the bound, the largest of all likelihoods, and the largest of
     /// those of states to which the belief leads, all in the form of the bound.
-    pub(super) fn new(unlisted: &Unlisted, largest: f64, likely: f64) -> Self {
+    pub(crate) fn new(unlisted: &Unlisted, largest: f64, likely: f64) -> Self {
         let is_log = unlisted.is_log();
         let (factor, log) = if is_log {
             let spread = SPREAD * std::f64::consts::LN_2;
@@ -53,7 +53,7 @@ impl Weights {
 
     /// Returns the weight of a state whose likelihood, or its logarithm, is `b`.
     #[inline]
-    pub(super) fn of(&self, b: f64) -> Weight {
+    pub(crate) fn of(&self, b: f64) -> Weight {
         let (value, off) = if self.is_log {
             let log = b - self.factor;
             // The difference and the exponential each have a rounding.

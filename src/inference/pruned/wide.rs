@@ -3,7 +3,7 @@
 use super::advance::Sums;
 use super::envelope::{Envelope, LIFT};
 use super::moves::{Bounds, Moves};
-use crate::inference::active_set::ActiveSet;
+use crate::inference::pruned::active_set::ActiveSet;
 use crate::kernels::Aligned;
 use crate::transition::Transition;
 
@@ -18,7 +18,7 @@ const LARGEST_EXCESS: f64 = 1e20;
 
 /// Memory for wide predictions, and the results of the last one.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Wide {
+pub(crate) struct Wide {
     memory: Option<Box<Memory>>,
 }
 
@@ -36,7 +36,7 @@ impl Wide {
     /// Returns true if a step uses products: from many states, by a stored matrix that is the
     /// same at all steps and without evidence, whose products are then the sums over its entries,
     /// of any order.
-    pub(super) fn is_for<A: Transition>(
+    pub(crate) fn is_for<A: Transition>(
         before: &Envelope,
         transition: &A,
         control: Option<&A::Control>,
@@ -50,7 +50,7 @@ impl Wide {
     }
 
     /// Computes the products, and lists the states to which the step leads.
-    pub(super) fn predict<A: Transition>(
+    pub(crate) fn predict<A: Transition>(
         &mut self,
         before: &Envelope,
         (transition, control): (&A, &A::Control),
@@ -93,7 +93,7 @@ impl Wide {
     }
 
     /// Returns the sums over the entries into a state, of the last prediction.
-    pub(super) fn sums<A: Transition>(
+    pub(crate) fn sums<A: Transition>(
         &self,
         moves: Option<&Moves<'_, A>>,
     ) -> impl FnMut(usize) -> Sums {

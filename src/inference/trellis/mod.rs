@@ -9,8 +9,8 @@ mod window;
 
 pub use smooth::{SmoothedTrellis, TrellisPairs};
 
-use super::LogSum;
 use crate::error::InferenceError;
+use crate::inference::LogSum;
 
 /// A sequence of steps, each with states of its own: the log-likelihood of each, and the moves
 /// into it from the states of the step before, with their log weights.

@@ -4,7 +4,7 @@ use super::product::{Product, ProductRows, SparseRows};
 use super::semiring::Sink;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
-use crate::range::BACK_LIFT;
+use crate::limits::BACK_LIFT;
 
 /// `ratio = q ∘ b` times a factor; what unlifted is below the smallest normal double becomes 0.
 struct DivideByPrediction<'a> {

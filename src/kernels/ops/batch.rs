@@ -6,7 +6,7 @@ use super::packing::flags;
 use super::semiring::{MaxPlus, Maxima, Semiring, Sink, SumProduct};
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels};
-use crate::range::LIFT;
+use crate::limits::LIFT;
 
 /// Number of lines of a dense matrix that share the loads of a vector.
 const BLOCK: usize = 4;

@@ -4,7 +4,7 @@
 use super::semiring::is_small;
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, total};
-use crate::range::{LEAST_FACTOR, LEAST_IN_CHAIN, SCALES, exponent, power};
+use crate::limits::{LEAST_FACTOR, LEAST_IN_CHAIN, SCALES, exponent, power};
 
 /// Lines of a matrix, or of its logarithms, padded with what is never possible.
 pub(crate) type PaddedLines = [Packed; LANES];

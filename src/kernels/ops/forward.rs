@@ -7,7 +7,7 @@ use super::product::{Product, ProductRows, SparseRows};
 use super::semiring::{Sink, is_small};
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
-use crate::range::{LIFT, TINY};
+use crate::limits::{LIFT, TINY};
 
 /// `out = p ∘ b` for a prediction p that sums to `lift`.
 pub(crate) struct ForwardStep<'a> {

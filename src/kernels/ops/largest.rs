@@ -1,7 +1,7 @@
 //! Largest value of a sensor, with a check of all of them.
 
 use crate::kernels::simd::{LANES, Simd, kernels};
-use crate::range::LARGEST_LOG;
+use crate::limits::LARGEST_LOG;
 
 /// Condition that values have to meet.
 #[derive(Debug, Clone, Copy)]

@@ -4,7 +4,7 @@
 use std::f64::consts::LOG2_E;
 
 use crate::kernels::simd::{LANES, Simd, kernels, row_block, store};
-use crate::range::exponent;
+use crate::limits::exponent;
 
 /// Number of steps of the grid to 1.
 const GRID_STEPS: f64 = (1_u64 << 45) as f64;

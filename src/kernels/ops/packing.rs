@@ -3,7 +3,7 @@
 use super::semiring::is_small;
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, row_block, store};
-use crate::range::TINY;
+use crate::limits::TINY;
 
 /// Range of the packed values of each lane.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@ use super::chain::better;
 use super::semiring::{MaxPlus, Ring, SumProduct};
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels};
-use crate::range::UNLOOKED;
+use crate::limits::UNLOOKED;
 
 /// The matrix of a model of N states, its values or their logarithms, column after column and row
 /// after row.

@@ -3,7 +3,7 @@
 //! segments are written once, for either.
 
 use crate::kernels::simd::{BlocksMut, Eight, LANES, Simd, store};
-use crate::range::{LEAST_IN_CHAIN, LEAST_SCORE, SCALES, power};
+use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, SCALES, power};
 
 /// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;

@@ -4,7 +4,7 @@ use std::f64::consts::{LOG2_E, PI};
 
 use super::OdometryReading;
 use crate::kernels;
-use crate::range::LARGEST_LOG;
+use crate::limits::LARGEST_LOG;
 
 /// An entry of a column, with its length.
 #[derive(Debug, Clone, Copy)]

@@ -237,7 +237,7 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
         Ok(Unlisted::log_at_most(largest).with_log_factor(look.log_factor()))
     }
 
-    fn standing_out(&self, fix: &PositionFix<P>, states: &mut Vec<usize>) {
+    fn listed_states(&self, fix: &PositionFix<P>, states: &mut Vec<usize>) {
         if let Ok(look) = self.look(fix) {
             look.near(|cell| states.push(cell));
         }

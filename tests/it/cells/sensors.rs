@@ -46,7 +46,7 @@ fn check<B: Likelihood<Observation: Sized> + LocalLikelihood>(
             prop_assert!(expected[cell] <= log(unlisted.largest()) + 1e-9, "{}", cell);
         }
         // With those that stand out, too.
-        sensor.standing_out(seen, &mut asked);
+        sensor.listed_states(seen, &mut asked);
         asked.sort_unstable();
         asked.dedup();
     }

@@ -120,7 +120,7 @@ proptest! {
             let rest = (0..n).filter(|i| !asked[*i]).map(|i| rows[i][*y]).fold(0.0, f64::max);
             prop_assert_eq!(others.largest(), rest);
             let mut outstanding = Vec::new();
-            confusion.standing_out(y, &mut outstanding);
+            confusion.listed_states(y, &mut outstanding);
             prop_assert_eq!(outstanding, (0..n).filter(|i| rows[*i][*y] > 0.0).collect::<Vec<_>>());
         }
     }
@@ -157,7 +157,7 @@ fn a_place_that_does_not_exist() {
     says(confusion.diagonal(&2, scratch).map(drop), beyond);
     says(confusion.local(&2, &[], &mut [], &mut Scratch::default()).map(drop), beyond);
     let mut states = Vec::new();
-    confusion.standing_out(&2, &mut states);
+    confusion.listed_states(&2, &mut states);
     assert!(states.is_empty());
     // Nothing is ever seen as place 1: an observation that the model rules out.
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());

@@ -1,0 +1,246 @@
+//! Scores of the decoders: sums of logarithms to base 2, on a grid on which sums are exact (see
+//! `kernels::log2`), so that ties are ties. Whole numbers are taken out of them at every step,
+//! which is exact too, and keeps their digits over any number of steps.
+
+use std::f64::consts::{LN_2, LOG2_E};
+
+use crate::error::InferenceError;
+use crate::inference::LogSum;
+use crate::inference::step::{Step, Workspace};
+use crate::kernels::{self, Scores, ScoresIn};
+use crate::likelihood::{Diagonal, Likelihood, Values};
+use crate::limits::{self, LIFT};
+use crate::transition::TransitionEntries;
+
+/// Amounts taken out of the scores.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct TakenOut {
+    /// Sum of the whole numbers, an exact integer.
+    pub(crate) whole: f64,
+    pub(crate) factors: LogSum,
+}
+
+impl TakenOut {
+    /// Returns ln p of a path with this score.
+    pub(crate) fn log_probability(&self, score: f64) -> f64 {
+        let mut sum = self.factors;
+        sum.add(self.whole * LN_2);
+        sum.add(score * LN_2);
+        sum.value()
+    }
+
+    /// Takes out the whole part of the best score, and returns it.
+    fn whole_of(&mut self, best: f64) -> f64 {
+        let floor = best.floor();
+        self.whole += floor;
+        floor
+    }
+}
+
+impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
+    /// Computes the scores of the states of step 1, before its observation; X_0 is summed over.
+    pub(crate) fn first_scores(
+        &self,
+        scores: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<(), InferenceError> {
+        let prior = self.hmm.prior().belief().as_slice();
+        let mut lifted = vec![0.0; prior.len()];
+        kernels::lift(prior, &mut lifted);
+        let evidence = self.evidence()?;
+        if let Some(log_factor) = evidence {
+            taken_out.factors.add(log_factor);
+            if self.needs_logs() {
+                return self.first_scores_in_logs(scores, &mut lifted);
+            }
+        }
+        self.predict(&lifted, scores);
+        match evidence {
+            Some(_) if self.evidence_sum(scores)?.is_none() => {
+                return self.first_scores_in_logs(scores, &mut lifted);
+            }
+            Some(_) => {}
+            None => _ = self.check_prediction(scores)?,
+        }
+        let tiny = |p: &f64| limits::is_tiny(*p);
+        if let (Some(control), true) = (self.control, prior.iter().any(tiny)) {
+            // Products of two such numbers may underflow. Where they do not, scores stay as they
+            // are, for the sake of ties.
+            let (mut logs, mut next) = (lifted, vec![0.0; prior.len()]);
+            logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
+            self.hmm.transition().apply_log(control, &logs, &mut next);
+            for (score, log) in scores.iter_mut().zip(next) {
+                let log2 = kernels::on_grid(log * LOG2_E);
+                *score = if *score < 1.0 { log2 } else { unlifted_log2(*score) };
+            }
+        } else {
+            scores.iter_mut().for_each(|score| *score = unlifted_log2(*score));
+        }
+        Ok(())
+    }
+
+    /// Computes the first scores in logarithms, where the evidence on the first move leaves the
+    /// range of `f64`.
+    #[cold]
+    fn first_scores_in_logs(
+        &self,
+        scores: &mut [f64],
+        logs: &mut [f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = self.control else { return Ok(()) }; // no evidence without one
+        let prior = self.hmm.prior().belief().as_slice();
+        logs.iter_mut().zip(prior).for_each(|(log, p)| *log = p.ln());
+        self.hmm.transition().apply_log(control, logs, scores);
+        self.check_log_evidence(scores)?;
+        scores.iter_mut().for_each(|score| *score = kernels::on_grid(*score * LOG2_E));
+        Ok(())
+    }
+
+    /// Takes out the log factor of the evidence on the move. Returns true if there is evidence.
+    pub(crate) fn take_out_evidence(
+        &self,
+        taken_out: &mut TakenOut,
+    ) -> Result<bool, InferenceError> {
+        let evidence = self.evidence()?;
+        evidence.iter().for_each(|log_factor| taken_out.factors.add(*log_factor));
+        Ok(evidence.is_some())
+    }
+
+    /// Returns an error if evidence on the move leaves no path with a probability above 0, or is
+    /// not valid; `best` is the score of the best path.
+    pub(crate) fn check_best_way(&self, best: f64) -> Result<(), InferenceError> {
+        let step = self.number;
+        if best.is_finite() {
+            Ok(())
+        } else if best == f64::NEG_INFINITY {
+            Err(InferenceError::ImpossibleMove { step })
+        } else {
+            Err(InferenceError::EvidenceFactor { step, value: best })
+        }
+    }
+
+    /// Takes a step of Viterbi: finds the best predecessor of each state, adds the likelihoods of
+    /// the observation if there is one, and takes out a whole number.
+    pub(crate) fn decode(
+        &self,
+        scores: &[f64],
+        observation: Option<&B::Observation>,
+        (next, from): (&mut [f64], &mut [u32]),
+        work: &mut Workspace,
+        taken_out: &mut TakenOut,
+    ) -> Result<(), InferenceError> {
+        let scratch = &mut work.scratch;
+        let likelihoods = match observation {
+            Some(observation) => {
+                scratch.ask_for_log2();
+                let (diagonal, largest) = self.diagonal(observation, scratch)?;
+                let scores = likelihood_scores(&diagonal, largest, taken_out);
+                Some(scores.ok_or(InferenceError::Impossible { step: self.number })?)
+            }
+            None => None,
+        };
+        let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
+        let evidence = self.take_out_evidence(taken_out)?;
+        let transition = self.hmm.transition();
+        let largest = if let Some(matrix) = self.stored(control) {
+            matrix.maximize(scores, likelihoods, next, from)
+        } else {
+            transition.max_product(control, scores, next, from);
+            if evidence {
+                self.check_best_way(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
+            }
+            kernels::add_scores(next, likelihoods)
+        };
+        self.settle_at(next, largest, taken_out)?;
+        Ok(())
+    }
+
+    /// Adds the likelihoods of an observation to the scores.
+    pub(crate) fn observe(
+        &self,
+        observation: &B::Observation,
+        work: &mut Workspace,
+        scores: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<(), InferenceError> {
+        let scratch = &mut work.scratch;
+        scratch.ask_for_log2();
+        let (diagonal, largest) = self.diagonal(observation, scratch)?;
+        let likelihoods = likelihood_scores(&diagonal, largest, taken_out)
+            .ok_or(InferenceError::Impossible { step: self.number })?;
+        kernels::add_scores(scores, Some(likelihoods));
+        Ok(())
+    }
+
+    /// Takes a whole number out of scores, and returns it; an error if all are
+    /// −∞.
+    pub(crate) fn settle(
+        &self,
+        scores: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Result<f64, InferenceError> {
+        let best = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        self.settle_at(scores, best, taken_out)
+    }
+
+    fn settle_at(
+        &self,
+        scores: &mut [f64],
+        best: f64,
+        taken_out: &mut TakenOut,
+    ) -> Result<f64, InferenceError> {
+        if best == f64::NEG_INFINITY {
+            return Err(InferenceError::Impossible { step: self.number });
+        }
+        let floor = taken_out.whole_of(best);
+        scores.iter_mut().for_each(|score| *score -= floor);
+        Ok(floor)
+    }
+}
+
+/// Returns log2 of a lifted probability, taken after the lift is undone if that keeps all digits:
+/// a prior then has the same logarithm as an entry of its size.
+pub(crate) fn unlifted_log2(lifted: f64) -> f64 {
+    let p = lifted / LIFT;
+    if p >= f64::MIN_POSITIVE { kernels::log2(p) } else { kernels::log2(lifted) - LIFT.log2() }
+}
+
+/// Returns the lowest state of the highest score.
+pub(crate) fn best(scores: &[f64]) -> usize {
+    let mut state = 0;
+    for (i, &score) in scores.iter().enumerate() {
+        if score > scores[state] {
+            state = i;
+        }
+    }
+    state
+}
+
+/// Returns the scores of likelihoods, less a common part that keeps them small; `None` if all
+/// are 0.
+pub(crate) fn likelihood_scores<'a>(
+    diagonal: &Diagonal<'a>,
+    largest: f64,
+    taken_out: &mut TakenOut,
+) -> Option<Scores<'a>> {
+    let (values, form) = match diagonal.values {
+        Values::Log(logs) => {
+            if largest == f64::NEG_INFINITY {
+                return None;
+            }
+            taken_out.factors.add(largest + diagonal.log_factor);
+            return Some(Scores { values: logs, form: ScoresIn::Ln(largest), shift: 0.0 });
+        }
+        Values::Checked { log2: Some(scores), .. } => (scores, ScoresIn::Log2),
+        Values::Linear(linear) | Values::Checked { linear, .. } => (linear, ScoresIn::Linear),
+    };
+    if largest == 0.0 {
+        return None;
+    }
+    if diagonal.log_factor != 0.0 {
+        taken_out.factors.add(diagonal.log_factor);
+    }
+    // Whole powers of two can be taken out without rounding.
+    let shift = taken_out.whole_of(kernels::log2(largest));
+    Some(Scores { values, form, shift })
+}

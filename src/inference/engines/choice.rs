@@ -1,0 +1,188 @@
+//! Choice of an engine for a model and a call, with all thresholds.
+//!
+//! | call | model | engine |
+//! |---|---|---|
+//! | a step of a stream | any | [`Engine::Steps`] |
+//! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
+//! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
+//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | [`Engine::Lanes`] |
+//! | 2 sequences or more to learn from | the same, any number of states | [`Engine::Lanes`] |
+//! | all others | any | [`Engine::Steps`] |
+//!
+//! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
+//!
+//! Choices that depend on the processor stand where the loops are: the instruction set
+//! (`kernels/simd`), gathers by loads instead of the instruction on AMD's processors
+//! (`kernels/simd/x86`), and the arrangement of sparse matrices, by the time of products when the
+//! first of them is made: in portable code, and of matrices beyond 1 MB with many empty slots
+//! (`kernels/layout/sliced`). From 98,304 states on, threads share lines (`kernels/parallel`).
+//!
+//! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
+
+use std::ops::Range;
+
+use crate::kernels::{LANES, Packed};
+
+/// Engine of a call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Engine {
+    /// Step by step, any model: [`Step`](crate::inference::step).
+    Steps,
+    /// Many steps in a call of a kernel, one state in each lane: [`few_states`](super::few_states).
+    Chain,
+    /// Eight segments of a sequence, one in each lane: [`few_states`](super::few_states).
+    Segments,
+    /// Eight sequences, one in each lane: [`lanes`](super::lanes).
+    Lanes,
+}
+
+/// Most states with one state in each lane.
+const MOST_FEW_STATES: usize = 8;
+/// Fewest steps to read the matrix for: that takes a product for each state.
+const FEWEST_STEPS: usize = 8;
+/// Most states in segments, whose products take a column for each state: with 8, 64 products a
+/// step for each column. With 4, filter and smoother are faster in segments, and scores as fast.
+const MOST_STATES_IN_SEGMENTS: usize = 4;
+/// Steps of a segment, where there are enough: eight of them stay in the first cache, and the
+/// products of a few matrices are nothing beside.
+const SEGMENT: usize = 128;
+/// Fewest steps of a segment: for less, the products take longer than the steps.
+const SHORTEST_SEGMENT: usize = 8;
+/// Steps of a chain that are gathered at a time: they stay in the first cache.
+pub(crate) const GATHERED: usize = 128;
+/// Fewest sequences for lanes; fewer are faster one by one.
+const FEWEST_SEQUENCES: usize = 4;
+/// The same for learning, which gains more.
+const FEWEST_TO_LEARN: usize = 2;
+/// Most bytes that a group of eight sequences may keep for its steps.
+const MOST_KEPT: usize = 64 << 20;
+/// Entries of a column from which on lanes always pay: each is read once for eight sequences, and
+/// needs no gather, which saves more time than vectors of eight take from beyond the second cache.
+/// With 8 entries and 8,000 states lanes take 0.8 of the time, with 64 entries 0.4 to 0.5.
+const MANY_ENTRIES: usize = 8;
+/// With fewer entries, most bytes of the vectors that a step of a group goes over, three of eight
+/// doubles a state: half of a second cache, as the matrix and other vectors need room, too. At
+/// 4,500 states lanes take 0.9 to 1.2 of the time, at 20,000 they take 1.2 to 2.
+const MOST_IN_STEP: usize = 1 << 20;
+/// With fewer entries, most bytes that a group may keep: with the results, some two second caches.
+/// At 3 MB lanes take 0.9 of the time, at 13 MB 1.1.
+const MOST_CACHED: usize = 4 << 20;
+/// Most sequences of a chunk whose results are visited: enough to find groups of nearly the same
+/// length among them.
+const MOST_IN_CHUNK: usize = 64;
+/// Numbers, one for each state and step, that make such a chunk in lanes: its results are 2 MB,
+/// which stay in the second cache until they are visited.
+const ENOUGH_IN_LANES: usize = (2 << 20) / size_of::<f64>();
+/// The same one by one: so much work that handing it to a thread costs nothing beside.
+const ENOUGH: usize = 1 << 15;
+/// Numbers that make a chunk in lanes whose results are all kept, in a block of 32 MB: large blocks
+/// cost less than many small ones, and one result that is kept keeps no more than that.
+const ENOUGH_TO_KEEP: usize = (32 << 20) / size_of::<f64>();
+/// Chunks for each thread that are under way or wait to be visited. With fewer, a long sequence
+/// would let the other threads wait.
+pub(crate) const CHUNKS_AHEAD: usize = 4;
+/// Fewest numbers of results that are written past the caches: they would not stay there.
+pub(crate) const STREAMED: usize = (8 << 20) / size_of::<f64>();
+
+/// Engine of a whole sequence, for a model without a control.
+pub(crate) fn for_sequence(states: usize, steps: usize) -> Engine {
+    match states {
+        ..=MOST_FEW_STATES if steps < FEWEST_STEPS => Engine::Steps,
+        2..=MOST_STATES_IN_SEGMENTS if is_long(steps) => Engine::Segments,
+        ..=MOST_FEW_STATES => Engine::Chain,
+        _ => Engine::Steps,
+    }
+}
+
+/// Returns true if so many steps are enough for segments. Up to there, beliefs of a whole sequence
+/// are those of a stream to the bit.
+pub(crate) fn is_long(steps: usize) -> bool {
+    steps > LANES * SHORTEST_SEGMENT
+}
+
+/// Takes eight segments of equal length off the steps that are left, if these are enough.
+pub(crate) fn next_segments(left: &mut Range<usize>) -> Option<Range<usize>> {
+    let length = (left.len() / LANES).min(SEGMENT);
+    (length >= SHORTEST_SEGMENT).then(|| take(left, LANES * length))
+}
+
+/// Takes steps off those that are left, as many as go through a chain at a time.
+pub(crate) fn next_steps(left: &mut Range<usize>) -> Option<Range<usize>> {
+    (left.start < left.end).then(|| take(left, left.len().min(GATHERED)))
+}
+
+fn take(left: &mut Range<usize>, count: usize) -> Range<usize> {
+    let start = left.start;
+    left.start += count;
+    start..left.start
+}
+
+/// Engine of many sequences, for a model with a stored matrix; without lanes, that of each.
+pub(crate) fn for_sequences(sequences: usize, states: usize) -> Engine {
+    let lanes = sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES;
+    if lanes { Engine::Lanes } else { Engine::Steps }
+}
+
+/// Sequences of a chunk.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct ChunkSize {
+    sequences: usize,
+    steps: usize,
+    longest: usize,
+}
+
+impl ChunkSize {
+    pub(crate) fn add(&mut self, steps: usize) {
+        self.sequences += 1;
+        self.steps = self.steps.saturating_add(steps + 1);
+        self.longest = self.longest.max(steps);
+    }
+
+    /// Returns true if the chunk takes no further sequence. Chunks in lanes are of whole groups.
+    pub(crate) fn is_full(self, group: Option<&GroupSize>, states: usize, kept: bool) -> bool {
+        let numbers = states.saturating_mul(self.steps);
+        let lanes = group.is_some_and(|group| group.engine(self.longest) == Engine::Lanes);
+        if !lanes {
+            return self.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
+        }
+        let enough = if kept { ENOUGH_TO_KEEP } else { ENOUGH_IN_LANES };
+        (self.sequences >= MOST_IN_CHUNK && !kept || numbers >= enough)
+            && self.sequences.is_multiple_of(LANES)
+    }
+}
+
+/// Size of a step of a group of eight sequences.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GroupSize {
+    pub(crate) states: usize,
+    pub(crate) entries: usize,
+    /// True if the steps are kept.
+    pub(crate) keeps: bool,
+}
+
+impl GroupSize {
+    /// Engine of a group in a routine for many sequences, the longest of so many steps.
+    pub(crate) fn engine(self, steps: usize) -> Engine {
+        let Self { states, entries, keeps } = self;
+        let eights = |vectors: usize| states.saturating_mul(vectors * size_of::<Packed>());
+        let cached =
+            eights(3) <= MOST_IN_STEP && (!keeps || eights(2).saturating_mul(steps) <= MOST_CACHED);
+        if cached || entries / MANY_ENTRIES >= states {
+            for_group(Engine::Lanes, states, steps)
+        } else {
+            Engine::Steps
+        }
+    }
+}
+
+/// Engine of learning from so many sequences, for a model with a stored matrix.
+pub(crate) fn for_learning(sequences: usize) -> Engine {
+    if sequences >= FEWEST_TO_LEARN { Engine::Lanes } else { Engine::Steps }
+}
+
+/// Engine of a group of up to eight sequences, the longest of so many steps: lanes keep beliefs and
+/// likelihoods of all steps.
+pub(crate) fn for_group(engine: Engine, states: usize, steps: usize) -> Engine {
+    let kept = states.saturating_mul(2).saturating_mul(steps).saturating_mul(size_of::<Packed>());
+    if kept <= MOST_KEPT { engine } else { Engine::Steps }
+}

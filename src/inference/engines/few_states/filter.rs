@@ -1,0 +1,120 @@
+//! The filter over a whole sequence: beliefs and log-likelihoods, or the total alone.
+
+use super::forward::Forward;
+use super::likelihoods::{LikelihoodRows, Sensed};
+use super::segments::unpack_segments;
+use super::{FewModel, control_of};
+use crate::hmm::Hmm;
+use crate::inference::engines::choice::{self, GATHERED};
+use crate::inference::sequences::forward::FilteredSequence;
+use crate::inference::sequences::posteriors::Posteriors;
+use crate::kernels::{LANES, Packed, filter_segments, in_large_pages};
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// [`Hmm::forward`].
+pub(crate) fn filter<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<FilteredSequence>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    let (states, steps) = (hmm.states(), sequence.steps());
+    if !choice::is_long(steps) {
+        return None; // the beliefs of a stream, to the bit
+    }
+    let control = control_of(hmm, steps)?;
+    let model = FewModel::new(hmm, control)?;
+    let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
+    let mut logs = vec![0.0; steps];
+    let mut source = Sensed::new(hmm, sequence);
+    let sum = model.filter(&mut source, steps, Some((&mut rows, &mut logs)))?;
+    let posteriors = Posteriors::from_values(states, rows);
+    Some(FilteredSequence::new(posteriors, logs, sum))
+}
+
+/// [`Hmm::log_likelihood`].
+pub(crate) fn log_likelihood<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    let control = control_of(hmm, sequence.steps())?;
+    let model = FewModel::new(hmm, control)?;
+    model.filter(&mut Sensed::new(hmm, sequence), sequence.steps(), None)
+}
+
+/// Rows from step 0, and log-likelihoods from step 1.
+type Out<'a> = (&'a mut [f64], &'a mut [f64]);
+
+impl FewModel {
+    /// Filters a sequence, and returns its log-likelihood.
+    fn filter(
+        &self,
+        source: &mut dyn LikelihoodRows,
+        steps: usize,
+        mut out: Option<Out<'_>>,
+    ) -> Option<f64> {
+        self.attempt(steps, |segments| {
+            let out = out.as_mut().map(|(rows, logs)| (&mut **rows, &mut **logs));
+            match self.states {
+                3 => self.filter_in::<3>(source, steps, out, segments),
+                4 => self.filter_in::<4>(source, steps, out, segments),
+                _ => self.filter_in::<2>(source, steps, out, segments),
+            }
+        })
+    }
+
+    /// Filters in segments, for models of N states, or step by step.
+    fn filter_in<const N: usize>(
+        &self,
+        source: &mut dyn LikelihoodRows,
+        steps: usize,
+        mut out: Option<Out<'_>>,
+        segments: bool,
+    ) -> Option<f64> {
+        let n = self.states;
+        let (mut forward, first) = Forward::start(self, source)?;
+        if let Some((rows, logs)) = &mut out {
+            rows[..n].copy_from_slice(&self.prior.values[..n]);
+            if first > 1 {
+                let sum: f64 = forward.x.values.iter().sum();
+                rows[n..2 * n].iter_mut().zip(forward.x.values).for_each(|(row, x)| *row = x / sum);
+                logs[0] = forward.log_likelihood();
+            }
+        }
+        let mut left = first..steps + 1;
+        let few = self.few::<N>();
+        let (mut packed, mut beliefs, mut normalizers) = (Vec::new(), Vec::new(), Vec::new());
+        let mut likelihoods = Vec::new();
+        while segments && let Some(steps) = choice::next_segments(&mut left) {
+            likelihoods.resize(N * steps.len(), 0.0);
+            let (_, starts) =
+                forward.segments(&few, steps.clone(), &mut likelihoods, &mut packed)?;
+            let Some((rows, logs)) = &mut out else { continue };
+            beliefs.resize(packed.len(), [Packed::default(); N]);
+            normalizers.resize(steps.len() / LANES, Packed::default());
+            filter_segments(&few, &starts, &packed, &mut beliefs, &mut normalizers)?;
+            unpack_segments(beliefs.as_flattened(), &mut rows[n * steps.start..n * steps.end]);
+            let logs = &mut logs[steps.start - 1..steps.end - 1];
+            unpack_segments(&normalizers, logs);
+            logs.iter_mut().zip(&forward.scales).for_each(|(log, scale)| *log = log.ln() + scale);
+        }
+        likelihoods.resize(n * GATHERED.min(left.len()), 0.0);
+        while let Some(steps) = choice::next_steps(&mut left) {
+            let (rows, logs): Out<'_> = match &mut out {
+                Some((rows, logs)) => (
+                    &mut rows[n * steps.start..n * steps.end],
+                    &mut logs[steps.start - 1..steps.end - 1],
+                ),
+                None => (&mut [], &mut []),
+            };
+            let likelihoods = &mut likelihoods[..n * steps.len()];
+            forward.chain(steps, likelihoods, rows, logs)?;
+            logs.iter_mut().zip(&forward.scales).for_each(|(log, scale)| *log = log.ln() + scale);
+        }
+        Some(forward.log_likelihood())
+    }
+}

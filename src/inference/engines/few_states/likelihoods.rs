@@ -1,0 +1,245 @@
+//! Likelihoods of consecutive steps, in one block.
+
+use std::f64::consts::{LN_2, LOG2_E};
+use std::ops::Range;
+
+use crate::hmm::Hmm;
+use crate::inference::decoding::scores::{TakenOut, likelihood_scores};
+use crate::kernels::{self, Scores, ScoresIn, Valid};
+use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::limits::{LARGEST_LOG, LEAST_FACTOR, NEAR, UNSCALED, exponent, power};
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Likelihoods of a sequence, without its type: code that uses them is compiled once, with this
+/// crate.
+pub(crate) trait LikelihoodRows {
+    /// Copies the likelihoods of some steps. Returns true if something was taken out of them, and
+    /// then writes its logarithms to `logs`; `None` if some are not valid or have too wide a range.
+    ///
+    /// The largest of each step is brought near one, unless all can be taken as they are, none
+    /// above 2^16, and that is not ruled out by `scaled`.
+    fn likelihoods(
+        &mut self,
+        steps: Range<usize>,
+        scaled: bool,
+        out: &mut [f64],
+        logs: &mut [f64],
+    ) -> Option<bool>;
+
+    /// Copies the scores of some steps, log2 of likelihoods up to parts that are taken out.
+    fn scores(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Option<()>;
+}
+
+/// Likelihoods of a model's sensor.
+pub(crate) struct Sensed<'m, A, B, S: ?Sized> {
+    hmm: &'m Hmm<A, B>,
+    sequence: &'m S,
+    scratch: Scratch,
+}
+
+impl<'m, A, B, S> Sensed<'m, A, B, S>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    pub(crate) fn new(hmm: &'m Hmm<A, B>, sequence: &'m S) -> Self {
+        Self { hmm, sequence, scratch: Scratch::default() }
+    }
+
+    /// Copies likelihoods of N states, or of any number for N = 0, as they are: a copy of a length
+    /// that is not known is a call. `None` if one is in logarithms, has a factor, or is above 2^16.
+    #[inline(always)]
+    fn copy<const N: usize>(&mut self, steps: Range<usize>, out: &mut [f64]) -> Option<()> {
+        let states = if N > 0 { N } else { self.hmm.states() };
+        let (mut most, mut checked) = (0.0_f64, true);
+        for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            if diagonal.log_factor != 0.0 {
+                return None;
+            }
+            let linear = match diagonal.values {
+                Values::Checked { linear, largest, .. } => {
+                    most = if largest > most { largest } else { most };
+                    linear
+                }
+                Values::Linear(linear) => {
+                    checked = false;
+                    linear
+                }
+                Values::Log(_) => return None,
+            };
+            if N > 0 {
+                *row.first_chunk_mut::<N>()? = *<&[f64; N]>::try_from(linear).ok()?;
+            } else {
+                (linear.len() == states).then(|| row.copy_from_slice(linear))?;
+            }
+        }
+        if !checked {
+            most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
+        }
+        (most <= *UNSCALED.end()).then_some(())
+    }
+}
+
+impl<A, B, S> LikelihoodRows for Sensed<'_, A, B, S>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    fn likelihoods(
+        &mut self,
+        steps: Range<usize>,
+        scaled: bool,
+        out: &mut [f64],
+        logs: &mut [f64],
+    ) -> Option<bool> {
+        let plain = match self.hmm.states() {
+            _ if scaled => None,
+            2 => self.copy::<2>(steps.clone(), out),
+            3 => self.copy::<3>(steps.clone(), out),
+            4 => self.copy::<4>(steps.clone(), out),
+            8 => self.copy::<8>(steps.clone(), out),
+            _ => self.copy::<0>(steps.clone(), out),
+        };
+        if plain.is_some() {
+            return Some(false);
+        }
+        let rows = out.chunks_exact_mut(self.hmm.states());
+        for ((step, row), log) in steps.zip(rows).zip(logs) {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            *log = scale(&diagonal, row)?;
+        }
+        Some(true)
+    }
+
+    fn scores(
+        &mut self,
+        steps: Range<usize>,
+        out: &mut [f64],
+        taken_out: &mut TakenOut,
+    ) -> Option<()> {
+        let (states, mut form, mut far) = (self.hmm.states(), None, false);
+        let is_near = |largest: f64| (NEAR..=1.0 / NEAR).contains(&largest);
+        for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
+            let observation = self.sequence.observation(step);
+            let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            let next = match diagonal.values {
+                Values::Checked { log2: Some(log2), largest, .. }
+                    if diagonal.log_factor == 0.0 && is_near(largest) =>
+                {
+                    copy(log2, row)?;
+                    ScoresIn::Log2
+                }
+                Values::Linear(linear) if diagonal.log_factor == 0.0 => {
+                    copy(linear, row)?;
+                    far |= !is_near(row.iter().fold(0.0, |a, b| if *b > a { *b } else { a }));
+                    ScoresIn::Linear
+                }
+                Values::Log(logs) if diagonal.log_factor == 0.0 => {
+                    let largest = largest_log(logs, states)?;
+                    for (out, log) in row.iter_mut().zip(logs) {
+                        *out = kernels::on_grid((log - largest) * LOG2_E);
+                    }
+                    taken_out.factors.add(largest);
+                    ScoresIn::Log2
+                }
+                _ => {
+                    write_scores(diagonal, row, taken_out)?;
+                    ScoresIn::Log2
+                }
+            };
+            // One form for all: it is converted at once.
+            if *form.get_or_insert(next) != next {
+                return None;
+            }
+        }
+        if form == Some(ScoresIn::Linear) {
+            kernels::largest(out, Valid::Likelihoods).ok()?;
+            kernels::log2_in_place(out);
+        }
+        if far {
+            for row in out.chunks_exact_mut(states) {
+                let largest = row.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let whole = if largest.is_finite() { largest.floor() } else { 0.0 };
+                taken_out.whole += whole;
+                row.iter_mut().for_each(|score| *score -= whole);
+            }
+        }
+        Some(())
+    }
+}
+
+/// Copies a row of few values. (A copy of unknown length is a call.)
+#[inline(always)]
+fn copy(values: &[f64], out: &mut [f64]) -> Option<()> {
+    match (values, &mut *out) {
+        (&[a, b], [x, y]) => (*x, *y) = (a, b),
+        (&[a, b, c], [x, y, z]) => (*x, *y, *z) = (a, b, c),
+        _ => (values.len() == out.len()).then(|| out.copy_from_slice(values))?,
+    }
+    Some(())
+}
+
+/// Returns the largest of the logarithms of so many likelihoods; `None` if they are not valid, or
+/// nothing is possible. (A call of a kernel takes longer than a few comparisons.)
+#[inline]
+fn largest_log(logs: &[f64], states: usize) -> Option<f64> {
+    let (mut largest, mut valid) = (f64::NEG_INFINITY, logs.len() == states);
+    for &log in logs {
+        valid &= Valid::Logs.is(log);
+        largest = if log > largest { log } else { largest };
+    }
+    (valid && largest > f64::NEG_INFINITY).then_some(largest)
+}
+
+/// Scores of any diagonal.
+#[inline(never)]
+fn write_scores(diagonal: Diagonal<'_>, out: &mut [f64], taken_out: &mut TakenOut) -> Option<()> {
+    let largest = diagonal.check(out.len()).ok()?;
+    let scores: Scores<'_> = likelihood_scores(&diagonal, largest, taken_out)?;
+    scores.write(out);
+    Some(())
+}
+
+/// Likelihoods of any diagonal, with the largest near one. Returns the logarithm of what was taken
+/// out.
+#[inline(never)]
+fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
+    if diagonal.log_factor.is_nan() || diagonal.log_factor.abs() > LARGEST_LOG {
+        return None;
+    }
+    let (mut lost, mut log) = (false, diagonal.log_factor);
+    match diagonal.values {
+        Values::Log(logs) => {
+            let largest = largest_log(logs, out.len())?;
+            log += largest;
+            for (b, &log) in out.iter_mut().zip(logs) {
+                *b = (log - largest).exp();
+                lost |= *b < LEAST_FACTOR && log > f64::NEG_INFINITY;
+            }
+        }
+        Values::Linear(linear) | Values::Checked { linear, .. } => {
+            let largest = diagonal.check(out.len()).ok()?;
+            let by = if UNSCALED.contains(&largest) { 0 } else { exponent(largest) };
+            if by.abs() > 1000 {
+                return None;
+            }
+            log += by as f64 * LN_2;
+            for (out, b) in out.iter_mut().zip(linear) {
+                *out = b * power(-by);
+                lost |= *b > 0.0 && *out < LEAST_FACTOR;
+            }
+        }
+    }
+    (!lost).then_some(log)
+}

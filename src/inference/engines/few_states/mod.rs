@@ -1,0 +1,107 @@
+//! Whole sequences under models of up to eight states without a control, many steps in a call of
+//! a kernel: eight segments of the sequence, one in each lane, or one state in each lane.
+//!
+//! All sums are of products of numbers far from the ends of the range of doubles, or exactly 0.
+//! Where that can't be kept, or a sensor, an operator or an observation gives reason for an error,
+//! a routine returns `None`, and the caller starts over step by step: steps know about logarithms
+//! and errors.
+
+mod filter;
+mod forward;
+mod likelihoods;
+mod segments;
+mod smooth;
+mod viterbi;
+
+pub(crate) use filter::{filter, log_likelihood};
+pub(crate) use smooth::smooth;
+pub(crate) use viterbi::viterbi;
+
+use super::choice::{self, Engine};
+use crate::hmm::Hmm;
+use crate::kernels::{ChainState, Few, LANES, Packed};
+use crate::likelihood::Likelihood;
+use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, power};
+use crate::transition::Transition;
+
+/// A model in arrays; states beyond the last are never possible.
+struct FewModel {
+    states: usize,
+    columns: [Packed; LANES],
+    rows: [Packed; LANES],
+    prior: ChainState,
+    /// True if there is a transition before the first observation.
+    moves: bool,
+}
+
+impl FewModel {
+    /// Reads the matrix of an operator by a product for each state. `None` if an entry is too
+    /// small, or the columns do not sum to one.
+    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, control: &A::Control) -> Option<Self> {
+        let states = hmm.states();
+        let mut columns = [Packed::default(); LANES];
+        let mut rows = columns;
+        let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
+        for from in 0..states {
+            // Lifted, so that an entry that is a product of small ones is not lost.
+            unit[from] = LIFT;
+            hmm.transition().apply(control, &unit, &mut column);
+            unit[from] = 0.0;
+            column.iter_mut().for_each(|entry| *entry /= LIFT);
+            let valid = |&entry: &f64| entry == 0.0 || entry >= LEAST_FACTOR;
+            if !(column.iter().all(valid) && limits::is_one(column.iter().sum())) {
+                return None;
+            }
+            for (to, &entry) in column.iter().enumerate() {
+                (columns[from][to], rows[to][from]) = (entry, entry);
+            }
+        }
+        let mut prior = ChainState::new(0.0);
+        prior.values[..states].copy_from_slice(hmm.prior().belief().as_slice());
+        rescale(&mut prior)?;
+        Some(Self { states, columns, rows, prior, moves: hmm.prior().moves_at(1) })
+    }
+
+    /// The first N states, for segments.
+    fn few<const N: usize>(&self) -> Few<N> {
+        let first =
+            |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
+        let columns: [[f64; N]; N] = first(&self.columns);
+        let entries = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);
+        Few { columns, rows: first(&self.rows), least: limits::CALM / entries.fold(1.0, f64::min) }
+    }
+
+    /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
+    fn attempt(&self, steps: usize, mut take: impl FnMut(bool) -> Option<f64>) -> Option<f64> {
+        let in_segments = choice::for_sequence(self.states, steps) == Engine::Segments;
+        in_segments.then(|| take(true)).flatten().or_else(|| take(false))
+    }
+}
+
+/// Brings the scale of a vector back to the middle range. `None` if its values are too far apart,
+/// or nothing is left.
+fn rescale(x: &mut ChainState) -> Option<()> {
+    let sum: f64 = x.values.iter().sum();
+    if !(SCALES[0]..=SCALES[1]).contains(&sum) {
+        if !sum.is_normal() {
+            return None;
+        }
+        let by = exponent(sum);
+        x.values.iter_mut().for_each(|x| *x *= power(-by));
+        x.exponent += by;
+    }
+    x.values.iter().all(|x| *x == 0.0 || *x >= LEAST_IN_CHAIN).then_some(())
+}
+
+/// Returns the control of the operator if the model and so many steps are for this engine.
+fn control_of<A: Transition, B: Likelihood>(
+    hmm: &Hmm<A, B>,
+    steps: usize,
+) -> Option<&'static A::Control> {
+    if choice::for_sequence(hmm.states(), steps) == Engine::Steps {
+        return None;
+    }
+    let control = hmm.transition().no_control()?;
+    hmm.transition().check_control(control).ok()?;
+    hmm.transition().evidence(control).is_none().then_some(control)
+}

@@ -1,0 +1,90 @@
+//! A vector on its way through the products of eight segments, each column of which has a scale
+//! of its own.
+
+use super::rescale;
+use crate::kernels::{
+    ChainState, Eight, Few, LANES, Packed, Scaled, SumProduct, multiply_segments,
+};
+use crate::kernels::{pack, unpack};
+use crate::limits::{APART, power};
+
+/// Products of eight segments.
+pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
+
+impl<const N: usize> SegmentProducts<N> {
+    /// `None` if the range of a column is too wide.
+    pub(crate) fn new(few: &Few<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
+        multiply_segments(SumProduct, few, likelihoods).map(Self)
+    }
+
+    /// Takes x through all of them. Returns x at the start of each.
+    pub(crate) fn forward(&self, x: &mut ChainState) -> Option<[Eight; N]> {
+        let mut starts = [[0.0; LANES]; N];
+        for segment in 0..LANES {
+            (0..N).for_each(|i| starts[i][segment] = x.values[i]);
+            let used =
+                |j: usize| x.values[j] > 0.0 && self.0[j].values.iter().any(|x| x[segment] > 0.0);
+            let (by, powers) = self.powers(segment, std::array::from_fn(used))?;
+            let mut out = [0.0; LANES];
+            for (j, column) in self.0.iter().enumerate() {
+                let weight = x.values[j] * powers[j];
+                (0..N).for_each(|i| out[i] += weight * column.values[i][segment]);
+            }
+            *x = ChainState { values: out, exponent: x.exponent + by };
+            rescale(x)?;
+        }
+        Some(starts)
+    }
+
+    /// Takes r through all of them, from the last. Returns r at the end of each.
+    pub(crate) fn backward(&self, r: &mut ChainState) -> Option<[Eight; N]> {
+        let mut ends = [[0.0; LANES]; N];
+        for segment in (0..LANES).rev() {
+            (0..N).for_each(|i| ends[i][segment] = r.values[i]);
+            let mut out = [0.0; LANES];
+            for (out, column) in out.iter_mut().zip(&self.0) {
+                (0..N).for_each(|i| *out += column.values[i][segment] * r.values[i]);
+            }
+            let (by, powers) = self.powers(segment, std::array::from_fn(|j| out[j] > 0.0))?;
+            (0..N).for_each(|j| out[j] *= powers[j]);
+            *r = ChainState { values: out, exponent: r.exponent + by };
+            rescale(r)?;
+        }
+        Some(ends)
+    }
+
+    /// The largest exponent of the columns that are used, and the factor of each column to have
+    /// it, 0 for others. `None` if none is used, or one would be lost beside others.
+    #[inline]
+    fn powers(&self, segment: usize, used: [bool; N]) -> Option<(i64, [f64; N])> {
+        let exponents: [f64; N] = std::array::from_fn(|j| self.0[j].exponents[segment]);
+        let mut largest = f64::NEG_INFINITY;
+        for j in 0..N {
+            largest = if used[j] && exponents[j] > largest { exponents[j] } else { largest };
+        }
+        let mut powers = used.map(f64::from);
+        for j in 0..N {
+            let below = largest - exponents[j];
+            if below != 0.0 && used[j] {
+                if below > APART {
+                    return None;
+                }
+                powers[j] = power(-(below as i64));
+            }
+        }
+        (largest > f64::NEG_INFINITY).then_some((largest as i64, powers))
+    }
+}
+
+/// Packs eight segments, one after another in `values`.
+pub(crate) fn pack_segments<const N: usize>(values: &[f64], out: &mut Vec<[Packed; N]>) {
+    let each = values.len() / LANES;
+    out.resize(each / N, [Packed::default(); N]);
+    pack(std::array::from_fn(|l| &values[l * each..][..each]), out.as_flattened_mut());
+}
+
+/// Unpacks eight segments, one after another.
+pub(crate) fn unpack_segments(from: &[Packed], out: &mut [f64]) {
+    let mut parts = out.chunks_exact_mut(out.len() / LANES);
+    unpack(from, std::array::from_fn(|_| parts.next().unwrap_or_default()));
+}

@@ -1,0 +1,147 @@
+//! Work on many items, in parallel with the feature `rayon`.
+
+use std::ops::ControlFlow;
+use std::sync::{Mutex, PoisonError};
+
+/// Maps items, each by one thread with memory of its own. Each result is computed by one thread,
+/// and does not depend on the number of threads.
+pub(crate) fn map<T: Send, M: Default, R: Send>(
+    items: Vec<T>,
+    work: impl Fn(T, &mut M) -> R + Sync,
+) -> Vec<R> {
+    #[cfg(feature = "rayon")]
+    {
+        use rayon::prelude::*;
+        items.into_par_iter().map_init(M::default, |memory, item| work(item, memory)).collect()
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        let mut memory = M::default();
+        items.into_iter().map(|item| work(item, &mut memory)).collect()
+    }
+}
+
+/// Works on items, and takes the results in the order of the items, on the thread of the caller,
+/// until there are none left or `take` breaks. At most `ahead` items for each thread are under
+/// way or wait to be taken.
+pub(crate) fn in_order<T: Send, R: Send, Stop>(
+    mut items: impl Iterator<Item = T>,
+    ahead: usize,
+    work: impl Fn(T) -> R + Sync,
+    mut take: impl FnMut(R) -> ControlFlow<Stop>,
+) -> ControlFlow<Stop> {
+    #[cfg(feature = "rayon")]
+    {
+        threads::in_order(&mut items, ahead, &work, &mut take)
+    }
+    #[cfg(not(feature = "rayon"))]
+    {
+        let _ = ahead;
+        items.try_for_each(|item| take(work(item)))
+    }
+}
+
+/// Memory that is not in use, for whichever thread needs it next.
+#[derive(Debug)]
+pub(crate) struct MemoryPool<T>(Mutex<Vec<T>>);
+
+impl<T> Default for MemoryPool<T> {
+    fn default() -> Self {
+        Self(Mutex::new(Vec::new()))
+    }
+}
+
+impl<T> MemoryPool<T> {
+    /// Takes some memory out, if there is any.
+    pub(crate) fn pop(&self) -> Option<T> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop()
+    }
+
+    /// Puts memory back.
+    pub(crate) fn push(&self, memory: T) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
+    }
+}
+
+#[cfg(feature = "rayon")]
+mod threads {
+    use std::collections::VecDeque;
+    use std::ops::ControlFlow;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, sync_channel};
+    use std::time::Duration;
+
+    use rayon::Yield;
+
+    /// Time after which a thread of the pool looks for work again.
+    const NAP: Duration = Duration::from_micros(100);
+
+    /// Tells items that have not begun that nobody waits for them any more, also in a panic.
+    struct Stopped<'a>(&'a AtomicBool);
+
+    impl Drop for Stopped<'_> {
+        fn drop(&mut self) {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+
+    pub(crate) fn in_order<T: Send, R: Send, Stop>(
+        items: &mut impl Iterator<Item = T>,
+        ahead: usize,
+        work: &(impl Fn(T) -> R + Sync),
+        take: &mut impl FnMut(R) -> ControlFlow<Stop>,
+    ) -> ControlFlow<Stop> {
+        let most = ahead * rayon::current_num_threads();
+        let stopped = &AtomicBool::new(false);
+        let mut items = items.fuse();
+        rayon::in_place_scope_fifo(|scope| {
+            let _stopped = Stopped(stopped);
+            let mut under_way = VecDeque::with_capacity(most);
+            loop {
+                let next = if under_way.len() < most { items.next() } else { None };
+                if let Some(item) = next {
+                    let (sender, receiver) = sync_channel(1);
+                    scope.spawn_fifo(move |_| {
+                        if !stopped.load(Ordering::Relaxed) {
+                            // Nobody receives it if the caller has stopped meanwhile.
+                            _ = sender.send(work(item));
+                        }
+                    });
+                    under_way.push_back(receiver);
+                } else {
+                    let Some(first) = under_way.pop_front() else {
+                        return ControlFlow::Continue(());
+                    };
+                    // Without a result, the work has panicked, which the scope passes on.
+                    let Some(result) = wait(&first) else { return ControlFlow::Continue(()) };
+                    take(result)?;
+                }
+                while let Some(Ok(result)) = under_way.front().map(Receiver::try_recv) {
+                    under_way.pop_front();
+                    take(result)?;
+                }
+            }
+        })
+    }
+
+    /// Waits for a result. A thread of the pool works meanwhile: there may be no other.
+    fn wait<R>(receiver: &Receiver<R>) -> Option<R> {
+        if rayon::current_thread_index().is_none() {
+            return receiver.recv().ok();
+        }
+        loop {
+            match receiver.try_recv() {
+                Ok(result) => return Some(result),
+                Err(TryRecvError::Disconnected) => return None,
+                Err(TryRecvError::Empty) => {}
+            }
+            if rayon::yield_now() != Some(Yield::Executed) {
+                match receiver.recv_timeout(NAP) {
+                    Ok(result) => return Some(result),
+                    Err(RecvTimeoutError::Disconnected) => return None,
+                    Err(RecvTimeoutError::Timeout) => {}
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! Standard errors of learned parameters.
+
+use super::baum_welch::LearningOptions;
+use crate::error::LearnError;
+use crate::hmm::Hmm;
+use crate::inference::engines::parallel;
+use crate::likelihood::LearnLikelihood;
+use crate::sequence::Sequence;
+use crate::transition::LearnTransition;
+
+/// Parameters of a learned model, or any other numbers that it determines, with their standard
+/// errors.
+///
+/// Made by [`Hmm::jackknife`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct StandardErrors {
+    values: Vec<f64>,
+    errors: Vec<f64>,
+}
+
+impl StandardErrors {
+    /// The numbers, of the model that was learned from all sequences.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The standard error of each.
+    #[must_use]
+    pub fn errors(&self) -> &[f64] {
+        &self.errors
+    }
+}
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Returns standard errors of numbers that `read` takes from this model, which was learned
+    /// from these sequences, by the jackknife (Tukey 1958; Efron and Stein 1981).
+    ///
+    /// The model is learned anew, from itself, without each of `groups` groups of sequences
+    /// (sequence s is in group s modulo `groups`), and the errors are those of the spread of the
+    /// results: for G groups, the root of (G − 1) / G times the sum of squares about their mean.
+    /// With a group for each sequence and many sequences this estimates the same as a sandwich
+    /// of derivatives (White 1982), so it holds for models that are not true as well; but
+    /// sequences must be independent of each other, and the parameters not at a bound. A single
+    /// long sequence may be cut into pieces, if they last much longer than a state does. Learn to a
+    /// small tolerance: differences that learning leaves unfinished count as errors.
+    ///
+    /// Runs in parallel with the feature `rayon`. The cost is that of learning G times, from a
+    /// good start.
+    ///
+    /// ```
+    /// use wayfix::inference::LearningOptions;
+    /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// # use wayfix::{Belief, DenseTransition, Fixed, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let camera = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let truth = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.3], [0.1, 0.7]])?, Fixed(camera))?;
+    /// # let mut rng = ChaCha8Rng::seed_from_u64(1);
+    /// # let sequences: Vec<Vec<usize>> = (0..60).map(|_| truth.simulate(30, &mut rng).observations().to_vec()).collect();
+    /// let options = LearningOptions { tolerance: 1e-6, keep_prior: true, ..LearningOptions::default() };
+    /// let learned = truth.learn(&sequences, &options)?.into_model();
+    /// let stay = |hmm: &Hmm<_, _>| -> Vec<f64> {
+    ///     let a: &DenseTransition = hmm.transition();
+    ///     vec![a.get(0, 0), a.get(1, 1)]
+    /// };
+    /// let errors = learned.jackknife(&sequences, 20, &options, stay)?;
+    /// for (value, error) in errors.values().iter().zip(errors.errors()) {
+    ///     println!("{value:.3} ± {error:.3}");
+    /// }
+    /// # assert!((errors.values()[0] - 0.9).abs() < 3.0 * errors.errors()[0]);
+    /// # assert!((errors.values()[1] - 0.7).abs() < 3.0 * errors.errors()[1]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError::Groups`] for fewer than two groups, or fewer sequences than groups;
+    /// [`LearnError::Sequence`] for one that the model rules out or that is not valid; and the
+    /// first error of learning.
+    pub fn jackknife<S>(
+        &self,
+        sequences: &[S],
+        groups: usize,
+        learning: &LearningOptions,
+        read: impl Fn(&Self) -> Vec<f64> + Sync,
+    ) -> Result<StandardErrors, LearnError>
+    where
+        Self: Clone + Sync,
+        S: Sequence<A::Control, B::Observation> + Sync,
+    {
+        if groups < 2 || sequences.len() < groups {
+            return Err(LearnError::Groups { groups, sequences: sequences.len() });
+        }
+        let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
+        if let Some(error) = self.expect(&all).1.into_iter().next() {
+            return Err(error.into());
+        }
+        let without = |group: usize, (): &mut ()| {
+            let all = sequences.iter().enumerate();
+            let others: Vec<&S> = all.filter(|(s, _)| s % groups != group).map(|s| s.1).collect();
+            self.learn(&others, learning).map(|learned| read(learned.model()))
+        };
+        let results = parallel::map((0..groups).collect(), without);
+        let results = results.into_iter().collect::<Result<Vec<Vec<f64>>, LearnError>>()?;
+        let count = groups as f64;
+        let error = |number: usize| {
+            let found = || results.iter().filter_map(|values| values.get(number));
+            let mean = found().sum::<f64>() / count;
+            ((count - 1.0) / count * found().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt()
+        };
+        let values = read(self);
+        let errors = (0..values.len()).map(error).collect();
+        Ok(StandardErrors { values, errors })
+    }
+}

@@ -1,0 +1,154 @@
+//! Estimation by counting, from drives whose states are known.
+
+use super::baum_welch::LearningOptions;
+use crate::error::{LearnError, SequenceError};
+use crate::hmm::{Hmm, Prior};
+use crate::inference::step::Step;
+use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
+use crate::sequence::Sequence;
+use crate::transition::{self, LearnTransition, Move, Transition};
+
+/// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
+#[derive(Debug, Clone, Copy)]
+pub struct LabelledSequence<'a, S: ?Sized> {
+    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
+    /// prior. Ignored under [`Prior::AtFirstObservation`], where no move leads to X_1.
+    pub initial: Option<usize>,
+    /// X_1 … X_T.
+    pub states: &'a [usize],
+    /// Observations, with controls if there are any.
+    pub sequence: &'a S,
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
+    /// `learning` added to the entries that this model allows. O(T n) for each drive.
+    ///
+    /// Probabilities of 0 stay 0, so that smoothing adds no move where the map has no road;
+    /// parameters without observations and pseudo-counts keep their values.
+    ///
+    /// ```
+    /// use wayfix::inference::{LabelledSequence, LearningOptions};
+    /// use wayfix::{Belief, Hmm, Prior, SparseTransition, TableLikelihood};
+    ///
+    /// let hmm = Hmm::new(
+    ///     Prior::BeforeFirstTransition(Belief::certain(3, 0)?),
+    ///     SparseTransition::from_triplets(
+    ///         3, // the possible moves; their probabilities are learned
+    ///         [(0, 0, 0.5), (1, 0, 0.5), (1, 1, 0.5), (2, 1, 0.5), (2, 2, 1.0)],
+    ///     )?,
+    ///     TableLikelihood::from_rows(&[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])?,
+    /// )?;
+    /// let drive = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
+    /// let learning = LearningOptions { transition_pseudo_count: 1.0, ..LearningOptions::default() };
+    /// let learned = hmm.learn_labelled(&[drive], &learning)?;
+    /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
+    /// assert_eq!(learned.transition().get(2, 0), 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError`] if there is neither an observation nor an initial state, and with the drive
+    /// and the step for a state that does not exist, a move or a sighting that the model forbids,
+    /// an observation without a valid likelihood, or a control that is not valid.
+    pub fn learn_labelled<S>(
+        &self,
+        drives: &[LabelledSequence<'_, S>],
+        learning: &LearningOptions,
+    ) -> Result<Self, LearnError>
+    where
+        A: LearnTransition,
+        B: LearnLikelihood,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        learning.check()?;
+        let is_empty = |drive: &LabelledSequence<'_, S>| {
+            drive.initial.is_none() && drive.states.is_empty() && drive.sequence.steps() == 0
+        };
+        if drives.iter().all(is_empty) {
+            return Err(LearnError::Nothing { sequences: drives.len(), first: None });
+        }
+        let mut expected = self.no_expectations();
+        let mut certain = vec![0.0; self.states()];
+        let mut moves = vec![Vec::new(); expected.moves.len()];
+        for (number, drive) in drives.iter().enumerate() {
+            self.check_drive(number, drive)?;
+            let (mut before, first) = match self.prior() {
+                Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
+                Prior::AtFirstObservation(_) => (None, drive.states.first().copied()),
+            };
+            first.into_iter().for_each(|state| expected.first[state] += 1.0);
+            for (step, &to) in (1..).zip(drive.states) {
+                certain[to] = 1.0;
+                let observation = drive.sequence.observation(step);
+                self.likelihood().add(&mut expected.sensor, observation, &certain);
+                certain[to] = 0.0;
+                if let Some(from) = before {
+                    let family = self.transition().family(drive.sequence.control(step));
+                    if let Some(moves) = moves.get_mut(family) {
+                        moves.push(Move { from, to, weight: 1.0 });
+                    }
+                }
+                before = Some(to);
+            }
+        }
+        for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
+            transition::sort(&mut moves);
+            counts.add(moves);
+        }
+        self.maximize(&expected, learning)
+    }
+}
+
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Checks that the model allows the states, moves and observations of a drive.
+    fn check_drive<S>(
+        &self,
+        drive: usize,
+        labelled: &LabelledSequence<'_, S>,
+    ) -> Result<(), LearnError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let LabelledSequence { initial, states: path, sequence } = *labelled;
+        let (states, observations) = (path.len(), sequence.steps());
+        if states != observations {
+            return Err(LearnError::Length { drive, states, observations });
+        }
+        let states = self.states();
+        let initial = initial.filter(|_| self.prior().moves_at(1));
+        let all =
+            initial.map(|state| (0, state)).into_iter().chain((1..).zip(path.iter().copied()));
+        for (step, state) in all.clone() {
+            if state >= states {
+                return Err(LearnError::State { drive, step, state, states });
+            }
+        }
+        let start = if self.prior().moves_at(1) { initial } else { path.first().copied() };
+        if let Some(state) = start
+            && self.prior().belief().as_slice()[state] == 0.0
+        {
+            return Err(LearnError::Start { drive, state });
+        }
+        let mut scratch = Scratch::default();
+        let mut before = initial;
+        for (number, to) in all.filter(|step| step.0 > 0) {
+            let step = Step::of(self, sequence, number);
+            let wrap = |source| SequenceError { sequence: drive, source };
+            let (diagonal, _) =
+                step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
+                return Err(LearnError::Sighting { drive, step: number, state: to });
+            }
+            if let (Some(control), Some(from)) = (step.control, before) {
+                step.check_control(control).map_err(wrap)?;
+                if !self.transition().outgoing(control, from).any(|way| way.0 == to) {
+                    return Err(LearnError::Forbidden { drive, step: number, from, to });
+                }
+            }
+            before = Some(to);
+        }
+        Ok(())
+    }
+}

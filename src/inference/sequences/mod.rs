@@ -1,0 +1,11 @@
+//! Posteriors of whole sequences, one or many, paths drawn from them, and simulation.
+
+pub(crate) mod forward;
+pub(crate) mod many_sequences;
+pub(crate) mod pairwise;
+pub(crate) mod path_entropy;
+pub(crate) mod path_sampler;
+pub(crate) mod posteriors;
+pub(crate) mod simulation;
+pub(crate) mod smooth_each;
+pub(crate) mod smoother;

@@ -1,0 +1,154 @@
+//! Pairwise posteriors: the move from one step to the next, given all observations.
+
+use std::f64::consts::LN_2;
+use std::fmt;
+use std::ops::Range;
+
+use crate::error::InferenceError;
+use crate::inference::step::belief_form::BeliefRef;
+use crate::kernels;
+use crate::limits;
+use crate::transition::{LearnTransition, Move, MoveCounts, Transition, TransitionEntries, log};
+
+/// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
+/// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
+///
+/// Handed out by [`SmoothedStep::pairs`](crate::inference::SmoothedStep::pairs).
+pub struct Pairs<'a, A: Transition> {
+    pub(crate) transition: &'a A,
+    pub(crate) control: &'a A::Control,
+    pub(crate) alpha: BeliefRef<'a>,
+    /// γ_k / p_k over `scale`, or its logarithm.
+    pub(crate) ratio: &'a [f64],
+    pub(crate) in_logs: bool,
+    pub(crate) scale: f64,
+}
+
+impl<A: Transition> fmt::Debug for Pairs<'_, A> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Pairs").field("states", &self.ratio.len()).finish_non_exhaustive()
+    }
+}
+
+impl<A: TransitionEntries> Pairs<'_, A> {
+    /// Returns the moves that the operator of this step allows, out of state 0 first, in
+    /// ascending order; they sum to one, up to rounding (and up to entries below 1e-323 that an
+    /// operator does not list as logarithms either). Moves out of a state of probability 0 may be
+    /// left out. O(E) in all.
+    pub fn moves(&self) -> impl Iterator<Item = Move> {
+        let states = 0..self.ratio.len();
+        let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
+        let linear = linear
+            .filter(|&from| self.alpha.linear[from] > 0.0)
+            .flat_map(move |from| self.out_of(from, self.transition.outgoing(self.control, from)));
+        let list = |from| self.transition.outgoing_log2(self.control, from);
+        let logs =
+            self.log_moves(logs, list).map(|(from, to, log)| Move { from, to, weight: log.exp() });
+        linear.chain(logs)
+    }
+
+    /// Moves out of a state by entries, in linear space.
+    fn out_of(
+        &self,
+        from: usize,
+        entries: impl Iterator<Item = (usize, f64)>,
+    ) -> impl Iterator<Item = Move> {
+        entries.map(move |(to, p)| {
+            let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
+            Move { from, to, weight }
+        })
+    }
+
+    /// Adds the moves of this step to others. They must sum to one, since an operator may list
+    /// other entries than its product has.
+    pub(crate) fn add_to(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+    ) -> Result<(), InferenceError> {
+        if !self.in_logs {
+            return one(counts.add(self.moves()), step);
+        }
+        let list = |from| self.transition.outgoing_log2(self.control, from);
+        self.add_logs_to(counts, step, list, f64::NEG_INFINITY)
+    }
+
+    /// Moves out of these states by entries, with the logarithms of their probabilities.
+    fn log_moves<I: Iterator<Item = (usize, f64)>>(
+        &self,
+        states: Range<usize>,
+        list: impl Fn(usize) -> I,
+    ) -> impl Iterator<Item = (usize, usize, f64)> {
+        states.flat_map(move |from| {
+            let log = self.alpha.log(from);
+            list(from).map(move |(to, log2)| (from, to, log + log2 * LN_2 + self.ratio[to]))
+        })
+    }
+
+    /// Adds moves from logarithms. With exp(`others`) they sum to one, up to the digits of the
+    /// logarithms: those of two likely moves may differ by the rounding of log-likelihoods of −1e15.
+    #[cold]
+    fn add_logs_to<I: Iterator<Item = (usize, f64)>>(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+        list: impl Fn(usize) -> I,
+        others: f64,
+    ) -> Result<(), InferenceError> {
+        let logs = || self.log_moves(0..self.ratio.len(), &list);
+        let largest = logs().fold(others, |most, (_, _, log)| most.max(log));
+        let sum: f64 = logs().map(|(_, _, log)| (log - largest).exp()).sum();
+        let sum = largest + (sum + (others - largest).exp()).ln();
+        let terms = (0..self.ratio.len())
+            .map(|state| self.alpha.log(state))
+            .chain(self.ratio.iter().copied());
+        let size =
+            terms.filter(|log| log.is_finite()).fold(0.0, |size, log| f64::max(size, log.abs()));
+        // Without a possible move the sum is NaN here, and 0.
+        if sum.is_nan() || sum.abs() > limits::log_rounding(size) {
+            return Err(InferenceError::PredictedSum { step, sum: f64::max(sum.exp(), 0.0) });
+        }
+        counts.add(logs().map(|(from, to, log)| Move { from, to, weight: (log - sum).exp() }));
+        Ok(())
+    }
+}
+
+impl<A: LearnTransition> Pairs<'_, A> {
+    /// Adds the moves of this step that learning counts to others, as [`add_to`](Self::add_to)
+    /// does. Restarts, which may come from any state, are in the sum alone: Σ α_{k-1} times the
+    /// sum over i of the restart part of row i times its ratio γ_k(i) / p_k(i).
+    pub(crate) fn count_to(
+        &self,
+        counts: &mut MoveCounts,
+        step: usize,
+    ) -> Result<(), InferenceError> {
+        let (transition, states) = (self.transition, 0..self.ratio.len());
+        let restart = |to: usize| transition.restart_log2(self.control, to);
+        if !self.in_logs {
+            let from = states.clone().filter(|&from| self.alpha.linear[from] > 0.0);
+            let sum = counts.add(
+                from.flat_map(|from| self.out_of(from, transition.counted(self.control, from))),
+            );
+            let into = |to: usize| match restart(to) {
+                f64::NEG_INFINITY => 0.0,
+                log2 => log2.exp2() * self.ratio[to],
+            };
+            let restarts: f64 = states.map(into).sum();
+            let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
+            return one(sum + before * restarts * self.scale, step);
+        }
+        let sum = |logs: &mut dyn Iterator<Item = f64>| logs.fold(f64::NEG_INFINITY, log::add);
+        // The ratio of a state that nothing leads to may be no number.
+        let restarted = states.clone().map(|to| (to, restart(to) * LN_2));
+        let restarted = restarted.filter(|entry| entry.1 > f64::NEG_INFINITY);
+        let restarts = sum(&mut restarted.map(|(to, log)| log + self.ratio[to]));
+        let others = restarts + sum(&mut states.map(|from| self.alpha.log(from)));
+        let list = |from| transition.counted_log2(self.control, from);
+        self.add_logs_to(counts, step, list, others)
+    }
+}
+
+/// Checks the sum of the moves of a step.
+fn one(sum: f64, step: usize) -> Result<(), InferenceError> {
+    if limits::is_one(sum) { Ok(()) } else { Err(InferenceError::PredictedSum { step, sum }) }
+}

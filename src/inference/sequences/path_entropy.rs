@@ -1,0 +1,100 @@
+//! Entropy of the whole path given the observations (Hernando, Crespi and Cybenko 2005).
+
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::step::Step;
+use crate::inference::step::belief_form::BeliefRef;
+use crate::inference::streams::filter::Filter;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::TransitionEntries;
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// Returns the Shannon entropy of p(x_1 … x_T | y_1 … y_T), in nats: the remaining
+    /// uncertainty about the whole path, 0 if only one path is possible. It is at most the sum of
+    /// the entropies of the smoothed beliefs.
+    ///
+    /// Takes one forward pass, O(E) a step and O(n) memory. All terms are at least 0, so that
+    /// nothing cancels; the error is about 1e-12 nats, since that of a probability near one is
+    /// the last digit of its distance from one.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.5, 0.5], [0.5, 0.5]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.5; 2]; 2])?, table)?;
+    /// // Two states drawn anew at each of 3 steps, of which the observations say nothing.
+    /// assert!((hmm.path_entropy(&[0, 1, 0])? - 8.0_f64.ln()).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth).
+    pub fn path_entropy<S>(&self, sequence: &S) -> Result<f64, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let n = self.states();
+        let mut filter = self.filter();
+        // H(x_1 … x_{k-1} | x_k, y_1 … y_{k-1}) for each x_k.
+        let mut entropy = vec![0.0; n];
+        let mut next = entropy.clone();
+        let mut ways = Vec::new();
+        for number in 1..=sequence.steps() {
+            if number > 1 {
+                let step = Step::of(self, sequence, number);
+                step.entropies(filter.held(), &entropy, &mut next, &mut ways)?;
+                std::mem::swap(&mut entropy, &mut next);
+            }
+            filter.step_with(sequence.control(number), sequence.observation(number))?;
+        }
+        if sequence.steps() == 0 {
+            return Ok(0.0);
+        }
+        Ok(total(&filter, &entropy))
+    }
+}
+
+/// Returns Σ γ_T(i) (H(path | i) − ln γ_T(i)).
+fn total<A, B>(filter: &Filter<&Hmm<A, B>>, entropy: &[f64]) -> f64
+where
+    A: TransitionEntries,
+    B: Likelihood,
+{
+    let held = filter.held();
+    let mut sum = 0.0;
+    for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
+        if p > 0.0 {
+            sum += p * (entropy - held.log(i));
+        }
+    }
+    sum
+}
+
+impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
+    /// Computes H_k(i) = Σ_j q_j (H_{k-1}(j) − ln q_j), where q_j is the probability that i was
+    /// reached from j, in proportion to A\[i, j\] α_{k-1}(j).
+    fn entropies(
+        &self,
+        alpha: BeliefRef<'_>,
+        before: &[f64],
+        after: &mut [f64],
+        ways: &mut Vec<(usize, f64)>,
+    ) -> Result<(), InferenceError> {
+        let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
+        let in_logs = self.evidence()?.is_some() && self.entries_need_logs();
+        for (i, after) in after.iter_mut().enumerate() {
+            alpha.ways(self.hmm.transition(), control, i, in_logs, ways);
+            let total: f64 = ways.iter().map(|way| way.1).sum();
+            *after = 0.0;
+            for &(j, weight) in &*ways {
+                let q = weight / total;
+                if q > 0.0 {
+                    *after += q * (before[j] - q.ln());
+                }
+            }
+        }
+        Ok(())
+    }
+}

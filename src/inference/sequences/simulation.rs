@@ -1,0 +1,287 @@
+//! Simulation: states and observations drawn from the model.
+
+use std::borrow::Borrow;
+use std::convert::Infallible;
+use std::ops::Deref;
+
+use rand::Rng;
+
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::learning::labels::LabelledSequence;
+use crate::inference::step::Step;
+use crate::inference::streams::filter::Filter;
+use crate::likelihood::{Likelihood, SampleNext, SampleObservation};
+use crate::random::index;
+use crate::transition::TransitionEntries;
+
+/// A simulated drive: its true states and its observations.
+///
+/// Made by [`Hmm::simulate`] and [`Filter::simulate`]; of an autoregressive model, by
+/// [`Hmm::simulate_after`] and [`Filter::simulate_after`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Simulation<Y> {
+    initial: Option<usize>,
+    states: Vec<usize>,
+    observations: Vec<Y>,
+}
+
+impl<Y> Simulation<Y> {
+    /// State before the first transition: X_0, or the present state of a filter; `None` without a
+    /// transition to the first step.
+    #[must_use]
+    pub fn initial(&self) -> Option<usize> {
+        self.initial
+    }
+
+    /// States X_1 … X_T.
+    #[must_use]
+    pub fn states(&self) -> &[usize] {
+        &self.states
+    }
+
+    /// Observations y_1 … y_T.
+    #[must_use]
+    pub fn observations(&self) -> &[Y] {
+        &self.observations
+    }
+
+    /// Returns the drive with its true states, for learning.
+    #[must_use]
+    pub fn labelled(&self) -> LabelledSequence<'_, [Y]> {
+        LabelledSequence {
+            initial: self.initial,
+            states: &self.states,
+            sequence: &self.observations,
+        }
+    }
+}
+
+impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
+    /// Draws `steps` hidden states and their observations.
+    ///
+    /// The same generator in the same state gives the same drive. O(n) for the first state, then
+    /// O(entries out of a state + the cost of an observation) a step. (Under an operator with
+    /// [evidence](crate::Transition::evidence) and no control, moves are drawn in proportion to
+    /// its entries.)
+    ///
+    /// ```
+    /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    ///
+    /// let hmm = Hmm::new(
+    ///     Prior::BeforeFirstTransition(Belief::certain(2, 0)?),
+    ///     DenseTransition::from_rows(&[[0.0, 1.0], [1.0, 0.0]])?,
+    ///     TableLikelihood::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?,
+    /// )?;
+    /// let drive = hmm.simulate(3, &mut ChaCha8Rng::seed_from_u64(1));
+    /// assert_eq!(drive.initial(), Some(0));
+    /// assert_eq!(drive.states(), [1, 0, 1]);
+    /// assert_eq!(drive.observations(), [1, 0, 1]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Sample>
+    where
+        A: TransitionEntries<Control = ()>,
+    {
+        self.draw(self.prior().belief().as_slice(), 0, &vec![(); steps], rng)
+    }
+
+    /// Draws a drive under controls, one a step: `controls[k - 1]` drives the transition from k −
+    /// 1 to k.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Control`] with the step whose control is not valid, or
+    /// [`InferenceError::SimulatedEvidence`] with the step whose control does not drive it, but
+    /// was measured on it.
+    pub fn simulate_with<R: Rng + ?Sized>(
+        &self,
+        controls: &[A::Control],
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.check_controls(0, controls)?;
+        Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
+    }
+
+    /// Checks the controls of the steps after the first `taken`.
+    fn check_controls(&self, taken: usize, controls: &[A::Control]) -> Result<(), InferenceError> {
+        for (number, control) in (taken + 1..).zip(controls) {
+            if self.prior().moves_at(number) {
+                let step = Step { hmm: self, number, control: Some(control) };
+                if step.evidence()?.is_some() {
+                    return Err(InferenceError::SimulatedEvidence { step: number });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn draw<R: Rng + ?Sized>(
+        &self,
+        belief: &[f64],
+        taken: usize,
+        controls: &[A::Control],
+        rng: &mut R,
+    ) -> Simulation<B::Sample> {
+        let sample = |_: usize, state: usize, _: Option<&B::Sample>, rng: &mut R| {
+            Ok::<_, Infallible>(self.likelihood().sample(state, rng))
+        };
+        let Ok(drawn) = self.draw_with(belief, taken, controls, rng, sample);
+        drawn
+    }
+}
+
+impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
+    /// Draws `steps` hidden states and observations that depend on the one before, which is
+    /// `before` for the first: sequences of an autoregressive model.
+    ///
+    /// The same generator in the same state gives the same sequence. The cost is that of
+    /// [`simulate`](Self::simulate).
+    ///
+    /// ```
+    /// # #[cfg(feature = "emission")]
+    /// # {
+    /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// use wayfix::emission::LinearRegression;
+    /// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+    ///
+    /// // Each value is 0.9 of the one before, with much noise in state 1.
+    /// let family = LinearRegression::diagonal(&[[0.9]; 2], &[[0.0]; 2], &[[0.01], [4.0]])?;
+    /// let hmm = Hmm::new(
+    ///     Prior::AtFirstObservation(Belief::uniform(2)?),
+    ///     DenseTransition::from_rows(&[[0.95, 0.05], [0.05, 0.95]])?,
+    ///     family,
+    /// )?;
+    /// let drawn = hmm.simulate_after(&[3.0], 100, &mut ChaCha8Rng::seed_from_u64(1))?;
+    /// // An observation is a row of the value before and the value.
+    /// let series: Vec<f64> = drawn.observations().iter().map(|row| row[1]).collect();
+    /// assert_eq!(drawn.observations()[7], [series[6], series[7]]);
+    ///
+    /// let path = hmm.viterbi(drawn.observations())?;
+    /// let right = path.states().iter().zip(drawn.states()).filter(|(a, b)| a == b).count();
+    /// assert!(right > 80);
+    /// # }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::Likelihood`] with the step for which nothing can be drawn: the first, if
+    /// `before` is not valid, or one where values grow beyond the range of doubles.
+    pub fn simulate_after<R: Rng + ?Sized>(
+        &self,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.draw_after(self.prior().belief().as_slice(), 0, before, steps, rng)
+    }
+
+    fn draw_after<R: Rng + ?Sized>(
+        &self,
+        belief: &[f64],
+        taken: usize,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
+            let last = last.map_or(before, Borrow::borrow);
+            let drawn = self.likelihood().sample_next(state, last, rng);
+            drawn.map_err(|source| InferenceError::Likelihood { step, source })
+        };
+        self.draw_with(belief, taken, &vec![(); steps], rng, sample)
+    }
+}
+
+impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
+    /// Draws states, and after each the observation that `sample` returns for its step and state,
+    /// and the observation before if there is one.
+    fn draw_with<Y, E, R: Rng + ?Sized>(
+        &self,
+        belief: &[f64],
+        taken: usize,
+        controls: &[A::Control],
+        rng: &mut R,
+        sample: impl Fn(usize, usize, Option<&Y>, &mut R) -> Result<Y, E>,
+    ) -> Result<Simulation<Y>, E> {
+        let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
+        let initial = self.prior().moves_at(taken + 1).then_some(state);
+        let mut states = Vec::with_capacity(controls.len());
+        let mut observations = Vec::with_capacity(controls.len());
+        for (step, control) in (taken + 1..).zip(controls) {
+            if self.prior().moves_at(step) {
+                let ways = || self.transition().outgoing(control, state);
+                let evidence = self.transition().evidence(control).is_some();
+                let total = if evidence { ways().map(|way| way.1).sum() } else { 1.0 };
+                state = index(ways(), total, rng);
+            }
+            states.push(state);
+            observations.push(sample(step, state, observations.last(), rng)?);
+        }
+        Ok(Simulation { initial, states, observations })
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries,
+    B: SampleObservation,
+{
+    /// Draws a possible future: a present state from the belief, then states and observations of
+    /// the next `steps` steps. Its `initial` is the present state. The filter is unchanged.
+    ///
+    /// ```
+    /// # use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+    /// # let hmm = wayfix::canberra::hmm(5, 1.0)?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&4)?;
+    /// let ahead = filter.simulate(10, &mut ChaCha8Rng::seed_from_u64(1));
+    /// assert_eq!(ahead.states().len(), 10);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn simulate<R: Rng + ?Sized>(&self, steps: usize, rng: &mut R) -> Simulation<B::Sample>
+    where
+        A: TransitionEntries<Control = ()>,
+    {
+        self.model().draw(self.belief().as_slice(), self.steps(), &vec![(); steps], rng)
+    }
+
+    /// Draws a possible future under controls, one a step.
+    ///
+    /// # Errors
+    ///
+    /// As [`Hmm::simulate_with`].
+    pub fn simulate_with<R: Rng + ?Sized>(
+        &self,
+        controls: &[A::Control],
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.model().check_controls(self.steps(), controls)?;
+        Ok(self.model().draw(self.belief().as_slice(), self.steps(), controls, rng))
+    }
+}
+
+impl<M, A, B> Filter<M>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: TransitionEntries<Control = ()>,
+    B: SampleNext,
+{
+    /// Draws a possible future after the last observation, `before`, as
+    /// [`simulate`](Self::simulate), of an autoregressive model.
+    ///
+    /// # Errors
+    ///
+    /// As [`Hmm::simulate_after`]; steps are counted from the first of the filter.
+    pub fn simulate_after<R: Rng + ?Sized>(
+        &self,
+        before: &B::Observation,
+        steps: usize,
+        rng: &mut R,
+    ) -> Result<Simulation<B::Sample>, InferenceError> {
+        self.model().draw_after(self.belief().as_slice(), self.steps(), before, steps, rng)
+    }
+}

@@ -1,0 +1,274 @@
+//! Smoother with checkpoints: sequences of any length in O(n √T) memory.
+//!
+//! The filter runs once over the sequence and leaves a snapshot at every boundary between
+//! segments. Each segment is then filtered again from its snapshot, and smoothed backward:
+//! checkpointing of one level (several levels: Griewank 1992).
+
+use super::pairwise::Pairs;
+use super::posteriors::Rows;
+use crate::belief::{Belief, BeliefView};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::step::Step;
+use crate::inference::step::backward::Backward;
+use crate::inference::step::forward_pass::ForwardPass;
+use crate::inference::streams::filter::Filter;
+use crate::inference::streams::filter_snapshot::FilterSnapshot;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::{MoveCounts, Transition, TransitionEntries};
+
+/// Size, states times steps, below which a sequence is one segment: half a megabyte a block,
+/// which fits into a cache.
+const ONE_SEGMENT: usize = 1 << 16;
+
+/// Order in which steps are visited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Order {
+    /// From 0 to T. Takes one more backward pass than the other order.
+    Forward,
+    /// From T to 0.
+    Backward,
+}
+
+/// Filtered and smoothed distributions of one step.
+///
+/// Handed out by [`Hmm::smooth_each`].
+#[derive(Debug)]
+pub struct SmoothedStep<'a, A: Transition> {
+    step: usize,
+    filtered: &'a [f64],
+    smoothed: &'a [f64],
+    pairs: Option<Pairs<'a, A>>,
+}
+
+impl<'a, A: Transition> SmoothedStep<'a, A> {
+    /// Number of the step, k, from 0 to T.
+    #[must_use]
+    pub fn step(&self) -> usize {
+        self.step
+    }
+
+    /// Filtered distribution p(X_k | y_1 … y_k).
+    #[must_use]
+    pub fn filtered(&self) -> BeliefView<'a> {
+        Belief::view(self.filtered)
+    }
+
+    /// Smoothed distribution p(X_k | y_1 … y_T).
+    #[must_use]
+    pub fn smoothed(&self) -> BeliefView<'a> {
+        Belief::view(self.smoothed)
+    }
+
+    /// Pairwise posterior p(X_{k-1}, X_k | y_1 … y_T), or `None` without a transition to step k:
+    /// at 0, and at 1 under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
+    #[must_use]
+    pub fn pairs(&self) -> Option<&Pairs<'a, A>> {
+        self.pairs.as_ref()
+    }
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// Smooths a sequence of any length in O(n √T) memory, and passes each step to a visitor,
+    /// with the pairwise posterior of the move to it. Returns ln p(y_1 … y_T).
+    ///
+    /// Results equal those of [`smooth`](Self::smooth), to the bit (up to rounding, with up to
+    /// eight states and no control). Costs three products with A or A' a step in backward order
+    /// and five in forward order (two in either, if n T is below 65,536), and O(n); more where
+    /// the sensor has to compute its likelihoods.
+    ///
+    /// ```
+    /// use wayfix::inference::Order;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
+    ///
+    /// // How probable is it that the weather changed on the way to each day?
+    /// let mut changed = Vec::new();
+    /// hmm.smooth_each(&[0, 0, 1], Order::Forward, |step| {
+    ///     if let Some(pairs) = step.pairs() {
+    ///         changed.push(pairs.moves().filter(|m| m.from != m.to).map(|m| m.weight).sum::<f64>());
+    ///     }
+    /// })?;
+    /// assert!(changed[2] > changed[1], "{changed:?}");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth). No step has been visited then, unless the operator breaks
+    /// its contract.
+    pub fn smooth_each<S>(
+        &self,
+        sequence: &S,
+        order: Order,
+        mut visit: impl FnMut(&SmoothedStep<'_, A>),
+    ) -> Result<f64, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let (n, steps) = (self.states(), sequence.steps());
+        let length =
+            if n.saturating_mul(steps) < ONE_SEGMENT { steps.max(1) } else { steps.isqrt() + 1 };
+        let mut segments = Segments {
+            hmm: self,
+            sequence,
+            block: ForwardPass::new(n, length.min(steps)),
+            smoothed: Rows::zeros(n, length.min(steps) + 1),
+            ratios: vec![0.0; n * length.min(steps)],
+            forms: vec![(false, 1.0); length.min(steps)],
+            held: None,
+            filter: self.filter(),
+            backward: Backward::new(n),
+        };
+        let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
+        if order == Order::Forward {
+            // γ at the end of each segment, with the state of the backward pass.
+            let last = segments.filter.held().linear.to_vec();
+            let mut ends = vec![(last, segments.backward.carried())];
+            for start in checkpoints[1..].iter().rev() {
+                let end = ends[ends.len() - 1].0.clone();
+                segments.run(start, length, &end)?;
+                let first = segments.smoothed.row(0).to_vec();
+                ends.push((first, segments.backward.carried()));
+            }
+            for (start, (end, carried)) in checkpoints.iter().zip(ends.iter().rev()) {
+                segments.backward.carry_on(carried);
+                let rows = segments.run(start, length, end)?;
+                let first = usize::from(start.steps() > 0);
+                (first..=rows).for_each(|row| visit(&segments.step(row, start)));
+            }
+        } else {
+            let mut end = segments.filter.held().linear.to_vec();
+            for start in checkpoints.iter().rev() {
+                let rows = segments.run(start, length, &end)?;
+                let first = usize::from(start.steps() > 0);
+                (first..=rows).rev().for_each(|row| visit(&segments.step(row, start)));
+                end.copy_from_slice(segments.smoothed.row(0));
+            }
+        }
+        Ok(log_likelihood)
+    }
+
+    /// Returns the expected number of moves between each pair of states, the sum over all steps
+    /// of p(X_{k-1}, X_k | y_1 … y_T).
+    ///
+    /// Costs as much as [`smooth_each`](Self::smooth_each), and O(E) a step; the result holds one
+    /// number, in 24 bytes, for each entry of A, never n × n for a sparse one. But where a state is
+    /// reached from all others, as by a
+    /// [`RestartTransition`](crate::transition::RestartTransition), E is n²: 6 GB for 16,000 states.
+    /// [Learning](Self::expectations) does not need these moves, and counts those within.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
+    /// let counts = hmm.expected_moves(&[0, 0, 1, 0, 0])?;
+    /// assert!((counts.get(0, 0) - 2.080_186_188_659_151).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// As [`smooth`](Self::smooth).
+    pub fn expected_moves<S>(&self, sequence: &S) -> Result<MoveCounts, InferenceError>
+    where
+        A: TransitionEntries,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let (mut counts, mut result) = (MoveCounts::default(), Ok(()));
+        self.smooth_each(sequence, Order::Backward, |step| {
+            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
+                result = pairs.add_to(&mut counts, step.step());
+            }
+        })?;
+        result.map(|()| counts)
+    }
+}
+
+/// Segments of a sequence, one of them in memory at a time.
+struct Segments<'m, A: Transition, B, S: ?Sized> {
+    hmm: &'m Hmm<A, B>,
+    sequence: &'m S,
+    /// Filtered beliefs of the segment that starts after `held` steps.
+    block: ForwardPass,
+    held: Option<usize>,
+    smoothed: Rows,
+    /// Ratio γ / p of each step, or its logarithm.
+    ratios: Vec<f64>,
+    /// For each step, true if the ratio is in logarithms; and the scale of a linear ratio.
+    forms: Vec<(bool, f64)>,
+    filter: Filter<&'m Hmm<A, B>>,
+    backward: Backward,
+}
+
+impl<A, B, S> Segments<'_, A, B, S>
+where
+    A: Transition,
+    B: Likelihood,
+    S: Sequence<A::Control, B::Observation> + ?Sized,
+{
+    /// Runs the filter over the whole sequence, and keeps a snapshot every `length` steps.
+    fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
+        let mut checkpoints = Vec::new();
+        loop {
+            let start = self.filter.snapshot();
+            self.fill(start.steps(), length)?;
+            checkpoints.push(start);
+            if self.filter.steps() == self.sequence.steps() {
+                return Ok((checkpoints, self.filter.log_likelihood()));
+            }
+        }
+    }
+
+    /// Filters a segment, unless it is in memory. Returns its number of steps.
+    fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
+        let rows = length.min(self.sequence.steps() - start);
+        if self.held.replace(start) != Some(start) {
+            self.block.fill(&mut self.filter, self.sequence, rows, |_| ())?;
+        }
+        Ok(rows)
+    }
+
+    /// Filters a segment and goes back through it from the γ at its end. Returns its number of
+    /// steps.
+    fn run(
+        &mut self,
+        start: &FilterSnapshot,
+        length: usize,
+        end: &[f64],
+    ) -> Result<usize, InferenceError> {
+        let n = self.hmm.states();
+        self.filter.restore(start)?;
+        let rows = self.fill(start.steps(), length)?;
+        self.smoothed.row_mut(rows).copy_from_slice(end);
+        for row in (1..=rows).rev() {
+            let step = Step::of(self.hmm, self.sequence, start.steps() + row);
+            let seen = self.block.seen(row, self.sequence.observation(step.number));
+            let (alpha, gamma) = (self.block.held(row - 1), self.smoothed.row(row));
+            self.backward.step_back_from(&step, &seen, alpha, gamma)?;
+            self.smoothed.row_mut(row - 1).copy_from_slice(&self.backward.gamma);
+            self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
+            self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);
+        }
+        Ok(rows)
+    }
+
+    fn step(&self, row: usize, start: &FilterSnapshot) -> SmoothedStep<'_, A> {
+        let (n, number) = (self.hmm.states(), start.steps() + row);
+        let moves = row > 0 && self.hmm.prior().moves_at(number);
+        let pairs = moves.then(|| Pairs {
+            transition: self.hmm.transition(),
+            control: self.sequence.control(number),
+            alpha: self.block.held(row - 1),
+            ratio: &self.ratios[(row - 1) * n..row * n],
+            in_logs: self.forms[row - 1].0,
+            scale: self.forms[row - 1].1,
+        });
+        let (filtered, smoothed) = (self.block.rows.row(row), self.smoothed.row(row));
+        SmoothedStep { step: number, filtered, smoothed, pairs }
+    }
+}

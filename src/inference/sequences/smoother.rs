@@ -1,0 +1,105 @@
+//! Batch smoother: a forward pass, then a backward pass over the same block.
+
+use super::posteriors::Posteriors;
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::engines::few_states;
+use crate::inference::step::Step;
+use crate::inference::step::backward::Backward;
+use crate::inference::step::forward_pass::ForwardPass;
+use crate::likelihood::Likelihood;
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Smoothed distributions of a whole sequence.
+///
+/// Made by [`Hmm::smooth`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmoothedSequence {
+    posteriors: Posteriors,
+    log_likelihood: f64,
+    steps_in_logs: usize,
+}
+
+impl SmoothedSequence {
+    /// Creates the result of a routine that takes no step in logarithms.
+    pub(crate) fn new(posteriors: Posteriors, log_likelihood: f64) -> Self {
+        Self { posteriors, log_likelihood, steps_in_logs: 0 }
+    }
+
+    /// Smoothed distributions p(X_k | y_1 … y_T) for k = 0 … T; at T, the filtered one.
+    #[must_use]
+    pub fn posteriors(&self) -> &Posteriors {
+        &self.posteriors
+    }
+
+    /// Log-likelihood ln p(y_1 … y_T).
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+
+    /// Number of steps taken in logarithms, forward or backward, which is several times slower.
+    /// With up to eight states it may be lower than that of a filter. If there are many, and the
+    /// tails of the model are not credible anyway, [rounded tails](Hmm::with_rounded_tails) are
+    /// faster.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
+    }
+}
+
+impl<A: Transition, B: Likelihood> Hmm<A, B> {
+    /// Smooths a sequence of observations (paper eqs. 10 to 14): returns the distribution of
+    /// every step given all of them.
+    ///
+    /// An empty sequence is allowed: the posterior of X_0 is then the prior.
+    ///
+    /// Costs two products with A or A' and O(n) a step (three where the sensor has to compute its
+    /// likelihoods). The result holds n (T + 1) numbers; other memory grows by one number a step,
+    /// and by n for each step outside the range of `f64`. Models of up to eight states without a
+    /// control take specialised paths, which are faster; from five states on they use n T
+    /// additional `f64`s. For long sequences there is [`smooth_each`](Self::smooth_each), for
+    /// live ones [`fixed_lag`](Self::fixed_lag).
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
+    /// let smoothing = hmm.smooth(&[0, 0, 1, 0, 0])?;
+    /// let third = smoothing.posteriors().get(3).unwrap();
+    /// assert!((third.as_slice()[0] - 0.307_483_576_006_617_7).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step at which an observation is impossible
+    /// or has no valid likelihood, or a control is not valid.
+    pub fn smooth<S>(&self, sequence: &S) -> Result<SmoothedSequence, InferenceError>
+    where
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let (n, steps) = (self.states(), sequence.steps());
+        if let Some((posteriors, log_likelihood)) = few_states::smooth(self, sequence) {
+            return Ok(SmoothedSequence::new(posteriors, log_likelihood));
+        }
+        let mut filter = self.filter();
+        let mut block = ForwardPass::new(n, steps);
+        block.fill(&mut filter, sequence, steps, |_| ())?;
+        let mut backward = Backward::new(n);
+        let mut steps_in_logs = 0;
+        for number in (1..=steps).rev() {
+            let step = Step::of(self, sequence, number);
+            let seen = block.seen(number, sequence.observation(number));
+            let gamma = block.rows.row(number);
+            backward.step_back_from(&step, &seen, block.held(number - 1), gamma)?;
+            steps_in_logs += usize::from(block.by_logs(number) || backward.in_logs);
+            block.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
+        }
+        let posteriors = block.rows.into_posteriors();
+        let log_likelihood = filter.log_likelihood();
+        Ok(SmoothedSequence { posteriors, log_likelihood, steps_in_logs })
+    }
+}

@@ -1,0 +1,236 @@
+//! One backward step: from the smoothed distribution of X_k to that of X_{k-1} (paper section
+//! III-B), scaled.
+//!
+//! The paper's recursion γ_k ∝ α_k β_k with β_{k-1} = A' B(y_k) β_k (eqs. 12
+//! and 14) under- or overflows. With filtered α_k that sum to one, and
+//! predictions p_k = A α_{k-1}, the same γ obeys
+//!
+//! γ_{k-1} = α_{k-1} ∘ A' (γ_k / p_k),
+//!
+//! because B(y_k) β_k is in proportion to γ_k / p_k. Every product on the right
+//! is a probability, that of a pair of states, so that nothing can grow; and
+//! the sum of γ_{k-1} is that of γ_k, so that a loss would be noticed. That holds
+//! with evidence on the move too, where neither the columns of A nor p_k sum to one.
+//!
+//! Predictions need not be recomputed (storing them would take as much memory as the result):
+//! with q_k = γ_k / α_k, the product left by the previous backward step, and α_k = b_k ∘ p_k /
+//! N_k, the ratio γ_k / p_k is b_k ∘ q_k / N_k. It is computed this way where the likelihoods are
+//! at hand without cost; elsewhere, and where q leaves the range of `f64`, predictions are
+//! recomputed.
+
+use super::Step;
+use super::belief_form::{BeliefRef, normalize_logs};
+use crate::error::InferenceError;
+use crate::kernels::{self, Aligned, BackwardStep, Product};
+use crate::likelihood::{Likelihood, Scratch};
+use crate::limits::{self, BACK_LIFT, LIFT};
+use crate::transition::Transition;
+
+/// Memory for backward steps, and the result of the last one.
+#[derive(Debug, Clone)]
+pub(crate) struct Backward {
+    /// γ_{k-1}.
+    pub(crate) gamma: Aligned,
+    /// γ_k / p_k times `ratio_scale`, or its logarithm.
+    pub(crate) ratio: Aligned,
+    pub(crate) ratio_scale: f64,
+    /// True if `ratio` is in logarithms.
+    pub(crate) in_logs: bool,
+    carried: BackwardState,
+    predicted: Aligned,
+    values: Aligned,
+    scratch: Scratch,
+}
+
+/// State that one backward step leaves to the next.
+#[derive(Debug, Clone)]
+pub(crate) struct BackwardState {
+    /// γ_k / α_k, lifted by [`BACK_LIFT`]; 1 at the last step.
+    q: Aligned,
+    /// Σ γ_k: one up to rounding, which must not accumulate.
+    sum: f64,
+    /// True if `q` is within the range of `f64`.
+    held: bool,
+}
+
+/// Observation of step k, and its normaliser N_k if the filter took the step with unscaled
+/// likelihoods, else 0.
+pub(crate) struct Observed<'a, Y: ?Sized> {
+    pub(crate) observation: &'a Y,
+    pub(crate) normalizer: f64,
+}
+
+impl Backward {
+    /// Creates the state at the last step of a sequence.
+    pub(crate) fn new(states: usize) -> Self {
+        let zeros = Aligned::new(states, 0.0);
+        Self {
+            gamma: zeros.clone(),
+            ratio: zeros.clone(),
+            ratio_scale: 1.0,
+            in_logs: false,
+            carried: BackwardState { q: Aligned::new(states, BACK_LIFT), sum: 1.0, held: true },
+            predicted: zeros.clone(),
+            values: zeros,
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Returns the state left by the last backward step.
+    pub(crate) fn carried(&self) -> BackwardState {
+        self.carried.clone()
+    }
+
+    /// Continues from the state that [`carried`](Self::carried) returned.
+    pub(crate) fn carry_on(&mut self, carried: &BackwardState) {
+        self.carried.clone_from(carried);
+    }
+
+    /// Goes back as [`step_back`](Self::step_back), with the ratio from the observation if possible.
+    pub(crate) fn step_back_from<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        seen: &Observed<'_, B::Observation>,
+        alpha: BeliefRef<'_>,
+        gamma: &[f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = step.control else { return self.step_back(step, alpha, gamma) };
+        // A step in logarithms has left no normaliser.
+        if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
+            return self.step_back(step, alpha, gamma);
+        }
+        let Self { ratio, carried: BackwardState { q, .. }, gamma: result, values, .. } = self;
+        let transition = step.hmm.transition();
+        let sum = if let Some(matrix) = step.stored(control) {
+            let product = Product::Sparse { matrix: &matrix.sliced_columns, x: ratio };
+            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
+        } else {
+            transition.apply_transpose(control, ratio, values);
+            let product = Product::Computed(values);
+            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
+        };
+        if !limits::is_one(sum) {
+            return self.step_back(step, alpha, gamma);
+        }
+        (self.carried.sum, self.in_logs, self.ratio_scale) = (sum, false, 1.0 / BACK_LIFT);
+        Ok(())
+    }
+
+    /// Computes the ratio γ_k / p_k from the observation of step k. Returns false if that is not
+    /// possible.
+    fn weigh<B: Likelihood>(
+        &mut self,
+        likelihood: &B,
+        seen: &Observed<'_, B::Observation>,
+    ) -> bool {
+        let Self { ratio, carried, scratch, .. } = self;
+        if seen.normalizer == 0.0 || !likelihood.is_precomputed() {
+            return false;
+        }
+        // Validated on the forward pass.
+        let found = likelihood.diagonal(seen.observation, scratch);
+        let Ok(ref diagonal) = found else { return false };
+        let Some(likelihoods) = diagonal.linear_values() else { return false };
+        if likelihoods.len() != ratio.len() {
+            return false;
+        }
+        let factor = 1.0 / (seen.normalizer * carried.sum);
+        kernels::divide_by_prediction(&carried.q, likelihoods, factor, ratio);
+        true
+    }
+
+    /// Goes from γ_k to γ_{k-1} by the step that leads from α_{k-1}. Without a transition they
+    /// are equal, and there is no ratio.
+    pub(crate) fn step_back<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        alpha: BeliefRef<'_>,
+        gamma: &[f64],
+    ) -> Result<(), InferenceError> {
+        let Some(control) = step.control else {
+            self.gamma.copy_from_slice(gamma);
+            self.in_logs = false;
+            return Ok(());
+        };
+        step.check_control(control)?;
+        (self.carried.held, self.ratio_scale) = (false, 1.0);
+        let evidence = step.hmm.transition().evidence(control).is_some();
+        self.in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
+            kernels::lift(alpha.linear, &mut self.values);
+            step.predict(&self.values, &mut self.predicted);
+            let held = divide(gamma, &self.predicted, &mut self.ratio);
+            !(held && self.multiply(step.hmm.transition(), control, alpha.linear))
+        };
+        if self.in_logs { self.step_back_in_logs(step, control, alpha, gamma) } else { Ok(()) }
+    }
+
+    /// Computes γ_{k-1} from γ_k / p_k. Returns false if the result left the range of `f64`,
+    /// which shows in the sum of γ: from step to step it changes by rounding only.
+    fn multiply<A: Transition>(
+        &mut self,
+        transition: &A,
+        control: &A::Control,
+        alpha: &[f64],
+    ) -> bool {
+        transition.apply_transpose(control, &self.ratio, &mut self.values);
+        kernels::lift(alpha, &mut self.gamma);
+        self.gamma.iter_mut().zip(&*self.values).for_each(|(gamma, back)| *gamma *= *back);
+        let sum = kernels::sum(&self.gamma);
+        kernels::normalize(&mut self.gamma, sum);
+        // From here on, ratios can come from observations again. (If q overflows, the next sum is
+        // not one.)
+        let carried = &mut self.carried;
+        carried.q.iter_mut().zip(&*self.values).for_each(|(q, back)| *q = back * BACK_LIFT);
+        (carried.sum, carried.held) = (sum / LIFT, limits::is_one(sum / LIFT));
+        carried.held
+    }
+
+    /// Goes back in logarithms, where linear space does not hold the ratios. Parts of γ_k that
+    /// round to 0, below 2.2e-308 for each state, do not matter: they would add no more than that
+    /// to γ_{k-1}.
+    #[cold]
+    fn step_back_in_logs<A: Transition, B: Likelihood>(
+        &mut self,
+        step: &Step<'_, A, B>,
+        control: &A::Control,
+        alpha: BeliefRef<'_>,
+        gamma_after: &[f64],
+    ) -> Result<(), InferenceError> {
+        let Self { gamma, ratio, predicted, values, .. } = self;
+        let (predicted, values) = (&mut **predicted, &mut **values);
+        let transition = step.hmm.transition();
+        alpha.logs_to(values);
+        transition.apply_log(control, values, predicted);
+        for ((ratio, &g), &predicted) in ratio.iter_mut().zip(gamma_after).zip(&*predicted) {
+            *ratio = if g > 0.0 { g.ln() - predicted } else { f64::NEG_INFINITY };
+        }
+        transition.apply_transpose_log(control, ratio, predicted);
+        // As in linear space, the sum of γ must have stayed one, up to the digits of the
+        // logarithms. (−∞ stays −∞, also where the backward term is finite.)
+        let mut size = 0.0_f64;
+        for (out, &back) in values.iter_mut().zip(&*predicted) {
+            if out.is_finite() {
+                size = size.max(out.abs()).max(back.abs());
+            }
+            *out += back;
+        }
+        match normalize_logs(values, gamma) {
+            Some(log) if log.abs() <= limits::log_rounding(size) => Ok(()),
+            sum => {
+                let sum = sum.map_or(0.0, f64::exp);
+                Err(InferenceError::PredictedSum { step: step.number, sum })
+            }
+        }
+    }
+}
+
+/// Computes `ratio = gamma / predicted`, 0 where γ is; the prediction is lifted. Returns false if
+/// the ratio may leave the range of `f64`.
+fn divide(gamma: &[f64], predicted: &[f64], ratio: &mut [f64]) -> bool {
+    let mut held = true;
+    for ((ratio, &g), &p) in ratio.iter_mut().zip(gamma).zip(predicted) {
+        *ratio = if g > 0.0 { g * LIFT / p } else { 0.0 };
+        held &= limits::is_trusted(*ratio, p);
+    }
+    held
+}

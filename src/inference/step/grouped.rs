@@ -1,0 +1,76 @@
+//! A step of the filter in linear space, block by block: each block of the prediction is
+//! multiplied by its likelihoods while it is in the first cache.
+
+use super::belief_form::{BeliefForm, BeliefRef, LiftedBelief, StepOutput};
+use super::{Step, holds};
+use crate::groups::Groups;
+use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
+use crate::likelihood::{Diagonal, Likelihood};
+use crate::limits;
+use crate::transition::Transition;
+
+/// Number of likelihoods of one group that are multiplied at a time.
+const REPEATED: usize = 512;
+
+impl<A: Transition, B: Likelihood> Step<'_, A, B> {
+    /// Takes the step with likelihoods of groups of states. Returns the normaliser, with the
+    /// probability of evidence on the move in it, or `None` if belief or entries may be too small
+    /// for that, or the results leave the range of `f64`.
+    pub(crate) fn advance_by_blocks(
+        &self,
+        (diagonal, groups): (&Diagonal<'_>, &Groups),
+        has_evidence: bool,
+        before: BeliefRef<'_>,
+        lifted: &mut LiftedBelief,
+        results: &mut StepOutput<'_>,
+    ) -> Option<(f64, BeliefForm)> {
+        let (transition, control) = (self.hmm.transition(), self.control?);
+        let likelihoods = diagonal.linear_values()?;
+        let largest = diagonal.check(groups.count()).ok()?;
+        let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
+        if !fits || before.logs.is_some() || lifted.is_needed() {
+            return None;
+        }
+        if !limits::is_plain(transition.smallest_entry(control)) {
+            return None;
+        }
+        // With rounded tails, too: there is no lift here.
+        let watch = Watch::Products;
+        let after = &mut *results.lifted;
+        let (mut updated, mut states) = (ForwardSums::NONE, 0);
+        transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
+            states += predicted.len();
+            let after = &mut after[first..first + predicted.len()];
+            for (run, group, same) in groups.runs(first..first + predicted.len()) {
+                let run = run.start - first..run.end - first;
+                let (predicted, after) = (&predicted[run.clone()], &mut after[run]);
+                let mut update = |predicted, likelihoods, out| {
+                    let prediction = Product::Computed(predicted);
+                    let part = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out };
+                    updated = updated.and(kernels::forward_step(part));
+                };
+                if same {
+                    let repeated = [likelihoods[group]; REPEATED];
+                    let parts = predicted.chunks(REPEATED).zip(after.chunks_mut(REPEATED));
+                    parts.for_each(|(p, after)| update(p, &repeated[..p.len()], after));
+                } else {
+                    update(predicted, &likelihoods[group..group + predicted.len()], after);
+                }
+            }
+        });
+        // Errors are reported by the step with all products at once.
+        if states != before.linear.len() || updated.negative_predicted || updated.small {
+            if updated.small {
+                lifted.lift_for_some_steps();
+            }
+            return None;
+        }
+        let predicted = updated.predicted;
+        let is_valid = if has_evidence { limits::is_evidence_sum } else { limits::is_one };
+        if !is_valid(predicted) || !holds(&updated, predicted) {
+            return None;
+        }
+        let tiny = kernels::normalize_in_place(results.lifted, updated.products);
+        Some((updated.products, BeliefForm::Plain { tiny }))
+    }
+}

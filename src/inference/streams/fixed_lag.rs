@@ -1,0 +1,313 @@
+//! Fixed-lag smoother: a live estimate that has seen a few later observations.
+
+use std::collections::VecDeque;
+use std::ops::Deref;
+
+use super::filter::Filter;
+use super::filter_snapshot::FilterSnapshot;
+use super::fixed_lag_snapshot::FixedLagSnapshot;
+use crate::belief::{Belief, BeliefView};
+use crate::error::InferenceError;
+use crate::hmm::Hmm;
+use crate::inference::step::Step;
+use crate::inference::step::backward::Backward;
+use crate::likelihood::Likelihood;
+use crate::transition::{NoControl, Transition};
+
+/// Fixed-lag smoother: after each step k, p(X_j | y_1 … y_k) for the last steps j = k − L … k.
+///
+/// It goes back from the filtered belief through the window, as the batch smoother does, and
+/// equals, up to rounding, the result of [`Hmm::smooth`] for the observations so far. A step
+/// costs one product for the filter and two for each step of the window, O(L) products in all;
+/// memory is 2 n (L + 1) numbers. Once the window is full, steps and updates allocate nothing. After an error
+/// it is as it was before the call.
+///
+/// `M` is a pointer to the model, as for [`Filter`].
+///
+/// ```
+/// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
+/// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+/// # let table = TableLikelihood::from_rows(&[[0.9, 0.1], [0.2, 0.8]])?;
+/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?, table)?;
+/// let mut smoother = hmm.fixed_lag(2);
+/// for sighting in [0, 0, 1, 0, 0] {
+///     smoother.step(&sighting)?;
+/// }
+/// // Belief of two steps ago, after all five sightings.
+/// let smoothing = hmm.smooth(&[0, 0, 1, 0, 0])?;
+/// let (stream, batch) = (smoother.get(3).unwrap(), smoothing.posteriors().get(3).unwrap());
+/// assert!((stream.as_slice()[0] - batch.as_slice()[0]).abs() < 1e-15);
+/// assert_eq!(smoother.lagged().mode(), 1);
+/// assert_eq!(smoother.get(2), None); // no longer in the window
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct FixedLag<M, U> {
+    filter: Filter<M>,
+    lag: usize,
+    /// State of the filter before each of the last L moves, oldest first, and the control of the
+    /// move.
+    past: VecDeque<(FilterSnapshot, U)>,
+    /// γ of the present step, of the one before, and so on; then memory for more.
+    window: Vec<Vec<f64>>,
+    backward: Backward,
+    /// Memory of states that have left the window.
+    spare: Vec<FilterSnapshot>,
+}
+
+impl<A: Transition<Control: Clone>, B: Likelihood> Hmm<A, B> {
+    /// Returns a smoother at the prior that looks `lag` steps back and borrows the model. A lag
+    /// of 0 is the filter.
+    #[must_use]
+    pub fn fixed_lag(&self, lag: usize) -> FixedLag<&Self, A::Control> {
+        FixedLag::new(self, lag)
+    }
+}
+
+impl<M, A, B> FixedLag<M, A::Control>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: Transition<Control: Clone>,
+    B: Likelihood,
+{
+    /// Creates a smoother at the prior, with any pointer to a model.
+    #[must_use]
+    pub fn new(model: M, lag: usize) -> Self {
+        let backward = Backward::new(model.states());
+        let window = vec![model.prior().belief().as_slice().to_vec()];
+        let (filter, past) = (Filter::new(model), VecDeque::new());
+        Self { filter, lag, past, window, backward, spare: Vec::new() }
+    }
+
+    /// Takes one time step under a control, which drives the transition to this step: prediction,
+    /// update, and the way back through the window. Returns ln p(y_k | y_1 … y_{k-1}).
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::step_with`].
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<f64, InferenceError> {
+        self.advance(Some(control), |filter| filter.step_with(control, observation))
+    }
+
+    /// Takes one time step without an observation.
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::predict_with`].
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
+        self.advance(Some(control), |filter| filter.predict_with(control))
+    }
+
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). All steps of the window take it into
+    /// account, as if it had come with the last observation. Returns the logarithm of its
+    /// probability given all before.
+    ///
+    /// Before any step it acts as [`Filter::update`] does. Costs as much as a step, without the
+    /// product of the prediction.
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::step_with`].
+    pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
+        self.advance(None, |filter| filter.update(observation))
+    }
+
+    /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
+    /// Steps and log-likelihood stay.
+    ///
+    /// The window restarts with the present step alone, and grows from there: later observations
+    /// say nothing of the steps before.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if it has another number of states.
+    pub fn relocate(&mut self, belief: &Belief) -> Result<(), InferenceError> {
+        self.filter.relocate(belief)?;
+        self.begin();
+        Ok(())
+    }
+
+    /// Smoothed distribution p(X_j | y_1 … y_k) at the far end of the window: j = k − L, or,
+    /// until there are more steps, the first step since the last [relocation](Self::relocate) (0
+    /// without one). No later step revises it.
+    #[must_use]
+    pub fn lagged(&self) -> BeliefView<'_> {
+        Belief::view(&self.window[self.past.len()])
+    }
+
+    /// Smoothed distribution p(X_j | y_1 … y_k) of a step j of the window, from k − L (or the
+    /// last relocation) to k; `None` outside. After the last observation these are the rest of
+    /// the smoothed sequence.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) X_0 is
+    /// the same state as X_1, and `get(0)` equals `get(1)`, also after a relocation at step 1.
+    #[must_use]
+    pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
+        let steps = self.filter.steps();
+        let back = steps.checked_sub(step).filter(|back| *back <= self.lag)?;
+        let same = step == 0 && steps > 0 && !self.filter.model().prior().moves_at(1);
+        let row = back - usize::from(same);
+        (row <= self.past.len()).then(|| Belief::view(&self.window[row]))
+    }
+
+    /// The filter inside, with present belief, log-likelihood, steps and forecasts.
+    #[must_use]
+    pub fn filter(&self) -> &Filter<M> {
+        &self.filter
+    }
+
+    /// Number of steps so far taken in logarithms, as counted by [`Filter::steps_in_logs`]. While
+    /// one is in the window, the way back over it is in logarithms too.
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.filter.steps_in_logs()
+    }
+
+    /// The lag, L.
+    #[must_use]
+    pub fn lag(&self) -> usize {
+        self.lag
+    }
+
+    /// Returns a copy of the smoother's state. A smoother that is [restored](Self::restore) from
+    /// it continues with identical bits.
+    #[must_use]
+    pub fn snapshot(&self) -> FixedLagSnapshot<A::Control> {
+        let past = self.past.iter().cloned().collect();
+        FixedLagSnapshot { lag: self.lag, present: self.filter.snapshot(), past }
+    }
+
+    /// Restores a snapshot, of this smoother or another, and takes over its lag. Only the number of
+    /// states and the controls are checked: keep a version of the model beside snapshots that
+    /// outlive it.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError::StateCount`] if it has another number of states, or
+    /// [`InferenceError::Control`] for a control that is not valid for the model. The smoother is
+    /// then unchanged.
+    pub fn restore(
+        &mut self,
+        snapshot: &FixedLagSnapshot<A::Control>,
+    ) -> Result<(), InferenceError> {
+        let before = self.snapshot();
+        self.filter.restore(&snapshot.present)?;
+        self.replace(snapshot).or_else(|error| {
+            self.filter.restore(&before.present)?;
+            self.replace(&before)?;
+            Err(error)
+        })
+    }
+
+    /// Returns to the prior, with no steps taken.
+    pub fn restart(&mut self) {
+        self.filter.restart();
+        self.begin();
+    }
+
+    /// Restarts the window with the present belief.
+    fn begin(&mut self) {
+        self.spare.extend(self.past.drain(..).map(|(state, _)| state));
+        self.window[0].copy_from_slice(self.filter.belief().as_slice());
+    }
+
+    fn replace(&mut self, state: &FixedLagSnapshot<A::Control>) -> Result<(), InferenceError> {
+        self.lag = state.lag;
+        self.past = state.past.iter().cloned().collect();
+        self.smooth()
+    }
+
+    /// Takes a step under a control, or an update without one.
+    fn advance<R>(
+        &mut self,
+        control: Option<&A::Control>,
+        step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
+    ) -> Result<R, InferenceError> {
+        let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
+        self.filter.snapshot_to(&mut before);
+        let result = match step(&mut self.filter) {
+            Ok(result) => result,
+            Err(error) => {
+                self.spare.push(before);
+                return Err(error);
+            }
+        };
+        let moves = self.filter.model().prior().moves_at(before.steps() + 1);
+        let unmoved = match control.filter(|_| moves) {
+            Some(control) => {
+                self.past.push_back((before, control.clone()));
+                None
+            }
+            None => Some(before),
+        };
+        if let Err(error) = self.smooth() {
+            // The operator breaks its contract: restore the state before the step.
+            if let Some(before) = unmoved.or_else(|| self.past.pop_back().map(|last| last.0)) {
+                self.filter.restore(&before)?;
+                self.spare.push(before);
+            }
+            self.smooth()?;
+            return Err(error);
+        }
+        self.spare.extend(unmoved);
+        if self.past.len() > self.lag {
+            self.spare.extend(self.past.pop_front().map(|oldest| oldest.0));
+        }
+        Ok(result)
+    }
+
+    /// Goes back from the filtered belief through the window.
+    fn smooth(&mut self) -> Result<(), InferenceError> {
+        let Self { filter, lag, past, window, backward, .. } = self;
+        let back = past.len().min(*lag);
+        if window.len() <= back {
+            window.resize_with(back + 1, || vec![0.0; filter.belief().states()]);
+        }
+        window[0].copy_from_slice(filter.belief().as_slice());
+        for (row, (state, control)) in (1..=back).zip(past.iter().rev()) {
+            let number = state.steps() + 1;
+            let control = filter.model().prior().moves_at(number).then_some(control);
+            let step = Step { hmm: filter.model(), number, control };
+            backward.step_back(&step, state.held(), &window[row - 1])?;
+            window[row].copy_from_slice(&backward.gamma);
+        }
+        Ok(())
+    }
+}
+
+impl<M, A, B> FixedLag<M, A::Control>
+where
+    M: Deref<Target = Hmm<A, B>>,
+    A: Transition,
+    B: Likelihood,
+{
+    /// Takes one time step: prediction, update, and the way back through the window. Returns
+    /// ln p(y_k | y_1 … y_{k-1}).
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::step_with`].
+    pub fn step(&mut self, observation: &B::Observation) -> Result<f64, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
+    }
+
+    /// Takes one time step without an observation.
+    ///
+    /// # Errors
+    ///
+    /// As [`Filter::predict_with`].
+    pub fn predict(&mut self) -> Result<(), InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
+    }
+}

@@ -1,0 +1,9 @@
+//! Live routines, one observation at a time, and their states as plain data.
+
+pub(crate) mod bytes;
+pub(crate) mod filter;
+pub(crate) mod filter_snapshot;
+pub(crate) mod fixed_lag;
+pub(crate) mod fixed_lag_snapshot;
+pub(crate) mod online_viterbi;
+pub(crate) mod online_viterbi_snapshot;
