@@ -57,8 +57,8 @@
 //! | [`Hmm::viterbi`], [`Hmm::k_best`], [`Hmm::beam_viterbi`] | the most probable paths |
 //! | [`Hmm::path_sampler`] | paths drawn given all observations |
 //! | [`Hmm::expected_moves`], [`Hmm::path_entropy`] | the expected count of each move; the entropy of the whole path |
-//! | [`Hmm::learn`], [`Hmm::learn_labelled`] | a maximum-likelihood model, from sequences without or with labels |
-//! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::reestimate`] | the same from several starts; an iteration in parts |
+//! | [`Hmm::learn`], [`Hmm::fit`] | a maximum-likelihood model, from sequences without or with labels |
+//! | [`Hmm::learn_best`], [`Hmm::expectations`], [`Hmm::maximize`] | the same from several starts; an iteration in parts |
 //! | [`inference::LearnedModel::criteria`], [`inference::ModelSelection`], [`Hmm::jackknife`] | AIC, BIC and held-out likelihood; standard errors |
 //!
 //! For **many sequences**, [`Hmm::forward_map_all`], [`Hmm::smooth_map_all`],

@@ -63,11 +63,6 @@ where
     group.single("learn labelled", steps, || {
         let (hmm, ys) = one();
         let path = hmm.viterbi(ys).expect(POSSIBLE).into_states();
-        move || {
-            hmm.learn_labelled(
-                &[LabelledSequence { initial: None, states: &path, sequence: ys }],
-                once,
-            )
-        }
+        move || hmm.fit(&[LabelledSequence { initial: None, states: &path, sequence: ys }], once)
     });
 }

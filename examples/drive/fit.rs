@@ -3,7 +3,9 @@
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use wayfix::matching::{FittedModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
+use wayfix::matching::{
+    LearnedMatchModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint,
+};
 
 use super::{Drive, roads};
 
@@ -45,8 +47,8 @@ pub(crate) fn fit(
     spinner.enable_steady_tick(Duration::from_millis(100));
     let start = Instant::now();
     let first = matcher.with_model(MatchModel { noise: FIRST_NOISE, ..default })?;
-    let fitted: Result<FittedModel, MatchError> =
-        first.fit(&pieces(drives), ITERATIONS, &mut MatchMemory::default());
+    let fitted: Result<LearnedMatchModel, MatchError> =
+        first.learn(&pieces(drives), ITERATIONS, &mut MatchMemory::default());
     spinner.finish_and_clear();
     let fitted = match fitted {
         Ok(fitted) => fitted,
@@ -59,7 +61,7 @@ pub(crate) fn fit(
         [] => String::new(),
         names => format!("; at the limit of their ranges: {}", names.join(", ")),
     };
-    let FittedModel { model, iterations, converged, points, .. } = fitted;
+    let LearnedMatchModel { model, iterations, converged, points, .. } = fitted;
     roads::print(&format!(
         "learned from {points} points in {:.1} s ({iterations} iterations, {}): noise {:.1} m, outliers {:.3}, detour {:.2} m/s, stops {:.3}, leaves the road {:.1} times an hour and comes back after {:.0} s{at_limits}\n",
         start.elapsed().as_secs_f64(),

@@ -3,7 +3,7 @@
 use std::{ops::Range, path::Path};
 
 use wayfix::motion::{OffMap, Speeds};
-use wayfix::recognition::{Fit, LabelledPart, Options, Recognizer};
+use wayfix::recognition::{LabelledPart, Options, Parameters, Recognizer};
 
 use super::{Fallible, Task, waiting};
 
@@ -23,7 +23,7 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
         let mut options = fit.options().clone();
         options.closed = recording.closed;
         options.off_map = common.off_map.then(|| options.off_map.unwrap_or_default());
-        recognizer = recognizer.with_fit(fit.with_options(options))?;
+        recognizer = recognizer.with_parameters(fit.with_options(options))?;
     } else if let Some(truth) = recording.truth.as_ref().filter(|_| !split.fit_on.is_empty()) {
         let rows = recording.rows();
         let part = |range: &Range<usize>| LabelledPart {
@@ -32,20 +32,21 @@ pub(crate) fn recognizer(Task { recording, split, common }: Task<'_>) -> Fallibl
             odometry: recording.odometry.get(range.clone()).unwrap_or(&[]),
         };
         let parts: Vec<_> = split.fit_on.iter().map(part).collect();
-        let fitted = waiting("fitting", || recognizer.fitted(&parts));
+        let fitted = waiting("fitting", || recognizer.fit(&parts));
         recognizer = fitted.map_err(|error| format!("--fit-on: {error}"))?;
     }
     if let Some(temperature) = common.temperature {
         let mut options = recognizer.options().clone();
         let odds = options.odds.with_temperature(temperature);
         options.odds = odds.map_err(|error| format!("--temperature: {error}"))?;
-        recognizer = recognizer.with_fit(recognizer.fit().clone().with_options(options))?;
+        recognizer =
+            recognizer.with_parameters(recognizer.parameters().clone().with_options(options))?;
     }
     Ok(recognizer)
 }
 
 /// Summarises a fit: temperature, speeds in use, and reasons to doubt it.
-pub(crate) fn notes(fit: &Fit) -> Vec<String> {
+pub(crate) fn notes(fit: &Parameters) -> Vec<String> {
     let Options { odds, speeds, .. } = fit.options();
     let used = speeds.values().iter().zip(speeds.shares()).filter(|(_, share)| **share >= 0.01);
     let used: Vec<String> = used.map(|(speed, share)| format!("{speed}: {share:.2}")).collect();
@@ -56,25 +57,25 @@ pub(crate) fn notes(fit: &Fit) -> Vec<String> {
 }
 
 #[cfg(feature = "serde")]
-fn saved(file: &Path) -> Result<Fit, String> {
+fn saved(file: &Path) -> Result<Parameters, String> {
     let name = file.display();
     let text = std::fs::read(file).map_err(|error| format!("cannot read {name}: {error}"))?;
     serde_json::from_slice(&text).map_err(|error| format!("{name} is not a fit: {error}"))
 }
 
 #[cfg(feature = "serde")]
-pub(crate) fn save(file: &Path, fit: &Fit) -> Result<(), String> {
+pub(crate) fn save(file: &Path, fit: &Parameters) -> Result<(), String> {
     let written = serde_json::to_vec(fit).map_err(std::io::Error::from);
     let written = written.and_then(|text| std::fs::write(file, text));
     written.map_err(|error| format!("cannot write {}: {error}", file.display()))
 }
 
 #[cfg(not(feature = "serde"))]
-fn saved(_: &Path) -> Result<Fit, String> {
+fn saved(_: &Path) -> Result<Parameters, String> {
     Err(String::from("--fit: expected `cargo run --features serde`"))
 }
 
 #[cfg(not(feature = "serde"))]
-pub(crate) fn save(_: &Path, _: &Fit) -> Result<(), String> {
+pub(crate) fn save(_: &Path, _: &Parameters) -> Result<(), String> {
     Err(String::from("--save: expected `cargo run --features serde`"))
 }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use wayfix::BeliefView;
-use wayfix::recognition::{Answer, Fit, PlaceBeliefs};
+use wayfix::recognition::{Answer, Parameters, PlaceBeliefs};
 
 use super::{Fallible, Recording, Task, fit, plain, seqslam, waiting};
 
@@ -24,7 +24,7 @@ pub(crate) struct Method {
 }
 
 pub(crate) struct Estimates {
-    pub(crate) fit: Fit,
+    pub(crate) fit: Parameters,
     /// Answers of filter, fixed lag and smoother, with the names of their files.
     pub(crate) answers: [(&'static str, Vec<Answer>); 3],
     /// Smoothed beliefs over the references, T × n.
@@ -41,7 +41,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     let seen = waiting("recording", || recognizer.recording(&rows, &recording.odometry))?;
     let filtered = waiting("filter", || seen.filtered())?;
     let ms = 1e3 * start.elapsed().as_secs_f64() / recording.steps() as f64;
-    let mut notes = fit::notes(recognizer.fit());
+    let mut notes = fit::notes(recognizer.parameters());
     notes.extend(seen.doubts().iter().map(|warning| format!("WARNING: {warning}")));
     notes.push(format!("a step takes {ms:.3} ms beside the comparison of images"));
 
@@ -70,7 +70,7 @@ pub(crate) fn estimate(task: Task<'_>) -> Fallible<Estimates> {
     let (rows, n) = (beliefs.iter().map(BeliefView::as_slice), recording.references);
     let belief = rows.flat_map(|row| row[..n].iter().map(|p| *p as f32)).collect();
     let answers = [("answers", live), ("lagged", lagged), ("smoothed", beliefs.answers())];
-    Ok(Estimates { fit: recognizer.fit().clone(), answers, belief, methods, notes })
+    Ok(Estimates { fit: recognizer.parameters().clone(), answers, belief, methods, notes })
 }
 
 /// The reference at the least distance, as given.

@@ -119,7 +119,7 @@ impl Expected {
     }
 
     /// Returns the model that fits the expectations best.
-    pub(crate) fn reestimate<A>(
+    pub(crate) fn maximize<A>(
         &self,
         hmm: &Hmm<A, Sensor>,
         keep_prior: bool,
@@ -128,7 +128,7 @@ impl Expected {
         A: LearnTransition<Control = ()>,
     {
         let options = LearningOptions { keep_prior, ..LearningOptions::default() };
-        let learned = hmm.reestimate(&self.sum, &options);
+        let learned = hmm.maximize(&self.sum, &options);
         learned.map_err(|error| FleetError::Learning(error.to_string()))
     }
 }

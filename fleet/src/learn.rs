@@ -141,7 +141,7 @@ where
             }
             return Ok(course);
         }
-        hmm = expected.reestimate(&hmm, job.keep_prior)?;
+        hmm = expected.maximize(&hmm, job.keep_prior)?;
         let value = serde_json::to_value(&hmm).map_err(|error| FleetError::format(&path, error))?;
         let state = State { settings: settings.clone(), course: course.clone(), model: value };
         save(&path, &state)?;

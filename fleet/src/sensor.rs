@@ -158,14 +158,14 @@ impl LearnLikelihood for Sensor {
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Vec<f64>,
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let mut learned = self.clone();
         if let Kind::Table(table) = &self.kind {
-            learned.kind = Kind::Table(table.reestimate(statistics, pseudo_count)?);
+            learned.kind = Kind::Table(table.maximize(statistics, pseudo_count)?);
         }
         Ok(learned)
     }

@@ -148,14 +148,14 @@ impl LearnTransition for Plain {
         usize::from(matches!(self, Self::Sparse(_) | Self::Dense(_)))
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         counts: &[MoveCounts],
         pseudo_count: f64,
     ) -> Result<Self, TransitionError> {
         Ok(match self {
-            Self::Sparse(a) => Self::Sparse(a.reestimate(counts, pseudo_count)?),
-            Self::Dense(a) => Self::Dense(a.reestimate(counts, pseudo_count)?),
+            Self::Sparse(a) => Self::Sparse(a.maximize(counts, pseudo_count)?),
+            Self::Dense(a) => Self::Dense(a.maximize(counts, pseudo_count)?),
             other => other.clone(),
         })
     }

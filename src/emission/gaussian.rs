@@ -246,7 +246,7 @@ impl LearnLikelihood for Gaussian {
         statistics.moments.merge(&other.moments);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &GaussianStatistics,
         _: f64,

@@ -265,7 +265,7 @@ impl LearnLikelihood for Multinomial {
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Vec<f64>,
         pseudo_count: f64,

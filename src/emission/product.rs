@@ -182,10 +182,10 @@ where
 
     /// Learns either family. Their errors, if they are [`EmissionError`]s, name the components
     /// of the row.
-    fn reestimate(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
+    fn maximize(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
         let (from, to) = self.others();
-        let first = self.first.reestimate(&statistics.0, pseudo_count);
-        let second = self.second.reestimate(&statistics.1, pseudo_count);
+        let first = self.first.maximize(&statistics.0, pseudo_count);
+        let second = self.second.maximize(&statistics.1, pseudo_count);
         Ok(Self { first: learned(first, 0, from)?, second: learned(second, from, to)? })
     }
 

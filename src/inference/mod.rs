@@ -19,10 +19,10 @@
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
 //! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`Restarts`] | as often |
-//! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::reestimate`](crate::Hmm::reestimate): an iteration in parts | [`Expectations`] | three products |
+//! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
 //! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | nothing; learning of all candidates and folds |
 //! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of what was learned | [`StandardErrors`] | learning, for each group of sequences |
-//! | [`Hmm::learn_labelled`](crate::Hmm::learn_labelled) | a model, from [`LabelledSequence`]s | one count |
+//! | [`Hmm::fit`](crate::Hmm::fit) | a model, from [`LabelledSequence`]s | one count |
 //!
 //! [`formulas`](crate::guide::formulas) derives each algorithm;
 //! [`performance`](crate::guide::performance) says what limits its speed.

@@ -46,7 +46,7 @@ use super::Likelihood;
 ///     fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
 ///         statistics.iter_mut().zip(other).for_each(|(s, o)| *s = (s.0 + o.0, s.1 + o.1));
 ///     }
-///     fn reestimate(&self, statistics: &Self::Statistics, _: f64) -> Result<Self, Box<dyn Error + Send + Sync>> {
+///     fn maximize(&self, statistics: &Self::Statistics, _: f64) -> Result<Self, Box<dyn Error + Send + Sync>> {
 ///         let means = statistics.iter().zip(&self.0);
 ///         Ok(Self(means.map(|(s, old)| if s.0 > 0.0 { s.1 / s.0 } else { *old }).collect()))
 ///     }
@@ -93,7 +93,7 @@ pub trait LearnLikelihood: Likelihood + Sized {
     /// # Errors
     ///
     /// Any error, if the statistics do not determine a valid sensor.
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Self::Statistics,
         pseudo_count: f64,

@@ -6,8 +6,8 @@
 //! for a warehouse). Raw data with duplicate roads or loops can be [cleaned](RoadMap::cleaned),
 //! with a report. A [`TurningRule`] (or your own frequencies) gives the [`TurningProbabilities`]
 //! Φ, and these give the transition operator A = Φ'. They are also learned: from moves of drives, or
-//! from counts of traffic ([`TurningProbabilities::from_counts`] and
-//! [`from_road_counts`](TurningProbabilities::from_road_counts)).
+//! from counts of traffic ([`TurningProbabilities::fit`] and
+//! [`fit_traffic`](TurningProbabilities::fit_traffic)).
 //!
 //! Where the position along a road counts, a [`RoadNetwork`] of directed edges with their lines is
 //! cut into [`RoadCells`], and [`motion`](crate::motion) moves vehicles on them.
@@ -45,11 +45,11 @@ mod error;
 mod excerpt;
 #[cfg(feature = "csv")]
 mod fields;
+mod fitted_turning;
 mod flow;
 mod graph;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 mod import;
-mod learned_turning;
 mod network;
 mod position;
 mod road_map;
@@ -64,12 +64,12 @@ pub use error::{MapError, TurningError};
 pub(crate) use excerpt::excerpt;
 #[cfg(all(feature = "csv", feature = "matching"))]
 pub(crate) use fields::{Line, csv_error};
+pub use fitted_turning::{FittedTurn, FittedTurning, TurningPrior};
 pub use flow::FlowError;
 #[cfg(all(feature = "geojson", feature = "matching"))]
 pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
-pub use learned_turning::{LearnedTurn, LearnedTurning, TurningPrior};
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 use network::FASTEST_ROAD;
 #[cfg(feature = "geojson")]

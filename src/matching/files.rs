@@ -12,7 +12,7 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::TracePoint;
 use crate::map::{Line, MapError, Position, csv_error, excerpt};
 
-/// A drive of a file: what [`Matcher::fit`](super::Matcher::fit) takes, and with its `points` what
+/// A drive of a file: what [`Matcher::learn`](super::Matcher::learn) takes, and with its `points` what
 /// [`Matcher::match_drive`](super::Matcher::match_drive) does.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trace {

@@ -10,7 +10,7 @@ use crate::map::Coordinates;
 
 /// A model that was learned from drives.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FittedModel {
+pub struct LearnedMatchModel {
     /// The model.
     pub model: MatchModel,
     /// Number of iterations.
@@ -36,9 +36,9 @@ const LIMITS: [Limits; 6] = [
     ("return_to_road", |model| &mut model.return_to_road, [1e-4, 0.1]),
 ];
 
-impl FittedModel {
+impl LearnedMatchModel {
     /// Names of the learned parameters that are at a limit of the range in which
-    /// [`fit`](Matcher::fit) keeps them: the drives call for a value there or beyond.
+    /// [`learn`](Matcher::learn) keeps them: the drives call for a value there or beyond.
     #[must_use]
     pub fn at_limits(&self) -> Vec<&'static str> {
         let mut model = self.model;
@@ -77,7 +77,7 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// Results are kept within sense: `noise` from 0.1 to 1000 m, `outliers` from 1e-4 to 0.5,
     /// `deviation` from 1.5 to 100 m a second, `stop` from 0.001 to 0.95, `leave_road` from 1e-7 to
-    /// 0.005, and `return_to_road` from 1e-4 to 0.1; [`FittedModel::at_limits`] names those that
+    /// 0.005, and `return_to_road` from 1e-4 to 0.1; [`LearnedMatchModel::at_limits`] names those that
     /// ended at a limit.
     ///
     /// Drives may be slices, vectors or traces of a file. Start with more noise than there is: the
@@ -105,12 +105,12 @@ impl<P: Coordinates> Matcher<P> {
     /// };
     /// let drives: Vec<Vec<_>> = vec![(0..100).map(point).collect(), (50..150).map(point).collect()];
     ///
-    /// let fitted = matcher.fit(&drives, 20, &mut memory)?;
-    /// assert!((fitted.model.noise - 5.0).abs() < 0.5);
-    /// if !fitted.at_limits().is_empty() {
-    ///     println!("at the limits of their ranges: {:?}", fitted.at_limits());
+    /// let learned = matcher.learn(&drives, 20, &mut memory)?;
+    /// assert!((learned.model.noise - 5.0).abs() < 0.5);
+    /// if !learned.at_limits().is_empty() {
+    ///     println!("at the limits of their ranges: {:?}", learned.at_limits());
     /// }
-    /// let matcher = matcher.with_model(fitted.model)?;
+    /// let matcher = matcher.with_model(learned.model)?;
     /// # let matched = matcher.match_drive(&drives[0], &mut memory)?;
     /// # assert_eq!(matched.route().len(), 1);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -120,24 +120,24 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// [`MatchError::Drive`], with the index of the drive and its error, as of
     /// [`match_drive`](Self::match_drive).
-    pub fn fit<D: AsRef<[TracePoint<P>]> + Sync>(
+    pub fn learn<D: AsRef<[TracePoint<P>]> + Sync>(
         &self,
         drives: &[D],
         iterations: usize,
         memory: &mut MatchMemory,
-    ) -> Result<FittedModel, MatchError> {
-        let mut fitted = FittedModel {
+    ) -> Result<LearnedMatchModel, MatchError> {
+        let mut learned = LearnedMatchModel {
             model: self.model,
             iterations: 0,
             converged: false,
             log_likelihood: 0.0,
             points: 0,
         };
-        while fitted.iterations < iterations && !fitted.converged {
+        while learned.iterations < iterations && !learned.converged {
             let mut counts = Counts::default();
             let count = |drive: &D, memory: &mut MatchMemory| {
                 let mut counts = Counts::default();
-                let counted = self.count(&fitted.model, drive.as_ref(), &mut counts, memory);
+                let counted = self.count(&learned.model, drive.as_ref(), &mut counts, memory);
                 counted.map(|()| counts)
             };
             // Added in the order of the drives, so that threads change no bit.
@@ -157,13 +157,13 @@ impl<P: Coordinates> Matcher<P> {
             if let ControlFlow::Break(error) = added {
                 return Err(error);
             }
-            let next = counts.maximize(&fitted.model, &self.model);
-            fitted.iterations += 1;
-            fitted.converged = next.is_near(&fitted.model);
-            fitted.model = next;
-            (fitted.log_likelihood, fitted.points) = (counts.log_likelihood, counts.points);
+            let next = counts.maximize(&learned.model, &self.model);
+            learned.iterations += 1;
+            learned.converged = next.is_near(&learned.model);
+            learned.model = next;
+            (learned.log_likelihood, learned.points) = (counts.log_likelihood, counts.points);
         }
-        Ok(fitted)
+        Ok(learned)
     }
 
     /// Adds up the expected counts of a drive under a model.
@@ -327,16 +327,16 @@ mod tests {
             for (name, value, limits) in LIMITS {
                 assert_eq!(*value(&mut model), limits[limit], "{name}");
             }
-            let fitted = FittedModel {
+            let learned = LearnedMatchModel {
                 model,
                 iterations: 1,
                 converged: true,
                 log_likelihood: 0.0,
                 points: 1,
             };
-            assert_eq!(fitted.at_limits().len(), LIMITS.len());
+            assert_eq!(learned.at_limits().len(), LIMITS.len());
             let inside = MatchModel { noise: 8.0, deviation: 3.0, ..model };
-            let inside = FittedModel { model: inside, ..fitted };
+            let inside = LearnedMatchModel { model: inside, ..learned };
             assert_eq!(inside.at_limits(), ["outliers", "stop", "leave_road", "return_to_road"]);
         }
     }

@@ -93,7 +93,7 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// // A driver went south, and the prior counts as much as a twentieth of that.
     /// let counts = MoveCounts::of_path(&[start, south]);
-    /// let turns = EdgeTurns::from_counts(&network, &counts, &TurnWeights::default(), 0.05)?;
+    /// let turns = EdgeTurns::fit(&network, &counts, &TurnWeights::default(), 0.05)?;
     /// let mut memory = MatchMemory::default();
     /// let matcher = Matcher::new(network);
     /// let p = |matcher: &Matcher<_>, memory: &mut _| -> Result<f64, wayfix::matching::MatchError> {

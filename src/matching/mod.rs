@@ -57,7 +57,7 @@
 //! on along their roads at the last speed, so that a bad position or a gap does not break a drive,
 //! and no length counts as measured; leaving the road and coming back cost their probabilities.
 //!
-//! **The parameters** of a [`MatchModel`] can be [learned](Matcher::fit) from drives without
+//! **The parameters** of a [`MatchModel`] can be [learned](Matcher::learn) from drives without
 //! labels. The others, such as widths of outliers and the weight of choices, are constants that
 //! were chosen on simulated drives.
 //!
@@ -100,7 +100,7 @@ pub use drive::{MatchedDrive, Stretch};
 pub use error::MatchError;
 #[cfg(feature = "csv")]
 pub use files::{SkippedPoints, Trace, TraceReport, read_traces, read_traces_from};
-pub use learn::FittedModel;
+pub use learn::LearnedMatchModel;
 pub use matcher::{MatchMemory, Matcher};
 pub use model::MatchModel;
 pub use point::TracePoint;

@@ -5,7 +5,7 @@ use super::MatchError;
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
 ///
-/// [`Matcher::fit`](super::Matcher::fit) learns `noise`, `outliers`, `deviation`, `stop`,
+/// [`Matcher::learn`](super::Matcher::learn) learns `noise`, `outliers`, `deviation`, `stop`,
 /// `leave_road` and `return_to_road` from drives without labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

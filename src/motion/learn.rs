@@ -33,7 +33,7 @@ impl Speeds {
     /// # Errors
     ///
     /// [`TransitionError::Parameter`] for a move that is not finite.
-    pub fn learned<M: AsRef<[f64]>>(&self, drives: &[M]) -> Result<Self, TransitionError> {
+    pub fn fit<M: AsRef<[f64]>>(&self, drives: &[M]) -> Result<Self, TransitionError> {
         for drive in drives {
             if let Some(&value) = drive.as_ref().iter().find(|value| !value.is_finite()) {
                 let (what, expected) = ("a move".into(), "a finite number of places");
@@ -41,11 +41,11 @@ impl Speeds {
             }
         }
         if self.slack() == 0.0 {
-            return Ok(self.learned_changes(drives).0);
+            return Ok(self.fit_changes(drives).0);
         }
         let mut best = (f64::NEG_INFINITY, self.clone());
         for slack in SLACKS {
-            let (learned, log) = self.clone().with_slack(slack)?.learned_changes(drives);
+            let (learned, log) = self.clone().with_slack(slack)?.fit_changes(drives);
             let (now, before) = (2.0 * slack, (2.0 * self.slack()).min(0.99));
             let prior = SLACK_COUNT * (before * now.ln() + (1.0 - before) * (1.0 - now).ln());
             if log + prior > best.0 {
@@ -56,7 +56,7 @@ impl Speeds {
     }
 
     /// Speeds with learned shares and changes, and the log-likelihood of the moves.
-    fn learned_changes<M: AsRef<[f64]>>(&self, drives: &[M]) -> (Self, f64) {
+    fn fit_changes<M: AsRef<[f64]>>(&self, drives: &[M]) -> (Self, f64) {
         let moves =
             |drive: &M| drive.as_ref().iter().map(|moved| self.likelihoods(*moved)).collect();
         let seen: Vec<Vec<Vec<f64>>> = drives.iter().map(moves).collect();
@@ -141,13 +141,13 @@ mod tests {
     #[test]
     fn steady_drives_have_few_changes() {
         let speeds = Speeds::default();
-        let steady = speeds.learned(&[vec![1.0; 600]]).unwrap();
+        let steady = speeds.fit(&[vec![1.0; 600]]).unwrap();
         let (nearby, anywhere) = steady.changes();
         assert!(nearby < 3e-3 && anywhere < 2e-3, "{nearby} {anywhere}");
         assert!(steady.shares()[speeds.nearest(1.0)] > 0.9);
         assert!(steady.shares().iter().all(|p| *p > 0.0));
         let wild: Vec<f64> = (0..600).map(|k| [1.0, 0.0, 3.0, -1.0][k / 3 % 4]).collect();
-        let wild = speeds.learned(&[wild]).unwrap();
+        let wild = speeds.fit(&[wild]).unwrap();
         assert!(wild.changes().1 > 0.1, "{:?}", wild.changes());
     }
 
@@ -155,10 +155,10 @@ mod tests {
     fn nothing_seen_is_nothing_learned() {
         let speeds = Speeds::default();
         let none: [Vec<f64>; 0] = [];
-        let same = speeds.learned(&none).unwrap();
+        let same = speeds.fit(&none).unwrap();
         assert!((same.changes().0 - speeds.changes().0).abs() < 1e-15);
-        let jumps = speeds.learned(&[vec![500.0; 10]]).unwrap();
+        let jumps = speeds.fit(&[vec![500.0; 10]]).unwrap();
         assert!(jumps.shares().iter().zip(speeds.shares()).all(|(a, b)| (a - b).abs() < 0.1));
-        assert!(speeds.learned(&[[f64::NAN]]).is_err());
+        assert!(speeds.fit(&[[f64::NAN]]).is_err());
     }
 }

@@ -16,7 +16,7 @@ use crate::error::TransitionError;
 /// // Labelled steps: places moved on, and readings, which are 4% too large.
 /// let moves: Vec<f64> = (0..300).map(|k| f64::from(k / 50 % 3)).collect();
 /// let read: Vec<f64> = moves.iter().zip(0..).map(|(m, k)| 1.04 * m + [0.1, -0.1][k % 2]).collect();
-/// let learned = OdometryModel::learned(&[(moves, read)])?;
+/// let learned = OdometryModel::fit(&[(moves, read)])?;
 /// assert!((learned.scale - 1.04).abs() < 0.01 && learned.bias.abs() < 0.02);
 /// assert!(learned.deviation > 0.04 && learned.deviation < 0.2);
 /// # Ok::<(), wayfix::TransitionError>(())
@@ -67,7 +67,7 @@ impl OdometryModel {
     ///
     /// [`TransitionError::PartStates`] for a drive whose moves and readings differ in number,
     /// or [`TransitionError::Parameter`] for a number that is not finite, or beyond 1e6.
-    pub fn learned<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
+    pub fn fit<M, R>(drives: &[(M, R)]) -> Result<Self, TransitionError>
     where
         M: AsRef<[f64]>,
         R: AsRef<[f64]>,
@@ -213,12 +213,12 @@ mod tests {
             .map(|k| (0.7 * f64::from(k)).round() - (0.7 * f64::from(k - 1)).round())
             .collect();
         let read: Vec<f64> = (1..400).map(|k| 0.7 + [0.1, 0.0, -0.1][k % 3]).collect();
-        let learned = OdometryModel::learned(&[(&moves, &read)]).unwrap();
+        let learned = OdometryModel::fit(&[(&moves, &read)]).unwrap();
         assert!(learned.deviation < 0.3, "{learned:?}");
         let none: [(Vec<f64>, Vec<f64>); 0] = [];
-        let default = OdometryModel::learned(&none).unwrap();
+        let default = OdometryModel::fit(&none).unwrap();
         assert!((default.scale - 1.0).abs() < 1e-12 && default.bias == 0.0);
-        assert!(OdometryModel::learned(&[(&moves[1..], &read[..])]).is_err());
-        assert!(OdometryModel::learned(&[([f64::NAN], [0.0])]).is_err());
+        assert!(OdometryModel::fit(&[(&moves[1..], &read[..])]).is_err());
+        assert!(OdometryModel::fit(&[([f64::NAN], [0.0])]).is_err());
     }
 }

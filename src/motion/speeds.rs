@@ -35,7 +35,7 @@ const FASTEST: f64 = 64.0;
 /// assert_eq!(speeds.values().len(), 15);
 /// // 150 steps at ¾ place a step, then a stop.
 /// let moves: Vec<f64> = (1..=150).map(|k| f64::from(k * 3 / 4 - (k - 1) * 3 / 4)).collect();
-/// let learned = speeds.learned(&[moves, vec![0.0; 20]])?;
+/// let learned = speeds.fit(&[moves, vec![0.0; 20]])?;
 /// let share = |speed: f64| learned.shares()[learned.nearest(speed)];
 /// assert!(share(0.75) > 0.5 && share(0.0) > share(2.0));
 /// # Ok::<(), wayfix::TransitionError>(())

@@ -21,7 +21,7 @@ stored! {
         steps: Vec<f64> = known.steps,
     } => Self { count, sums, squares, steps }.checked();
 
-    [] Fit in recognition: [], |fit| {
+    [] Parameters in recognition: [], |fit| {
         options: Options = fit.options,
         standardizer: Option<Standardizer> = fit.standardizer,
         best_scores: Option<[f64; 2]> = fit.best_scores,

@@ -160,7 +160,7 @@ impl Recording {
     }
 
     fn unlike(&self) -> Option<Warning> {
-        let [labelled, deviation] = self.recognizer().fit().best_scores?;
+        let [labelled, deviation] = self.recognizer().parameters().best_scores?;
         let unlike = |scores: &[f64]| {
             let [recording, _] = moments(scores)?;
             let unlike = (recording - labelled).abs() > UNLIKE * deviation;

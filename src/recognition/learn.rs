@@ -1,80 +1,82 @@
-//! Learning from labelled parts of drives.
+//! Learning how a vehicle drives without labels.
 
-use super::fit::Fit;
-use super::labels::{LabelledPart, Labels, rates};
-use super::{RecognitionError, Recognizer};
+use super::{RecognitionError, Recognizer, Recording};
 use crate::motion::OdometryModel;
 
+/// Smoothed answers at least this probable are taken for true.
+const SURE: f64 = 0.9;
+
 impl Recognizer {
-    /// Learns from labelled parts of drives.
+    /// Learns the use, the changes and the slack of speeds, odometry, and the usual scores of each
+    /// reference from an unlabelled drive.
     ///
-    /// Learned are the use, the changes and the slack of speeds, odometry, the rates of leaving the
-    /// map, the usual scores of each reference, and
-    /// the [temperature](crate::observation::MatchOdds), by its log score on each half of the parts
-    /// with what was learned from the other. Learning starts from the present options; everything
-    /// else learned before is replaced.
+    /// Steps of which the smoother is sure (0.9 or more within the
+    /// [window](super::Options::window), not off the map) count as labelled: one round of hard
+    /// expectation and maximisation (Celeux and Govaert 1992). It starts from the present fit,
+    /// which counts as much as at the [first time](crate::motion::Speeds::fit). The usual
+    /// scores are those at the end of the recording, which need no places. The temperature stays: a
+    /// model that is its own teacher would only become more sure.
     ///
-    /// [`Fit::doubts`] lists reasons to doubt the result. O(steps n k) time, and ten times that
-    /// for the temperature; O(steps n) memory.
+    /// Costs as much as [`smoothed`](Recording::smoothed).
+    ///
+    /// ```
+    /// use wayfix::recognition::{Options, Recognizer};
+    ///
+    /// # let row = |place: usize| -> Vec<f32> {
+    /// #     (0..200).map(|i| 0.4 + 0.02 * ((i * 7 + place * 3) % 11) as f32 - 0.3 * f32::from(u8::from(i == place))).collect()
+    /// # };
+    /// // A drive at half the speed of the references', then a stop.
+    /// let queries: Vec<Vec<f32>> = (20..200).map(|k| row((k / 2).min(80))).collect();
+    /// let recognizer = Recognizer::from_distances(200, Options::default())?;
+    /// let learned = recognizer.learn(&recognizer.recording(&queries, &[])?)?;
+    /// let speeds = &learned.options().speeds;
+    /// assert!(speeds.shares()[speeds.nearest(0.5)] > 0.5);
+    /// # Ok::<(), wayfix::recognition::RecognitionError>(())
+    /// ```
     ///
     /// # Errors
     ///
-    /// [`RecognitionError`] for queries or labels that are not valid, or fewer than two
-    /// steps in a row on the map.
-    pub fn fitted<Q: AsRef<[f32]>>(
-        &self,
-        parts: &[LabelledPart<'_, Q>],
-    ) -> Result<Self, RecognitionError> {
-        let fitted = self.learned(parts)?;
-        let mut fit = fitted.fit().clone();
-        let (options, calibrated, warnings) = self.calibrate(fit.options, parts)?;
-        fit.options = options;
-        fit.calibrated = calibrated;
-        fit.warnings.extend(warnings);
-        self.with_fit(fit)
-    }
-
-    /// Learns all but the temperature.
-    pub(super) fn learned<Q: AsRef<[f32]>>(
-        &self,
-        parts: &[LabelledPart<'_, Q>],
-    ) -> Result<Self, RecognitionError> {
-        self.check_labels(parts)?;
-        let mut rows = Vec::new();
-        for (number, part) in parts.iter().enumerate() {
-            let invalid =
-                |source| RecognitionError::Part { part: number, source: Box::new(source) };
-            rows.push(self.compare(*part).map_err(invalid)?);
+    /// [`RecognitionError::Count`] for a recording with another number of references, or
+    /// [`RecognitionError::Inference`] with the step that is impossible.
+    pub fn learn(&self, recording: &Recording) -> Result<Self, RecognitionError> {
+        let (found, expected) = (recording.recognizer().references(), self.references());
+        if found != expected {
+            return Err(RecognitionError::Count { what: "references", found, expected });
         }
-        let mut fit = Fit::new(self.options().clone());
-        self.fit_camera(&rows, &mut fit)?;
-        let labels: Vec<Labels> = parts.iter().map(|part| self.read(part)).collect();
-        let drives: Vec<&[f64]> = labels.iter().map(|part| &part.moves[..]).collect();
-        fit.options.speeds = fit.options.speeds.learned(&drives)?;
-        let (moves, read): (Vec<f64>, Vec<f64>) =
-            labels.iter().flat_map(|part| part.read.iter().copied()).unzip();
-        let has_odometry = moves.len() > 1;
-        if has_odometry {
-            fit.options.odometry = OdometryModel::learned(&[(moves, read)])?;
-        }
-        fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
-        let fitted = self.with_fit(fit.clone())?;
-        let wrong = |source| RecognitionError::Query { step: 0, source };
-        (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
-        fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
-        self.with_fit(fit)
-    }
-
-    fn fit_camera(&self, rows: &[Vec<Vec<f32>>], fit: &mut Fit) -> Result<(), RecognitionError> {
-        let wrong = |source| RecognitionError::Query { step: 0, source };
-        let mut sensor = self.with_fit(fit.clone())?.sensor_of_fit();
-        for part in rows {
-            for row in part {
-                sensor.see(&fit.options, row).map_err(wrong)?;
+        let answers = recording.smoothed()?.answers();
+        let sure = |at: usize| answers[at].place.filter(|_| answers[at].probability >= SURE);
+        let mut drives: Vec<Vec<f64>> = vec![Vec::new()];
+        let mut read = (Vec::new(), Vec::new());
+        for at in 1..answers.len() {
+            let (Some(before), Some(after)) = (sure(at - 1), sure(at)) else {
+                drives.push(Vec::new());
+                continue;
+            };
+            let moved = self.places_between(before as f64, after as f64);
+            if let Some(drive) = drives.last_mut() {
+                drive.push(moved);
             }
-            sensor.forget();
+            if let Some(reading) = recording.odometry(at) {
+                read.0.push(moved);
+                read.1.push(reading);
+            }
         }
-        fit.standardizer = fit.options.standardize.then(|| sensor.standardizer().clone());
-        Ok(())
+        let mut options = self.options().clone();
+        options.speeds = options.speeds.fit(&drives)?;
+        if read.0.len() > 1 {
+            options.odometry = OdometryModel::fit(&[read])?;
+        }
+        let mut fit = self.parameters().clone().with_options(options);
+        if self.options().standardize {
+            fit.standardizer = Some(recording.standardizer().clone());
+        }
+        self.with_parameters(fit)
+    }
+
+    /// Signed number of places from one to another; around a loop, the shorter way.
+    pub(super) fn places_between(&self, before: f64, after: f64) -> f64 {
+        let (n, ahead) = (self.references() as f64, after - before);
+        let around = (ahead + 0.5 * n).rem_euclid(n) - 0.5 * n;
+        if self.options().closed { around } else { ahead }
     }
 }

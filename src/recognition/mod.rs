@@ -14,8 +14,8 @@
 //! // Where the first of them were taken, if that is known.
 //! let places: Vec<_> = (5..25).map(|place| Some(place..=place)).collect();
 //! let part = LabelledPart { queries: &queries[..20], places: &places, odometry: &[] };
-//! let recognizer = recognizer.fitted(&[part])?;
-//! for warning in recognizer.fit().doubts() {
+//! let recognizer = recognizer.fit(&[part])?;
+//! for warning in recognizer.parameters().doubts() {
 //!     eprintln!("{warning}"); // few steps are labelled
 //! }
 //!
@@ -37,31 +37,31 @@
 //! [`Standardizer`](crate::observation::Standardizer), which makes the scores of references
 //! comparable; and [`MatchOdds`](crate::observation::MatchOdds), which turn scores into odds.
 
-mod adapt;
 mod answer;
-mod calibrate;
 mod decode;
 mod error;
 mod examine;
-mod fit;
+mod fit_labels;
 mod labels;
 mod learn;
 mod mapper;
 mod options;
+mod parameters;
 mod recognizer;
 mod recording;
 mod references;
 mod sensor;
 mod tally;
+mod temperature;
 mod track;
 mod warning;
 
 pub use answer::Answer;
 pub use error::RecognitionError;
-pub use fit::{Calibrated, Fit};
 pub use labels::LabelledPart;
 pub use mapper::{Mapper, Seen};
 pub use options::Options;
+pub use parameters::{Parameters, TemperatureChoice};
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]

@@ -17,7 +17,7 @@ pub struct Options {
     /// True if the references form a loop; false by default.
     pub closed: bool,
     /// The speeds of the vehicle, in references a step, how they change, and the noise of a step. From
-    /// −2 to 3 by default; [fitting](super::Recognizer::fitted) learns all but the grid.
+    /// −2 to 3 by default; [fitting](super::Recognizer::fit) learns all but the grid.
     pub speeds: Speeds,
     /// Model of odometry. Fitting learns it.
     pub odometry: OdometryModel,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::fit::Fit;
+use super::parameters::Parameters;
 use super::references::{References, View, ViewScratch};
 use super::sensor::{Seeing, Sensor};
 use super::{Options, RecognitionError};
@@ -21,7 +21,7 @@ pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<
 
 /// Recognises places along a route by images of an earlier pass.
 ///
-/// Made from references and, optionally, [fitted](Self::fitted) to labelled parts of drives;
+/// Made from references and, optionally, [fitted](Self::fit) to labelled parts of drives;
 /// then [`track`](Self::track) follows a vehicle live, and [`recording`](Self::recording)
 /// takes a whole drive at once. Cheap to clone: references and model are shared.
 ///
@@ -49,7 +49,7 @@ pub(super) type Model = Hmm<RouteTransition, GroupedLikelihood<LikelihoodVector<
 #[derive(Debug, Clone)]
 pub struct Recognizer {
     references: Arc<References>,
-    fit: Fit,
+    fit: Parameters,
     sensor: Sensor,
     model: Arc<Model>,
 }
@@ -82,7 +82,7 @@ impl Recognizer {
         distance: Distance,
         options: Options,
     ) -> Result<Self, RecognitionError> {
-        Self::build(References::from_traverses(traverses, distance)?, Fit::new(options))
+        Self::build(References::from_traverses(traverses, distance)?, Parameters::new(options))
     }
 
     /// Creates a recogniser for queries that are rows of distances to so many references, smaller
@@ -92,7 +92,7 @@ impl Recognizer {
     ///
     /// [`RecognitionError`] for no references or options that are not valid.
     pub fn from_distances(references: usize, options: Options) -> Result<Self, RecognitionError> {
-        Self::build(References::Compared(references), Fit::new(options))
+        Self::build(References::Compared(references), Parameters::new(options))
     }
 
     /// Returns a recogniser of the same references with another fit, such as a stored one.
@@ -101,15 +101,15 @@ impl Recognizer {
     /// # Errors
     ///
     /// [`RecognitionError`] if the fit is not valid.
-    pub fn with_fit(&self, fit: Fit) -> Result<Self, RecognitionError> {
+    pub fn with_parameters(&self, fit: Parameters) -> Result<Self, RecognitionError> {
         Self::make(Arc::clone(&self.references), fit)
     }
 
-    fn build(references: References, fit: Fit) -> Result<Self, RecognitionError> {
+    fn build(references: References, fit: Parameters) -> Result<Self, RecognitionError> {
         Self::make(Arc::new(references), fit)
     }
 
-    fn make(references: Arc<References>, fit: Fit) -> Result<Self, RecognitionError> {
+    fn make(references: Arc<References>, fit: Parameters) -> Result<Self, RecognitionError> {
         let fit = fit.checked(references.count())?;
         let options = &fit.options;
         let n = references.count();
@@ -162,7 +162,7 @@ impl Recognizer {
 
     /// The result of learning, or the given options if nothing was learned.
     #[must_use]
-    pub fn fit(&self) -> &Fit {
+    pub fn parameters(&self) -> &Parameters {
         &self.fit
     }
 

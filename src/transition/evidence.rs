@@ -238,13 +238,9 @@ where
         self.base.family(&())
     }
 
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         Ok(Self {
-            base: self.base.reestimate(counts, pseudo_count)?,
+            base: self.base.maximize(counts, pseudo_count)?,
             log_likelihood: self.log_likelihood.clone(),
             log_factor: self.log_factor.clone(),
             control: PhantomData,

@@ -63,8 +63,7 @@ pub trait LearnTransition: TransitionEntries + Sized {
     ///
     /// [`TransitionError::Forbidden`] for a move that the operator does not
     /// allow.
-    fn reestimate(&self, counts: &[MoveCounts], pseudo_count: f64)
-    -> Result<Self, TransitionError>;
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError>;
 
     /// Log-prior that the pseudo-counts stand for, a Dirichlet density but for a constant:
     /// `pseudo_count` Σ ln θ over the free parameters above 0.

@@ -306,12 +306,8 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
         add_log2(self.log2_restart[to] + self.log2_factor(control), within)
     }
 
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
-        let inner = self.inner.reestimate(counts, pseudo_count)?;
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
+        let inner = self.inner.maximize(counts, pseudo_count)?;
         let again = Self::from_parts(inner, self.keep, self.restart.clone());
         Ok(Self { evidence: self.evidence, ..again })
     }

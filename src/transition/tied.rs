@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Deref;
 
-use super::reestimate::{normalized, weights};
+use super::maximize::{normalized, weights};
 use super::{LearnTransition, MoveCounts};
 use super::{SparseTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
@@ -99,11 +99,7 @@ impl TiedTransition {
 }
 
 impl LearnTransition for TiedTransition {
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         let weights = self.shared(weights(&self.transition, &counts[0])?, pseudo_count);
         // An entry that becomes 0 is dropped.
         let kept = self.parameters.iter().zip(&weights).filter(|entry| entry.1.2 > 0.0);

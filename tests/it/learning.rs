@@ -450,7 +450,7 @@ fn learning_from_known_states_is_counting() {
         transition_pseudo_count: 0.5,
         ..LearningOptions::default()
     };
-    let counted = source.learn_labelled(&labelled, &learning).unwrap();
+    let counted = source.fit(&labelled, &learning).unwrap();
 
     let groups = Groups::new(vec![0, 1, 2]).unwrap();
     let camera = GroupedLikelihood::new(source.likelihood().clone(), groups).unwrap();
@@ -501,7 +501,7 @@ fn labelled_drives_that_do_not_fit_are_errors() {
     let text = |initial, states: &[usize], sequence: &[usize]| {
         let fine = LabelledSequence { initial: None, states: &[1], sequence: &[0][..] };
         let drives = [fine, LabelledSequence { initial, states, sequence }];
-        hmm.learn_labelled(&drives, &LearningOptions::default()).unwrap_err().to_string()
+        hmm.fit(&drives, &LearningOptions::default()).unwrap_err().to_string()
     };
     for (found, expected) in [
         (text(None, &[1], &[0, 0]), "drive 1 has 1 states for 2 observations, expected one each"),
@@ -524,7 +524,7 @@ fn labelled_drives_that_do_not_fit_are_errors() {
         assert_eq!(found, expected);
     }
     let none: [LabelledSequence<'_, [usize]>; 0] = [];
-    let error = hmm.learn_labelled(&none, &LearningOptions::default()).unwrap_err();
+    let error = hmm.fit(&none, &LearningOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "there is no observation to learn from, in 0 sequences given");
 }
 
@@ -533,8 +533,8 @@ fn a_count_that_is_no_number_is_an_error() {
     let table = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]]).unwrap();
     let mut statistics = table.statistics();
     table.add(&mut statistics, &1, &[f64::NAN, 0.5]);
-    let error = table.reestimate(&statistics, 0.0).unwrap_err().to_string();
+    let error = table.maximize(&statistics, 0.0).unwrap_err().to_string();
     assert!(error.contains("NaN"), "{error}");
     table.add(&mut statistics, &0, &[0.5, f64::INFINITY]);
-    assert!(table.reestimate(&statistics, 0.0).is_err());
+    assert!(table.maximize(&statistics, 0.0).is_err());
 }

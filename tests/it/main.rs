@@ -19,10 +19,10 @@ mod evaluate;
 mod evidence;
 #[cfg(feature = "faer")]
 mod faer;
+mod fitted_turning;
 mod invariants;
 mod large;
 mod layers;
-mod learned_turning;
 mod learning;
 mod lockstep;
 mod long_sequences;

@@ -89,7 +89,7 @@ proptest! {
                 );
                 model.merge_expectations(&mut sum, &sent);
             }
-            model = model.reestimate(&sum, &learning).unwrap();
+            model = model.maximize(&sum, &learning).unwrap();
         }
         prop_assert!(same(&model, learned.model(), 1e-11));
         let (last, _) = model.expectations(&sequences);
@@ -129,18 +129,18 @@ proptest! {
 #[test]
 fn expectations_of_another_model_are_refused() {
     let (two, three) = (random_model(2, 3, 1), random_model(3, 3, 1));
-    let error = three.reestimate(&two.no_expectations(), &LearningOptions::default()).unwrap_err();
+    let error = three.maximize(&two.no_expectations(), &LearningOptions::default()).unwrap_err();
     assert_eq!(error.to_string(), "the expectations are of 2 states, the model has 3");
     let (mut moves, none) = (two.no_expectations(), two.no_expectations());
     moves = Expectations::new(moves.first().to_vec(), Vec::new(), none.sensor().clone(), 0.0);
     assert!(matches!(
-        two.reestimate(&moves, &LearningOptions::default()).unwrap_err(),
+        two.maximize(&moves, &LearningOptions::default()).unwrap_err(),
         LearnError::Expectations { what: "families of moves", found: 0, expected: 1 }
     ));
     let far = MoveCounts::from_moves([Move { from: 7, to: 0, weight: 1.0 }]);
     let far = Expectations::new(vec![1.0, 0.0], vec![far], none.sensor().clone(), 0.0);
     assert!(matches!(
-        two.reestimate(&far, &LearningOptions::default()).unwrap_err(),
+        two.maximize(&far, &LearningOptions::default()).unwrap_err(),
         LearnError::Transition(_)
     ));
 }
@@ -200,12 +200,12 @@ impl LearnLikelihood for Spoiled {
         self.table.merge(statistics, other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Vec<f64>,
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let mut table = self.table.reestimate(statistics, pseudo_count)?;
+        let mut table = self.table.maximize(statistics, pseudo_count)?;
         if self.left == 0 {
             let mixed = |share: f64| {
                 let rows = table.to_rows();
@@ -403,7 +403,7 @@ fn no_observation_is_nothing_to_learn_from() {
             .iter()
             .map(|y| LabelledSequence { initial: None, states: &[], sequence: y })
             .collect();
-        assert_eq!(hmm.learn_labelled(&labelled, &learning).unwrap_err().to_string(), expected);
+        assert_eq!(hmm.fit(&labelled, &learning).unwrap_err().to_string(), expected);
         let starts = [hmm.clone(), hmm.clone()];
         let error = Hmm::learn_best(&starts, sequences, &learning, |_, _| ()).unwrap_err();
         assert_eq!(error.to_string(), expected);

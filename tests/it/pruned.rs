@@ -539,7 +539,7 @@ fn restart_and_relocate_begin_anew() {
     assert_eq!((pruned.active(), pruned.mode(), pruned.steps()), (&[40][..], 40, 10));
     assert_eq!(pruned.probability(19), Some(0.0));
     assert_eq!(pruned.probability(n), None);
-    assert_eq!(pruned.certificate(), Certificate::Held(0.0));
+    assert_eq!(pruned.certificate(), Certificate::Within(0.0));
     assert!(pruned.log_likelihood().start() == log.start());
     let text = pruned.relocate(&Belief::uniform(3).unwrap()).unwrap_err().to_string();
     assert_eq!(text, "the belief has 3 states, expected 50 as the model");

@@ -26,8 +26,8 @@ pub(super) fn recognition(draw: &mut Draw<'_>, n: usize, counts: &mut Counts) {
             Err(error) => super::check_message(&error),
         }
     } else {
-        let Some(fit) = read(draw, recognizer.fit(), counts) else { return };
-        match recognizer.with_fit(fit) {
+        let Some(fit) = read(draw, recognizer.parameters(), counts) else { return };
+        match recognizer.with_parameters(fit) {
             Ok(other) => drive(draw, other.track(), n, counts),
             Err(error) => super::check_message(&error),
         }

@@ -31,7 +31,7 @@ pub(super) type Outcome<B> = Result<B, Box<dyn Error + Send + Sync>>;
 /// not depend on those that it has: `impl StartFromClusters for MyFamily {}`.
 pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> {
     /// Returns the family with parameters from the clusters, one for each state. By default they
-    /// are [estimated](ClusteredObservations::estimate) as in learning.
+    /// are [fitted](ClusteredObservations::fit) as in learning.
     ///
     /// # Errors
     ///
@@ -42,7 +42,7 @@ pub trait StartFromClusters: LearnLikelihood<Observation = [f64]> {
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let _ = rng;
-        observations.estimate(self)
+        observations.fit(self)
     }
 }
 
@@ -108,8 +108,8 @@ impl<'a> ClusteredObservations<'a> {
     ///
     /// # Errors
     ///
-    /// The error of [`LearnLikelihood::reestimate`].
-    pub fn estimate<B>(&self, family: &B) -> Result<B, Box<dyn Error + Send + Sync>>
+    /// The error of [`LearnLikelihood::maximize`].
+    pub fn fit<B>(&self, family: &B) -> Result<B, Box<dyn Error + Send + Sync>>
     where
         B: LearnLikelihood<Observation = [f64]>,
     {
@@ -207,7 +207,7 @@ where
         weights(at, &mut posterior);
         family.add(&mut statistics, row, &posterior);
     }
-    family.reestimate(&statistics, 0.0)
+    family.maximize(&statistics, 0.0)
 }
 
 /// Rows in which missing components have the values of others of the cluster, one after the other,

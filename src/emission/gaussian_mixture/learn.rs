@@ -60,7 +60,7 @@ impl LearnLikelihood for GaussianMixture {
         weights.for_each(|(weight, other)| *weight += other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &GaussianMixtureStatistics,
         pseudo_count: f64,

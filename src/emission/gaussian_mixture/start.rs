@@ -18,7 +18,7 @@ impl StartFromClusters for GaussianMixture {
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         if self.has_fixed_means() {
-            return observations.estimate(self);
+            return observations.fit(self);
         }
         let m = self.parts;
         let mut weights = Vec::with_capacity(self.weights.len());

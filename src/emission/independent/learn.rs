@@ -35,7 +35,7 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
         }
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Vec<F::Sums>,
         pseudo_count: f64,

@@ -77,7 +77,7 @@ impl LearnLikelihood for LinearRegression {
         statistics.moments.merge(&other.moments);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &LinearRegressionStatistics,
         _: f64,

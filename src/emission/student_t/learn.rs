@@ -75,7 +75,7 @@ impl LearnLikelihood for StudentT {
         excess.zip(other.excess.as_flattened()).for_each(|(sum, other)| *sum += other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &StudentTStatistics,
         _: f64,

@@ -17,8 +17,7 @@ impl StartFromClusters for StudentT {
         observations: &ClusteredObservations<'_>,
         _: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let gaussian =
-            observations.estimate(&Gaussian::of(self.normals.clone(), self.prior.clone()))?;
+        let gaussian = observations.fit(&Gaussian::of(self.normals.clone(), self.prior.clone()))?;
         let first = Self::of_gaussian(&self.degrees, gaussian)?.with_fixed_degrees();
         let last = (0..ROUNDS).try_fold(first, |family, _| observations.round(&family))?;
         Ok(Self { fixed: self.fixed, ..last })

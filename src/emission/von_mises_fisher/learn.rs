@@ -64,7 +64,7 @@ impl LearnLikelihood for VonMisesFisher {
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
     }
 
-    fn reestimate(
+    fn maximize(
         &self,
         statistics: &Vec<f64>,
         _: f64,

@@ -325,7 +325,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         };
         let mut expected = expected;
         for iteration in 1..=learning.iterations {
-            let model = match best.model.maximize(&expected, learning) {
+            let model = match best.model.maximize_checked(&expected, learning) {
                 Ok(model) => model,
                 Err(error) if iteration == 1 => return Err(error),
                 Err(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),

@@ -295,7 +295,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 
     /// Returns the information criteria of a model that does not come from [`learn`](Self::learn),
-    /// such as one from [labels](Self::learn_labelled) or from a file, for these sequences.
+    /// such as one from [labels](Self::fit) or from a file, for these sequences.
     ///
     /// After learning, call [`LearnedModel::criteria`] instead. The parameters counted here are the
     /// [free ones of this model](Self::free_parameters): if its probabilities were learned, and

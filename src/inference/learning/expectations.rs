@@ -20,7 +20,7 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// Baum–Welch.
 ///
 /// Made by [`Hmm::expectations`]. Those of several parts of the data are
-/// [added up](Hmm::merge_expectations), and [`Hmm::reestimate`] makes the next model of the sum.
+/// [added up](Hmm::merge_expectations), and [`Hmm::maximize`] makes the next model of the sum.
 ///
 /// To add up those of several machines, send their parts, of which [`new`](Self::new) makes them
 /// again: plain numbers if the statistics of the sensor are. Those of tables, counts, durations
@@ -40,7 +40,7 @@ use crate::transition::{LearnTransition, MoveCounts};
 /// assert!((sum.first().iter().sum::<f64>() - 4.0).abs() < 1e-12);
 ///
 /// let options = LearningOptions::default();
-/// let next = hmm.reestimate(&sum, &options)?;
+/// let next = hmm.maximize(&sum, &options)?;
 /// let (after, _) = next.expectations(&[[0, 0, 0, 1], [0, 1, 1, 1], [1, 1, 1, 1], [0, 0, 1, 1]]);
 /// assert!(after.log_likelihood() > sum.log_likelihood());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -61,7 +61,7 @@ impl<B: LearnLikelihood> fmt::Debug for Expectations<B> {
 }
 
 impl<B: LearnLikelihood> Expectations<B> {
-    /// Creates expectations from their parts, which [`Hmm::reestimate`] checks.
+    /// Creates expectations from their parts, which [`Hmm::maximize`] checks.
     #[must_use]
     pub fn new(
         first: Vec<f64>,
@@ -127,7 +127,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     ///         break;
     ///     }
     ///     before = log_likelihood;
-    ///     model = model.reestimate(&sum, &LearningOptions::default())?;
+    ///     model = model.maximize(&sum, &LearningOptions::default())?;
     /// }
     /// assert!(model.likelihood().probability(0, 0) > Some(0.8));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -156,7 +156,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 
     /// Adds expectations of other sequences under this model, which the caller must ensure: a sum
-    /// over several models means nothing, and [`reestimate`](Self::reestimate) detects only some
+    /// over several models means nothing, and [`maximize`](Self::maximize) detects only some
     /// of them. O(n + moves + statistics).
     pub fn merge_expectations(&self, sum: &mut Expectations<B>, other: &Expectations<B>) {
         sum.first.iter_mut().zip(&other.first).for_each(|(sum, p)| *sum += p);
@@ -173,7 +173,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// [`LearnError`] if a number of `learning` is not valid, the expectations are those of
     /// another model, or of no sequence ([`LearnError::Nothing`]), or a part cannot be
     /// re-estimated.
-    pub fn reestimate(
+    pub fn maximize(
         &self,
         expectations: &Expectations<B>,
         learning: &LearningOptions,
@@ -191,7 +191,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         if expectations.first.iter().all(|p| *p == 0.0) {
             return Err(LearnError::Nothing { sequences: 0, first: None });
         }
-        self.maximize(expectations, learning)
+        self.maximize_checked(expectations, learning)
     }
 
     /// Returns the expectations of all sequences, added up in order, and the errors of those that
@@ -295,7 +295,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     }
 
     /// Returns the model that fits the expectations best.
-    pub(crate) fn maximize(
+    pub(crate) fn maximize_checked(
         &self,
         expected: &Expectations<B>,
         learning: &LearningOptions,
@@ -316,10 +316,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             Prior::AtFirstObservation(_) => Prior::AtFirstObservation(prior),
         };
         let transition =
-            self.transition().reestimate(&expected.moves, learning.transition_pseudo_count)?;
+            self.transition().maximize(&expected.moves, learning.transition_pseudo_count)?;
         let likelihood = self
             .likelihood()
-            .reestimate(&expected.sensor, learning.likelihood_pseudo_count)
+            .maximize(&expected.sensor, learning.likelihood_pseudo_count)
             .map_err(LearnError::Likelihood)?;
         Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
     }

@@ -41,7 +41,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// )?;
     /// let drive = LabelledSequence { initial: Some(0), states: &[0, 0, 1, 2], sequence: &[0, 0, 1, 2] };
     /// let learning = LearningOptions { transition_pseudo_count: 1.0, ..LearningOptions::default() };
-    /// let learned = hmm.learn_labelled(&[drive], &learning)?;
+    /// let learned = hmm.fit(&[drive], &learning)?;
     /// assert_eq!(learned.transition().get(1, 0), (1.0 + 1.0) / (3.0 + 2.0));
     /// assert_eq!(learned.transition().get(2, 0), 0.0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -52,7 +52,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// [`LearnError`] if there is neither an observation nor an initial state, and with the drive
     /// and the step for a state that does not exist, a move or a sighting that the model forbids,
     /// an observation without a valid likelihood, or a control that is not valid.
-    pub fn learn_labelled<S>(
+    pub fn fit<S>(
         &self,
         drives: &[LabelledSequence<'_, S>],
         learning: &LearningOptions,
@@ -97,7 +97,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             transition::sort(&mut moves);
             counts.add(moves);
         }
-        self.maximize(&expected, learning)
+        self.maximize_checked(&expected, learning)
     }
 }
 

@@ -32,7 +32,7 @@ impl Default for Pruning {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Certificate {
     /// A bound that is at most the tolerance.
-    BeliefRef(f64),
+    Within(f64),
     /// A bound that is above the tolerance. The belief is still the best estimate, and the bound
     /// may recover.
     Exceeded(f64),
@@ -40,19 +40,19 @@ pub enum Certificate {
 
 impl Certificate {
     pub(crate) fn of(bound: f64, pruning: Pruning) -> Self {
-        if bound <= pruning.tolerance { Self::BeliefRef(bound) } else { Self::Exceeded(bound) }
+        if bound <= pruning.tolerance { Self::Within(bound) } else { Self::Exceeded(bound) }
     }
 
     /// Returns the bound, from 0 to 1.
     #[must_use]
     pub fn bound(self) -> f64 {
-        let (Self::BeliefRef(bound) | Self::Exceeded(bound)) = self;
+        let (Self::Within(bound) | Self::Exceeded(bound)) = self;
         bound
     }
 
     /// Returns true if the bound is at most the tolerance.
     #[must_use]
     pub fn holds(self) -> bool {
-        matches!(self, Self::BeliefRef(_))
+        matches!(self, Self::Within(_))
     }
 }

@@ -41,7 +41,7 @@ impl EdgeTurns {
     /// with a prior by road class: weights that count as `prior_moves` moves out of each edge.
     ///
     /// The mean of the posterior, (n_j + w φ_j) / (n + w), as in
-    /// [`TurningProbabilities::from_counts`](crate::map::TurningProbabilities::from_counts). Moves
+    /// [`TurningProbabilities::fit`](crate::map::TurningProbabilities::fit). Moves
     /// from an edge to itself are no turns, unless it is a loop. O(turns log moves).
     ///
     /// ```
@@ -58,7 +58,7 @@ impl EdgeTurns {
     /// let network = builder.build()?;
     ///
     /// let moves = MoveCounts::of_path(&[out, right]);
-    /// let turns = EdgeTurns::from_counts(&network, &moves, &TurnWeights::default(), 2.0)?;
+    /// let turns = EdgeTurns::fit(&network, &moves, &TurnWeights::default(), 2.0)?;
     /// assert_eq!((turns.turn(out, left), turns.turn(out, right)), (1.0 / 3.0, 2.0 / 3.0));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -68,7 +68,7 @@ impl EdgeTurns {
     /// [`TransitionError::Parameter`] for a weight out of its range,
     /// [`TransitionError::OutOfRange`] for an edge that does not exist, and
     /// [`TransitionError::Forbidden`] for a move to an edge that may not follow.
-    pub fn from_counts<P>(
+    pub fn fit<P>(
         network: &RoadNetwork<P>,
         counts: &MoveCounts,
         weights: &TurnWeights,
@@ -130,7 +130,7 @@ impl EdgeTurns {
     ///
     /// [`FlowError`] for counts that are none, if there is no consistent flow, or if it cannot pass
     /// the turns with weights above 0 at some node.
-    pub fn from_road_counts<P>(
+    pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],
         weights: &TurnWeights,

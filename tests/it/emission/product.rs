@@ -129,11 +129,11 @@ proptest! {
         hmm.likelihood().merge(&mut all, &rest);
         let [mut headings, rest] = of_heading;
         heading.merge(&mut headings, &rest);
-        let learned = hmm.likelihood().reestimate(&all, 0.0).unwrap();
+        let learned = hmm.likelihood().maximize(&all, 0.0).unwrap();
 
-        let place = place.reestimate(&of_place, 0.0).unwrap();
-        let heading = heading.reestimate(&headings, 0.0).unwrap();
-        let count = count.reestimate(&of_count, 0.0).unwrap();
+        let place = place.maximize(&of_place, 0.0).unwrap();
+        let heading = heading.maximize(&headings, 0.0).unwrap();
+        let count = count.maximize(&of_count, 0.0).unwrap();
         for state in 0..n {
             let pairs = learned.first().mean(state).unwrap().iter().zip(place.mean(state).unwrap());
             for (found, expected) in pairs {
@@ -203,7 +203,7 @@ fn a_factor_that_is_missing_is_integrated_out() {
     for (speed, posterior) in [(3.0, [0.5, 0.5]), (4.0, [0.25, 0.75])] {
         family.add(&mut statistics, &[speed, f64::NAN, f64::NAN], &posterior);
     }
-    let learned = family.reestimate(&statistics, 0.0).unwrap();
+    let learned = family.maximize(&statistics, 0.0).unwrap();
     assert_eq!(learned.second().means(), directions.means());
     assert_eq!(learned.second().concentrations(), directions.concentrations());
     let mean = learned.first().shapes()[1][0] * learned.first().scales()[1][0];
@@ -258,7 +258,7 @@ fn errors_count_components_from_the_start_of_the_row() {
     // Nothing is added, nor is there a panic.
     let mut statistics = family.statistics();
     family.add(&mut statistics, &[1.0], &[1.0, 0.0]);
-    assert_eq!(family.reestimate(&statistics, 0.0).unwrap(), family);
+    assert_eq!(family.maximize(&statistics, 0.0).unwrap(), family);
 
     // What is not about one component says which ones it is about.
     let directions = VonMisesFisher::new(&[[1.0, 0.0], [0.0, 1.0]], &[2.0, 3.0]).unwrap();
@@ -271,7 +271,7 @@ fn errors_count_components_from_the_start_of_the_row() {
     );
     let mut statistics = mixed.statistics();
     mixed.add(&mut statistics, &[0.0, 1.0, 2.0, 0.6, 0.8], &[0.5, 0.5]);
-    let error = mixed.reestimate(&statistics, 0.0).unwrap_err();
+    let error = mixed.maximize(&statistics, 0.0).unwrap_err();
     assert!(
         matches!(
             error.downcast_ref::<EmissionError>(),

@@ -5,7 +5,7 @@ use std::error::Error;
 use wayfix::inference::SnapshotError;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadClass};
 use wayfix::matching::{
-    FittedModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle,
+    LearnedMatchModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle,
 };
 
 use super::city::{Drive, Habits, Point, at, city, drive};
@@ -29,11 +29,11 @@ fn errors_name_the_point_and_the_drive() {
     let error = matcher.match_drive(&bad, &mut memory).unwrap_err();
     let text = "point 7 has y NaN, expected metres from -1e9 to 1e9";
     assert_eq!(error.to_string(), text);
-    let error = matcher.fit(&[&good, &good, &bad], 3, &mut memory).unwrap_err();
+    let error = matcher.learn(&[&good, &good, &bad], 3, &mut memory).unwrap_err();
     assert!(matches!(error, MatchError::Drive { drive: 2, .. }));
     assert_eq!(error.to_string(), format!("drive 2: {text}"));
     assert!(error.source().is_none());
-    let error = matcher.fit(&[&good[..], &[]], 3, &mut memory).unwrap_err();
+    let error = matcher.learn(&[&good[..], &[]], 3, &mut memory).unwrap_err();
     assert_eq!(error.to_string(), "drive 1: the drive has no points");
     bad[7] = good[6];
     let error = matcher.match_drive(&bad, &mut memory).unwrap_err();
@@ -66,10 +66,10 @@ fn errors_name_the_point_and_the_drive() {
 fn fits_are_the_same_to_the_bit() {
     let (matcher, drives) = (town(), drives(9));
     let vectors: Vec<Vec<Point>> = drives.iter().map(|drive| drive.points.clone()).collect();
-    let fit = || matcher.fit(&vectors, 4, &mut MatchMemory::default()).unwrap();
-    let expected: FittedModel = fit();
+    let fit = || matcher.learn(&vectors, 4, &mut MatchMemory::default()).unwrap();
+    let expected: LearnedMatchModel = fit();
     let slices: Vec<&[Point]> = vectors.iter().map(|points| &points[..]).collect();
-    assert_eq!(matcher.fit(&slices, 4, &mut MatchMemory::default()).unwrap(), expected);
+    assert_eq!(matcher.learn(&slices, 4, &mut MatchMemory::default()).unwrap(), expected);
     assert_eq!(expected.points, vectors.iter().map(Vec::len).sum::<usize>());
     #[cfg(feature = "rayon")]
     for threads in [1, 2, 5] {
@@ -78,7 +78,7 @@ fn fits_are_the_same_to_the_bit() {
     // Made-up drives take the shortest way, so that detours are as short as they may be.
     assert!(expected.at_limits().iter().all(|name| *name != "noise"), "{expected:?}");
     let model = MatchModel { deviation: 1.5, ..expected.model };
-    assert!(FittedModel { model, ..expected }.at_limits().contains(&"deviation"));
+    assert!(LearnedMatchModel { model, ..expected }.at_limits().contains(&"deviation"));
 }
 
 #[test]

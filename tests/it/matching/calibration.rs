@@ -70,7 +70,7 @@ fn of_twice_the_noise_after_learning() {
     let matcher = Matcher::new(network);
     let before = calibration(&matcher, &others);
     let points: Vec<_> = known.iter().map(|drive| &drive.points[..]).collect();
-    let fitted = matcher.fit(&points, 20, &mut MatchMemory::default()).unwrap();
+    let fitted = matcher.learn(&points, 20, &mut MatchMemory::default()).unwrap();
     let after = calibration(&matcher.with_model(fitted.model).unwrap(), &others);
     assert!(after.iter().all(|(error, _)| *error <= 0.05), "{before:?} {after:?}");
 }

@@ -143,7 +143,7 @@ proptest! {
     fn learning_from_garbage_stays_in_range(points in points(-35.3, 149.1)) {
         let matcher = Matcher::new(town(-35.3, 149.1));
         let mut memory = MatchMemory::default();
-        if let Ok(fitted) = matcher.fit(&[&points], 3, &mut memory) {
+        if let Ok(fitted) = matcher.learn(&[&points], 3, &mut memory) {
             assert!(fitted.log_likelihood.is_finite());
             // It may be used.
             let matcher = matcher.with_model(fitted.model).unwrap();

@@ -56,7 +56,7 @@ fn next_to_no_outliers() {
         let (matcher, mut memory) = (town().with_model(model).unwrap(), MatchMemory::default());
         let drive = matcher.match_drive(&points, &mut memory).unwrap();
         assert!(drive.log_likelihood().is_finite(), "{outliers}");
-        let fitted = matcher.fit(&[&points], 3, &mut memory).unwrap();
+        let fitted = matcher.learn(&[&points], 3, &mut memory).unwrap();
         assert!(fitted.log_likelihood.is_finite(), "{outliers}");
         matcher.with_model(fitted.model).unwrap();
     }
@@ -82,7 +82,7 @@ fn rates_off_the_road_near_0_and_1() {
                 matcher.step(&mut vehicle, point, &mut memory).unwrap();
                 assert!(vehicle.log_likelihood().is_finite(), "{case}");
             }
-            let fitted = matcher.fit(&[&points], 2, &mut memory).unwrap();
+            let fitted = matcher.learn(&[&points], 2, &mut memory).unwrap();
             assert!(fitted.log_likelihood.is_finite(), "{case}");
             matcher.clone().with_model(fitted.model).unwrap();
         }

@@ -1,16 +1,16 @@
 //! Learning finds back what drives were simulated with.
 
 use wayfix::map::PlanePosition;
-use wayfix::matching::{FittedModel, MatchMemory, MatchModel, Matcher};
+use wayfix::matching::{LearnedMatchModel, MatchMemory, MatchModel, Matcher};
 
 use super::city::{Drive, Habits, city, drive};
 
-fn fit(noise: f64, drives: &[Drive]) -> FittedModel {
+fn fit(noise: f64, drives: &[Drive]) -> LearnedMatchModel {
     let network = city(30, 30, 100.0, |_, _| false);
     let model = MatchModel { noise, ..MatchModel::default() };
     let matcher: Matcher<PlanePosition> = Matcher::new(network).with_model(model).unwrap();
     let points: Vec<_> = drives.iter().map(|drive| &drive.points[..]).collect();
-    matcher.fit(&points, 30, &mut MatchMemory::default()).unwrap()
+    matcher.learn(&points, 30, &mut MatchMemory::default()).unwrap()
 }
 
 fn drives(habits: &Habits) -> Vec<Drive> {
@@ -53,9 +53,9 @@ fn iterations_improve() {
     let points: Vec<_> = drives.iter().map(|drive| &drive.points[..]).collect();
     let mut memory = MatchMemory::default();
     let logs: Vec<f64> = (1..6)
-        .map(|iterations| matcher.fit(&points, iterations, &mut memory).unwrap().log_likelihood)
+        .map(|iterations| matcher.learn(&points, iterations, &mut memory).unwrap().log_likelihood)
         .collect();
     assert!(logs[4] > logs[0], "{logs:?}");
-    let none = matcher.fit(&points, 0, &mut memory).unwrap();
+    let none = matcher.learn(&points, 0, &mut memory).unwrap();
     assert_eq!((none.model, none.iterations), (*matcher.model(), 0));
 }

@@ -58,7 +58,7 @@ fn speeds_of_simulated_drives_are_found() {
             .into_iter()
             .map(|drive| drive.1)
             .collect();
-        let learned = usual.learned(&drives).unwrap();
+        let learned = usual.fit(&drives).unwrap();
         let used: f64 = learned.shares().iter().sum();
         assert!((used - 1.0).abs() < 1e-12 && learned.shares().iter().all(|p| *p > 0.0));
         // Half of the sum of differences: how much is elsewhere.
@@ -80,7 +80,7 @@ fn a_drive_at_one_speed_is_at_one_speed() {
         let moves: Vec<f64> = (1..=200)
             .map(|k| (speed * f64::from(k)).floor() - (speed * f64::from(k - 1)).floor())
             .collect();
-        let learned = usual.learned(&[moves]).unwrap();
+        let learned = usual.fit(&[moves]).unwrap();
         let most = learned.shares()[place];
         assert!(most > 0.5, "{speed}: {:?}", learned.shares());
         assert_eq!(learned.shares().iter().filter(|p| **p >= most).count(), 1, "{speed}");
@@ -111,7 +111,7 @@ fn odometry_is_found_within_its_spread() {
                         (moves, read)
                     })
                     .collect();
-                let learned = OdometryModel::learned(&drives).unwrap();
+                let learned = OdometryModel::fit(&drives).unwrap();
                 found[0].push(learned.scale - scale);
                 found[1].push(learned.bias - bias);
                 found[2].push(learned.deviation / deviation);
@@ -143,7 +143,7 @@ fn slips_are_borne() {
                     + if k % 50 == 49 { 8.0 * (0.5 - f64::from(k as u32 / 50 % 2)) } else { 0.0 }
             })
             .collect();
-        let learned = OdometryModel::learned(&[(moves, read)]).unwrap();
+        let learned = OdometryModel::fit(&[(moves, read)]).unwrap();
         assert!((learned.scale - 1.0).abs() < 0.1 && learned.bias.abs() < 0.06, "{learned:?}");
         ratios.push(learned.deviation / 0.2);
     }

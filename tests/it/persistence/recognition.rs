@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use wayfix::motion::{OdometryModel, OffMap, Speeds};
 use wayfix::observation::{Distance, MatchOdds, Standardizer};
 use wayfix::recognition::{
-    Answer, Fit, LabelledPart, Options, RecognitionError, Recognizer, Track, TrackSnapshot,
+    Answer, LabelledPart, Options, Parameters, RecognitionError, Recognizer, Track, TrackSnapshot,
 };
 
 use super::damage::damage;
@@ -52,7 +52,7 @@ fn fit() -> (Recognizer, Vec<Vec<f32>>) {
     let odometry: Vec<_> =
         (0..32).map(|k| Some(if (10..16).contains(&k) { 0.0 } else { 1.0 })).collect();
     let part = LabelledPart { queries: &queries[..32], places: &places, odometry: &odometry };
-    (recognizer.unwrap().fitted(&[part]).unwrap(), queries)
+    (recognizer.unwrap().fit(&[part]).unwrap(), queries)
 }
 
 fn answers(track: &mut Track, queries: &[Vec<f32>]) -> Vec<Answer> {
@@ -62,13 +62,13 @@ fn answers(track: &mut Track, queries: &[Vec<f32>]) -> Vec<Answer> {
 #[test]
 fn a_fit_comes_back_to_the_bit() {
     let (recognizer, queries) = fitted();
-    let fit = recognizer.fit();
+    let fit = recognizer.parameters();
     let back = stored(fit);
     assert_eq!(&back, fit);
-    assert!(back.doubts().is_empty() && back.calibrated().is_none());
+    assert!(back.doubts().is_empty() && back.temperature_choice().is_none());
     let (references, _) = made_up();
     let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
-    let again = fresh.unwrap().with_fit(back).unwrap();
+    let again = fresh.unwrap().with_parameters(back).unwrap();
     assert_eq!(answers(&mut again.track(), queries), answers(&mut recognizer.track(), queries));
     assert_eq!(stored(&Options::default()), Options::default());
     assert_eq!(stored(&MatchOdds::default()), MatchOdds::default());
@@ -80,13 +80,13 @@ fn a_live_position_survives_a_restart() {
     for stop in [0, 1, 2, 13, 33, queries.len()] {
         let mut track = recognizer.track();
         answers(&mut track, &queries[..stop]);
-        let (fit, state) = (json(recognizer.fit()), json(&track.snapshot()));
+        let (fit, state) = (json(recognizer.parameters()), json(&track.snapshot()));
         let before = answers(&mut track, &queries[stop..]);
 
         let (references, _) = made_up();
         let fresh = Recognizer::from_descriptors(&references, Distance::Cosine, Options::default());
-        let fit: Fit = serde_json::from_str(&fit).unwrap();
-        let again = fresh.unwrap().with_fit(fit).unwrap();
+        let fit: Parameters = serde_json::from_str(&fit).unwrap();
+        let again = fresh.unwrap().with_parameters(fit).unwrap();
         let mut next = again.track();
         let state: TrackSnapshot = serde_json::from_str(&state).unwrap();
         assert_eq!((state.steps(), state.references()), (stop, PLACES));
@@ -175,7 +175,7 @@ fn a_state_that_no_step_can_follow_is_refused() {
 /// Such odds that nothing is left of any place.
 #[test]
 fn answers_are_honest_where_doubles_end() {
-    let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().fit());
+    let fit = json(Recognizer::from_distances(PLACES, Options::default()).unwrap().parameters());
     let odds = &fit[fit.find(r#""odds":"#).unwrap()..];
     let odds = &odds[..=odds.find('}').unwrap()];
     let extreme =
@@ -184,9 +184,9 @@ fn answers_are_honest_where_doubles_end() {
     let lost = &fit[fit.find(r#""lost":"#).unwrap()..];
     let lost = lost[..=lost.find('}').unwrap()].to_string();
     fit = fit.replace(&lost, r#""lost":{"leave":1e-7,"back":1e-7,"near":0.0,"within":0}"#);
-    let fit: Fit = serde_json::from_str(&fit).unwrap();
+    let fit: Parameters = serde_json::from_str(&fit).unwrap();
     let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
-    let recognizer = recognizer.with_fit(fit).unwrap();
+    let recognizer = recognizer.with_parameters(fit).unwrap();
     let row =
         |k: usize| -> Vec<f32> { (0..PLACES).map(|i| 0.5 + 0.01 * ((i * k) % 7) as f32).collect() };
     let mut track = recognizer.track();
@@ -250,10 +250,10 @@ fn what_was_not_learned_is_refused() {
         "the probability that a frame says nothing is 2, expected from 1e-12 to 1",
     );
 
-    let fit = json(fitted().0.fit());
+    let fit = json(fitted().0.parameters());
     let refused = |from: &str, to: &str, expected: &str| {
         assert!(fit.contains(from));
-        refuses::<Fit>(&fit.replacen(from, to, 1), expected);
+        refuses::<Parameters>(&fit.replacen(from, to, 1), expected);
     };
     refused(r#""version":1"#, r#""version":2"#, "version 2, expected 1");
     refused(
@@ -292,14 +292,14 @@ fn what_was_not_learned_is_refused() {
     refused(part("lingering", ','), r#""lingering":2"#, range);
 
     // Rates are checked when a recogniser is made.
-    let fit: Fit = serde_json::from_str(
+    let fit: Parameters = serde_json::from_str(
         &fit.replacen(r#""leave":0.00001"#, r#""leave":0"#, 1)
             .replacen(r#""leave":1e-5"#, r#""leave":0"#, 1)
             .replacen(r#""leave":0.002"#, r#""leave":0"#, 1),
     )
     .unwrap();
     let message =
-        text(Recognizer::from_distances(PLACES, Options::default()).unwrap().with_fit(fit));
+        text(Recognizer::from_distances(PLACES, Options::default()).unwrap().with_parameters(fit));
     assert_eq!(
         message,
         "the model of motion is not valid: the probability of leaving the map is 0, expected from 1e-30 to 1"
@@ -328,8 +328,8 @@ proptest! {
                 }
             }
         }
-        if let Ok(fit) = serde_json::from_str::<Fit>(&damage.of(&json(recognizer.fit())))
-            && let Ok(other) = recognizer.with_fit(fit)
+        if let Ok(fit) = serde_json::from_str::<Parameters>(&damage.of(&json(recognizer.parameters())))
+            && let Ok(other) = recognizer.with_parameters(fit)
         {
             let mut track = other.track();
             for query in queries {

@@ -66,7 +66,7 @@ fn labels_that_do_not_fit_are_errors() {
     let drive: Vec<usize> = (10..20).collect();
     let queries = seen(&world, &drive, 0.5, 61);
     let fit = |places: &[Option<RangeInclusive<usize>>], odometry: &[Option<f64>]| {
-        text(recognizer.fitted(&[LabelledPart { queries: &queries, places, odometry }]))
+        text(recognizer.fit(&[LabelledPart { queries: &queries, places, odometry }]))
     };
     let good = labels(&drive);
     assert_eq!(fit(&good[1..], &[]), "9 labels, expected 10");
@@ -87,7 +87,7 @@ fn labels_that_do_not_fit_are_errors() {
     let every_other =
         good.iter().enumerate().map(|(k, label)| label.clone().filter(|_| k % 2 == 0));
     assert!(fit(&every_other.collect::<Vec<_>>(), &[]).starts_with("5 labelled steps"));
-    assert_eq!(text(recognizer.fitted::<Vec<f32>>(&[])), few);
+    assert_eq!(text(recognizer.fit::<Vec<f32>>(&[])), few);
     let bad = vec![Some(f64::NAN); 10];
     assert_eq!(
         fit(&good, &bad),
@@ -111,7 +111,7 @@ fn all_labelled_queries_and_readings_are_checked() {
         let good = LabelledPart { queries: rows, places: &places, odometry: &[] };
         let good = LabelledPart { queries: &good.queries[5..], places: &places[5..], ..good };
         let bad = LabelledPart { queries: rows, places: &places, odometry };
-        text(recognizer.fitted(&[good, bad]))
+        text(recognizer.fit(&[good, bad]))
     };
     let start = "labelled part 1 is not valid: the query of step 4 is not valid: ";
     assert_eq!(

@@ -140,7 +140,7 @@ proptest! {
         let [fit, changed] = [&rows, &other].map(|queries| {
             let part = LabelledPart { queries, places: &places, odometry: &[] };
             let recognizer = Recognizer::from_distances(PLACES, Options::default()).unwrap();
-            recognizer.fitted(&[part]).unwrap()
+            recognizer.fit(&[part]).unwrap()
         });
         prop_assert_eq!(&fit.options().speeds, &changed.options().speeds);
         let [before, after] = [&fit, &changed].map(|r| r.options().odds.temperature());
@@ -205,7 +205,7 @@ proptest! {
         let recognizer = Recognizer::from_distances(n, options).unwrap();
         let places: Vec<_> = (0..rows.len()).map(|k| Some(k % n..=k % n)).collect();
         let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-        for recognizer in [recognizer.fitted(&[part]).unwrap(), recognizer] {
+        for recognizer in [recognizer.fit(&[part]).unwrap(), recognizer] {
             let recording = recognizer.recording(&rows, &[]).unwrap();
             let mut all = recording.lagged(&[0, 2]).unwrap();
             all.extend([recording.filtered().unwrap(), recording.smoothed().unwrap()]);

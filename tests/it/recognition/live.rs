@@ -51,7 +51,8 @@ fn a_view_after_a_lost_frame_is_no_evidence_on_the_move() {
     let queries = seen(&world, &drive, 0.3, 111);
     let mut blind = Options::default();
     blind.use_views = false;
-    let blind = recognizer.with_fit(recognizer.fit().clone().with_options(blind)).unwrap();
+    let blind =
+        recognizer.with_parameters(recognizer.parameters().clone().with_options(blind)).unwrap();
     let (mut track, mut other) = (recognizer.track(), blind.track());
     queries.iter().for_each(|query| _ = track.step(query, None).unwrap());
     other.restore(&track.snapshot()).unwrap();
@@ -100,7 +101,9 @@ fn single_images_have_no_temperature() {
         let mut options = recognizer.options().clone();
         options.odds = MatchOdds::default().with_temperature(temperature).unwrap();
         options.odds = options.odds.with_nothing(nothing).unwrap();
-        let other = recognizer.with_fit(recognizer.fit().clone().with_options(options)).unwrap();
+        let other = recognizer
+            .with_parameters(recognizer.parameters().clone().with_options(options))
+            .unwrap();
         other.recording(&queries, &[]).unwrap().single()
     };
     for nothing in [1e-12, 0.1] {

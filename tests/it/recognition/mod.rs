@@ -244,13 +244,13 @@ fn a_fit_of_another_map_keeps_what_is_not_of_its_places() {
     let places = labels(&drive);
     let odometry = vec![Some(1.04); drive.len()];
     let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
-    let fitted = recognizer.fitted(&[part]).unwrap();
-    let fit = fitted.fit();
+    let fitted = recognizer.fit(&[part]).unwrap();
+    let fit = fitted.parameters();
     assert!(fit.options().odometry.scale > 1.0);
     let smaller = Recognizer::from_descriptors(&world[..50], Distance::Cosine, options(false));
-    let smaller = smaller.unwrap().with_fit(fit.clone()).unwrap();
+    let smaller = smaller.unwrap().with_parameters(fit.clone()).unwrap();
     assert_eq!(smaller.options(), fit.options());
-    assert_eq!(*smaller.fit(), fit.clone().without_references());
+    assert_eq!(*smaller.parameters(), fit.clone().without_references());
     assert_eq!(smaller.references(), 50);
     let drive: Vec<usize> = (5..45).collect();
     let answers = smaller.recording(&seen(&world, &drive, 0.5, 92), &[]).unwrap();

@@ -15,24 +15,24 @@ fn warnings_are_given_where_they_should_be() {
     let queries = seen(&world, &drive, 0.5, 71);
     let places = labels(&drive);
     let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-    let fitted = recognizer.fitted(&[part]).unwrap();
-    assert!(fitted.fit().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
-    assert!(fitted.fit().calibrated().is_some());
+    let fitted = recognizer.fit(&[part]).unwrap();
+    assert!(fitted.parameters().doubts().iter().all(|w| matches!(w, Warning::Edge { .. })));
+    assert!(fitted.parameters().temperature_choice().is_some());
 
     // Labels of other places, near the right ones.
     let contradicted = |shift: usize| {
         let places: Vec<_> = places.iter().flatten().map(|place| place.end() - shift).collect();
         let places: Vec<_> = places.iter().map(|at| Some(*at..=*at)).collect();
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-        let fitted = recognizer.fitted(&[part]).unwrap();
+        let fitted = recognizer.fit(&[part]).unwrap();
         let is = |w: &Warning| matches!(w, Warning::Contradicted { share } if *share > 0.6);
-        fitted.fit().doubts().iter().any(is)
+        fitted.parameters().doubts().iter().any(is)
     };
     assert!(!contradicted(0) && [3, 6, 10].into_iter().all(contradicted));
 
     let part = LabelledPart { queries: &queries[..12], places: &places[..12], odometry: &[] };
-    let few = recognizer.fitted(&[part]).unwrap();
-    assert!(few.fit().doubts().contains(&Warning::Short { steps: 12 }));
+    let few = recognizer.fit(&[part]).unwrap();
+    assert!(few.parameters().doubts().contains(&Warning::Short { steps: 12 }));
 
     // Similarities that were taken for distances.
     let cosine = |a: &[f32], b: &[f32]| {
@@ -45,19 +45,22 @@ fn warnings_are_given_where_they_should_be() {
     let rows: Vec<Vec<f32>> = queries.iter().map(row).collect();
     let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-    let wrong = matrix.fitted(&[part]).unwrap();
-    let chance =
-        wrong.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
-    assert!(chance, "{:?}", wrong.fit().doubts());
-    assert!(wrong.fit().doubts()[0].to_string().contains("similarities and distances"));
+    let wrong = matrix.fit(&[part]).unwrap();
+    let chance = wrong
+        .parameters()
+        .doubts()
+        .iter()
+        .any(|w| matches!(w, Warning::Chance { rank } if *rank > 0.5));
+    assert!(chance, "{:?}", wrong.parameters().doubts());
+    assert!(wrong.parameters().doubts()[0].to_string().contains("similarities and distances"));
     let rows: Vec<Vec<f32>> = rows.iter().map(|row| row.iter().map(|s| -s).collect()).collect();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-    let fine = matrix.fitted(&[part]).unwrap();
-    assert!(!fine.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { .. })));
+    let fine = matrix.fit(&[part]).unwrap();
+    assert!(!fine.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. })));
 }
 
 fn chance(recognizer: &Recognizer) -> bool {
-    recognizer.fit().doubts().iter().any(|w| matches!(w, Warning::Chance { .. }))
+    recognizer.parameters().doubts().iter().any(|w| matches!(w, Warning::Chance { .. }))
 }
 
 /// Of seven references one is nearest by chance, too.
@@ -70,16 +73,16 @@ fn chance_is_seen_with_labels_that_are_ranges() {
     let places: Vec<Option<RangeInclusive<usize>>> =
         drive.iter().map(|place| Some(place - 3..=(place + 3).min(PLACES - 1))).collect();
     let fit = |queries: &[Vec<f32>]| {
-        recognizer.fitted(&[LabelledPart { queries, places: &places, odometry: &[] }]).unwrap()
+        recognizer.fit(&[LabelledPart { queries, places: &places, odometry: &[] }]).unwrap()
     };
     assert!(chance(&fit(&other)));
     let exact = labels(&drive);
     let part = LabelledPart { queries: &good, places: &exact, odometry: &[] };
-    assert!(!chance(&recognizer.fitted(&[part]).unwrap()));
+    assert!(!chance(&recognizer.fit(&[part]).unwrap()));
     let rows = vec![[0.5; PLACES]; drive.len()];
     let matrix = Recognizer::from_distances(PLACES, options(false)).unwrap();
     let part = LabelledPart { queries: &rows, places: &places, odometry: &[] };
-    assert!(chance(&matrix.fitted(&[part]).unwrap()));
+    assert!(chance(&matrix.fit(&[part]).unwrap()));
 }
 
 #[test]
@@ -95,8 +98,8 @@ fn odometry_in_another_unit_is_seen() {
             .map(|at| Some(unit * moved(at) + f64::from(error * noise[at])))
             .collect();
         let part = LabelledPart { queries: &queries, places: &places, odometry: &odometry };
-        let fitted = recognizer.fitted(&[part]).unwrap();
-        let warnings = fitted.fit().doubts().to_vec();
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let warnings = fitted.parameters().doubts().to_vec();
         warnings.iter().any(|w| matches!(w, Warning::Odometry { .. }))
     };
     assert!(!warned(1.0, 0.0) && !warned(1.04, 0.3));
@@ -111,8 +114,8 @@ fn labels_off_the_map_that_are_not_learned_from_are_told() {
         let (recognizer, world) = recognizer(170, off_map);
         let queries = seen(&world, &drive, 0.5, 171);
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-        let fitted = recognizer.fitted(&[part]).unwrap();
-        let told = fitted.fit().doubts().contains(&Warning::OffMap { steps: 20 });
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let told = fitted.parameters().doubts().contains(&Warning::OffMap { steps: 20 });
         assert_eq!(told, !off_map);
     }
 }
@@ -215,8 +218,8 @@ fn scores_that_are_worse_than_the_nearest_image_are_told() {
         let queries = seen(&world, drive, 0.8, 231);
         let places = labels(drive);
         let part = LabelledPart { queries: &queries, places: &places, odometry: &[] };
-        let fitted = recognizer.fitted(&[part]).unwrap();
-        let doubts = fitted.fit().doubts().to_vec();
+        let fitted = recognizer.fit(&[part]).unwrap();
+        let doubts = fitted.parameters().doubts().to_vec();
         doubts.iter().any(|doubt| matches!(doubt, Warning::Nearest { .. }))
     };
     assert!(!nearest(&there_and_back(1)) && !nearest(&usual_drive()));
@@ -234,7 +237,7 @@ fn queries_unlike_the_labelled_ones_are_told() {
         let queries = seen(&world, &drive, labelled, 241);
         let places = labels(&drive);
         let (queries, places) = (&queries[..third], &places[..third]);
-        let fitted = recognizer.fitted(&[LabelledPart { queries, places, odometry: &[] }]).unwrap();
+        let fitted = recognizer.fit(&[LabelledPart { queries, places, odometry: &[] }]).unwrap();
         let rest = seen(&world, &drive[third..], noise, 242);
         let doubts = doubts(&fitted, &rest, &[]);
         doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
@@ -252,7 +255,7 @@ fn queries_off_the_map_are_not_unlike() {
         let places = labels(&drive);
         let queries = seen(&world, &drive, 0.5, 246);
         let part = LabelledPart { queries: &queries[..50], places: &places[..50], odometry: &[] };
-        let fitted = recognizer.fitted(&[part]).unwrap();
+        let fitted = recognizer.fit(&[part]).unwrap();
         let doubts = doubts(&fitted, &queries[50..], &[]);
         doubts.iter().any(|doubt| matches!(doubt, Warning::Unlike { .. }))
     };

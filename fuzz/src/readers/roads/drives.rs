@@ -160,7 +160,7 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
     for route in matcher.routes(&drive, 2, &mut memory).expect("its drive").routes {
         assert!((0.0..=1.0).contains(&route.probability));
     }
-    let fitted = matcher.fit(&[&points], 2, &mut memory).expect("points that were accepted");
+    let fitted = matcher.learn(&[&points], 2, &mut memory).expect("points that were accepted");
     assert!(fitted.log_likelihood.is_finite());
     matcher.with_model(fitted.model).expect("a model that was learned");
     counts.add("drives of any points");

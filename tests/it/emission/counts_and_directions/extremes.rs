@@ -192,7 +192,7 @@ fn a_spread_that_is_not_determined_is_an_error() {
         let mut sums = start.statistics();
         start.add(&mut sums, y, &[0.0, 0.75]);
         start.add(&mut sums, y, &[0.0, 0.25]);
-        let error = start.reestimate(&sums, 0.0).unwrap_err();
+        let error = start.maximize(&sums, 0.0).unwrap_err();
         let text = error.to_string();
         let at = component.map_or(String::new(), |c| format!(", component {c},"));
         let reason = "they are alike, so that the spread has no estimate; give a prior";
@@ -206,7 +206,7 @@ fn a_spread_that_is_not_determined_is_an_error() {
             )
         );
         let start = start.and_prior(&B::parameters(&[0.5; 3]), 0.1);
-        assert!(start.reestimate(&sums, 0.0).is_ok());
+        assert!(start.maximize(&sums, 0.0).is_ok());
     }
     let gamma = Gamma::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
     assert_too_few(gamma, &[0.7], Some(0), "shape");

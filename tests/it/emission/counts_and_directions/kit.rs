@@ -266,7 +266,7 @@ pub(super) fn fit<B: Family>(start: &B, seen: &[(Vec<f64>, f64)], pseudo_count: 
     let mut others = start.statistics();
     second.iter().for_each(|(y, weight)| start.add(&mut others, y, &[*weight]));
     start.merge(&mut sums, &others);
-    start.reestimate(&sums, pseudo_count).unwrap()
+    start.maximize(&sums, pseudo_count).unwrap()
 }
 
 /// Logarithm of what learning maximises, for a family of one state.

@@ -45,7 +45,7 @@ fn re_estimation_with_a_prior_is_the_maximum<B: Family>() {
         assert_maximum(&learned, objective);
         assert!(learned.read() != fit(&start, &seen, 0.0).read());
         // A state that was never seen has the prior's parameters, where there is one.
-        let alone = with_prior(start.clone()).reestimate(&start.statistics(), 0.0).unwrap();
+        let alone = with_prior(start.clone()).maximize(&start.statistics(), 0.0).unwrap();
         let expected = with_prior(start.clone());
         if expected != start {
             for (found, expected) in alone.read().iter().zip(B::parameters(&[0.3, 0.6, 0.2])) {
@@ -162,7 +162,7 @@ fn a_state_without_weight_keeps_its_parameters<B: Family>() {
     for _ in 0..20 {
         family.add(&mut sums, &family.sample(0, &mut rng), &[1.0, 0.0]);
     }
-    let learned = family.reestimate(&sums, 0.0).unwrap();
+    let learned = family.maximize(&sums, 0.0).unwrap();
     let y = family.sample(1, &mut rng);
     assert_eq!(density(&learned, 1, &y), density(&family, 1, &y));
     assert!(learned != family);

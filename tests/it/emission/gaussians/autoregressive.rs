@@ -94,7 +94,7 @@ fn learning_finds_the_model_that_drew() {
     let hmm = second_order();
     for seed in 0..3 {
         let found = drawn(&hmm, seed);
-        let learned = hmm.learn_labelled(&[found.labelled()], &LearningOptions::default()).unwrap();
+        let learned = hmm.fit(&[found.labelled()], &LearningOptions::default()).unwrap();
         for state in 0..2 {
             let of = |hmm: &Hmm<DenseTransition, LinearRegression>| {
                 hmm.likelihood().coefficients(state).unwrap()

@@ -61,7 +61,7 @@ pub(super) fn reestimated<B: Family>(
     }
     let [mut all, second] = statistics;
     family.merge(&mut all, &second);
-    family.reestimate(&all, pseudo_count)
+    family.maximize(&all, pseudo_count)
 }
 
 /// Σ w ln p(y) over rows and states, and the prior.

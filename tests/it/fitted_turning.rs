@@ -86,7 +86,7 @@ proptest! {
     #[test]
     fn turns_of_edges_make_the_flow((network, counts) in with_counts()) {
         let weights = TurnWeights::default();
-        let turns = EdgeTurns::from_road_counts(&network, &counts, &weights).unwrap();
+        let turns = EdgeTurns::fit_traffic(&network, &counts, &weights).unwrap();
         let flow = network.consistent_flow(&counts).unwrap();
         let edges = network.edges().len();
         let (mut sums, mut next, mut behind) = (vec![0.0; edges], vec![0.0; edges], vec![0.0; edges]);
@@ -119,7 +119,7 @@ proptest! {
         let map = network.to_map().unwrap();
         let counts = &counts[..map.roads().len()];
         let rule = TurningRule::default();
-        let learned = TurningProbabilities::from_road_counts(&map, counts, &rule).unwrap();
+        let learned = TurningProbabilities::fit_traffic(&map, counts, &rule).unwrap();
         let flow = map.consistent_flow(counts).unwrap();
         // Where places are left as the flow says, they are reached so, and stays change nothing.
         let (mut flow, mut next) = (flow.iter(), vec![0.0; map.places().len()]);
@@ -147,7 +147,7 @@ proptest! {
         }
         let weights = TurnWeights::default();
         let learned =
-            EdgeTurns::from_counts(&network, &MoveCounts::of_path(&route), &weights, prior).unwrap();
+            EdgeTurns::fit(&network, &MoveCounts::of_path(&route), &weights, prior).unwrap();
         let cells = RoadCells::new(network.clone(), 1.0).unwrap();
         let mean = CellTransition::new(&cells, &weights).unwrap();
         for edge in 0..network.edges().len() {
@@ -183,7 +183,7 @@ fn simulated_moves_give_their_probabilities_back() {
             stop: wayfix::map::ByClass::all(0.4),
         };
         let prior = TurningPrior { rule, weight, stays: true };
-        let learned = TurningProbabilities::from_counts(&map, &counts, &prior).unwrap();
+        let learned = TurningProbabilities::fit(&map, &counts, &prior).unwrap();
         let mut worst = 0.0;
         for turn in learned.turns() {
             let p = canberra::turning().get(turn.from, turn.to);
@@ -204,7 +204,7 @@ fn the_rule_holds_without_data_and_for_stays_not_counted() {
     let rule = canberra::turning();
     for weight in [0.0, 5.0] {
         let prior = TurningPrior { weight, ..TurningPrior::default() };
-        let none = TurningProbabilities::from_counts(&map, &MoveCounts::default(), &prior).unwrap();
+        let none = TurningProbabilities::fit(&map, &MoveCounts::default(), &prior).unwrap();
         assert_eq!(none.turns().len(), map.places().len() + map.roads().len());
         for turn in none.turns() {
             assert!(same(turn.probability, rule.get(turn.from, turn.to)));
@@ -212,7 +212,7 @@ fn the_rule_holds_without_data_and_for_stays_not_counted() {
         }
         let to = map.neighbors(4).next().unwrap();
         let moves = MoveCounts::of_path(&[4, to, to]);
-        let some = TurningProbabilities::from_counts(&map, &moves, &prior).unwrap();
+        let some = TurningProbabilities::fit(&map, &moves, &prior).unwrap();
         let some = some.into_probabilities();
         assert!(same(some.get(to, to), rule.get(to, to)));
         let moves = 1.0 - rule.get(4, 4);
@@ -249,12 +249,12 @@ fn errors_name_what_is_wrong() {
     // Counts of very different sizes.
     let balanced = flow(&[1e-150, 1e150, 0.0]).unwrap();
     assert!(near(balanced[0], 1.0) && near(balanced[1], 1.0), "{balanced:?}");
-    let error = TurningProbabilities::from_road_counts(&map, &[1.0, 2.0, 3.0], &rule).unwrap_err();
+    let error = TurningProbabilities::fit_traffic(&map, &[1.0, 2.0, 3.0], &rule).unwrap_err();
     assert!(matches!(error, TurningError::Flow(FlowError::NoWayBack { from: 8, to: 9, .. })));
 
     let prior = TurningPrior::default();
     let error = |path: &[usize], prior: &TurningPrior| {
-        TurningProbabilities::from_counts(&map, &MoveCounts::of_path(path), prior).unwrap_err()
+        TurningProbabilities::fit(&map, &MoveCounts::of_path(path), prior).unwrap_err()
     };
     assert_eq!(error(&[0, 2, 0, 2], &prior), TurningError::Moved { from: 7, to: 9, count: 2.0 });
     let missing = TransitionError::OutOfRange { to: 5, from: 0, states: 3 };
@@ -263,7 +263,7 @@ fn errors_name_what_is_wrong() {
     assert!(matches!(error(&[0, 1], &negative), TurningError::Rule { value: -1.0, .. }));
 
     let edges = |path: &[usize], weight| {
-        EdgeTurns::from_counts(&network, &MoveCounts::of_path(path), &weights, weight).unwrap_err()
+        EdgeTurns::fit(&network, &MoveCounts::of_path(path), &weights, weight).unwrap_err()
     };
     assert_eq!(edges(&[0, 5], 1.0), missing);
     assert_eq!(edges(&[2, 0], 1.0), TransitionError::Forbidden { to: 0, from: 2 });
@@ -277,12 +277,12 @@ fn errors_name_what_is_wrong() {
     builder.both_ways(8, 9, RoadClass::Street).unwrap();
     let line = builder.build().unwrap();
     let no_u_turn = TurnWeights { u_turn: 0.0, ..weights };
-    let error = EdgeTurns::from_road_counts(&line, &[9.0, 9.0, 1.0, 1.0], &no_u_turn).unwrap_err();
+    let error = EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &no_u_turn).unwrap_err();
     assert!(matches!(error, FlowError::Unbalanced { id: 8, .. }), "{error}");
-    assert!(EdgeTurns::from_road_counts(&line, &[9.0, 9.0, 1.0, 1.0], &weights).is_ok());
-    assert!(EdgeTurns::from_road_counts(&line, &[9.0; 4], &no_u_turn).is_ok());
+    assert!(EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &weights).is_ok());
+    assert!(EdgeTurns::fit_traffic(&line, &[9.0; 4], &no_u_turn).is_ok());
     // Turns of another network.
-    let turns = EdgeTurns::from_counts(&line, &MoveCounts::default(), &weights, 1.0).unwrap();
+    let turns = EdgeTurns::fit(&line, &MoveCounts::default(), &weights, 1.0).unwrap();
     let cells = RoadCells::new(network, 1.0).unwrap();
     let error = CellTransition::with_turns(&cells, &turns).unwrap_err();
     assert_eq!(error, TransitionError::PartStates { part: "turns", found: 4, expected: 3 });

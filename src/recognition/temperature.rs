@@ -1,7 +1,7 @@
 //! Choice of the temperature by the filter's log score on steps that were not learned from.
 
-use super::fit::Calibrated;
 use super::labels::LabelledPart;
+use super::parameters::TemperatureChoice;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
@@ -31,11 +31,11 @@ impl Recognizer {
     ///
     /// A sum is decided by the steps at which temperatures differ; easy ones score alike at all of
     /// them, and one that is lost at all of them is bounded.
-    pub(super) fn calibrate<Q: AsRef<[f32]>>(
+    pub(super) fn fit_temperature<Q: AsRef<[f32]>>(
         &self,
         before: Options,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<(Options, Option<Calibrated>, Vec<Warning>), RecognitionError> {
+    ) -> Result<(Options, Option<TemperatureChoice>, Vec<Warning>), RecognitionError> {
         let mut halves: [Vec<LabelledPart<'_, Q>>; 2] = [Vec::new(), Vec::new()];
         for part in parts {
             let middle = part.queries.len() / 2;
@@ -58,7 +58,7 @@ impl Recognizer {
             };
             options.push(Options { odds, ..before.clone() });
         }
-        let learned = [self.learned(&halves[1])?, self.learned(&halves[0])?];
+        let learned = [self.fit_at_temperature(&halves[1])?, self.fit_at_temperature(&halves[0])?];
         let (mut scores, mut shares) = (Vec::new(), Vec::new());
         for (options, factor) in options.iter().zip(FACTORS) {
             let mut score = -0.5 * (factor.ln() / DEVIATION).powi(2);
@@ -66,8 +66,8 @@ impl Recognizer {
             for (learned, half) in learned.iter().zip(&halves) {
                 let own = learned.options().clone();
                 let options = Options { odds: options.odds, ..own };
-                let fit = learned.fit().clone().with_options(options);
-                for mass in learned.with_fit(fit)?.label_masses(half)? {
+                let fit = learned.parameters().clone().with_options(options);
+                for mass in learned.with_parameters(fit)?.label_masses(half)? {
                     score += mass.max(LEAST).ln() / TOGETHER;
                     steps += 1;
                     unlikely += u32::from(mass < UNLIKELY);
@@ -85,8 +85,8 @@ impl Recognizer {
         let share = shares[chosen];
         let contradicted = (share > MOST).then_some(Warning::Contradicted { share });
         let warnings = contradicted.into_iter().chain(edge).collect();
-        let calibrated = Calibrated { temperatures, scores, chosen };
-        Ok((options.swap_remove(chosen), Some(calibrated), warnings))
+        let temperature_choice = TemperatureChoice { temperatures, scores, chosen };
+        Ok((options.swap_remove(chosen), Some(temperature_choice), warnings))
     }
 
     /// The probabilities that the filter gives to labels, without the first steps of each part.

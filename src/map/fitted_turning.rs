@@ -26,7 +26,7 @@ impl Default for TurningPrior {
 
 /// A turn out of a place, with the data behind it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LearnedTurn {
+pub struct FittedTurn {
     /// Index of the place.
     pub from: usize,
     /// Index of the next place; the same for a stay.
@@ -39,19 +39,19 @@ pub struct LearnedTurn {
 
 /// Turning probabilities learned from data, with the data behind each turn.
 ///
-/// From moves of drives by [`TurningProbabilities::from_counts`], from counts of traffic by
-/// [`TurningProbabilities::from_road_counts`].
+/// From moves of drives by [`TurningProbabilities::fit`], from counts of traffic by
+/// [`TurningProbabilities::fit_traffic`].
 #[derive(Debug, Clone)]
-pub struct LearnedTurning {
+pub struct FittedTurning {
     probabilities: TurningProbabilities,
-    turns: Vec<LearnedTurn>,
+    turns: Vec<FittedTurn>,
 }
 
-impl LearnedTurning {
+impl FittedTurning {
     /// Turns, by the place that is left: staying first, then all roads, in ascending order of
     /// their ends.
     #[must_use]
-    pub fn turns(&self) -> &[LearnedTurn] {
+    pub fn turns(&self) -> &[FittedTurn] {
         &self.turns
     }
 
@@ -89,7 +89,7 @@ impl TurningProbabilities {
     /// // Routes of two matched drives, as places.
     /// let mut counts = MoveCounts::of_path(&[0, 1, 2, 3, 4]);
     /// counts.merge(&MoveCounts::of_path(&[0, 1, 2]));
-    /// let learned = TurningProbabilities::from_counts(&map, &counts, &TurningPrior::default())?;
+    /// let learned = TurningProbabilities::fit(&map, &counts, &TurningPrior::default())?;
     ///
     /// let straight_on = learned.turns().iter().find(|turn| (turn.from, turn.to) == (0, 1)).unwrap();
     /// assert_eq!(straight_on.count, 2.0);
@@ -113,7 +113,7 @@ impl TurningProbabilities {
     /// let drive = hmm.simulate(200, &mut ChaCha8Rng::seed_from_u64(1));
     /// let moves = hmm.expected_moves(drive.observations())?;
     /// let prior = TurningPrior { stays: true, ..TurningPrior::default() };
-    /// let learned = TurningProbabilities::from_counts(&canberra::map(), &moves, &prior)?;
+    /// let learned = TurningProbabilities::fit(&canberra::map(), &moves, &prior)?;
     /// let all: f64 = learned.turns().iter().map(|turn| turn.count).sum();
     /// assert!((all - 200.0).abs() < 1e-9);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -124,11 +124,11 @@ impl TurningProbabilities {
     /// [`TurningError::Rule`] for a number of the prior out of its range,
     /// [`TurningError::Moved`] for moves where there is no road, and [`TurningError::Transition`]
     /// for a place that does not exist.
-    pub fn from_counts<P>(
+    pub fn fit<P>(
         map: &RoadMap<P>,
         counts: &MoveCounts,
         prior: &TurningPrior,
-    ) -> Result<LearnedTurning, TurningError> {
+    ) -> Result<FittedTurning, TurningError> {
         let rule = Self::by_rule(map, &prior.rule)?;
         if !(prior.weight >= 0.0 && prior.weight.is_finite()) {
             let expected = "a finite value of at least 0";
@@ -152,14 +152,14 @@ impl TurningProbabilities {
             turns.extend(ways(map, from).map(|to| {
                 let counted = to != from || prior.stays;
                 let count = if counted { counts.get(from, to) } else { 0.0 };
-                LearnedTurn { from, to, probability: rule.get(from, to), count }
+                FittedTurn { from, to, probability: rule.get(from, to), count }
             }));
             let first = start + usize::from(!prior.stays);
             let turns = &mut turns[first..];
             let whole: f64 = turns.iter().map(|turn| turn.probability).sum();
             share(turns, |turn| turn.count + prior.weight * (turn.probability / whole));
         }
-        LearnedTurning::new(map, turns)
+        FittedTurning::new(map, turns)
     }
 
     /// Learns from counts of traffic, one per road in the order of [`RoadMap::roads`], without any
@@ -176,17 +176,17 @@ impl TurningProbabilities {
     ///
     /// [`TurningError::Rule`] for a number of the rule out of its range, and [`TurningError::Flow`]
     /// if there is no consistent flow.
-    pub fn from_road_counts<P>(
+    pub fn fit_traffic<P>(
         map: &RoadMap<P>,
         counts: &[f64],
         rule: &TurningRule,
-    ) -> Result<LearnedTurning, TurningError> {
+    ) -> Result<FittedTurning, TurningError> {
         let prior = Self::by_rule(map, rule)?;
         let flow = map.consistent_flow(counts)?;
         let (mut turns, mut road) = (Vec::with_capacity(map.places().len() + flow.len()), 0);
         for from in 0..map.places().len() {
             let start = turns.len();
-            turns.extend(ways(map, from).map(|to| LearnedTurn {
+            turns.extend(ways(map, from).map(|to| FittedTurn {
                 from,
                 to,
                 probability: prior.get(from, to),
@@ -199,12 +199,12 @@ impl TurningProbabilities {
             roads.iter_mut().zip(&counts[road..]).for_each(|(turn, count)| turn.count = *count);
             road += roads.len();
         }
-        LearnedTurning::new(map, turns)
+        FittedTurning::new(map, turns)
     }
 }
 
-impl LearnedTurning {
-    fn new<P>(map: &RoadMap<P>, turns: Vec<LearnedTurn>) -> Result<Self, TurningError> {
+impl FittedTurning {
+    fn new<P>(map: &RoadMap<P>, turns: Vec<FittedTurn>) -> Result<Self, TurningError> {
         let entries = turns.iter().filter(|turn| turn.probability > 0.0);
         let entries = entries.map(|turn| (turn.from, turn.to, turn.probability));
         Ok(Self { probabilities: TurningProbabilities::new(map, entries)?, turns })
@@ -217,7 +217,7 @@ fn ways<P>(map: &RoadMap<P>, from: usize) -> impl Iterator<Item = usize> {
 }
 
 /// Shares the probability of turns anew in proportion to weights, unless all of these are 0.
-fn share(turns: &mut [LearnedTurn], weight: impl Fn(&LearnedTurn) -> f64) {
+fn share(turns: &mut [FittedTurn], weight: impl Fn(&FittedTurn) -> f64) {
     let whole: f64 = turns.iter().map(|turn| turn.probability).sum();
     let sum: f64 = turns.iter().map(&weight).sum();
     if sum > 0.0 {

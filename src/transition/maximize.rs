@@ -75,11 +75,7 @@ fn free_entries<A: TransitionEntries<Control = ()>>(transition: &A) -> usize {
 
 /// Learned values have 64 bits, even if the operator has values of 32 bits.
 impl LearnTransition for SparseTransition {
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         Self::from_triplets(self.states(), free(self, counts, pseudo_count)?)
     }
 
@@ -93,11 +89,7 @@ impl LearnTransition for SparseTransition {
 }
 
 impl LearnTransition for DenseTransition {
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         let n = self.states();
         let mut matrix = vec![0.0; n * n];
         for (to, from, p) in free(self, counts, pseudo_count)? {
@@ -136,15 +128,11 @@ impl<A: LearnTransition<Control = ()>> LearnTransition for SwitchedTransition<A>
         self.operators[control].restart_log2(&(), to)
     }
 
-    fn reestimate(
-        &self,
-        counts: &[MoveCounts],
-        pseudo_count: f64,
-    ) -> Result<Self, TransitionError> {
+    fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
         let learned = self.operators.iter().zip(counts);
         Self::new(
             learned
-                .map(|(a, counts)| a.reestimate(std::slice::from_ref(counts), pseudo_count))
+                .map(|(a, counts)| a.maximize(std::slice::from_ref(counts), pseudo_count))
                 .collect::<Result<_, _>>()?,
         )
     }
@@ -164,7 +152,7 @@ impl<A: TransitionEntries + Clone> LearnTransition for Fixed<A> {
         0
     }
 
-    fn reestimate(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
+    fn maximize(&self, _: &[MoveCounts], _: f64) -> Result<Self, TransitionError> {
         Ok(self.clone())
     }
 

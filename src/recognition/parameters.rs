@@ -8,18 +8,18 @@ use crate::observation::Standardizer;
 /// of each reference.
 ///
 /// With the feature `serde` it can be stored, without [doubts](Self::doubts) and
-/// [calibration](Self::calibrated), which do not count in comparisons either.
+/// [calibration](Self::temperature_choice), which do not count in comparisons either.
 #[derive(Debug, Clone)]
-pub struct Fit {
+pub struct Parameters {
     pub(crate) options: Options,
     pub(crate) standardizer: Option<Standardizer>,
     /// Mean and deviation of the best score of a query.
     pub(crate) best_scores: Option<[f64; 2]>,
     pub(super) warnings: Vec<Warning>,
-    pub(super) calibrated: Option<Calibrated>,
+    pub(super) temperature_choice: Option<TemperatureChoice>,
 }
 
-impl PartialEq for Fit {
+impl PartialEq for Parameters {
     fn eq(&self, other: &Self) -> bool {
         self.options == other.options
             && self.standardizer == other.standardizer
@@ -27,14 +27,14 @@ impl PartialEq for Fit {
     }
 }
 
-impl Fit {
+impl Parameters {
     pub(super) fn new(options: Options) -> Self {
         Self {
             options,
             standardizer: None,
             best_scores: None,
             warnings: Vec::new(),
-            calibrated: None,
+            temperature_choice: None,
         }
     }
 
@@ -89,8 +89,8 @@ impl Fit {
 
     /// The choice of the temperature, if there was one; `None` for a fit read from storage.
     #[must_use]
-    pub fn calibrated(&self) -> Option<&Calibrated> {
-        self.calibrated.as_ref()
+    pub fn temperature_choice(&self) -> Option<&TemperatureChoice> {
+        self.temperature_choice.as_ref()
     }
 
     pub(super) fn standardizer(&self) -> Option<&Standardizer> {
@@ -110,7 +110,7 @@ impl Fit {
 
 /// Choice of a temperature.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Calibrated {
+pub struct TemperatureChoice {
     /// The temperatures that were tried, hottest first.
     pub temperatures: Vec<f64>,
     /// For each temperature, the filter's log score, summed over labelled steps that the fit had

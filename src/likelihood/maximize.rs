@@ -27,7 +27,7 @@ impl LearnLikelihood for TableLikelihood {
         statistics.iter_mut().zip(other).for_each(|(sum, other)| *sum += other);
     }
 
-    fn reestimate(&self, statistics: &Vec<f64>, pseudo_count: f64) -> Outcome<Self> {
+    fn maximize(&self, statistics: &Vec<f64>, pseudo_count: f64) -> Outcome<Self> {
         let row = |state: usize| {
             let at = || (state..self.columns.len()).step_by(self.states());
             let old: Vec<f64> = at().map(|at| self.columns[at]).collect();
@@ -75,8 +75,8 @@ macro_rules! learns_the_inner {
                 self.$inner.merge(statistics, other);
             }
 
-            fn reestimate(&$self, statistics: &B::Statistics, pseudo_count: f64) -> Outcome<Self> {
-                let $learned = $self.$inner.reestimate(statistics, pseudo_count)?;
+            fn maximize(&$self, statistics: &B::Statistics, pseudo_count: f64) -> Outcome<Self> {
+                let $learned = $self.$inner.maximize(statistics, pseudo_count)?;
                 Ok($with)
             }
 
@@ -128,10 +128,10 @@ where
         self.second.merge(&mut statistics.1, &other.1);
     }
 
-    fn reestimate(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
+    fn maximize(&self, statistics: &Self::Statistics, pseudo_count: f64) -> Outcome<Self> {
         Ok(Self {
-            first: self.first.reestimate(&statistics.0, pseudo_count)?,
-            second: self.second.reestimate(&statistics.1, pseudo_count)?,
+            first: self.first.maximize(&statistics.0, pseudo_count)?,
+            second: self.second.maximize(&statistics.1, pseudo_count)?,
         })
     }
 
@@ -155,7 +155,7 @@ impl LearnLikelihood for SparseLikelihood {
 
     fn merge(&self, (): &mut (), (): &()) {}
 
-    fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
+    fn maximize(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(*self)
     }
 
@@ -173,7 +173,7 @@ impl<B: Likelihood + Clone> LearnLikelihood for Fixed<B> {
 
     fn merge(&self, (): &mut (), (): &()) {}
 
-    fn reestimate(&self, (): &(), _: f64) -> Outcome<Self> {
+    fn maximize(&self, (): &(), _: f64) -> Outcome<Self> {
         Ok(self.clone())
     }
 
