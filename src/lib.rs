@@ -168,6 +168,8 @@
 
 // On docs.rs, labels items with the features that they need.
 #![cfg_attr(docsrs, feature(doc_cfg))]
+// Pages of the core point to the modules of vehicles, which are not there without this feature.
+#![cfg_attr(not(feature = "places"), allow(rustdoc::broken_intra_doc_links))]
 
 mod belief;
 mod error;
@@ -184,17 +186,22 @@ mod sequence;
 pub mod canberra;
 #[cfg(feature = "emission")]
 pub mod emission;
+#[cfg(feature = "places")]
 pub mod evaluate;
 pub mod guide;
 pub mod inference;
 pub mod likelihood;
+#[cfg(feature = "places")]
 pub mod map;
 #[cfg(feature = "matching")]
 pub mod matching;
+#[cfg(feature = "places")]
 pub mod motion;
+#[cfg(feature = "places")]
 pub mod observation;
 #[cfg(feature = "serde")]
 pub mod persistence;
+#[cfg(feature = "places")]
 pub mod recognition;
 pub mod transition;
 

@@ -26,5 +26,7 @@ mod tests;
 pub(crate) use layout::*;
 pub(crate) use memory::{Aligned, in_large_pages};
 pub(crate) use ops::*;
-pub(crate) use simd::{Eight, LANES, Simd, WithSimd, run};
+pub(crate) use simd::{Eight, LANES};
+#[cfg(any(feature = "places", feature = "emission"))]
+pub(crate) use simd::{Simd, WithSimd, run};
 pub(crate) use vector::{any_tiny, dot, lift, normalize, sum};

@@ -18,13 +18,6 @@ stored! {
         log: bool = vector.log,
     } => Ok::<_, Infallible>(Self { states, log, observation: PhantomData });
 
-    [] Confusion in observation: [], |confusion| {
-        places: usize = confusion.places(),
-        place: Vec<u32> = confusion.entries_of(|place, _, _| place as u32),
-        seen_as: Vec<u32> = confusion.entries_of(|_, seen_as, _| seen_as as u32),
-        probability: Vec<f64> = confusion.entries_of(|_, _, p| p),
-    } => Self::from_lists(places, &place, &seen_as, &probability);
-
     [] SparseLikelihood: [], |sparse| {
         states: usize = sparse.states,
     } => Ok::<_, Infallible>(Self::new(states));

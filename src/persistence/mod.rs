@@ -127,9 +127,11 @@ mod counts_and_directions;
 #[cfg(feature = "emission")]
 mod gaussians;
 mod likelihood;
+#[cfg(feature = "places")]
 mod motion;
 #[cfg(feature = "emission")]
 mod products;
+#[cfg(feature = "places")]
 mod recognition;
 mod state;
 mod transition;

@@ -7,6 +7,13 @@ use crate::observation::Standardizer;
 use crate::recognition::{Options, SensorState, Tally, TrackSnapshot};
 
 stored! {
+    [] Confusion in observation: [], |confusion| {
+        places: usize = confusion.places(),
+        place: Vec<u32> = confusion.entries_of(|place, _, _| place as u32),
+        seen_as: Vec<u32> = confusion.entries_of(|_, seen_as, _| seen_as as u32),
+        probability: Vec<f64> = confusion.entries_of(|_, _, p| p),
+    } => Self::from_lists(places, &place, &seen_as, &probability);
+
     [] MatchOdds in observation: [], |odds| {
         slope: f64 = odds.slope,
         even: f64 = odds.even,

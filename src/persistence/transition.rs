@@ -6,7 +6,6 @@ use std::convert::Infallible;
 use super::stored;
 use crate::belief::SUM_TOLERANCE;
 use crate::error::TransitionError;
-use crate::motion::{DistanceTransition, OffMapTransition};
 use crate::transition::{
     DwellTransition, RestartTransition, SparseTransition, TiedTransition, Transition,
     TransitionEntries, check_probability,
@@ -55,19 +54,6 @@ stored! {
         restart: Vec<f64> = a.restart,
         evidence: Option<f64> = a.evidence.given(),
     } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
-
-    [A: Transition] OffMapTransition<A> in motion: [A], |a| {
-        inner: A = a.inner,
-        leave: f64 = a.leave,
-        stay: f64 = a.stay,
-        back: Vec<f64> = a.back,
-        evidence: Option<f64> = a.evidence.given(),
-    } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
-
-    [] DistanceTransition in motion: [], |a| {
-        base: SparseTransition = a.base,
-        lengths: Vec<f64> = a.ways.iter().map(|way| way.length).collect::<Vec<_>>(),
-    } => distances(base, &lengths);
 
     [A1: Transition, A2: Transition<Control = A1::Control>]
     KroneckerTransition<A1, A2> in transition: [A1, A2], |a| {
@@ -189,36 +175,6 @@ fn restarting<A: Transition>(
     Ok(RestartTransition::from_parts(inner, keep, restart))
 }
 
-fn off_map<A: Transition>(
-    inner: A,
-    leave: f64,
-    stay: f64,
-    back: Vec<f64>,
-) -> Result<OffMapTransition<A>, TransitionError> {
-    check_probability(leave, || "the rate of leaving".to_owned())?;
-    check_probability(stay, || "the probability of no return".to_owned())?;
-    for (state, &p) in back.iter().enumerate() {
-        check_probability(p, || format!("the probability of a return to state {state}"))?;
-    }
-    let sum = stay + back.iter().sum::<f64>();
-    check_one(sum, || "the probability of a return or none".to_owned())?;
-    OffMapTransition::from_parts(inner, leave, stay, back)
-}
-
-fn distances(
-    base: SparseTransition,
-    lengths: &[f64],
-) -> Result<DistanceTransition, TransitionError> {
-    let (found, expected) = (lengths.len(), base.entries());
-    if found != expected {
-        let what = "the number of lengths".to_owned();
-        let expected = "one for each entry of the base";
-        return Err(TransitionError::Parameter { what, value: found as f64, expected });
-    }
-    let mut lengths = lengths.iter().copied();
-    DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))
-}
-
 fn dwelling<A: Transition>(
     moves: A,
     ages: Vec<Vec<(f64, f64)>>,
@@ -239,7 +195,7 @@ fn dwelling<A: Transition>(
     DwellTransition::from_ages(moves, ages)
 }
 
-fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
+pub(super) fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if (value - 1.0).abs() > SUM_TOLERANCE {
         return Err(TransitionError::Parameter { what: what(), value, expected: "1" });
     }

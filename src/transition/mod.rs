@@ -84,6 +84,7 @@ mod window;
 pub use buffers::with_scratch;
 use check::check_columns;
 pub(crate) use check::{check_count, check_probability, check_slices, check_sum, scaled};
+#[cfg(feature = "places")]
 pub(crate) use compressed::Compressed;
 pub use dense::DenseTransition;
 pub use dwell::DwellTransition;
