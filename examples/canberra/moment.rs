@@ -113,8 +113,8 @@ impl Moment {
         }
         sighting(area, at(self.seen), 21)?;
         truth(area, at(self.truth))?;
-        self.numbers(area, map, &layout)?;
-        self.legend(area, map)?;
+        self.probabilities(area, &layout)?;
+        self.legend(area)?;
         let note = "area of a circle: its probability; dark line: the route driven";
         text(area, note.into(), 16, (16, SIZE.1.cast_signed() - 16))?;
         let credit = "Road geometry © OpenStreetMap contributors, ODbL 1.0";
@@ -123,51 +123,57 @@ impl Moment {
         Ok(area.draw(&Text::new(credit, corner, style))?)
     }
 
-    /// Draws the numbers of the places that the legend names, outside of what is drawn there.
-    fn numbers(&self, area: &Area<'_>, map: &RoadMap, layout: &Layout) -> Drawn {
+    /// Draws the greatest probability of each belief at its place, outside of what is drawn there.
+    fn probabilities(&self, area: &Area<'_>, layout: &Layout) -> Drawn {
         let directions = layout.directions(40.0);
-        let [filter, smoother] = [&self.filter, &self.smoother].map(|belief| mode(belief).0);
-        let mut named = vec![self.truth, self.seen, filter, smoother];
-        named.sort_unstable();
-        named.dedup();
-        for place in named {
+        let [filter, smoother] = [&self.filter, &self.smoother].map(|belief| mode(belief));
+        let mut labels = vec![(filter.0, percent(filter.1))];
+        if smoother.0 == filter.0 {
+            labels[0].1 += &format!(", {}", percent(smoother.1));
+        } else {
+            labels.push((smoother.0, percent(smoother.1)));
+        }
+        for (place, label) in labels {
             let p = self.filter[place].max(self.smoother[place]);
             let clear: f64 = if place == self.seen { 21.0 } else { 8.0 };
-            let away = 20.0 + clear.max(SCALE * FULL * p.sqrt());
+            let away = 26.0 + clear.max(SCALE * FULL * p.sqrt());
             let ((x, y), (dx, dy)) = (scaled(layout.places[place]), directions[place]);
             let away = away / dx.hypot(dy);
             let at = (x + (away * dx).round() as i32, y + (away * dy).round() as i32);
             let bold = TextStyle::from(("sans-serif", 24, FontStyle::Bold).into_font());
             let style = anchored(&bold.color(&BLACK), HPos::Center);
-            let number = map.places()[place].id.to_string();
-            let back = [(at.0 - 14, at.1 - 10), (at.0 + 14, at.1 + 10)];
+            let half = 7 * label.len() as i32;
+            let back = [(at.0 - half, at.1 - 12), (at.0 + half, at.1 + 12)];
             area.draw(&Rectangle::new(back, WHITE.mix(0.8).filled()))?;
-            area.draw(&Text::new(number, at, style))?;
+            area.draw(&Text::new(label, at, style))?;
         }
         Ok(())
     }
 
-    fn legend(&self, area: &Area<'_>, map: &RoadMap) -> Drawn {
-        let name = |place: usize| map.places()[place].id;
-        let judged = |place| if place == self.truth { "right" } else { "wrong" };
+    /// Says in words what the marks are, so that the picture stands without a caption.
+    fn legend(&self, area: &Area<'_>) -> Drawn {
+        let place = |place| if place == self.truth { "the right place" } else { "a wrong place" };
         let believed = |belief: &[f64]| {
-            let (place, p) = mode(belief);
-            format!("{} with {p:.2} ({})", name(place), judged(place))
+            let (mode, p) = mode(belief);
+            format!("{} at {}", percent(p), place(mode))
         };
         let left = CORNER.0 + 16;
-        let right = left + 300;
+        let right = left + 270;
         truth(area, (left + 4, 30))?;
-        text(area, format!("true place: {}", name(self.truth)), 20, (left + 30, 30))?;
+        text(area, "where the car is".into(), 20, (left + 30, 30))?;
         sighting(area, (left + 4, 66), 10)?;
-        let seen = format!("camera names: {} ({})", name(self.seen), judged(self.seen));
-        text(area, seen, 20, (left + 30, 66))?;
+        text(area, format!("its camera: {}", place(self.seen)), 20, (left + 30, 66))?;
         disc(area, (right, 30), 12.0)?;
-        let filter = format!("filter (sightings so far): {}", believed(&self.filter));
+        let filter = format!("filter, from sightings so far: {}", believed(&self.filter));
         text(area, filter, 20, (right + 24, 30))?;
         ring(area, (right, 66), 12.0)?;
-        let smoother = format!("smoother (later ones as well): {}", believed(&self.smoother));
+        let smoother = format!("smoother, from later ones too: {}", believed(&self.smoother));
         text(area, smoother, 20, (right + 24, 66))
     }
+}
+
+fn percent(p: f64) -> String {
+    format!("{:.0}%", 100.0 * p)
 }
 
 /// Draws a circle of the filter.
