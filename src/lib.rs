@@ -85,7 +85,7 @@
 //! | `matching` | positions of vehicles on road networks, live and afterwards (feature `matching`) |
 //! | [`evaluate`] | recall, precision, calibration and other scores |
 //! | `canberra` | the paper's instance with 105 intersections, built from public items only (feature `canberra`) |
-//! | [`guide`] | chapters: [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
+//! | [`guide`] | chapters: [which routine](guide::routines), [formulas](guide::formulas), [performance](guide::performance), [from descriptors to a position](guide::from_descriptors), from GPS points to a route (`from_gps`, feature `matching`), [a lost robot on a grid](guide::lost_robot), [from hmmlearn](guide::from_hmmlearn), [from dynamax](guide::from_dynamax) |
 //!
 //! You can also implement [`Transition`] or [`Likelihood`] yourself: each has an example of a
 //! dozen lines; [`with_scratch`](transition::with_scratch) lends an operator memory. With
@@ -147,13 +147,16 @@
 //! - **`canberra`**: the module `canberra`, the instance of the paper. Compiles in its places and roads,
 //!   which alone in the crate are under the Open Database License 1.0.
 //! - **`csv`** (default): `RoadMap::from_csv_files` and `RoadNetwork::from_csv_files` read maps and
-//!   road networks, `emission::Series` columns of numbers (with `emission`).
+//!   road networks (with `places`), `emission::Series` columns of numbers (with `emission`).
 //! - **`emission`**: the module `emission`, families of observations that are learned. Compiles faer.
 //! - **`faer`**: operators and tables from [faer](https://docs.rs/faer)
 //!   matrices, dense operators as faer views. Adds most to compile time.
 //! - **`geojson`**: `RoadNetwork::from_geojson_file` reads road networks, `to_geojson` writes them.
 //! - **`matching`**: the module `matching`, which places positions of vehicles on road networks.
 //! - **`osm`**: `RoadNetwork::from_osm_file` reads OpenStreetMap extracts (`.osm.pbf`).
+//! - **`places`** (default): all about vehicles that must know where they are, the modules [`map`],
+//!   [`motion`], [`observation`], [`recognition`] and [`evaluate`]. Half of the library; an HMM needs
+//!   none of it. `canberra`, `geojson`, `matching`, `osm` and `roads` imply it.
 //! - **`rayon`**: many sequences, and the rows of large sparse matrices, in parallel, with
 //!   identical results.
 //! - **`roads`**: `csv`, `geojson`, `osm` and `matching`.
@@ -221,7 +224,7 @@ pub use sequence::{Controlled, Sequence};
 #[doc(inline)]
 pub use transition::{DenseTransition, SparseTransition, Transition, TransitionEntries};
 
-/// Doc test of the README's examples, which need the features of `roads`.
-#[cfg(all(doctest, feature = "roads"))]
+/// Doc test of the README's example.
+#[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;

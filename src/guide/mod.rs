@@ -1,5 +1,8 @@
-//! Guides: the formulas of every routine, the limits of its speed, and the ways from image
-//! descriptors to a position and from GPS points to a route, and a lost robot on a grid.
+//! Guides: which routine to take, the formulas of each and the limits of its speed, the ways from
+//! image descriptors to a position and from GPS points to a route, and a lost robot on a grid.
+
+#[doc = include_str!("routines.md")]
+pub mod routines {}
 
 #[doc = include_str!("formulas.md")]
 pub mod formulas {}
