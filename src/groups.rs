@@ -1,18 +1,18 @@
 //! Groups of states.
 
-use std::error::Error;
-use std::fmt;
 use std::ops::Range;
 
 use crate::belief::Belief;
 
 /// An invalid grouping of states, or an argument that does not fit it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GroupError {
     /// There are no states.
+    #[error("groups need at least one state, found none")]
     Empty,
     /// A group has no states, though a higher number is used.
+    #[error("no state is in group {group}, though groups are numbered up to {last}")]
     Gap {
         /// Number of the empty group, from 0.
         group: usize,
@@ -20,6 +20,7 @@ pub enum GroupError {
         last: usize,
     },
     /// The state does not exist.
+    #[error("state {state} does not exist, {states} states are grouped (0 to {})", .states.saturating_sub(1))]
     State {
         /// The state asked for, from 0.
         state: usize,
@@ -27,6 +28,7 @@ pub enum GroupError {
         states: usize,
     },
     /// A belief has a different number of states.
+    #[error("the belief has {found} states, expected {expected}")]
     Belief {
         /// Number of states of the belief.
         found: usize,
@@ -34,6 +36,7 @@ pub enum GroupError {
         expected: usize,
     },
     /// An output slice does not have one value per group.
+    #[error("there is room for {found} groups, expected {expected}")]
     Output {
         /// Length of the slice.
         found: usize,
@@ -41,30 +44,6 @@ pub enum GroupError {
         expected: usize,
     },
 }
-
-impl fmt::Display for GroupError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty => write!(f, "groups need at least one state, found none"),
-            Self::Gap { group, last } => {
-                write!(f, "no state is in group {group}, though groups are numbered up to {last}")
-            }
-            Self::State { state, states } => write!(
-                f,
-                "state {state} does not exist, {states} states are grouped (0 to {})",
-                states.saturating_sub(1)
-            ),
-            Self::Belief { found, expected } => {
-                write!(f, "the belief has {found} states, expected {expected}")
-            }
-            Self::Output { found, expected } => {
-                write!(f, "there is room for {found} groups, expected {expected}")
-            }
-        }
-    }
-}
-
-impl Error for GroupError {}
 
 /// Partition of the states into groups: the states of one place, where places were expanded by
 /// age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather

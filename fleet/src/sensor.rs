@@ -122,7 +122,7 @@ impl Likelihood for Sensor {
             (Kind::Sparse(sparse), Observation::Sparse(listed)) => sparse.diagonal(listed, scratch),
             (Kind::Places(places), Observation::Fix(fix)) => places.diagonal(fix, scratch),
             (_, Observation::Missing) if self.optional => Ok(Diagonal::linear(&self.ones)),
-            _ => Err(LikelihoodError::Sensor(std::sync::Arc::new(OtherKind))),
+            _ => Err(LikelihoodError::sensor(OtherKind)),
         }
     }
 

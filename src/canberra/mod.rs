@@ -25,9 +25,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use std::error::Error;
-use std::fmt;
-
 use crate::belief::Belief;
 use crate::error::HmmError;
 use crate::hmm::{Hmm, Prior};
@@ -51,47 +48,18 @@ const ROADS_CSV: &str = include_str!("roads.csv");
 pub type Model = Hmm<SparseTransition, TableLikelihood>;
 
 /// Arguments for which there is no model.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CanberraError {
     /// There is no such place.
+    #[error("the initial place is {0}, expected 1 to {PLACES}")]
     Place(u64),
     /// The sensor cannot be built.
-    Observation(ObservationError),
+    #[error(transparent)]
+    Observation(#[from] ObservationError),
     /// The parts do not fit together.
-    Hmm(HmmError),
-}
-
-impl fmt::Display for CanberraError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Place(value) => write!(f, "the initial place is {value}, expected 1 to {PLACES}"),
-            Self::Observation(error) => fmt::Display::fmt(error, f),
-            Self::Hmm(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for CanberraError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Observation(error) => error.source(),
-            Self::Hmm(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<ObservationError> for CanberraError {
-    fn from(source: ObservationError) -> Self {
-        Self::Observation(source)
-    }
-}
-
-impl From<HmmError> for CanberraError {
-    fn from(source: HmmError) -> Self {
-        Self::Hmm(source)
-    }
+    #[error(transparent)]
+    Hmm(#[from] HmmError),
 }
 
 /// The 105 places and 315 directed roads.

@@ -1,8 +1,5 @@
 //! Matrices of observations as sequences.
 
-use std::error::Error;
-use std::fmt;
-
 use crate::sequence::Sequence;
 
 /// A T × d matrix, row after row, as a sequence of T observations of d numbers.
@@ -31,12 +28,14 @@ pub struct Rows<'a> {
 }
 
 /// Values that are no matrix of observations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowsError {
     /// Observations must have at least one component.
+    #[error("observations have 0 components, expected at least 1")]
     NoComponents,
     /// The last row is not complete.
+    #[error("{values} values are no whole number of observations with {components} components")]
     Incomplete {
         /// Number of values.
         values: usize,
@@ -44,6 +43,7 @@ pub enum RowsError {
         components: usize,
     },
     /// There are fewer rows than an observation with its predecessors needs.
+    #[error("{rows} rows are too few for observations with {order} predecessors")]
     TooFew {
         /// Number of rows.
         rows: usize,
@@ -51,23 +51,6 @@ pub enum RowsError {
         order: usize,
     },
 }
-
-impl fmt::Display for RowsError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoComponents => write!(f, "observations have 0 components, expected at least 1"),
-            Self::Incomplete { values, components } => write!(
-                f,
-                "{values} values are no whole number of observations with {components} components"
-            ),
-            Self::TooFew { rows, order } => {
-                write!(f, "{rows} rows are too few for observations with {order} predecessors")
-            }
-        }
-    }
-}
-
-impl Error for RowsError {}
 
 impl<'a> Rows<'a> {
     /// Divides values into observations of so many components. O(1).

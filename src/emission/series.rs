@@ -1,7 +1,5 @@
 //! Series of numbers from CSV files.
 
-use std::error::Error;
-use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
@@ -31,10 +29,11 @@ pub struct Series {
 }
 
 /// A file that is no series.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SeriesError {
     /// A file cannot be opened or read.
+    #[error("{file} cannot be read: {reason}")]
     Read {
         /// Name of the file.
         file: String,
@@ -42,6 +41,7 @@ pub enum SeriesError {
         reason: String,
     },
     /// A line is not valid.
+    #[error("{file}, line {line}: {problem}")]
     Line {
         /// Name of the file.
         file: String,
@@ -51,17 +51,6 @@ pub enum SeriesError {
         problem: String,
     },
 }
-
-impl fmt::Display for SeriesError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Read { file, reason } => write!(f, "{file} cannot be read: {reason}"),
-            Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),
-        }
-    }
-}
-
-impl Error for SeriesError {}
 
 impl Series {
     /// Reads the named columns of a CSV file with a header, in the order of the names. An empty

@@ -1,6 +1,6 @@
 //! Turning probabilities learned from drives or from counts of traffic.
 
-use super::{FlowError, RoadMap, TurningError, TurningProbabilities, TurningRule};
+use super::{RoadMap, TurningError, TurningProbabilities, TurningRule};
 use crate::error::TransitionError;
 use crate::transition::MoveCounts;
 
@@ -222,11 +222,5 @@ fn share(turns: &mut [FittedTurn], weight: impl Fn(&FittedTurn) -> f64) {
     let sum: f64 = turns.iter().map(&weight).sum();
     if sum > 0.0 {
         turns.iter_mut().for_each(|turn| turn.probability = whole * weight(turn) / sum);
-    }
-}
-
-impl From<FlowError> for TurningError {
-    fn from(source: FlowError) -> Self {
-        Self::Flow(source)
     }
 }

@@ -1,8 +1,5 @@
 //! Consistent flows from counts of traffic on roads.
 
-use std::error::Error;
-use std::fmt;
-
 use super::{RoadMap, RoadNetwork};
 use crate::error::TransitionError;
 
@@ -13,10 +10,11 @@ const ROUNDS: usize = 100_000;
 
 /// Counts of traffic on roads that are no flow, or don't fit the turns. Nodes and places are named
 /// by their ids.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FlowError {
     /// There is not one count per road.
+    #[error("{found} counts for {expected} roads, expected one each")]
     Length {
         /// Number of counts.
         found: usize,
@@ -24,6 +22,9 @@ pub enum FlowError {
         expected: usize,
     },
     /// A count is NaN, negative or infinite, or beyond 1e150.
+    #[error(
+        "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
+    )]
     Count {
         /// Id of the place where the road starts.
         from: u64,
@@ -33,6 +34,9 @@ pub enum FlowError {
         value: f64,
     },
     /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
+    #[error(
+        "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
+    )]
     NoWayBack {
         /// Id of the place where the road starts.
         from: u64,
@@ -43,6 +47,9 @@ pub enum FlowError {
     },
     /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
     /// did not converge there.
+    #[error(
+        "no flow through the turns of place {id} was found, a relative error of {error} is left"
+    )]
     Unbalanced {
         /// Id of the node.
         id: u64,
@@ -50,45 +57,8 @@ pub enum FlowError {
         error: f64,
     },
     /// The weights of turns are invalid.
-    Transition(TransitionError),
-}
-
-impl fmt::Display for FlowError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Length { found, expected } => {
-                write!(f, "{found} counts for {expected} roads, expected one each")
-            }
-            Self::Count { from, to, value } => write!(
-                f,
-                "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
-            ),
-            Self::NoWayBack { from, to, value } => write!(
-                f,
-                "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
-            ),
-            Self::Unbalanced { id, error } => write!(
-                f,
-                "no flow through the turns of place {id} was found, a relative error of {error} is left"
-            ),
-            Self::Transition(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for FlowError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Transition(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<TransitionError> for FlowError {
-    fn from(source: TransitionError) -> Self {
-        Self::Transition(source)
-    }
+    #[error(transparent)]
+    Transition(#[from] TransitionError),
 }
 
 impl<P> RoadMap<P> {

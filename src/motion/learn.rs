@@ -98,7 +98,7 @@ impl Speeds {
         seen: &[Vec<Vec<f64>>],
     ) -> Result<(Self, f64), InferenceError> {
         let k = self.values().len();
-        let failed = |source| InferenceError::Control { step: 0, source };
+        let failed = |cause| InferenceError::control(0, cause);
         let matrix = DenseTransition::from_row_major(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
         let Ok(shares) = shares else { return Ok((self.clone(), 0.0)) };

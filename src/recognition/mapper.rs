@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::references::View;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
-use crate::error::InferenceError;
+use crate::error::{At, InferenceError};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{
     Descriptor, DescriptorError, Distance, ReferenceDescriptors, view_change,
@@ -255,7 +255,7 @@ impl Mapper {
     /// Checks a query, which may become a reference, and an odometry reading.
     fn check(&self, query: &[f32], odometry: Option<f64>) -> Result<(), RecognitionError> {
         let step = self.steps + 1;
-        let failed = |source| RecognitionError::Descriptor { step, source };
+        let failed = |cause| RecognitionError::descriptor(step, cause);
         let of_query = |source| {
             failed(match source {
                 DescriptorError::Element { element, value, .. } => {
@@ -282,7 +282,7 @@ impl Mapper {
             return Err(RecognitionError::Parameter { what, value, expected: "at most 1.7e38" });
         }
         let control = RouteControl { odometry, ..RouteControl::default() };
-        let refused = |source| InferenceError::Control { step, source };
+        let refused = |cause| InferenceError::control(step, cause);
         Ok(self.motion.check_control(&control).map_err(refused)?)
     }
 
@@ -299,9 +299,10 @@ impl Mapper {
         let recognizer = match made {
             Ok(recognizer) => recognizer,
             // A vehicle that stands may give equal descriptors for a while.
-            Err(RecognitionError::References {
-                source: DescriptorError::AllEqual { .. }, ..
-            }) => return Ok(()),
+            Err(RecognitionError::References(At {
+                cause: DescriptorError::AllEqual { .. },
+                ..
+            })) => return Ok(()),
             Err(error) => return Err(error),
         };
         let views = self.recent.iter().map(|(descriptor, reference)| View {

@@ -124,7 +124,7 @@ impl Recognizer {
         let sensor = LikelihoodVector::linear(groups.count()).owned();
         let camera = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;
         let model = Arc::new(Hmm::new(prior, motion, camera).map_err(wrong)?);
-        let invalid = |source| RecognitionError::Query { step: 0, source };
+        let invalid = |cause| RecognitionError::query(0, cause);
         let standardizer = match fit.standardizer() {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(invalid)?,
@@ -141,7 +141,7 @@ impl Recognizer {
         let mut standardizer = self.sensor.standardizer().clone();
         let mut scratch = ViewScratch::default();
         for view in views {
-            let invalid = |source| RecognitionError::Query { step: 0, source };
+            let invalid = |cause| RecognitionError::query(0, cause);
             self.references.observe(view, &mut standardizer, &mut scratch).map_err(invalid)?;
         }
         self.sensor = Sensor::new(standardizer);

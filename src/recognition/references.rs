@@ -67,7 +67,7 @@ impl References {
     ) -> Result<Self, RecognitionError> {
         let mut all = Vec::new();
         for (traverse, rows) in traverses.iter().enumerate() {
-            let failed = |source| RecognitionError::References { traverse, source };
+            let failed = |cause| RecognitionError::references(traverse, cause);
             all.push(ReferenceDescriptors::from_rows(rows, distance).map_err(failed)?);
         }
         let Some(first) = all.first() else {
@@ -139,7 +139,7 @@ impl References {
         out: &mut Vec<f32>,
         more: &mut Vec<f32>,
     ) -> Result<(), RecognitionError> {
-        let failed = |source| RecognitionError::Descriptor { step, source };
+        let failed = |cause| RecognitionError::descriptor(step, cause);
         match self {
             Self::Compared(_) => {
                 out.clear();

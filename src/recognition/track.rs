@@ -106,7 +106,7 @@ impl Track {
         let step = self.next_step()?;
         let Self { recognizer, filter, sensor, likelihoods, .. } = self;
         let control = sensor.moved(odometry);
-        let refused = |source| InferenceError::Control { step, source };
+        let refused = |cause| InferenceError::control(step, cause);
         recognizer.motion().check_control(&control).map_err(refused)?;
         likelihoods.fill(1.0);
         let log_likelihood = filter.step_with(&control, likelihoods)?;

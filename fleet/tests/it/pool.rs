@@ -54,7 +54,7 @@ where
         let mut filter = known.map_or_else(|| self.hmm.filter(), |known| known.1.clone());
         let log = filter.step(&update.observation).map_err(|error| match error {
             InferenceError::Impossible { .. } => "impossible",
-            InferenceError::Likelihood { .. } => "likelihood",
+            InferenceError::Likelihood(_) => "likelihood",
             other => panic!("{other}"),
         })?;
         let (state, probability) = filter.belief().peak();

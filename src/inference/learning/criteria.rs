@@ -162,7 +162,7 @@ impl<C> ModelSelection<C> {
             rows.push(Candidate { candidate, criteria, held_out, failed });
         }
         if rows.is_empty() {
-            let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+            let nothing = LearnError::nothing(sequences.len(), None);
             return Err(nothing.into());
         }
         Ok(Self { rows })
@@ -333,7 +333,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
         let observations = sequences.iter().map(Sequence::steps).sum();
         if observations == 0 {
-            return Err(LearnError::Nothing { sequences: sequences.len(), first: None });
+            return Err(LearnError::nothing(sequences.len(), None));
         }
         let parameters = self.free_parameters();
         Ok(Criteria { log_likelihood: sum.value(), parameters, observations })

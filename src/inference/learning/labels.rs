@@ -67,7 +67,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             drive.initial.is_none() && drive.states.is_empty() && drive.sequence.steps() == 0
         };
         if drives.iter().all(is_empty) {
-            return Err(LearnError::Nothing { sequences: drives.len(), first: None });
+            return Err(LearnError::nothing(drives.len(), None));
         }
         let mut expected = self.no_expectations();
         let mut certain = vec![0.0; self.states()];

@@ -107,7 +107,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
         }
         let Some((best, _)) = best else {
-            let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+            let nothing = LearnError::nothing(sequences.len(), None);
             return Err(attempts.into_iter().find_map(Result::err).unwrap_or(nothing));
         };
         Ok(Restarts { attempts, best })

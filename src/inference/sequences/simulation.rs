@@ -189,7 +189,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
-            drawn.map_err(|source| InferenceError::Likelihood { step, source })
+            drawn.map_err(|cause| InferenceError::likelihood(step, cause))
         };
         self.draw_with(belief, taken, &vec![(); steps], rng, sample)
     }

@@ -1,6 +1,5 @@
 //! Errors of descriptors.
 
-use std::error::Error;
 use std::fmt;
 
 /// The descriptor that an error is about, by its index from 0.
@@ -22,14 +21,17 @@ impl fmt::Display for Descriptor {
 }
 
 /// Descriptors that are not valid, or have no distance.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DescriptorError {
     /// Descriptors without elements.
+    #[error("descriptors have dimension 0, expected at least 1")]
     NoDimension,
     /// There are no references.
+    #[error("there are no references, expected at least one")]
     NoReferences,
     /// The last descriptor is incomplete.
+    #[error("{values} values are no whole number of descriptors of dimension {dimension}")]
     Values {
         /// Numbers given.
         values: usize,
@@ -37,6 +39,7 @@ pub enum DescriptorError {
         dimension: usize,
     },
     /// A descriptor is too short or too long.
+    #[error("{which} has {length} elements, expected {expected}")]
     Length {
         /// The descriptor.
         which: Descriptor,
@@ -46,6 +49,7 @@ pub enum DescriptorError {
         expected: usize,
     },
     /// An element is NaN or infinite.
+    #[error("element {element} of {which} is {value}, expected a finite value")]
     Element {
         /// The descriptor.
         which: Descriptor,
@@ -55,16 +59,21 @@ pub enum DescriptorError {
         value: f32,
     },
     /// A descriptor is 0 in every element, so that it has no direction to compare.
+    #[error("{which} is 0 in every element, so it has no cosine with another")]
     Zero {
         /// The descriptor.
         which: Descriptor,
     },
     /// Two or more references are all equal, so that they cannot tell places apart.
+    #[error("all {references} references are equal, so they cannot tell places apart")]
     AllEqual {
         /// The number of references.
         references: usize,
     },
     /// A distance is too large for 32 bits.
+    #[error(
+        "the distance of query {query} to reference {reference} is {distance:e}, expected at most 3.4028235e38"
+    )]
     TooFar {
         /// The query, from 0.
         query: usize,
@@ -74,6 +83,7 @@ pub enum DescriptorError {
         distance: f64,
     },
     /// The output slice has a wrong length.
+    #[error("there is room for {found} distances, expected {expected}")]
     Room {
         /// Its length.
         found: usize,
@@ -81,37 +91,3 @@ pub enum DescriptorError {
         expected: usize,
     },
 }
-
-impl fmt::Display for DescriptorError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoDimension => write!(f, "descriptors have dimension 0, expected at least 1"),
-            Self::NoReferences => write!(f, "there are no references, expected at least one"),
-            Self::Values { values, dimension } => write!(
-                f,
-                "{values} values are no whole number of descriptors of dimension {dimension}"
-            ),
-            Self::Length { which, length, expected } => {
-                write!(f, "{which} has {length} elements, expected {expected}")
-            }
-            Self::Element { which, element, value } => {
-                write!(f, "element {element} of {which} is {value}, expected a finite value")
-            }
-            Self::Zero { which } => {
-                write!(f, "{which} is 0 in every element, so it has no cosine with another")
-            }
-            Self::AllEqual { references } => {
-                write!(f, "all {references} references are equal, so they cannot tell places apart")
-            }
-            Self::TooFar { query, reference, distance } => write!(
-                f,
-                "the distance of query {query} to reference {reference} is {distance:e}, expected at most 3.4028235e38"
-            ),
-            Self::Room { found, expected } => {
-                write!(f, "there is room for {found} distances, expected {expected}")
-            }
-        }
-    }
-}
-
-impl Error for DescriptorError {}

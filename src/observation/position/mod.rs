@@ -129,7 +129,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
             let error = ObservationError::Parameter { what, value, expected };
-            Err(LikelihoodError::Sensor(Arc::new(error)))
+            Err(LikelihoodError::sensor(error))
         };
         for ((what, limit), value) in P::AXES.into_iter().zip(position.values()) {
             if !(-limit..=limit).contains(&value) {

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 
+use wayfix::error::At;
 use wayfix::inference::SnapshotError;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadClass};
 use wayfix::matching::{
@@ -30,7 +31,7 @@ fn errors_name_the_point_and_the_drive() {
     let text = "point 7 has y NaN, expected metres from -1e9 to 1e9";
     assert_eq!(error.to_string(), text);
     let error = matcher.learn(&[&good, &good, &bad], 3, &mut memory).unwrap_err();
-    assert!(matches!(error, MatchError::Drive { drive: 2, .. }));
+    assert!(matches!(error, MatchError::Drive(At { number: 2, .. })));
     assert_eq!(error.to_string(), format!("drive 2: {text}"));
     assert!(error.source().is_none());
     let error = matcher.learn(&[&good[..], &[]], 3, &mut memory).unwrap_err();
