@@ -6,10 +6,7 @@ use arrow::buffer::ScalarBuffer;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::Value;
 use wayfix::likelihood::{LearnLikelihood, SparseObservation, SparseTableLikelihood};
-use wayfix::{
-    Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood,
-    TableLikelihood,
-};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood, TableLikelihood};
 
 use crate::places::{Fix, Places};
 

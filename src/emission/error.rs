@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use crate::error::{LearnError, LikelihoodError};
 
-/// An invalid parameter or observation of a family, or statistics that determine no parameter.
+/// An invalid parameter or observation of a family, statistics that determine no parameter, or
+/// numbers that are no series of observations.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmissionError {
@@ -146,6 +147,43 @@ pub enum EmissionError {
         to: usize,
         /// Error of the factor, which counts its components from 0.
         cause: Box<EmissionError>,
+    },
+    /// Observations must have at least one component.
+    #[error("observations have 0 components, expected at least 1")]
+    NoComponents,
+    /// The last row is not complete.
+    #[error("{values} values are no whole number of observations with {components} components")]
+    Incomplete {
+        /// Number of values.
+        values: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
+    /// There are fewer rows than an observation with its predecessors needs.
+    #[error("{rows} rows are too few for observations with {order} predecessors")]
+    TooFewRows {
+        /// Number of rows.
+        rows: usize,
+        /// Number of predecessors.
+        order: usize,
+    },
+    /// A file cannot be opened or read.
+    #[error("{file} cannot be read: {reason}")]
+    Read {
+        /// Name of the file.
+        file: String,
+        /// Cause, in words.
+        reason: String,
+    },
+    /// A line is not valid.
+    #[error("{file}, line {line}: {problem}")]
+    Line {
+        /// Name of the file.
+        file: String,
+        /// The line, from 1.
+        line: u64,
+        /// Defect, in words.
+        problem: String,
     },
 }
 

@@ -4,7 +4,9 @@ use std::error::Error;
 use std::fmt;
 use std::sync::Arc;
 
-use super::{At, BeliefError, Failed, HmmError, InferenceError, TableError, TransitionError};
+use super::{
+    At, BeliefError, Failed, HmmError, InferenceError, Parameter, TableError, TransitionError,
+};
 
 /// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
@@ -47,13 +49,8 @@ pub enum LearnError {
     Sequence(#[from] SequenceError),
     /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
     /// infinite.
-    #[error("the {what} is {value}, expected a finite value of at least 0")]
-    Parameter {
-        /// Name of the number.
-        what: &'static str,
-        /// Value found.
-        value: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// There are fewer sequences than groups (folds, say) to divide them into, or one group.
     #[error(
         "{sequences} sequences cannot be divided into {groups} groups, expected 2 groups or more, of at least a sequence each: cut long sequences into pieces"

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::sync::Arc;
 
-use super::Failed;
+use super::{Failed, Parameter};
 
 /// A likelihood that could not be computed or is invalid.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -22,11 +22,8 @@ pub enum LikelihoodError {
         expected: &'static str,
     },
     /// The common log factor is NaN, or above 1e300 in magnitude.
-    #[error("the log factor is {value}, expected a value from -1e300 to 1e300")]
-    LogFactor {
-        /// Value found.
-        value: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// The diagonal, or a vector given as an observation, does not have one value per state.
     #[error("the likelihood has {found} values, expected one for each of {expected} states")]
     WrongLength {

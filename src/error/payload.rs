@@ -1,7 +1,30 @@
 //! Payloads that errors share.
 
+use std::borrow::Cow;
 use std::error::Error;
 use std::fmt;
+
+/// A number that is out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{what} is {value}, expected {expected}")]
+pub struct Parameter {
+    /// Name of the number.
+    pub what: Cow<'static, str>,
+    /// Value found.
+    pub value: f64,
+    /// Valid values, in words.
+    pub expected: &'static str,
+}
+
+impl Parameter {
+    pub(crate) fn new(
+        what: impl Into<Cow<'static, str>>,
+        value: f64,
+        expected: &'static str,
+    ) -> Self {
+        Self { what: what.into(), value, expected }
+    }
+}
 
 /// An error of something that is counted, such as a step, with its cause.
 ///

@@ -1,5 +1,7 @@
 //! Errors of transition operators.
 
+use super::Parameter;
+
 /// An invalid transition operator, or a control that it does not accept.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -138,15 +140,8 @@ pub enum TransitionError {
         expected: usize,
     },
     /// A parameter of the operator is out of range.
-    #[error("{what} is {value}, expected {expected}")]
-    Parameter {
-        /// Name of the parameter.
-        what: String,
-        /// Value found.
-        value: f64,
-        /// Valid values, in words.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A part of the operator has another number of states than the operator it is built on.
     #[error("the {part} has {found} states, expected {expected} as the operator within")]
     PartStates {

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use crate::error::{At, TransitionError};
+use crate::error::{At, Parameter, TransitionError};
 
 /// Estimates that cannot be scored.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -67,11 +67,8 @@ pub enum EvaluationError {
         positives: usize,
     },
     /// A level is not from 0 to 1.
-    #[error("the level is {level}, expected a value from 0 to 1")]
-    Level {
-        /// The level given.
-        level: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// The number of bins is 0.
     #[error("0 bins, expected at least one")]
     NoBins,

@@ -1,11 +1,11 @@
-//! Errors of maps and turning probabilities. Places are named by their ids; lines of files are
+//! Errors of maps, flows and turning probabilities. Places are named by their ids; lines of files are
 //! counted from 1.
 
-use super::FlowError;
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 
-/// Places and roads that do not form a map, or a file that cannot be read.
-#[derive(Debug, thiserror::Error)]
+/// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
+/// fit them, or a file that cannot be read.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapError {
     /// There are no places.
@@ -83,12 +83,6 @@ pub enum MapError {
     /// There are no roads to cut into cells.
     #[error("cells need at least one road, found none")]
     NoRoads,
-    /// The spacing of cells is NaN, infinite, zero or negative.
-    #[error("the spacing of cells is {spacing}, expected metres above 0")]
-    Spacing {
-        /// Value found, in metres.
-        spacing: f64,
-    },
     /// The roads have more cells than 32-bit indices can address.
     #[error(
         "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)"
@@ -147,28 +141,9 @@ pub enum MapError {
         /// Smallest box around all nodes.
         extent: String,
     },
-    /// The radius of merging is negative, infinite or NaN.
-    #[error("the radius of merging is {metres}, expected metres from 0")]
-    Radius {
-        /// Value found, in metres.
-        metres: f64,
-    },
-}
-
-/// An invalid turning rule, or invalid turning probabilities.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum TurningError {
-    /// A number of the rule is out of range.
-    #[error("{what} is {value}, expected {expected}")]
-    Rule {
-        /// Name of the number.
-        what: String,
-        /// Value found.
-        value: f64,
-        /// Valid values, in words.
-        expected: &'static str,
-    },
+    /// A number of a rule or prior, the spacing of cells, or a radius is out of range.
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A turn has a probability above 0 but there is no road.
     #[error(
         "no road leads from place {from} to place {to}, but its turning probability is {value}"
@@ -183,7 +158,7 @@ pub enum TurningError {
     },
     /// The probabilities of the turns out of a place do not sum to one (paper eq. 1).
     #[error("the turning probabilities of place {id} sum to {sum}, expected 1")]
-    Sum {
+    TurningSum {
         /// Id of the place.
         id: u64,
         /// Sum found.
@@ -199,10 +174,50 @@ pub enum TurningError {
         /// Number of moves.
         count: f64,
     },
-    /// Counts of traffic are not those of a flow.
-    #[error(transparent)]
-    Flow(#[from] FlowError),
     /// The probabilities do not form a transition operator.
     #[error(transparent)]
     Transition(#[from] TransitionError),
+    /// There is not one count per road.
+    #[error("{found} counts for {expected} roads, expected one each")]
+    RoadCounts {
+        /// Number of counts.
+        found: usize,
+        /// Number of roads.
+        expected: usize,
+    },
+    /// A count is NaN, negative or infinite, or beyond 1e150.
+    #[error(
+        "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
+    )]
+    RoadCount {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// Value found.
+        value: f64,
+    },
+    /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
+    #[error(
+        "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
+    )]
+    NoWayBack {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// The count.
+        value: f64,
+    },
+    /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
+    /// did not converge there.
+    #[error(
+        "no flow through the turns of place {id} was found, a relative error of {error} is left"
+    )]
+    Unbalanced {
+        /// Id of the node.
+        id: u64,
+        /// Largest relative error that is left.
+        error: f64,
+    },
 }

@@ -1,21 +1,14 @@
 //! Errors of map matching.
 
-use crate::error::{At, InferenceError};
+use crate::error::{At, InferenceError, Parameter};
 
 /// A drive that cannot be matched.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum MatchError {
-    /// A parameter of the model is out of range.
-    #[error("the parameter {what} is {value}, expected {expected}")]
-    Parameter {
-        /// Name of the parameter.
-        what: &'static str,
-        /// Value found.
-        value: f64,
-        /// Valid values.
-        expected: &'static str,
-    },
+    /// A parameter of the model, or a probability that roads are to hold, is out of range.
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A number of a point is out of range.
     #[error("point {point} has {what} {value}, expected {expected}")]
     Point {
@@ -44,12 +37,6 @@ pub enum MatchError {
     /// One of several drives cannot be matched.
     #[error(transparent)]
     Drive(At<Box<MatchError>>),
-    /// A probability that roads are to hold is not above 0 and at most 1.
-    #[error("the mass is {mass}, expected a probability above 0 and at most 1")]
-    Mass {
-        /// Value found.
-        mass: f64,
-    },
     /// A vehicle, or a drive, was made by a matcher of another network.
     #[error(
         "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"

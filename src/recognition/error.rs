@@ -1,22 +1,15 @@
 //! Errors of recognition.
 
-use crate::error::{At, Failed, InferenceError, TransitionError};
-use crate::observation::{DescriptorError, ObservationError};
+use crate::error::{At, Failed, InferenceError, Parameter, TransitionError};
+use crate::observation::ObservationError;
 
 /// An invalid recogniser, query, label or step. The message includes those of its causes.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecognitionError {
     /// An option or another number is out of its range.
-    #[error("{what} is {value}, expected {expected}")]
-    Parameter {
-        /// Name of the number.
-        what: &'static str,
-        /// The value given.
-        value: f64,
-        /// The valid range.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A collection has too few or too many elements.
     #[error("{found} {what}, expected {expected}")]
     Count {
@@ -29,10 +22,10 @@ pub enum RecognitionError {
     },
     /// The descriptors of references are not valid.
     #[error(transparent)]
-    References(At<DescriptorError>),
+    References(At<ObservationError>),
     /// The descriptor of a query is not valid.
     #[error(transparent)]
-    Descriptor(At<DescriptorError>),
+    Descriptor(At<ObservationError>),
     /// The distances of a query are not valid.
     #[error(transparent)]
     Query(At<ObservationError>),
@@ -79,13 +72,13 @@ impl From<InferenceError> for RecognitionError {
 
 impl RecognitionError {
     /// Invalid descriptors of the references of a traverse, from 0.
-    pub(super) fn references(traverse: usize, cause: DescriptorError) -> Self {
+    pub(super) fn references(traverse: usize, cause: ObservationError) -> Self {
         let words = &["the references of traverse ", " are not valid"];
         Self::References(At::new(words, traverse, cause))
     }
 
     /// An invalid descriptor of the query of a step, from 1.
-    pub(super) fn descriptor(step: usize, cause: DescriptorError) -> Self {
+    pub(super) fn descriptor(step: usize, cause: ObservationError) -> Self {
         let words = &["the descriptor of the query of step ", " is not valid"];
         Self::Descriptor(At::new(words, step, cause))
     }

@@ -2,6 +2,7 @@
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
+use crate::error::Parameter;
 use crate::observation::Standardizer;
 
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
@@ -57,7 +58,7 @@ impl Parameters {
                 ),
             ];
             if let Some(&(what, value, _, expected)) = named.iter().find(|named| !named.2) {
-                return Err(RecognitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(Self { standardizer, best_scores, ..Self::new(options) })

@@ -7,7 +7,7 @@ use super::sensor::{Sensor, SensorState};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
-use crate::error::InferenceError;
+use crate::error::{InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::transition::Transition;
 
@@ -207,7 +207,7 @@ impl Track {
             return Ok(());
         }
         let (what, expected) = ("the belief on the map of the state of a track", "above 0");
-        Err(RecognitionError::Parameter { what, value: 0.0, expected })
+        Err(Parameter::new(what, 0.0, expected).into())
     }
 
     /// Extends the track to more references, the first of which are the present ones.

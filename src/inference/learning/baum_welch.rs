@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 
 use super::criteria::Criteria;
-use crate::error::{LearnError, SequenceError};
+use crate::error::{LearnError, Parameter, SequenceError};
 use crate::hmm::Hmm;
 use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
@@ -68,7 +68,8 @@ impl LearningOptions {
             ("pseudo-count of the sensor", self.likelihood_pseudo_count),
         ] {
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(LearnError::Parameter { what, value });
+                let (what, expected) = (format!("the {what}"), "a finite value of at least 0");
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(())

@@ -166,7 +166,7 @@ fn credible_stretches_say_what_they_hold() {
         for bad in [0.0, -0.5, 1.0 + 1e-12, f64::NAN, f64::INFINITY] {
             for result in [vehicle.credible(&matcher, bad), found.credible(&matcher, 0, bad)] {
                 let error = result.unwrap_err();
-                assert!(matches!(error, MatchError::Mass { .. }));
+                assert!(matches!(error, MatchError::Parameter(_)));
                 let expected =
                     format!("the mass is {bad}, expected a probability above 0 and at most 1");
                 assert_eq!(error.to_string(), expected);

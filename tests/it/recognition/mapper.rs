@@ -1,9 +1,9 @@
 //! Mapping while driving: what is refused, and what is carried over.
 
 use wayfix::InferenceError;
-use wayfix::error::{At, Failed};
+use wayfix::error::{At, Failed, Parameter};
 use wayfix::motion::OffMap;
-use wayfix::observation::{DescriptorError, Distance};
+use wayfix::observation::{Distance, ObservationError};
 use wayfix::recognition::{Mapper, Options, RecognitionError, Seen};
 
 const LOOP: usize = 120;
@@ -30,8 +30,8 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
                 let before = mapper.references().len();
                 let error = mapper.step(wrong, None).unwrap_err();
                 match error {
-                    RecognitionError::Parameter { what, .. } => {
-                        assert_eq!((what, wrong), ("the length of a descriptor", &too_long[..]));
+                    RecognitionError::Parameter(Parameter { what, .. }) => {
+                        assert_eq!((&*what, wrong), ("the length of a descriptor", &too_long[..]));
                     }
                     RecognitionError::Descriptor(At { number: at, .. }) => assert_eq!(at, step + 1),
                     error => panic!("{error}"),
@@ -47,7 +47,7 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
     }
     let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
     let error = mapper.step(&[0.0; 4], None).unwrap_err();
-    let zero = |source: &_| matches!(source, DescriptorError::Zero { .. });
+    let zero = |source: &_| matches!(source, ObservationError::Zero { .. });
     assert!(matches!(&error, RecognitionError::Descriptor(At { cause, .. }) if zero(cause)));
     assert_eq!(
         error.to_string(),
