@@ -3,8 +3,8 @@
 //!
 //! A message says what was found, where, and what was expected, and ends with the message of its
 //! cause. As the cause is in the text already, `source` returns the cause's own source, so that a
-//! printed chain repeats nothing: a cause is in [`At`] or [`Failed`] where it may have a source. States and symbols are counted from 0, as in slices; steps from
-//! 1, as in `y_1 … y_T`.
+//! printed chain repeats nothing: a cause that may have one is in [`At`] or [`Failed`]. States and
+//! symbols are counted from 0, as in slices; steps from 1, as in `y_1 … y_T`.
 
 mod belief;
 mod hmm;
