@@ -20,7 +20,7 @@ pub enum EmissionError {
         components: usize,
     },
     /// A list of parameters has a wrong length.
-    #[error("the {what}{} has {found} values, expected {expected}", of_state(.state))]
+    #[error("the {what}{} has {found} values, expected {expected}", of_state(*.state))]
     Length {
         /// Name of the parameter.
         what: &'static str,
@@ -32,7 +32,7 @@ pub enum EmissionError {
         expected: usize,
     },
     /// A parameter is out of its range.
-    #[error("the {what}{}{} is {value}, expected {expected}", of_state(.state), at(.component))]
+    #[error("the {what}{}{} is {value}, expected {expected}", of_state(*.state), at(*.component))]
     Parameter {
         /// Name of the parameter.
         what: &'static str,
@@ -46,7 +46,7 @@ pub enum EmissionError {
         expected: &'static str,
     },
     /// A covariance is not positive definite.
-    #[error("the covariance{} is not positive definite, at component {component}", of_state(.state))]
+    #[error("the covariance{} is not positive definite, at component {component}", of_state(*.state))]
     NotPositiveDefinite {
         /// The state, from 0, unless the covariance is common to all.
         state: Option<usize>,
@@ -54,7 +54,7 @@ pub enum EmissionError {
         component: usize,
     },
     /// The observations behind a state do not determine its parameters.
-    #[error("the {what}{}{} cannot be estimated from {} expected observations: {reason}", of_state(.state), at(.component), rounded(*.weight))]
+    #[error("the {what}{}{} cannot be estimated from {} expected observations: {reason}", of_state(*.state), at(*.component), rounded(*.weight))]
     TooFew {
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
@@ -238,12 +238,12 @@ impl EmissionError {
 }
 
 /// " of state 3", or nothing.
-fn of_state(state: &Option<usize>) -> String {
+fn of_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |state| format!(" of state {state}"))
 }
 
 /// ", component 2,", or nothing.
-fn at(component: &Option<usize>) -> String {
+fn at(component: Option<usize>) -> String {
     component.map_or_else(String::new, |component| format!(", component {component},"))
 }
 

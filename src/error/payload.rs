@@ -26,6 +26,18 @@ impl Parameter {
     }
 }
 
+/// A number of things that is not the one expected.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{found} {what}, expected {expected}")]
+pub struct Count {
+    /// Name of the things, in the plural.
+    pub what: &'static str,
+    /// Number found.
+    pub found: usize,
+    /// Number expected.
+    pub expected: usize,
+}
+
 /// An error of something that is counted, such as a step, with its cause.
 ///
 /// The message ends with that of the cause, so that `source` is the source of the cause.

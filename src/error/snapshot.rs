@@ -1,5 +1,7 @@
 //! Errors of reading a snapshot from bytes.
 
+use super::Count;
+
 /// Bytes that are not a valid snapshot.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -40,11 +42,8 @@ pub enum SnapshotError {
         expected: usize,
     },
     /// There are bytes after the end of the snapshot.
-    #[error("{bytes} bytes after the snapshot, expected 0")]
-    Trailing {
-        /// Number of these bytes.
-        bytes: usize,
-    },
+    #[error(transparent)]
+    Trailing(Count),
     /// The control of a past step could not be read.
     #[error("the control of past step {index} could not be read")]
     Control {

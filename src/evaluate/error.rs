@@ -51,7 +51,7 @@ pub enum EvaluationError {
         expected: &'static str,
     },
     /// A range of true places is empty; off the map is `None`.
-    #[error("the true places {range:?}{} are none, expected at least one", at(.index))]
+    #[error("the true places {range:?}{} are none, expected at least one", at(*.index))]
     EmptyRange {
         /// Its index in the slice, from 0, or `None` for a single range.
         index: Option<usize>,
@@ -81,6 +81,6 @@ impl EvaluationError {
     }
 }
 
-fn at(index: &Option<usize>) -> String {
+fn at(index: Option<usize>) -> String {
     index.map_or_else(String::new, |index| format!(" at index {index}"))
 }

@@ -1,6 +1,6 @@
 //! Errors of recognition.
 
-use crate::error::{At, Failed, InferenceError, Parameter, TransitionError};
+use crate::error::{At, Count, Failed, InferenceError, Parameter, TransitionError};
 use crate::observation::ObservationError;
 
 /// An invalid recogniser, query, label or step. The message includes those of its causes.
@@ -11,15 +11,8 @@ pub enum RecognitionError {
     #[error(transparent)]
     Parameter(#[from] Parameter),
     /// A collection has too few or too many elements.
-    #[error("{found} {what}, expected {expected}")]
-    Count {
-        /// Name of the elements.
-        what: &'static str,
-        /// Elements found.
-        found: usize,
-        /// Elements expected.
-        expected: usize,
-    },
+    #[error(transparent)]
+    Count(#[from] Count),
     /// The descriptors of references are not valid.
     #[error(transparent)]
     References(At<ObservationError>),

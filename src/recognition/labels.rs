@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::{RecognitionError, Recognizer};
-use crate::error::InferenceError;
+use crate::error::{Count, InferenceError};
 use crate::motion::{OffMap, RouteControl};
 use crate::observation::{ObservationError, RowScratch, row_scores};
 use crate::transition::Transition;
@@ -63,7 +63,7 @@ impl Recognizer {
             ];
             for (what, count, needed) in counts {
                 if needed && count != expected {
-                    return Err(RecognitionError::Count { what, found: count, expected });
+                    return Err(Count { what, found: count, expected }.into());
                 }
             }
             for (step, places) in part.places.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
-use crate::error::Parameter;
+use crate::error::{Count, Parameter};
 use crate::observation::Standardizer;
 
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
@@ -102,7 +102,7 @@ impl Parameters {
     pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
         self.options.check()?;
         if references == 0 {
-            return Err(RecognitionError::Count { what: "references", found: 0, expected: 1 });
+            return Err(Count { what: "references", found: 0, expected: 1 }.into());
         }
         let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
         Ok(if others { self.without_references() } else { self })

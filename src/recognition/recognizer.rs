@@ -6,6 +6,7 @@ use super::parameters::Parameters;
 use super::references::{References, View, ViewScratch};
 use super::sensor::{Seeing, Sensor};
 use super::{Options, RecognitionError};
+use crate::error::Count;
 use crate::hmm::{Hmm, Prior};
 use crate::kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
@@ -116,10 +117,12 @@ impl Recognizer {
         let motion = options.motion(n)?;
         let groups = motion.place_groups();
         let prior = Prior::AtFirstObservation(motion.anywhere());
-        let wrong = |_| RecognitionError::Count {
-            what: "groups of states",
-            found: groups.count(),
-            expected: n,
+        let wrong = |_| {
+            RecognitionError::Count(Count {
+                what: "groups of states",
+                found: groups.count(),
+                expected: n,
+            })
         };
         let sensor = LikelihoodVector::linear(groups.count()).owned();
         let camera = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;

@@ -7,7 +7,7 @@ use super::sensor::{Sensor, SensorState};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
-use crate::error::{InferenceError, Parameter};
+use crate::error::{Count, InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::transition::Transition;
 
@@ -180,7 +180,7 @@ impl Track {
         for found in [Some(state.references()), rows].into_iter().flatten() {
             if found != expected {
                 let what = "references of the state of a track";
-                return Err(RecognitionError::Count { what, found, expected });
+                return Err(Count { what, found, expected }.into());
             }
         }
         if filter.steps() >= MOST_STEPS {

@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use wayfix::InferenceError;
-use wayfix::error::{At, Failed};
+use wayfix::error::{At, Count, Failed};
 use wayfix::observation::Distance;
 use wayfix::recognition::{LabelledPart, Options, RecognitionError, Recognizer};
 
@@ -61,7 +61,7 @@ fn bad_queries_are_errors_and_the_track_stays() {
     let answer = { answer }.step(&[f32::INFINITY; 3], None).unwrap();
     assert_eq!((answer.place, answer.off_map), (None, 1.0));
     let error = rows.recording(&[[0.1, 0.5, 0.9]], &[None, None]).unwrap_err();
-    assert!(matches!(error, RecognitionError::Count { found: 2, expected: 1, .. }));
+    assert!(matches!(error, RecognitionError::Count(Count { found: 2, expected: 1, .. })));
 }
 
 #[test]
