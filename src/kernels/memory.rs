@@ -25,7 +25,8 @@ pub(crate) struct Aligned {
 impl Aligned {
     /// Creates `len` values.
     pub(crate) fn new(len: usize, value: f64) -> Self {
-        // By size: what alignment gains grows with the number of loads, what it wastes does not.
+        // The larger a vector is, the more loads gain from alignment, and the less the memory
+        // before its start matters.
         let (unit, room) = match len * size_of::<f64>() {
             LARGE.. => (LARGE_PAGE, 2),
             SEVERAL_PAGES.. => (PAGE, 1),

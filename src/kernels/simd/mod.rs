@@ -150,9 +150,9 @@ pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
 /// The processor must have the instructions.
 #[inline(always)]
 unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
-    // Functions that may use the instructions. `WithSimd::run` and all that it calls become part
-    // of them, as all is `#[inline(always)]`: code of its own would not have the instructions, and
-    // pass vectors through memory.
+    // Functions that may use the instructions. `WithSimd::run` and all that it calls become part of
+    // them, as all is `#[inline(always)]`: a function of its own would be compiled without the
+    // instructions, and get vectors through memory.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     unsafe fn avx2<K: WithSimd>(kernel: *const K) -> K::Output {

@@ -128,7 +128,7 @@ pub(crate) fn store<S: Simd>(s: S, (blocks, rest): &mut BlocksMut<'_>, number: u
 /// Sum over the lanes, in pairs.
 #[inline(always)]
 pub(crate) fn total([a, b, c, d, e, f, g, h]: Eight) -> f64 {
-    // Fixed by parentheses: with any instructions, and by the scalar loops of `vector`, the sum is
-    // the same to the bit.
+    // The parentheses fix the order: the sum is the same to the bit with any instructions, and in
+    // the scalar loops of `vector`.
     ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
