@@ -362,5 +362,6 @@ impl<'a> Likelihoods<'a> {
 #[inline]
 pub(crate) fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
-    !updated.negative_likelihood && limits::holds(products, predicted, largest_likelihood, lift)
+    !updated.negative_likelihood
+        && limits::linear_holds(products, predicted, largest_likelihood, lift)
 }
