@@ -4,37 +4,26 @@ use faer::{ContiguousFwd, MatRef};
 
 use crate::sequence::Sequence;
 
-/// A d × T matrix of faer as a sequence of its T columns, each an observation of d numbers.
+/// The T columns of a d × T matrix, each an observation of d numbers, without copying them.
+/// `try_as_col_major` of a matrix of faer gives this form of it, unless the values of a column do
+/// not lie one after another.
 ///
-/// Borrows the matrix. A T × d matrix with an observation in each row has its values in the
-/// wrong order for faer, which stores columns; keep its transpose, or use [`Rows`](super::Rows).
+/// A T × d matrix with an observation in each row has its values in the wrong order for faer, which
+/// stores columns; keep its transpose, or use [`Rows`](super::Rows).
 ///
 /// ```
 /// use wayfix::Sequence;
-/// use wayfix::emission::Columns;
 ///
 /// let values = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0];
 /// let matrix = faer::MatRef::from_column_major_slice(&values, 2, 3);
-/// let columns = Columns::new(matrix).expect("stored by columns");
+/// let columns = matrix.try_as_col_major().expect("stored by columns");
 /// assert_eq!(columns.steps(), 3);
 /// assert_eq!(columns.observation(2), [2.0, 20.0]);
-/// assert!(Columns::new(matrix.transpose()).is_none());
+/// assert!(matrix.transpose().try_as_col_major().is_none());
 /// ```
-#[derive(Debug, Clone, Copy)]
-pub struct Columns<'a>(MatRef<'a, f64, usize, usize, ContiguousFwd>);
-
-impl<'a> Columns<'a> {
-    /// Takes a matrix, or returns `None` unless the values of each column lie one after another.
-    /// O(1).
-    #[must_use]
-    pub fn new(matrix: MatRef<'a, f64>) -> Option<Self> {
-        matrix.try_as_col_major().map(Self)
-    }
-}
-
-impl Sequence<(), [f64]> for Columns<'_> {
+impl Sequence<(), [f64]> for MatRef<'_, f64, usize, usize, ContiguousFwd> {
     fn steps(&self) -> usize {
-        self.0.ncols()
+        self.ncols()
     }
 
     fn control(&self, _: usize) -> &() {
@@ -42,6 +31,6 @@ impl Sequence<(), [f64]> for Columns<'_> {
     }
 
     fn observation(&self, step: usize) -> &[f64] {
-        self.0.col(step - 1).as_slice()
+        self.col(step - 1).as_slice()
     }
 }

@@ -3,10 +3,6 @@
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::{
-    Gaussian, GaussianMixture, Independent, LinearRegression, Multinomial, StudentT, Univariate,
-    VonMisesFisher,
-};
 use crate::fixed::Fixed;
 use crate::likelihood::Likelihood;
 
@@ -41,7 +37,7 @@ use crate::likelihood::Likelihood;
 ///     }
 /// }
 ///
-/// let networks = Poisson::new(&[[2.0], [9.0]])?; // that are received on either floor
+/// let networks = Poisson::family(&[[2.0], [9.0]])?; // that are received on either floor
 /// let both = Product::new(Barometer(2), networks)?;
 /// assert_eq!(both.components(), 2);
 /// # Ok::<(), wayfix::emission::EmissionError>(())
@@ -51,28 +47,21 @@ pub trait Family: Likelihood<Observation = [f64]> {
     fn components(&self) -> usize;
 }
 
-macro_rules! families {
-    ($([$($generics:tt)*] $family:ty, |$self:ident| $components:expr;)*) => {$(
-        impl<$($generics)*> Family for $family {
+macro_rules! delegates {
+    ($($wrapper:ty [$($bound:tt)*], |$this:ident| $inner:expr;)*) => {$(
+        impl<B: Family $($bound)*> Family for $wrapper {
             fn components(&self) -> usize {
-                let $self = self;
-                $components
+                let $this = self;
+                $inner.components()
             }
         }
     )*};
 }
 
-families! {
-    [F: Univariate] Independent<F>, |family| family.components();
-    [] Gaussian, |family| family.components();
-    [] GaussianMixture, |family| family.components();
-    [] StudentT, |family| family.components();
-    [] LinearRegression, |family| family.inputs() + family.outputs();
-    [] Multinomial, |family| family.components();
-    [] VonMisesFisher, |family| family.components();
-    [B: Family] Fixed<B>, |family| family.0.components();
-    [B: Family + ?Sized] &B, |family| (**family).components();
-    [B: Family + ?Sized] Box<B>, |family| (**family).components();
-    [B: Family + ?Sized] Rc<B>, |family| (**family).components();
-    [B: Family + ?Sized] Arc<B>, |family| (**family).components();
+delegates! {
+    Fixed<B> [], |fixed| fixed.0;
+    &B [+ ?Sized], |family| (**family);
+    Box<B> [+ ?Sized], |family| (**family);
+    Rc<B> [+ ?Sized], |family| (**family);
+    Arc<B> [+ ?Sized], |family| (**family);
 }

@@ -1,16 +1,17 @@
-//! Gaussian vectors.
+//! Gaussian vectors: their densities b_i(y) (section 1 of the guide's formulas) and M step (section
+//! 9).
 
 use std::error::Error;
 
 use rand::Rng;
 
-use super::EmissionError;
+use super::check::{check_length, flatten};
 use super::normal::{
-    CovarianceType, GaussianPrior, Moments, Normals, Settings, check_covariances, eights, flatten,
-    in_blocks, settings,
+    CovarianceType, GaussianStatistics, Normals, Settings, eights, flatten_covariances, in_blocks,
+    settings,
 };
+use super::{EmissionError, Family, StartFromClusters};
 use crate::error::LikelihoodError;
-use crate::kernels::Eight;
 use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
 
@@ -55,7 +56,6 @@ use crate::reorder::ReorderStates;
 #[derive(Debug, Clone)]
 pub struct Gaussian {
     normals: Normals,
-    prior: Option<GaussianPrior>,
 }
 
 impl Gaussian {
@@ -125,22 +125,12 @@ impl Gaussian {
         }
         let means = flatten("mean", means, d)?;
         let expected = if kind == CovarianceType::Tied { 1 } else { states };
-        if covariances.len() != expected {
-            let (what, state, found) = ("list of covariances", None, covariances.len());
-            return Err(EmissionError::Length { what, state, found, expected });
-        }
+        check_length("list of covariances", None, covariances.len(), expected)?;
         let covariances = flatten_covariances(kind, covariances, d)?;
-        let normals = Normals::new(kind, d, means, covariances, Settings::default())?;
-        Ok(Self { normals, prior: None })
+        Ok(Self { normals: Normals::new(kind, d, means, covariances, Settings::default())? })
     }
 
     settings!();
-
-    /// Type of the covariances.
-    #[must_use]
-    pub fn covariance_type(&self) -> CovarianceType {
-        self.normals.kind()
-    }
 
     /// Returns the mean of a state, or `None` if it does not exist.
     #[must_use]
@@ -167,24 +157,13 @@ impl Gaussian {
         self.normals.covariances()
     }
 
-    pub(super) fn of(normals: Normals, prior: Option<GaussianPrior>) -> Self {
-        Self { normals, prior }
+    pub(super) fn of(normals: Normals) -> Self {
+        Self { normals }
     }
 
-    pub(super) fn into_parts(self) -> (Normals, Option<GaussianPrior>) {
-        (self.normals, self.prior)
+    pub(super) fn normals(&self) -> &Normals {
+        &self.normals
     }
-}
-
-/// Checks covariances, and returns them one after the other.
-pub(super) fn flatten_covariances<V: AsRef<[f64]>>(
-    kind: CovarianceType,
-    covariances: &[V],
-    d: usize,
-) -> Result<Vec<f64>, EmissionError> {
-    let flat = flatten("covariance", covariances, kind.values(d))?;
-    check_covariances(kind, d, &flat)?;
-    Ok(flat)
 }
 
 impl Likelihood for Gaussian {
@@ -208,6 +187,12 @@ impl Likelihood for Gaussian {
     }
 }
 
+impl Family for Gaussian {
+    fn components(&self) -> usize {
+        self.normals.components()
+    }
+}
+
 impl SampleObservation for Gaussian {
     type Sample = Vec<f64>;
 
@@ -216,34 +201,22 @@ impl SampleObservation for Gaussian {
     }
 }
 
-/// Statistics of a [`Gaussian`]: weights, means and scatter of the observations of each state.
-#[derive(Debug, Clone)]
-pub struct GaussianStatistics {
-    moments: Moments,
-    weights: Vec<Eight>,
-    memory: Vec<Eight>,
-}
-
 impl LearnLikelihood for Gaussian {
     type Statistics = GaussianStatistics;
 
     fn statistics(&self) -> GaussianStatistics {
-        GaussianStatistics {
-            moments: self.normals.moments(),
-            weights: vec![Eight::default(); self.normals.blocks()],
-            memory: vec![Eight::default(); self.normals.memory()],
-        }
+        self.normals.statistics(0)
     }
 
     #[inline]
     fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
-        let GaussianStatistics { moments, weights, memory } = statistics;
+        let GaussianStatistics { moments, weights: [weights, _], memory, .. } = statistics;
         in_blocks(posterior, weights);
         self.normals.add(moments, y, weights, weights, memory);
     }
 
     fn merge(&self, statistics: &mut GaussianStatistics, other: &GaussianStatistics) {
-        statistics.moments.merge(&other.moments);
+        statistics.merge(other);
     }
 
     fn maximize(
@@ -251,13 +224,11 @@ impl LearnLikelihood for Gaussian {
         statistics: &GaussianStatistics,
         _: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let prior = self.prior.as_ref();
-        let normals = self.normals.maximize(&statistics.moments, None, prior)?;
-        Ok(Self { normals, prior: self.prior.clone() })
+        Ok(Self { normals: self.normals.maximize(&statistics.moments, None)? })
     }
 
     fn log_prior(&self, _: f64) -> f64 {
-        self.prior.as_ref().map_or(0.0, |prior| prior.log_density(&self.normals))
+        self.normals.log_prior()
     }
 
     fn free_parameters(&self) -> usize {
@@ -265,8 +236,10 @@ impl LearnLikelihood for Gaussian {
     }
 }
 
+impl StartFromClusters for Gaussian {}
+
 impl ReorderStates for Gaussian {
     fn reordered(&self, order: &[usize]) -> Self {
-        Self { normals: self.normals.select(order), prior: self.prior.clone() }
+        Self { normals: self.normals.select(order) }
     }
 }

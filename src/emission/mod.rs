@@ -1,19 +1,19 @@
 //! Families of observations whose parameters are learned (feature `emission`).
 //!
 //! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
-//! without copying it, [`Columns`] of a d × T matrix of faer, and `Series` reads the columns of a CSV
-//! file (feature `csv`), or `SeriesReader`, if texts such as `NA` stand for missing values. Each
-//! family is a [`Likelihood`](crate::Likelihood) with one set of parameters for each state; it is
-//! learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
+//! without copying it, a d × T matrix of faer is one after `try_as_col_major`, and `Series` reads
+//! the columns of a CSV file (feature `csv`), or `SeriesReader`, if texts such as `NA` stand for
+//! missing values. Each family is a [`Likelihood`](crate::Likelihood) with one set of parameters for
+//! each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
 //! [`Hmm::simulate`](crate::Hmm::simulate).
 //!
 //! | for | use |
 //! |---|---|
-//! | events that happen or not | [`Bernoulli`] |
-//! | counts of events | [`Poisson`] |
+//! | events that happen or not | [`Bernoulli::family`] |
+//! | counts of events | [`Poisson::family`] |
 //! | counts of several kinds in so many trials | [`Multinomial`] |
-//! | durations and speeds | [`Gamma`], [`LogNormal`] |
-//! | headings and other angles | [`VonMises`] |
+//! | durations and speeds | [`Gamma::family`], [`LogNormal::family`] |
+//! | headings and other angles | [`VonMises::family`] |
 //! | directions in d ≥ 2 dimensions | [`VonMisesFisher`] |
 //! | vectors of real numbers | [`Gaussian`], [`GaussianMixture`] |
 //! | the same with outliers | [`StudentT`] |
@@ -23,24 +23,34 @@
 //!
 //! Symbols (hmmlearn's `CategoricalHMM`) are observations of a
 //! [`TableLikelihood`](crate::TableLikelihood), which needs no feature.
+//!
+//! # Layers
+//!
+//! In terms of the [formulas](crate::guide::formulas), a family is the b_i(y) of section 1, and
+//! learning the M-step of section 9. Modules stand on those of the lines above them alone:
+//!
+//! ```text
+//! error, check, special, rows, columns, series     errors, checks, functions, sequences of rows
+//! family, clusters                                 a row's width; families from clusters
+//! normal (Gaussian densities, their moments), concentration (of directions)
+//! independent (and its distributions), gaussian
+//! multinomial, von_mises_fisher, gaussian_mixture, student_t, linear_regression
+//! product                                          several families in one row
+//! start                                            models to begin learning with
+//! ```
 
-mod bernoulli;
-mod clustered;
+mod check;
 mod clusters;
 mod columns;
 mod concentration;
 mod error;
 mod family;
-mod gamma;
 mod gaussian;
 mod gaussian_mixture;
 mod independent;
-mod k_means;
 mod linear_regression;
-mod log_normal;
 mod multinomial;
 mod normal;
-mod poisson;
 mod product;
 mod rows;
 #[cfg(feature = "csv")]
@@ -50,25 +60,17 @@ mod series_reader;
 mod special;
 mod start;
 mod student_t;
-pub mod univariate;
-mod von_mises;
 mod von_mises_fisher;
 
-pub use bernoulli::Bernoulli;
-pub use clustered::{ClusteredObservations, StartFromClusters};
-pub use clusters::Clusters;
-pub use columns::Columns;
+pub use clusters::{Clusters, StartFromClusters};
 pub use error::EmissionError;
 pub use family::Family;
-pub use gamma::Gamma;
-pub use gaussian::{Gaussian, GaussianStatistics};
-pub use gaussian_mixture::{GaussianMixture, GaussianMixtureStatistics};
-pub use independent::Independent;
-pub use linear_regression::{LinearRegression, LinearRegressionStatistics};
-pub use log_normal::LogNormal;
+pub use gaussian::Gaussian;
+pub use gaussian_mixture::GaussianMixture;
+pub use independent::{Bernoulli, Gamma, Independent, LogNormal, Poisson, Univariate, VonMises};
+pub use linear_regression::LinearRegression;
 pub use multinomial::Multinomial;
-pub use normal::{CovarianceType, GaussianPrior};
-pub use poisson::Poisson;
+pub use normal::{CovarianceType, GaussianPrior, GaussianStatistics};
 pub use product::Product;
 pub use rows::Rows;
 #[cfg(feature = "csv")]
@@ -76,7 +78,5 @@ pub use series::Series;
 #[cfg(feature = "csv")]
 pub use series_reader::SeriesReader;
 pub use start::starts;
-pub use student_t::{StudentT, StudentTStatistics};
-pub use univariate::Univariate;
-pub use von_mises::VonMises;
+pub use student_t::StudentT;
 pub use von_mises_fisher::VonMisesFisher;

@@ -1,18 +1,21 @@
-//! Counts of several kinds in a number of trials.
+//! Counts of several kinds in a number of trials: b_i(y) (section 1 of the formulas), M step
+//! (section 9).
 
 use std::error::Error;
 
 use rand::Rng;
 use rand_distr::{Binomial, Distribution};
 
-use super::error::EmissionError;
-use super::independent::shape;
-use super::special::log_excess;
-use super::univariate::Count;
+use super::check::{at, check, check_components, shape};
+use super::independent::{is_count, log_probability};
+use super::special::{ln_factorial, log_excess};
+use super::{EmissionError, Family, StartFromClusters};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
 use crate::kernels;
-use crate::likelihood::{Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch};
+use crate::likelihood::{
+    Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, shares,
+};
 use crate::reorder::ReorderStates;
 
 /// Number of trials from which on a probability is computed by distances from the expected counts:
@@ -77,25 +80,13 @@ impl Multinomial {
         for (i, row) in probabilities.iter().enumerate() {
             let row = row.as_ref();
             for (c, &value) in row.iter().enumerate() {
-                if !(0.0..=1.0 + SUM_TOLERANCE).contains(&value) {
-                    let (state, component) = (Some(i), Some(c));
-                    let (what, expected) = ("probability", "a value from 0 to 1");
-                    return Err(EmissionError::Parameter {
-                        what,
-                        state,
-                        component,
-                        value,
-                        expected,
-                    });
-                }
-                columns[c * states + i] = value;
+                let valid = (0.0..=1.0 + SUM_TOLERANCE).contains(&value);
+                let value = check("probability", value, valid, "a value from 0 to 1");
+                columns[c * states + i] = value.map_err(|error| at(error, i, Some(c)))?;
             }
             let value = kernels::sum(row);
-            if (value - 1.0).abs() > SUM_TOLERANCE {
-                let (state, component) = (Some(i), None);
-                let (what, expected) = ("sum of probabilities", "1");
-                return Err(EmissionError::Parameter { what, state, component, value, expected });
-            }
+            let valid = (value - 1.0).abs() <= SUM_TOLERANCE;
+            check("sum of probabilities", value, valid, "1").map_err(|error| at(error, i, None))?;
             above_one.push(value - 1.0);
         }
         Ok(Self::from_columns(columns, above_one))
@@ -120,12 +111,6 @@ impl Multinomial {
         Self { trials: trials.into(), ..self }
     }
 
-    /// Number of outcomes, d.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.probabilities.len() / self.states
-    }
-
     /// True if a row of NaN alone is a missing observation.
     #[must_use]
     pub fn takes_missing(&self) -> bool {
@@ -145,18 +130,9 @@ impl Multinomial {
         (0..self.states).map(row).collect()
     }
 
-    /// Returns the family as it was stored.
-    #[cfg(feature = "serde")]
-    pub(crate) fn restored(self, missing: bool, trials: u32) -> Self {
-        Self { missing, trials: trials.into(), ..self }
-    }
-
     /// Returns the number of trials of a valid row, or `None` if it is missing.
     fn check(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
-        let (found, expected) = (observation.len(), self.components());
-        if found != expected {
-            return Err(EmissionError::Components { found, expected });
-        }
+        check_components(observation, self.components())?;
         if self.missing && observation.iter().all(|y| y.is_nan()) {
             return Ok(None);
         }
@@ -165,11 +141,11 @@ impl Multinomial {
         };
         let mut trials = 0.0;
         for entry in observation.iter().enumerate() {
-            if !Count::is_valid(*entry.1) {
+            if !is_count(*entry.1) {
                 return refused(entry, "a whole number from 0 to 2^53");
             }
             trials += entry.1;
-            if !Count::is_valid(trials) {
+            if !is_count(trials) {
                 return refused(entry, "counts with a sum of up to 2^53");
             }
         }
@@ -192,24 +168,22 @@ impl Likelihood for Multinomial {
         let n = self.states;
         let logs = scratch.values(n);
         logs.fill(0.0);
-        let Some(trials) = self.check(observation)?.and_then(Count::new) else {
+        let Some(number) = self.check(observation)? else {
             return Ok(Diagonal::log(logs));
         };
-        let number = trials.value();
-        let (whole, rest) = trials.ln_factorial();
+        let (whole, rest) = ln_factorial(number);
         let parts = self.probabilities.chunks_exact(n).zip(self.logs.chunks_exact(n));
         for (&value, (ps, ln_ps)) in observation.iter().zip(parts) {
-            let Some(count) = Count::new(value) else { continue };
+            let factorial = ln_factorial(value);
             let parts = logs.iter_mut().zip(ps.iter().zip(ln_ps));
             if number >= MANY {
                 // Poisson counts, given their sum, are multinomial.
                 let ln = number.ln();
                 parts.for_each(|(log, (p, ln_p))| {
-                    *log += count.log_probability(number * p, ln + ln_p);
+                    *log += log_probability((value, factorial), (number * p, ln + ln_p));
                 });
             } else if value > 0.0 {
-                let ln_factorial = count.ln_factorial().0;
-                parts.for_each(|(log, (_, ln_p))| *log += value * ln_p - ln_factorial);
+                parts.for_each(|(log, (_, ln_p))| *log += value * ln_p - factorial.0);
             }
         }
         if number >= MANY {
@@ -221,6 +195,12 @@ impl Likelihood for Multinomial {
             above.for_each(|(log, above)| *log += whole - number * above.ln_1p());
         }
         Ok(Diagonal::log(logs))
+    }
+}
+
+impl Family for Multinomial {
+    fn components(&self) -> usize {
+        self.probabilities.len() / self.states
     }
 }
 
@@ -271,11 +251,8 @@ impl LearnLikelihood for Multinomial {
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let row = |(i, old): (usize, Vec<f64>)| {
-            let seen = statistics[i..].iter().step_by(self.states).zip(&old);
-            let weight = |(seen, p): (&f64, &f64)| if *p > 0.0 { seen + pseudo_count } else { 0.0 };
-            let weights: Vec<f64> = seen.map(weight).collect();
-            let sum: f64 = weights.iter().sum();
-            if sum < f64::MIN_POSITIVE { old } else { weights.iter().map(|w| w / sum).collect() }
+            let counts = statistics[i..].iter().step_by(self.states).copied().collect::<Vec<f64>>();
+            shares(&old, &counts, pseudo_count)
         };
         let rows: Vec<_> = self.probabilities().into_iter().enumerate().map(row).collect();
         Ok(Self { missing: self.missing, trials: self.trials, ..Self::new(&rows)? })
@@ -293,6 +270,8 @@ impl LearnLikelihood for Multinomial {
         self.probabilities.iter().filter(|p| **p > 0.0).count() - self.states
     }
 }
+
+impl StartFromClusters for Multinomial {}
 
 impl ReorderStates for Multinomial {
     fn reordered(&self, order: &[usize]) -> Self {

@@ -1,11 +1,12 @@
-//! Several families in one row.
+//! Several families in one row: b_i(y) is the product of theirs (section 1 of the formulas).
 
 use std::borrow::Borrow;
-use std::error::Error;
 
 use rand::Rng;
 
-use super::{ClusteredObservations, EmissionError, Family, StartFromClusters};
+use super::check::check_length;
+use super::clusters::Outcome;
+use super::{Clusters, EmissionError, Family, StartFromClusters};
 use crate::error::LikelihoodError;
 use crate::likelihood::{
     Diagonal, LearnLikelihood, Likelihood, SampleObservation, Scratch, product_of,
@@ -29,9 +30,9 @@ use crate::reorder::ReorderStates;
 ///
 /// // A vehicle on one of two roads, with a heading in radians, a speed in metres per second and
 /// // the number of satellites in view.
-/// let heading = VonMises::new(&[[0.0], [1.6]], &[[2.0], [2.0]])?;
-/// let speed = Gamma::new(&[[2.0], [2.0]], &[[3.0], [8.0]])?; // shapes, then scales
-/// let satellites = Poisson::new(&[[6.0], [10.0]])?;
+/// let heading = VonMises::family(&[[0.0], [1.6]], &[[2.0], [2.0]])?;
+/// let speed = Gamma::family(&[[2.0], [2.0]], &[[3.0], [8.0]])?; // shapes, then scales
+/// let satellites = Poisson::family(&[[6.0], [10.0]])?;
 /// let sensors = Product::new(heading, Product::new(speed, satellites)?)?;
 ///
 /// let hmm = Hmm::new(
@@ -46,10 +47,10 @@ use crate::reorder::ReorderStates;
 ///
 /// let learned = hmm.learn(&[rows], &LearningOptions::default())?;
 /// let (heading, others) = learned.model().likelihood().clone().into_parts();
-/// assert!((heading.means()[1][0] - 1.575).abs() < 1e-3);
-/// let (shapes, scales) = (others.first().shapes(), others.first().scales());
-/// assert!((shapes[0][0] * scales[0][0] - 6.5).abs() < 1e-3);
-/// assert!((others.second().rates()[1][0] - 11.5).abs() < 1e-3);
+/// assert!((heading.component(1, 0).unwrap().mean() - 1.575).abs() < 1e-3);
+/// let (speed, satellites) = (others.first().component(0, 0), others.second().component(1, 0));
+/// assert!((speed.map_or(0.0, |gamma| gamma.shape() * gamma.scale()) - 6.5).abs() < 1e-3);
+/// assert!((satellites.map_or(0.0, Poisson::rate) - 11.5).abs() < 1e-3);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,18 +66,9 @@ impl<A: Family, B: Family> Product<A, B> {
     ///
     /// [`EmissionError::Length`] if the two differ in their number of states.
     pub fn new(first: A, second: B) -> Result<Self, EmissionError> {
-        let (expected, found) = (first.states(), second.states());
-        if found != expected {
-            let what = "list of states of the second factor";
-            return Err(EmissionError::Length { what, state: None, found, expected });
-        }
+        let what = "list of states of the second factor";
+        check_length(what, None, second.states(), first.states())?;
         Ok(Self { first, second })
-    }
-
-    /// Number of components of a row: those of the first family and those of the second.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.first.components() + self.second.components()
     }
 
     /// The components of either family, or `None` if the row has another number of them.
@@ -112,8 +104,9 @@ impl<A, B> Product<A, B> {
 }
 
 impl<A: Family, B: Family> Family for Product<A, B> {
+    /// Those of the first family and those of the second.
     fn components(&self) -> usize {
-        self.components()
+        self.first.components() + self.second.components()
     }
 }
 
@@ -152,8 +145,6 @@ fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError 
     }
     error
 }
-
-type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
 impl<A, B> LearnLikelihood for Product<A, B>
 where
@@ -212,14 +203,10 @@ where
     B: Family + StartFromClusters,
 {
     /// Starts either family from its own components. Errors are as those of learning.
-    fn start<R: Rng + ?Sized>(
-        &self,
-        observations: &ClusteredObservations<'_>,
-        rng: &mut R,
-    ) -> Outcome<Self> {
+    fn start<R: Rng + ?Sized>(&self, clusters: &Clusters<'_>, rng: &mut R) -> Outcome<Self> {
         let (from, to) = self.others();
-        let first = self.first.start(&observations.columns(0..from), rng);
-        let second = self.second.start(&observations.columns(from..to), rng);
+        let first = self.first.start(&clusters.columns(0..from), rng);
+        let second = self.second.start(&clusters.columns(from..to), rng);
         Ok(Self { first: learned(first, 0, from)?, second: learned(second, from, to)? })
     }
 }

@@ -1,8 +1,8 @@
-//! Models to start learning from.
+//! Models to begin learning with (section 9 of the formulas finds the maximum that is near).
 
 use rand::Rng;
 
-use super::{ClusteredObservations, Clusters, EmissionError, StartFromClusters};
+use super::{Clusters, EmissionError, StartFromClusters};
 use crate::belief::Belief;
 use crate::error::{InferenceError, LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
@@ -147,16 +147,11 @@ where
         }
         other => wrong(other),
     })?;
-    let labels = clusters.labels();
-    let observations = sequences.iter().zip(labels).flat_map(|(sequence, labels)| {
-        (1..).zip(labels).map(|(step, &label)| (sequence.observation(step), label))
-    });
-    let observations = ClusteredObservations::new(n, observations);
     let likelihood = family
-        .start(&observations, rng)
-        .map_err(|error| LearnError::likelihood(observations.explain(error)))?;
+        .start(&clusters, rng)
+        .map_err(|error| LearnError::likelihood(clusters.explain(error)))?;
     let mut moves = vec![1.0; n * n];
-    for (sequence, labels) in sequences.iter().zip(labels) {
+    for (sequence, labels) in sequences.iter().zip(clusters.labels()) {
         // An observation without a known component tells nothing of its state.
         let is_known = |step: usize| sequence.observation(step).iter().any(|y| !y.is_nan());
         let pairs = (1..).zip(labels.windows(2));

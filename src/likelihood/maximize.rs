@@ -10,6 +10,18 @@ use crate::fixed::Fixed;
 
 type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
+/// Probabilities in proportion to counts with a pseudo-count; 0 stays 0, and without counts all stay.
+pub(crate) fn shares(old: &[f64], counts: &[f64], pseudo_count: f64) -> Vec<f64> {
+    let pairs = old.iter().zip(counts);
+    let weight = |(p, count): (&f64, &f64)| if *p > 0.0 { count + pseudo_count } else { 0.0 };
+    let weights: Vec<f64> = pairs.map(weight).collect();
+    let sum: f64 = weights.iter().sum();
+    if sum < f64::MIN_POSITIVE {
+        return old.to_vec();
+    }
+    weights.iter().map(|weight| weight / sum).collect()
+}
+
 impl LearnLikelihood for TableLikelihood {
     /// Expected counts of symbol y in state i, at y n + i.
     type Statistics = Vec<f64>;
@@ -29,15 +41,11 @@ impl LearnLikelihood for TableLikelihood {
 
     fn maximize(&self, statistics: &Vec<f64>, pseudo_count: f64) -> Outcome<Self> {
         let row = |state: usize| {
-            let at = || (state..self.columns.len()).step_by(self.states());
-            let old: Vec<f64> = at().map(|at| self.columns[at]).collect();
-            let seen = at().zip(&old);
-            let weights: Vec<f64> = seen
-                .map(|(at, p)| if *p > 0.0 { statistics[at] + pseudo_count } else { 0.0 })
-                .collect();
-            let sum: f64 = weights.iter().sum();
+            let row = |all: &[f64]| -> Vec<f64> {
+                all[state..].iter().step_by(self.states()).copied().collect()
+            };
             // A NaN is reported by the table's own check.
-            if sum < f64::MIN_POSITIVE { old } else { weights.iter().map(|w| w / sum).collect() }
+            shares(&row(&self.columns), &row(statistics), pseudo_count)
         };
         Ok(Self::from_rows(&(0..self.states()).map(row).collect::<Vec<Vec<f64>>>())?)
     }

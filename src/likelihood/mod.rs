@@ -47,6 +47,8 @@ pub(crate) use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
 pub use local::{LocalLikelihood, Unlisted};
+#[cfg(feature = "emission")]
+pub(crate) use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;

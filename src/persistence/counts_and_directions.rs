@@ -1,52 +1,77 @@
 //! Formats of families of counts, durations and directions.
 
+use super::gaussians::when;
 use super::stored;
-use crate::emission;
+use crate::emission::{self, EmissionError, Independent};
+
+/// Families under the names of their distributions, by which they are stored.
+pub(crate) mod families {
+    use crate::emission::{self, Independent};
+
+    pub(crate) type Bernoulli = Independent<emission::Bernoulli>;
+    pub(crate) type Poisson = Independent<emission::Poisson>;
+    pub(crate) type Gamma = Independent<emission::Gamma>;
+    pub(crate) type LogNormal = Independent<emission::LogNormal>;
+    pub(crate) type VonMises = Independent<emission::VonMises>;
+}
 
 stored! {
-    [] Bernoulli in emission: [], |family| {
-        probabilities: Vec<Vec<f64>> = family.probabilities(),
+    [] Bernoulli in persistence::counts_and_directions::families: [], |family| {
+        probabilities: Vec<Vec<f64>> = family.parameters(emission::Bernoulli::probability),
         missing: bool = family.takes_missing(),
-        prior: Option<(emission::Bernoulli, f64)> = family.prior(),
-    } => Self::new(&probabilities).and_then(|family| family.restored(missing, prior));
+        prior: Option<(families::Bernoulli, f64)> = family.prior(),
+    } => emission::Bernoulli::family(&probabilities).and_then(|new| with(new, missing, prior));
 
     [] Multinomial in emission: [], |family| {
         probabilities: Vec<Vec<f64>> = family.probabilities(),
         missing: bool = family.takes_missing(),
         trials: u32 = family.trials(),
-    } => Self::new(&probabilities).map(|family| family.restored(missing, trials));
+    } => Self::new(&probabilities).map(|family| family.with_trials(trials))
+        .map(|new| when(missing, new, Self::with_missing));
 
-    [] Poisson in emission: [], |family| {
-        rates: Vec<Vec<f64>> = family.rates(),
+    [] Poisson in persistence::counts_and_directions::families: [], |family| {
+        rates: Vec<Vec<f64>> = family.parameters(emission::Poisson::rate),
         missing: bool = family.takes_missing(),
-        prior: Option<(emission::Poisson, f64)> = family.prior(),
-    } => Self::new(&rates).and_then(|family| family.restored(missing, prior));
+        prior: Option<(families::Poisson, f64)> = family.prior(),
+    } => emission::Poisson::family(&rates).and_then(|new| with(new, missing, prior));
 
-    [] Gamma in emission: [], |family| {
-        shapes: Vec<Vec<f64>> = family.shapes(),
-        scales: Vec<Vec<f64>> = family.scales(),
+    [] Gamma in persistence::counts_and_directions::families: [], |family| {
+        shapes: Vec<Vec<f64>> = family.parameters(emission::Gamma::shape),
+        scales: Vec<Vec<f64>> = family.parameters(emission::Gamma::scale),
         missing: bool = family.takes_missing(),
-        prior: Option<(emission::Gamma, f64)> = family.prior(),
-    } => Self::new(&shapes, &scales).and_then(|family| family.restored(missing, prior));
+        prior: Option<(families::Gamma, f64)> = family.prior(),
+    } => emission::Gamma::family(&shapes, &scales).and_then(|new| with(new, missing, prior));
 
-    [] LogNormal in emission: [], |family| {
-        means: Vec<Vec<f64>> = family.means(),
-        deviations: Vec<Vec<f64>> = family.deviations(),
+    [] LogNormal in persistence::counts_and_directions::families: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(emission::LogNormal::mean),
+        deviations: Vec<Vec<f64>> = family.parameters(emission::LogNormal::deviation),
         missing: bool = family.takes_missing(),
-        prior: Option<(emission::LogNormal, f64)> = family.prior(),
-    } => Self::new(&means, &deviations).and_then(|family| family.restored(missing, prior));
+        prior: Option<(families::LogNormal, f64)> = family.prior(),
+    } => emission::LogNormal::family(&means, &deviations).and_then(|new| with(new, missing, prior));
 
-    [] VonMises in emission: [], |family| {
-        means: Vec<Vec<f64>> = family.means(),
-        concentrations: Vec<Vec<f64>> = family.concentrations(),
+    [] VonMises in persistence::counts_and_directions::families: [], |family| {
+        means: Vec<Vec<f64>> = family.parameters(emission::VonMises::mean),
+        concentrations: Vec<Vec<f64>> = family.parameters(emission::VonMises::concentration),
         missing: bool = family.takes_missing(),
-        prior: Option<(emission::VonMises, f64)> = family.prior(),
-    } => Self::new(&means, &concentrations).and_then(|family| family.restored(missing, prior));
+        prior: Option<(families::VonMises, f64)> = family.prior(),
+    } => emission::VonMises::family(&means, &concentrations).and_then(|new| with(new, missing, prior));
 
     [] VonMisesFisher in emission: [], |family| {
         means: Vec<Vec<f64>> = family.means(),
         concentrations: Vec<f64> = family.concentrations(),
         missing: bool = family.takes_missing(),
         prior: Option<(emission::VonMisesFisher, f64)> = family.prior(),
-    } => Self::new(&means, &concentrations).and_then(|family| family.restored(missing, prior));
+    } => Self::new(&means, &concentrations)
+        .map(|new| when(missing, new, Self::with_missing))
+        .and_then(|new| prior.into_iter().try_fold(new, |new, (prior, count)| new.with_prior(prior, count)));
+}
+
+/// Returns a family with its settings.
+fn with<F: Clone>(
+    family: Independent<F>,
+    missing: bool,
+    prior: Option<(Independent<F>, f64)>,
+) -> Result<Independent<F>, EmissionError> {
+    let family = when(missing, family, Independent::with_missing);
+    prior.into_iter().try_fold(family, |family, (prior, count)| family.with_prior(prior, count))
 }

@@ -1,7 +1,7 @@
 //! Formats of Gaussian families.
 
 use super::stored;
-use crate::emission::{CovarianceType, EmissionError, GaussianMixture, GaussianPrior};
+use crate::emission::{CovarianceType, EmissionError, Gaussian, GaussianMixture, GaussianPrior};
 
 stored! {
     [] GaussianPrior in emission: [], |prior| {
@@ -20,7 +20,10 @@ stored! {
         fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(covariance_type, &means, &covariances)
-        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
+        .map(|new| when(missing, new, Self::with_missing))
+        .map(|new| when(fixed_means, new, Self::with_fixed_means))
+        .map(|new| when(fixed_covariances, new, Self::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Self::with_prior));
 
     [] GaussianMixture in emission: [], |family| {
         full: bool = (family.covariance_type() == CovarianceType::Full),
@@ -32,37 +35,46 @@ stored! {
         fixed_covariances: bool = family.has_fixed_covariances(),
         prior: Option<GaussianPrior> = family.prior(),
     } => Self::new(matrices(full), &weights, &means, &covariances)
-        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
+        .map(|new| when(missing, new, Self::with_missing))
+        .map(|new| when(fixed_means, new, Self::with_fixed_means))
+        .map(|new| when(fixed_covariances, new, Self::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Self::with_prior));
 
     [] StudentT in emission: [], |family| {
-        scale_type: CovarianceType = family.scale_type(),
+        scale_type: CovarianceType = family.gaussian().covariance_type(),
         degrees: Vec<f64> = family.degrees(),
-        means: Vec<Vec<f64>> = family.means(),
-        scales: Vec<Vec<f64>> = family.scales(),
+        means: Vec<Vec<f64>> = family.gaussian().means(),
+        scales: Vec<Vec<f64>> = family.gaussian().covariances(),
         fixed_degrees: bool = family.has_fixed_degrees(),
-        missing: bool = family.takes_missing(),
-        fixed_means: bool = family.has_fixed_means(),
-        fixed_covariances: bool = family.has_fixed_covariances(),
-        prior: Option<GaussianPrior> = family.prior(),
-    } => Self::new(scale_type, &degrees, &means, &scales)
-        .map(|family| if fixed_degrees { family.with_fixed_degrees() } else { family })
-        .and_then(|family| family.restored([missing, fixed_means, fixed_covariances], prior));
+        missing: bool = family.gaussian().takes_missing(),
+        fixed_means: bool = family.gaussian().has_fixed_means(),
+        fixed_covariances: bool = family.gaussian().has_fixed_covariances(),
+        prior: Option<GaussianPrior> = family.gaussian().prior(),
+    } => Gaussian::new(scale_type, &means, &scales)
+        .map(|new| when(missing, new, Gaussian::with_missing))
+        .map(|new| when(fixed_means, new, Gaussian::with_fixed_means))
+        .map(|new| when(fixed_covariances, new, Gaussian::with_fixed_covariances))
+        .and_then(|new| prior.into_iter().try_fold(new, Gaussian::with_prior))
+        .and_then(|gaussian| Self::new(&degrees, gaussian))
+        .map(|new| when(fixed_degrees, new, Self::with_fixed_degrees));
 
     [] LinearRegression in emission: [], |family| {
-        full: bool = (family.covariance_type() == CovarianceType::Full),
+        full: bool = (family.noise().covariance_type() == CovarianceType::Full),
         coefficients: Vec<Vec<f64>> = by_state(|state| family.coefficients(state)),
         intercepts: Vec<Vec<f64>> = by_state(|state| family.intercept(state)),
-        covariances: Vec<Vec<f64>> = family.covariances(),
-        missing: bool = family.takes_missing(),
+        covariances: Vec<Vec<f64>> = family.noise().covariances(),
+        missing: bool = family.noise().takes_missing(),
         ridge: f64 = family.ridge(),
-        noise_prior: Option<GaussianPrior> = family.noise_prior(),
+        noise_prior: Option<GaussianPrior> = family.noise().prior(),
     } => Self::new(matrices(full), &coefficients, &intercepts, &covariances)
-        .and_then(|family| family.with_ridge(ridge))
-        .map(|family| if missing { family.with_missing() } else { family })
-        .and_then(|family| match noise_prior {
-            Some(prior) => family.with_noise_prior(prior),
-            None => Ok(family),
-        });
+        .and_then(|new| new.with_ridge(ridge))
+        .map(|new| when(missing, new, Self::with_missing))
+        .and_then(|new| noise_prior.into_iter().try_fold(new, Self::with_noise_prior));
+}
+
+/// Changes a family, if it was changed before.
+pub(super) fn when<F>(changed: bool, family: F, change: fn(F) -> F) -> F {
+    if changed { change(family) } else { family }
 }
 
 /// Type of covariances that are matrices, or variances.

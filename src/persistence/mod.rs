@@ -188,7 +188,7 @@ fn refused<E: serde::de::Error>(error: impl Into<Box<dyn Error>>) -> E {
 /// ```
 macro_rules! stored {
     ($(
-        [$($generics:tt)*] $name:ident$(<$($argument:ident),*>)? $(in $module:ident)?: [$($part:ident),*], |$value:ident| {
+        [$($generics:tt)*] $name:ident$(<$($argument:ident),*>)? $(in $($module:ident)::+)?: [$($part:ident),*], |$value:ident| {
             $($field:ident: $type:ty = $stored:expr,)*
         } => $built:expr;
     )*) => {$(
@@ -201,7 +201,7 @@ macro_rules! stored {
                 $($field: $type,)*
             }
 
-            impl<$($generics)*> serde::Serialize for $crate::$($module::)?$name$(<$($argument),*>)?
+            impl<$($generics)*> serde::Serialize for $crate::$($($module::)+)?$name$(<$($argument),*>)?
             where
                 $($part: serde::Serialize,)*
             {
@@ -216,7 +216,7 @@ macro_rules! stored {
                 }
             }
 
-            impl<'de, $($generics)*> serde::Deserialize<'de> for $crate::$($module::)?$name$(<$($argument),*>)?
+            impl<'de, $($generics)*> serde::Deserialize<'de> for $crate::$($($module::)+)?$name$(<$($argument),*>)?
             where
                 $($part: serde::Deserialize<'de>,)*
             {

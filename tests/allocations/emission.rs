@@ -5,8 +5,8 @@ use std::fmt::Debug;
 
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use wayfix::emission::{
-    Bernoulli, Gamma, Gaussian, GaussianMixture, LinearRegression, LogNormal, Multinomial, Poisson,
-    Product, StudentT, VonMises, VonMisesFisher,
+    Bernoulli, Gamma, Gaussian, GaussianMixture, Independent, LinearRegression, LogNormal,
+    Multinomial, Poisson, Product, StudentT, VonMises, VonMisesFisher,
 };
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation, Scratch};
 use wayfix::{Belief, DenseTransition, Hmm, Prior};
@@ -64,7 +64,7 @@ where
 }
 
 /// Place, heading and count, of which any may be missing.
-type Sensors = Product<Gaussian, Product<VonMises, Poisson>>;
+type Sensors = Product<Gaussian, Product<Independent<VonMises>, Independent<Poisson>>>;
 
 fn with_missing(sensors: Sensors) -> Sensors {
     let (place, others) = sensors.into_parts();
@@ -93,24 +93,28 @@ fn families_allocate_nothing_in_a_step() {
     drawn("mixture, diagonal", mixture, Some(GaussianMixture::with_missing));
     let mixture = GaussianMixture::full(&weights, &parts, &[[full; 2]; 2]).unwrap();
     drawn("mixture, full", mixture, Some(GaussianMixture::with_missing));
-    let heavy = StudentT::diagonal(&[4.0, 8.0], &means, &[[1.0; 3]; 2]).unwrap();
-    drawn("Student t, diagonal", heavy, Some(StudentT::with_missing));
-    let heavy = StudentT::full(&[4.0, 8.0], &means, &[full; 2]).unwrap();
-    drawn("Student t, full", heavy, Some(StudentT::with_missing));
+    let missing = |heavy: StudentT| {
+        StudentT::new(heavy.degrees(), heavy.gaussian().clone().with_missing()).unwrap()
+    };
+    let heavy = Gaussian::diagonal(&means, &[[1.0; 3]; 2]).unwrap();
+    drawn("Student t, diagonal", StudentT::new(&[4.0, 8.0], heavy).unwrap(), Some(missing));
+    let heavy = Gaussian::full(&means, &[full; 2]).unwrap();
+    drawn("Student t, full", StudentT::new(&[4.0, 8.0], heavy).unwrap(), Some(missing));
 
     let rates = [[0.2, 0.9], [0.7, 0.1]];
-    drawn("Bernoulli", Bernoulli::new(&rates).unwrap(), Some(Bernoulli::with_missing));
+    drawn("Bernoulli", Bernoulli::family(&rates).unwrap(), Some(Independent::with_missing));
     drawn(
         "Poisson",
-        Poisson::new(&[[2.0, 30.0], [7.0, 1.0]]).unwrap(),
-        Some(Poisson::with_missing),
+        Poisson::family(&[[2.0, 30.0], [7.0, 1.0]]).unwrap(),
+        Some(Independent::with_missing),
     );
-    let gamma = Gamma::new(&[[2.0, 3.0], [0.5, 9.0]], &[[1.0, 2.0], [3.0, 4.0]]).unwrap();
-    drawn("gamma", gamma, Some(Gamma::with_missing));
-    let log_normal = LogNormal::new(&[[0.0, 1.0], [2.0, 3.0]], &[[1.0, 0.5], [0.2, 1.0]]).unwrap();
-    drawn("log-normal", log_normal, Some(LogNormal::with_missing));
-    let headings = VonMises::new(&[[0.0, 1.0], [2.0, 3.0]], &[[1.0, 5.0], [0.0, 10.0]]).unwrap();
-    drawn("von Mises", headings, Some(VonMises::with_missing));
+    let gamma = Gamma::family(&[[2.0, 3.0], [0.5, 9.0]], &[[1.0, 2.0], [3.0, 4.0]]).unwrap();
+    drawn("gamma", gamma, Some(Independent::with_missing));
+    let log_normal =
+        LogNormal::family(&[[0.0, 1.0], [2.0, 3.0]], &[[1.0, 0.5], [0.2, 1.0]]).unwrap();
+    drawn("log-normal", log_normal, Some(Independent::with_missing));
+    let headings = VonMises::family(&[[0.0, 1.0], [2.0, 3.0]], &[[1.0, 5.0], [0.0, 10.0]]).unwrap();
+    drawn("von Mises", headings, Some(Independent::with_missing));
     let directions = [[0.0, 0.6, 0.8], [1.0, 0.0, 0.0]];
     let directions = VonMisesFisher::new(&directions, &[5.0, 20.0]).unwrap();
     drawn("von Mises-Fisher", directions, None);
@@ -118,8 +122,8 @@ fn families_allocate_nothing_in_a_step() {
     drawn("multinomial", counts.with_trials(20), None);
 
     let place = Gaussian::full(&[[0.0, 1.0], [3.0, 4.0]], &[[2.0, 0.5, 0.5, 1.0]; 2]).unwrap();
-    let heading = VonMises::new(&[[0.0], [2.0]], &[[1.0], [5.0]]).unwrap();
-    let count = Poisson::new(&[[2.0], [7.0]]).unwrap();
+    let heading = VonMises::family(&[[0.0], [2.0]], &[[1.0], [5.0]]).unwrap();
+    let count = Poisson::family(&[[2.0], [7.0]]).unwrap();
     let sensors = Product::new(place, Product::new(heading, count).unwrap()).unwrap();
     drawn("product", sensors, Some(with_missing));
 

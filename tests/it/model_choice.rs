@@ -469,7 +469,7 @@ fn four_poisson_states_are_nineteen_parameters() {
     let prior = Prior::AtFirstObservation(Belief::uniform(4).unwrap());
     let even = |i, j| if i == j { 0.7 } else { 0.1 };
     let transition = DenseTransition::from_fn(4, even).unwrap();
-    let family = Poisson::new(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
+    let family = Poisson::family(&[[2.0], [25.0], [80.0], [180.0]]).unwrap();
     let start = Hmm::new(prior, transition, family).unwrap();
     // A cycle of four rates, in which half of the moves never happen.
     let rates = [1.0, 30.0, 90.0, 200.0];

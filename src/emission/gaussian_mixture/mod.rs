@@ -1,21 +1,19 @@
-//! Mixtures of Gaussians.
+//! Mixtures of Gaussians: their densities b_i(y), section 1 of the guide's formulas.
 
 mod learn;
 mod start;
 
 use rand::Rng;
 
-use super::EmissionError;
-use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, eights, flatten, settings};
+use super::check::{at, check, check_length, flatten};
+use super::normal::{CovarianceType, Normals, Settings, eights, flatten_covariances, settings};
+use super::{EmissionError, Family};
 use crate::belief::SUM_TOLERANCE;
 use crate::error::LikelihoodError;
 use crate::kernels::Eight;
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::random::index;
 use crate::reorder::ReorderStates;
-
-pub use learn::GaussianMixtureStatistics;
 
 /// Mixtures of m Gaussians for each state, with full covariances or variances: the counterpart of
 /// hmmlearn's `GMMHMM`.
@@ -71,7 +69,6 @@ pub struct GaussianMixture {
     parts: usize,
     weights: Vec<f64>,
     log_weights: Vec<f64>,
-    prior: Option<GaussianPrior>,
 }
 
 impl GaussianMixture {
@@ -83,18 +80,11 @@ impl GaussianMixture {
     /// [`EmissionError`] without states, parts or components, for a wrong length, weights that are
     /// negative or do not sum to one within 1e-9, a mean that is not finite, or a variance that is
     /// not finite and above 2.2e-308. An error of a part says which.
-    pub fn diagonal<W, M, P, V, Q>(
-        weights: &[W],
-        means: &[M],
-        variances: &[V],
-    ) -> Result<Self, EmissionError>
-    where
-        W: AsRef<[f64]>,
-        M: AsRef<[P]>,
-        P: AsRef<[f64]>,
-        V: AsRef<[Q]>,
-        Q: AsRef<[f64]>,
-    {
+    pub fn diagonal<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
+        weights: &[impl AsRef<[f64]>],
+        means: &[impl AsRef<[P]>],
+        variances: &[impl AsRef<[Q]>],
+    ) -> Result<Self, EmissionError> {
         Self::new(CovarianceType::Diagonal, weights, means, variances)
     }
 
@@ -105,35 +95,21 @@ impl GaussianMixture {
     ///
     /// [`EmissionError`] as [`diagonal`](Self::diagonal), and for a covariance that is not
     /// symmetric within 1e-9 and positive definite.
-    pub fn full<W, M, P, V, Q>(
-        weights: &[W],
-        means: &[M],
-        covariances: &[V],
-    ) -> Result<Self, EmissionError>
-    where
-        W: AsRef<[f64]>,
-        M: AsRef<[P]>,
-        P: AsRef<[f64]>,
-        V: AsRef<[Q]>,
-        Q: AsRef<[f64]>,
-    {
+    pub fn full<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
+        weights: &[impl AsRef<[f64]>],
+        means: &[impl AsRef<[P]>],
+        covariances: &[impl AsRef<[Q]>],
+    ) -> Result<Self, EmissionError> {
         Self::new(CovarianceType::Full, weights, means, covariances)
     }
 
     /// Creates mixtures with covariances of this type, which are not tied.
-    pub(crate) fn new<W, M, P, V, Q>(
+    pub(crate) fn new<P: AsRef<[f64]>, Q: AsRef<[f64]>>(
         kind: CovarianceType,
-        weights: &[W],
-        means: &[M],
-        covariances: &[V],
-    ) -> Result<Self, EmissionError>
-    where
-        W: AsRef<[f64]>,
-        M: AsRef<[P]>,
-        P: AsRef<[f64]>,
-        V: AsRef<[Q]>,
-        Q: AsRef<[f64]>,
-    {
+        weights: &[impl AsRef<[f64]>],
+        means: &[impl AsRef<[P]>],
+        covariances: &[impl AsRef<[Q]>],
+    ) -> Result<Self, EmissionError> {
         let (states, parts) = (weights.len(), weights.first().map_or(0, |w| w.as_ref().len()));
         let first = means.first().and_then(|means| means.as_ref().first());
         let d = first.map_or(0, |mean| mean.as_ref().len());
@@ -149,12 +125,12 @@ impl GaussianMixture {
             of_parts("list of covariances", covariances, [states, parts], covariance)?;
         let normals = Normals::new(kind, d, means, covariances, Settings::default())
             .map_err(|error| error.in_part(None, parts))?;
-        Ok(Self::of(normals, parts, weights, None))
+        Ok(Self::of(normals, parts, weights))
     }
 
-    fn of(normals: Normals, parts: usize, weights: Vec<f64>, prior: Option<GaussianPrior>) -> Self {
+    fn of(normals: Normals, parts: usize, weights: Vec<f64>) -> Self {
         let log_weights = weights.iter().map(|weight| weight.ln()).collect();
-        Self { normals, parts, weights, log_weights, prior }
+        Self { normals, parts, weights, log_weights }
     }
 
     settings!();
@@ -182,12 +158,6 @@ impl GaussianMixture {
     #[must_use]
     pub fn covariance(&self, state: usize, part: usize) -> Option<Vec<f64>> {
         self.normals.full_covariance(self.at(state, part)?)
-    }
-
-    /// Type of the covariances, full or diagonal.
-    #[must_use]
-    pub fn covariance_type(&self) -> CovarianceType {
-        self.normals.kind()
     }
 
     /// Means of all parts, as the constructors take them.
@@ -222,17 +192,13 @@ impl GaussianMixture {
 /// Checks the weights of all states.
 fn check_weights(weights: &[f64], parts: usize) -> Result<(), EmissionError> {
     for (state, weights) in weights.chunks_exact(parts).enumerate() {
-        let wrong = |what, component, value, expected| {
-            let state = Some(state);
-            Err(EmissionError::Parameter { what, state, component, value, expected })
-        };
-        if let Some(part) = weights.iter().position(|weight| *weight < 0.0) {
-            return wrong("weight", Some(part), weights[part], "a value of at least 0");
+        for (part, &weight) in weights.iter().enumerate() {
+            check("weight", weight, weight >= 0.0, "a value of at least 0")
+                .map_err(|error| at(error, state, Some(part)))?;
         }
         let sum: f64 = weights.iter().sum();
-        if (sum - 1.0).abs() > SUM_TOLERANCE {
-            return wrong("sum of the weights", None, sum, "1");
-        }
+        check("sum of the weights", sum, (sum - 1.0).abs() <= SUM_TOLERANCE, "1")
+            .map_err(|error| at(error, state, None))?;
     }
     Ok(())
 }
@@ -244,16 +210,10 @@ fn of_parts<M: AsRef<[P]>, P>(
     [states, parts]: [usize; 2],
     flatten: impl Fn(&[P]) -> Result<Vec<f64>, EmissionError>,
 ) -> Result<Vec<f64>, EmissionError> {
-    let wrong = |state, found, expected| {
-        if found == expected {
-            return Ok(());
-        }
-        Err(EmissionError::Length { what, state, found, expected })
-    };
-    wrong(None, all.len(), states)?;
+    check_length(what, None, all.len(), states)?;
     let mut flat = Vec::new();
     for (state, rows) in all.iter().enumerate() {
-        wrong(Some(state), rows.as_ref().len(), parts)?;
+        check_length(what, Some(state), rows.as_ref().len(), parts)?;
         flat.extend(flatten(rows.as_ref()).map_err(|error| error.in_part(Some(state), parts))?);
     }
     Ok(flat)
@@ -285,6 +245,12 @@ impl Likelihood for GaussianMixture {
     }
 }
 
+impl Family for GaussianMixture {
+    fn components(&self) -> usize {
+        self.normals.components()
+    }
+}
+
 impl SampleObservation for GaussianMixture {
     type Sample = Vec<f64>;
 
@@ -301,6 +267,6 @@ impl ReorderStates for GaussianMixture {
         let parts = order.iter().flat_map(|state| state * m..(state + 1) * m);
         let parts: Vec<usize> = parts.collect();
         let weights = parts.iter().map(|at| self.weights[*at]).collect();
-        Self::of(self.normals.select(&parts), m, weights, self.prior.clone())
+        Self::of(self.normals.select(&parts), m, weights)
     }
 }

@@ -1,4 +1,4 @@
-//! Starts of mixtures.
+//! Mixtures of Gaussians from clusters, to begin learning with.
 
 use std::error::Error;
 
@@ -6,7 +6,7 @@ use rand::Rng;
 
 use super::GaussianMixture;
 use crate::emission::normal::Normals;
-use crate::emission::{ClusteredObservations, EmissionError, Gaussian, StartFromClusters};
+use crate::emission::{Clusters, EmissionError, Family, Gaussian, StartFromClusters};
 use crate::likelihood::Likelihood;
 
 impl StartFromClusters for GaussianMixture {
@@ -14,11 +14,11 @@ impl StartFromClusters for GaussianMixture {
     /// of 0 stays as it is. Means that are fixed divide the observations of a state between them.
     fn start<R: Rng + ?Sized>(
         &self,
-        observations: &ClusteredObservations<'_>,
+        clusters: &Clusters<'_>,
         rng: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         if self.has_fixed_means() {
-            return observations.fit(self);
+            return clusters.fit(self);
         }
         let m = self.parts;
         let mut weights = Vec::with_capacity(self.weights.len());
@@ -26,10 +26,10 @@ impl StartFromClusters for GaussianMixture {
         for state in 0..self.states() {
             let is_possible = |part: &usize| self.weights[state * m + part] > 0.0;
             let possible: Vec<usize> = (0..m).filter(is_possible).collect();
-            let division = observations.divide(state, &possible, rng)?;
+            let division = clusters.divide(state, &possible, rng)?;
             let parts: Vec<usize> = (state * m..(state + 1) * m).collect();
-            let parts = Gaussian::of(self.normals.select(&parts), self.prior.clone());
-            let parts = observations.estimate_parts(&parts, state, &division);
+            let parts = Gaussian::of(self.normals.select(&parts));
+            let parts = clusters.fit_parts(&parts, state, &division);
             let parts = parts.map_err(|error| match error.downcast::<EmissionError>() {
                 Ok(error) => error.in_part(Some(state), m).into(),
                 Err(error) => error,
@@ -43,8 +43,8 @@ impl StartFromClusters for GaussianMixture {
             counts.for_each(|(part, count)| weights[state * m + part] = count / total);
         }
         let (kind, d) = (self.covariance_type(), self.components());
-        let normals = Normals::new(kind, d, means, covariances, self.normals.settings())
+        let normals = Normals::new(kind, d, means, covariances, self.normals.settings().clone())
             .map_err(|error| error.in_part(None, m))?;
-        Ok(Self::of(normals, m, weights, self.prior.clone()))
+        Ok(Self::of(normals, m, weights))
     }
 }

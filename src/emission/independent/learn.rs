@@ -1,49 +1,49 @@
-//! Learning of each component by itself.
+//! Families of independent components, learned one by one: the M step of section 9 of the formulas.
 
 use std::error::Error;
 
-use super::{Independent, at};
-use crate::emission::Univariate;
+use super::family::Independent;
+use super::univariate::Univariate;
+use crate::emission::check::at;
 use crate::likelihood::LearnLikelihood;
 
 impl<F: Univariate> LearnLikelihood for Independent<F> {
     /// Sums of component c in state i, at c n + i.
-    type Statistics = Vec<F::Sums>;
+    type Statistics = Vec<F::Statistics>;
 
-    fn statistics(&self) -> Vec<F::Sums> {
-        vec![F::Sums::default(); self.parts.len()]
+    fn statistics(&self) -> Vec<F::Statistics> {
+        vec![F::Statistics::default(); self.parts.len()]
     }
 
     /// Adds one observation; one for which there is no [`diagonal`](crate::Likelihood::diagonal) adds
     /// nothing from its first invalid component on.
-    fn add(&self, statistics: &mut Vec<F::Sums>, observation: &[f64], posterior: &[f64]) {
+    fn add(&self, statistics: &mut Vec<F::Statistics>, observation: &[f64], posterior: &[f64]) {
         let n = self.states;
         let _ = self.visit(observation, |component, point, parts| {
             let sums = &mut statistics[component * n..];
             for ((sums, part), &weight) in sums.iter_mut().zip(parts).zip(posterior) {
                 if weight > 0.0 {
-                    part.add(sums, &point, weight);
+                    add(sums, weight, &part.statistics(&point));
                 }
             }
         });
     }
 
-    fn merge(&self, statistics: &mut Vec<F::Sums>, other: &Vec<F::Sums>) {
+    fn merge(&self, statistics: &mut Vec<F::Statistics>, other: &Vec<F::Statistics>) {
         for (sums, other) in statistics.iter_mut().zip(other) {
-            let sums = sums.as_mut().iter_mut();
-            sums.zip(other.as_ref()).for_each(|(sum, other)| *sum += other);
+            add(sums, 1.0, other);
         }
     }
 
     fn maximize(
         &self,
-        statistics: &Vec<F::Sums>,
+        statistics: &Vec<F::Statistics>,
         pseudo_count: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
         let maximize = |(index, part): (usize, &F)| {
             let mut sums = statistics[index].clone();
             if let Some((prior, count)) = &self.prior {
-                part.add_expected(&mut sums, &prior[index], *count);
+                add(&mut sums, *count, &part.expectations(&prior[index]));
             }
             part.add_pseudo_count(&mut sums, pseudo_count);
             if sums.as_ref()[0] < f64::MIN_POSITIVE {
@@ -60,7 +60,9 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
         let from_counts: f64 = self.parts.iter().map(|part| part.log_prior(pseudo_count)).sum();
         let prior = self.prior.iter().flat_map(|(prior, count)| {
             let parts = self.parts.iter().zip(prior);
-            parts.map(move |(part, prior)| count * part.expected_log_density(prior))
+            parts.map(move |(part, prior)| {
+                count * part.expected_log_density(&part.expectations(prior))
+            })
         });
         from_counts + prior.sum::<f64>()
     }
@@ -68,4 +70,11 @@ impl<F: Univariate> LearnLikelihood for Independent<F> {
     fn free_parameters(&self) -> usize {
         self.parts.iter().map(Univariate::free_parameters).sum()
     }
+}
+
+/// Adds a factor times statistics to sums of them.
+#[inline]
+fn add<S: AsRef<[f64]> + AsMut<[f64]>>(sums: &mut S, factor: f64, statistics: &S) {
+    let sums = sums.as_mut().iter_mut();
+    sums.zip(statistics.as_ref()).for_each(|(sum, value)| *sum += factor * value);
 }

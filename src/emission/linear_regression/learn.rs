@@ -1,45 +1,34 @@
-//! Learning of linear regressions.
+//! Linear regression, learned by weighted least squares: the M step of section 9 of the formulas.
 
 use std::error::Error;
 
-use super::super::EmissionError;
-use super::super::normal::{
-    CovarianceType, Moments, Shape, add_missing, in_blocks, inverse_factor,
-};
 use super::LinearRegression;
+use crate::emission::check::{self, check};
+use crate::emission::normal::{
+    CovarianceType, GaussianStatistics, Moments, Shape, add_missing, in_blocks, inverse_factor,
+};
+use crate::emission::{EmissionError, Family, Gaussian, StartFromClusters};
 use crate::kernels::{Eight, LANES};
-use crate::likelihood::LearnLikelihood;
+use crate::likelihood::{LearnLikelihood, Likelihood};
 
 /// Rounding of a rest, relative to the terms that were taken from an output.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// Statistics of a [`LinearRegression`]: weights, means and scatter of each state's inputs and of
-/// what its current lines leave of the outputs.
-#[derive(Debug, Clone)]
-pub struct LinearRegressionStatistics {
-    moments: Moments,
-    weights: Vec<Eight>,
-    row: Vec<Eight>,
-    memory: Vec<Eight>,
-}
-
 impl LearnLikelihood for LinearRegression {
-    type Statistics = LinearRegressionStatistics;
+    /// Moments of inputs, and of the differences of outputs from the current lines.
+    type Statistics = GaussianStatistics;
 
-    fn statistics(&self) -> LinearRegressionStatistics {
-        let (n, width) = (self.noise.count(), self.inputs + self.outputs());
-        LinearRegressionStatistics {
-            moments: Moments::new(n, width, Shape::Triangular, false),
-            weights: vec![Eight::default(); self.noise.blocks()],
-            row: vec![Eight::default(); width],
-            memory: vec![Eight::default(); self.noise.memory()],
-        }
+    fn statistics(&self) -> GaussianStatistics {
+        let (noise, width) = (self.noise.normals(), self.components());
+        let moments = Moments::new(noise.count(), width, Shape::Triangular, false);
+        GaussianStatistics::new(moments, 0, width + noise.memory())
     }
 
-    fn add(&self, statistics: &mut LinearRegressionStatistics, row: &[f64], posterior: &[f64]) {
-        let LinearRegressionStatistics { moments, weights, row: values, memory } = statistics;
+    fn add(&self, statistics: &mut GaussianStatistics, row: &[f64], posterior: &[f64]) {
+        let GaussianStatistics { moments, weights: [weights, _], memory, .. } = statistics;
+        let (values, memory) = memory.split_at_mut(self.components());
         in_blocks(posterior, weights);
-        let (p, d) = (self.inputs, self.outputs());
+        let (p, d, noise) = (self.inputs, self.outputs(), self.noise.normals());
         let (input, output) = row.split_at(p);
         let observed = output.iter().filter(|y| !y.is_nan()).count();
         if observed == 0 {
@@ -52,20 +41,20 @@ impl LearnLikelihood for LinearRegression {
                 continue;
             }
             let rests = &mut values[p..];
-            if observed == d || self.noise.kind() == CovarianceType::Diagonal {
-                self.noise.write(&differences, block, rests);
+            if observed == d || noise.kind() == CovarianceType::Diagonal {
+                noise.write(&differences, block, rests);
                 moments.add_block(block, weight, values);
                 for (c, _) in output.iter().enumerate().filter(|c| c.1.is_nan()) {
                     // Expected where it was, with its variance.
                     let at = Shape::Triangular.entry(p + c, p + c);
-                    let variances = self.noise.variances(block, c);
+                    let variances = noise.variances(block, c);
                     let sums = moments.scatter_mut(block)[at].iter_mut();
                     let products = weight.iter().zip(variances).map(|(w, v)| w * v);
                     sums.zip(products).for_each(|(sum, product)| *sum += product);
                 }
                 continue;
             }
-            let expected = self.noise.expected(&differences, output, block, memory);
+            let expected = noise.expected(&differences, output, block, memory);
             let Ok((deltas, covariance)) = expected else { continue };
             rests.copy_from_slice(deltas);
             moments.add_block(block, weight, values);
@@ -73,43 +62,40 @@ impl LearnLikelihood for LinearRegression {
         }
     }
 
-    fn merge(&self, statistics: &mut Self::Statistics, other: &Self::Statistics) {
-        statistics.moments.merge(&other.moments);
+    fn merge(&self, statistics: &mut GaussianStatistics, other: &GaussianStatistics) {
+        statistics.merge(other);
     }
 
     fn maximize(
         &self,
-        statistics: &LinearRegressionStatistics,
+        statistics: &GaussianStatistics,
         _: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let (d, moments) = (self.outputs(), &statistics.moments);
+        let (d, moments, noise) = (self.outputs(), &statistics.moments, self.noise.normals());
+        let full = noise.kind() == CovarianceType::Full;
         let (mut lines, mut covariances) = (Vec::new(), Vec::new());
         for (at, old) in self.lines.chunks_exact(d * (1 + self.inputs)).enumerate() {
             if moments.weight(at, 0) < f64::MIN_POSITIVE {
                 lines.extend_from_slice(old);
-                covariances.extend(&self.noise.covariances()[at]);
+                covariances.extend(&noise.covariances()[at]);
                 continue;
             }
-            let (new, covariance) = self.fitted(moments, at, old)?;
+            let (new, covariance) = self.maximize_state(moments, at, old)?;
             lines.extend(new);
-            let stored =
-                (0..d * d).filter(|k| self.noise.kind() == CovarianceType::Full || k / d == k % d);
+            let stored = (0..d * d).filter(|k| full || k / d == k % d);
             covariances.extend(stored.map(|k| covariance[k]));
         }
-        if let Some(at) = lines.iter().position(|value| !value.is_finite()) {
-            let (state, component) = (Some(at / (d * (1 + self.inputs))), None);
-            let (what, value, expected) = ("line", lines[at], "finite coefficients");
-            return Err(EmissionError::Parameter { what, state, component, value, expected }.into());
+        for (k, value) in lines.iter().enumerate() {
+            check("line", *value, value.is_finite(), "finite coefficients")
+                .map_err(|error| check::at(error, k / (d * (1 + self.inputs)), None))?;
         }
-        let noise =
-            self.noise.replaced(vec![0.0; self.noise.count() * d], covariances, |state| {
-                state.map_or(0.0, |at| moments.weight(at, 0))
-            })?;
-        Ok(Self::of(noise, self.inputs, lines, self.ridge, self.prior.clone()))
+        let weight = |state: Option<usize>| state.map_or(0.0, |at| moments.weight(at, 0));
+        let noise = noise.replaced(vec![0.0; noise.count() * d], covariances, weight)?;
+        Ok(Self::of(Gaussian::of(noise), self.inputs, lines, self.ridge))
     }
 
     fn log_prior(&self, _: f64) -> f64 {
-        let noise = self.prior.as_ref().map_or(0.0, |prior| prior.log_density(&self.noise));
+        let noise = self.noise.normals().log_prior();
         if self.ridge == 0.0 {
             return noise;
         }
@@ -117,21 +103,23 @@ impl LearnLikelihood for LinearRegression {
         let states = self.lines.chunks_exact(self.outputs() * width).enumerate();
         let columns = states.flat_map(|(at, lines)| (1..width).map(move |k| (at, lines, k)));
         let squares = columns.map(|(at, lines, k)| {
-            self.noise.whitened(at, |c| lines[c * width + k]).map(|z| z * z).sum::<f64>()
+            self.noise.normals().whitened(at, |c| lines[c * width + k]).map(|z| z * z).sum::<f64>()
         });
         noise - 0.5 * self.ridge * squares.sum::<f64>()
     }
 
     fn free_parameters(&self) -> usize {
-        self.lines.len() + self.noise.free_parameters() - self.noise.count() * self.outputs()
+        self.lines.len() + self.noise.free_parameters() - self.noise.states() * self.outputs()
     }
 }
+
+impl StartFromClusters for LinearRegression {}
 
 impl LinearRegression {
     /// Lines and covariance of a state that fit best: with the inputs' scatter X, Z of inputs and
     /// rests, and R of the rests, coefficients change by D = (Z' − λ B) (X + λ)⁻¹, which leaves
     /// R − D Z − Z' D' + D X D' + λ (B + D)(B + D)'. Rests are small, so that little cancels.
-    fn fitted(
+    fn maximize_state(
         &self,
         moments: &Moments,
         at: usize,
@@ -144,10 +132,9 @@ impl LinearRegression {
         let penalized = |k: usize| x(k / p, k % p) + if k / p == k % p { lambda } else { 0.0 };
         let matrix: Vec<f64> = (0..p * p).map(penalized).collect();
         let weight = moments.weight(at, 0);
-        if let Some(k) = matrix.iter().position(|value| !value.is_finite()) {
-            let (what, state, component) = ("scatter of inputs", Some(at), Some(k / p));
-            let (value, expected) = (matrix[k], "a finite value");
-            return Err(EmissionError::Parameter { what, state, component, value, expected });
+        for (k, value) in matrix.iter().enumerate() {
+            check("scatter of inputs", *value, value.is_finite(), "a finite value")
+                .map_err(|error| check::at(error, at, Some(k / p)))?;
         }
         let inverse = inverse_factor(p, &matrix).map_err(|_| EmissionError::TooFew {
             state: Some(at),
@@ -173,7 +160,7 @@ impl LinearRegression {
             line[0] += moments.mean(at, p + c) - moved;
             line[1..].iter_mut().zip(change).for_each(|(slope, change)| *slope += change);
         }
-        let (nu, scale) = match &self.prior {
+        let (nu, scale) = match self.noise.prior() {
             Some(prior) => prior.covariance(),
             None => (0.0, &[][..]),
         };

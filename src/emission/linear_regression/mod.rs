@@ -1,4 +1,4 @@
-//! Linear regression on an input.
+//! Linear regression on an input: its parameters, predictions and draws.
 
 mod learn;
 mod simulate;
@@ -6,13 +6,12 @@ mod step;
 
 use rand::Rng;
 
-use super::EmissionError;
-use super::gaussian::flatten_covariances;
-use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten};
+use super::check::{check, check_length, flatten};
+use super::normal::{CovarianceType, GaussianPrior, Normals, Settings, flatten_covariances};
+use super::{EmissionError, Family, Gaussian};
 use crate::kernels::{Eight, LANES};
+use crate::likelihood::{Likelihood, SampleObservation};
 use crate::reorder::ReorderStates;
-
-pub use learn::LinearRegressionStatistics;
 
 /// Outputs that are linear in an input, with Gaussian noise: in each state y = B x + c + noise. An
 /// observation is a row with the p numbers of the input x and then the d numbers of the output y.
@@ -92,15 +91,13 @@ pub use learn::LinearRegressionStatistics;
 /// ```
 #[derive(Debug, Clone)]
 pub struct LinearRegression {
-    /// Noise: its means are 0.
-    noise: Normals,
+    noise: Gaussian,
     inputs: usize,
     /// Intercept and coefficients of each output, in one row for each state.
     lines: Vec<f64>,
     /// The same in blocks of eight states.
     blocks: Vec<Eight>,
     ridge: f64,
-    prior: Option<GaussianPrior>,
 }
 
 impl LinearRegression {
@@ -147,39 +144,27 @@ impl LinearRegression {
         if states == 0 || p == 0 {
             return Err(EmissionError::Empty { states, components: d.min(p) });
         }
-        for (what, found) in [
-            ("list of coefficients", coefficients.len()),
-            ("list of covariances", covariances.len()),
-        ] {
-            if found != states {
-                let (state, expected) = (None, states);
-                return Err(EmissionError::Length { what, state, found, expected });
-            }
-        }
+        check_length("list of coefficients", None, coefficients.len(), states)?;
+        check_length("list of covariances", None, covariances.len(), states)?;
         let coefficients = flatten("list of coefficients", coefficients, d * p)?;
         let intercepts = flatten("intercept", intercepts, d)?;
         let covariances = flatten_covariances(kind, covariances, d)?;
-        let noise = Normals::new(kind, d, vec![0.0; states * d], covariances, Settings::default())?;
+        let zeros = vec![0.0; states * d];
+        let noise = Gaussian::of(Normals::new(kind, d, zeros, covariances, Settings::default())?);
         let each = coefficients.chunks_exact(p).zip(&intercepts);
         let lines = each.flat_map(|(slopes, c)| [*c].into_iter().chain(slopes.iter().copied()));
-        Ok(Self::of(noise, p, lines.collect(), 0.0, None))
+        Ok(Self::of(noise, p, lines.collect(), 0.0))
     }
 
-    fn of(
-        noise: Normals,
-        inputs: usize,
-        lines: Vec<f64>,
-        ridge: f64,
-        prior: Option<GaussianPrior>,
-    ) -> Self {
+    fn of(noise: Gaussian, inputs: usize, lines: Vec<f64>, ridge: f64) -> Self {
         let each = noise.components() * (1 + inputs);
-        let mut blocks = vec![Eight::default(); noise.blocks() * each];
+        let mut blocks = vec![Eight::default(); noise.normals().blocks() * each];
         for (at, line) in lines.chunks_exact(each).enumerate() {
             for (k, value) in line.iter().enumerate() {
                 blocks[at / LANES * each + k][at % LANES] = *value;
             }
         }
-        Self { noise, inputs, lines, blocks, ridge, prior }
+        Self { noise, inputs, lines, blocks, ridge }
     }
 
     /// Returns the family with missing components of the output, given as NaN. They are integrated
@@ -196,12 +181,8 @@ impl LinearRegression {
     ///
     /// [`EmissionError::Parameter`] unless λ is finite and not negative.
     pub fn with_ridge(self, lambda: f64) -> Result<Self, EmissionError> {
-        if lambda >= 0.0 && lambda.is_finite() {
-            return Ok(Self { ridge: lambda, ..self });
-        }
-        let (what, expected) = ("ridge", "a finite value of at least 0");
-        let (state, component) = (None, None);
-        Err(EmissionError::Parameter { what, state, component, value: lambda, expected })
+        let valid = lambda >= 0.0 && lambda.is_finite();
+        Ok(Self { ridge: check("ridge", lambda, valid, "a finite value of at least 0")?, ..self })
     }
 
     /// Returns the family with a prior of the noise, for learning: ν and Ψ of a [`GaussianPrior`],
@@ -210,9 +191,9 @@ impl LinearRegression {
     /// # Errors
     ///
     /// [`EmissionError::Length`] if the prior has another number of components than the output.
-    pub fn with_noise_prior(self, prior: GaussianPrior) -> Result<Self, EmissionError> {
-        prior.check_components(self.outputs())?;
-        Ok(Self { prior: Some(GaussianPrior { mean_weight: 0.0, ..prior }), ..self })
+    pub fn with_noise_prior(self, mut prior: GaussianPrior) -> Result<Self, EmissionError> {
+        prior.mean_weight = 0.0;
+        Ok(Self { noise: self.noise.with_prior(prior)?, ..self })
     }
 
     /// Number of components of the input, p.
@@ -225,12 +206,6 @@ impl LinearRegression {
     #[must_use]
     pub fn outputs(&self) -> usize {
         self.noise.components()
-    }
-
-    /// Type of the noise's covariances, full or diagonal.
-    #[must_use]
-    pub fn covariance_type(&self) -> CovarianceType {
-        self.noise.kind()
     }
 
     /// Returns the coefficients of a state, d × p values row after row, or `None` if it does not
@@ -247,35 +222,17 @@ impl LinearRegression {
         Some(self.lines_of(state)?.iter().step_by(1 + self.inputs).copied().collect())
     }
 
-    /// Returns the covariance of a state's noise, d × d values row after row whatever its type,
-    /// or `None` if the state does not exist.
-    #[must_use]
-    pub fn covariance(&self, state: usize) -> Option<Vec<f64>> {
-        self.noise.full_covariance(state)
-    }
-
-    /// Covariances as the constructor of their type takes them.
-    #[must_use]
-    pub fn covariances(&self) -> Vec<Vec<f64>> {
-        self.noise.covariances()
-    }
-
-    /// True if components of the output may be missing.
-    #[must_use]
-    pub fn takes_missing(&self) -> bool {
-        self.noise.settings().missing
-    }
-
     /// The ridge λ.
     #[must_use]
     pub fn ridge(&self) -> f64 {
         self.ridge
     }
 
-    /// The prior of the noise, if there is one.
+    /// Noise of the outputs: a Gaussian with means of 0, the covariances, the prior, and whether
+    /// components may be missing.
     #[must_use]
-    pub fn noise_prior(&self) -> Option<&GaussianPrior> {
-        self.prior.as_ref()
+    pub fn noise(&self) -> &Gaussian {
+        &self.noise
     }
 
     /// Expected output in a state, B x + c.
@@ -285,11 +242,12 @@ impl LinearRegression {
     /// [`EmissionError`] if the input does not have p finite components, or
     /// [`EmissionError::Length`] if the state does not exist.
     pub fn predict(&self, state: usize, input: &[f64]) -> Result<Vec<f64>, EmissionError> {
-        let Some(lines) = self.lines_of(state) else {
-            let (found, expected) = (state, self.noise.count());
-            let what = "number of states up to the one asked for";
-            return Err(EmissionError::Length { what, state: None, found: found + 1, expected });
-        };
+        let lines = self.lines_of(state).ok_or(EmissionError::Length {
+            what: "number of states up to the one asked for",
+            state: None,
+            found: state.saturating_add(1),
+            expected: self.noise.states(),
+        })?;
         self.check_input(input, self.inputs)?;
         Ok(lines.chunks_exact(1 + self.inputs).map(|line| predicted(line, input)).collect())
     }
@@ -324,7 +282,6 @@ fn predicted(line: &[f64], input: &[f64]) -> f64 {
 impl ReorderStates for LinearRegression {
     fn reordered(&self, order: &[usize]) -> Self {
         let lines = order.iter().flat_map(|state| self.lines_of(*state).expect("it exists"));
-        let noise = self.noise.select(order);
-        Self::of(noise, self.inputs, lines.copied().collect(), self.ridge, self.prior.clone())
+        Self::of(self.noise.reordered(order), self.inputs, lines.copied().collect(), self.ridge)
     }
 }

@@ -1,9 +1,10 @@
-//! Simulation of autoregressive models.
+//! Linear regression on the outputs before: draws of autoregressive models (section 8 of the
+//! formulas).
 
 use rand::Rng;
 
 use super::LinearRegression;
-use crate::emission::EmissionError;
+use crate::emission::check::{check, check_components, check_values};
 use crate::error::LikelihoodError;
 use crate::likelihood::SampleNext;
 
@@ -17,8 +18,9 @@ impl SampleNext for LinearRegression {
     ///
     /// # Errors
     ///
-    /// [`EmissionError`] if the number of inputs is no multiple of that of outputs, if `before` is
-    /// neither a row nor an input, or not finite, or if the output drawn is not.
+    /// [`EmissionError`](crate::emission::EmissionError) if the number of inputs is no multiple of
+    /// that of outputs, if `before` is neither a row nor an input, or not finite, or if the output
+    /// drawn is not.
     fn sample_next<R: Rng + ?Sized>(
         &self,
         state: usize,
@@ -26,25 +28,14 @@ impl SampleNext for LinearRegression {
         rng: &mut R,
     ) -> Result<Vec<f64>, LikelihoodError> {
         let (p, d) = (self.inputs(), self.outputs());
-        if !p.is_multiple_of(d) {
-            let (what, state, component) = ("number of components of the input", None, None);
-            let (value, expected) = (p as f64, "a multiple of that of the output");
-            let error = EmissionError::Parameter { what, state, component, value, expected };
-            return Err(error.into());
+        let (what, valid) = ("number of components of the input", p.is_multiple_of(d));
+        check(what, p as f64, valid, "a multiple of that of the output")?;
+        if before.len() != p + d {
+            check_components(before, p)?;
         }
-        let (found, expected) = (before.len(), p);
-        if found != p && found != p + d {
-            return Err(EmissionError::Components { found, expected }.into());
-        }
-        let input = &before[found - p..];
-        let output = self.sample(state, input, rng)?;
-        match output.iter().position(|y| !y.is_finite()) {
-            None => Ok([input, &output].concat()),
-            Some(at) => {
-                let (component, value) = (p + at, output[at]);
-                let expected = "a finite value, but the model diverges";
-                Err(EmissionError::Observation { component, value, expected }.into())
-            }
-        }
+        let input = &before[before.len() - p..];
+        let row = [input, &self.sample(state, input, rng)?].concat();
+        check_values(&row, f64::is_finite, "a finite value, but the model diverges")?;
+        Ok(row)
     }
 }

@@ -1,25 +1,18 @@
-//! Likelihoods of a linear regression.
+//! Linear regression: its densities b_i(y), section 1 of the guide's formulas.
 
 use super::LinearRegression;
-use crate::emission::EmissionError;
+use crate::emission::check::{check_components, check_values};
 use crate::emission::normal::{Differences, eights};
+use crate::emission::{EmissionError, Family};
 use crate::error::LikelihoodError;
 use crate::kernels::{Eight, Simd};
 use crate::likelihood::{Diagonal, Likelihood, Scratch};
 
 impl LinearRegression {
     pub(super) fn check_input(&self, input: &[f64], expected: usize) -> Result<(), EmissionError> {
-        let found = input.len();
-        if found != expected {
-            return Err(EmissionError::Components { found, expected });
-        }
-        match input.iter().take(self.inputs).position(|x| !x.is_finite()) {
-            None => Ok(()),
-            Some(component) => {
-                let (value, expected) = (input[component], "a finite value, as all of the input");
-                Err(EmissionError::Observation { component, value, expected })
-            }
-        }
+        check_components(input, expected)?;
+        let expected = "a finite value, as all of the input";
+        check_values(&input[..self.inputs], f64::is_finite, expected)
     }
 
     /// Checks a row, and returns its output and the number of that one's components that are not
@@ -28,13 +21,8 @@ impl LinearRegression {
     pub(super) fn output<'a>(&self, row: &'a [f64]) -> Result<(&'a [f64], usize), EmissionError> {
         self.check_input(row, self.inputs + self.outputs())?;
         let output = &row[self.inputs..];
-        let observed = self.noise.check(output).map_err(|error| match error {
-            EmissionError::Observation { component, value, expected } => {
-                let component = component + self.inputs;
-                EmissionError::Observation { component, value, expected }
-            }
-            other => other,
-        })?;
+        let observed = self.noise.normals().check(output);
+        let observed = observed.map_err(|error| error.in_factor(self.inputs, row.len()))?;
         Ok((output, observed))
     }
 
@@ -74,7 +62,7 @@ impl Likelihood for LinearRegression {
     type Observation = [f64];
 
     fn states(&self) -> usize {
-        self.noise.count()
+        self.noise.states()
     }
 
     #[inline]
@@ -83,11 +71,18 @@ impl Likelihood for LinearRegression {
         row: &'a [f64],
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let values = scratch.values(self.noise.memory() * 8);
+        let normals = self.noise.normals();
+        let values = scratch.values(normals.memory() * 8);
         let memory = eights(values);
         let (output, observed) = self.output(row)?;
-        self.noise.distances_from(&self.differences(row), output, observed, memory)?;
-        self.noise.logs(memory);
-        Ok(Diagonal::log(&values[..self.noise.count()]))
+        normals.distances_from(&self.differences(row), output, observed, memory)?;
+        normals.logs(memory);
+        Ok(Diagonal::log(&values[..normals.count()]))
+    }
+}
+
+impl Family for LinearRegression {
+    fn components(&self) -> usize {
+        self.inputs + self.outputs()
     }
 }

@@ -1,36 +1,23 @@
-//! Checks of parameters.
+//! Checks of covariances: finite, symmetric and, if diagonal, above 0.
 
-use super::super::EmissionError;
-use super::{CovarianceType, Shape};
+use super::form::{CovarianceType, Shape};
+use super::prior::SYMMETRY;
+use crate::emission::EmissionError;
+use crate::emission::check::flatten;
 
-/// Difference of two entries that are taken for one, relative to the diagonal.
-pub(super) const SYMMETRY: f64 = 1e-9;
-
-/// Checks parameters, one row for each state, and returns them one after the other.
-pub(in super::super) fn flatten<R: AsRef<[f64]>>(
-    what: &'static str,
-    rows: &[R],
-    expected: usize,
+/// Checks covariances in the form in which users give them, and returns them one after the other.
+pub(in crate::emission) fn flatten_covariances<V: AsRef<[f64]>>(
+    kind: CovarianceType,
+    covariances: &[V],
+    d: usize,
 ) -> Result<Vec<f64>, EmissionError> {
-    let mut all = Vec::with_capacity(rows.len() * expected);
-    for (state, row) in rows.iter().enumerate() {
-        let (row, state) = (row.as_ref(), Some(state));
-        let found = row.len();
-        if found != expected {
-            return Err(EmissionError::Length { what, state, found, expected });
-        }
-        if let Some(component) = row.iter().position(|value| !value.is_finite()) {
-            let (value, expected) = (row[component], "a finite value");
-            let component = Some(component);
-            return Err(EmissionError::Parameter { what, state, component, value, expected });
-        }
-        all.extend_from_slice(row);
-    }
-    Ok(all)
+    let flat = flatten("covariance", covariances, kind.values(d))?;
+    check_covariances(kind, d, &flat)?;
+    Ok(flat)
 }
 
 /// Checks covariances in their stored form, one for each density, or one if they are tied.
-pub(in super::super) fn check_covariances(
+pub(super) fn check_covariances(
     kind: CovarianceType,
     d: usize,
     covariances: &[f64],

@@ -29,7 +29,7 @@ fn cholesky(d: usize, matrix: &[f64]) -> Result<Mat<f64>, usize> {
 /// # Errors
 ///
 /// The row at which the matrix is not positive definite to working precision.
-pub(in super::super) fn inverse_factor(d: usize, matrix: &[f64]) -> Result<Vec<f64>, usize> {
+pub(in crate::emission) fn inverse_factor(d: usize, matrix: &[f64]) -> Result<Vec<f64>, usize> {
     let lower = cholesky(d, matrix)?;
     let mut inverse = Mat::zeros(d, d);
     triangular_inverse::invert_lower_triangular(inverse.as_mut(), lower.as_ref(), Par::Seq);
@@ -38,7 +38,7 @@ pub(in super::super) fn inverse_factor(d: usize, matrix: &[f64]) -> Result<Vec<f
 
 /// True if a symmetric matrix is positive semi-definite, to within 1e-9 of its largest diagonal
 /// entry.
-pub(in super::super) fn is_semidefinite(d: usize, matrix: &[f64]) -> bool {
+pub(in crate::emission) fn is_semidefinite(d: usize, matrix: &[f64]) -> bool {
     let largest = (0..d).map(|i| matrix[i * d + i]).fold(0.0, f64::max);
     if largest == 0.0 {
         return matrix.iter().all(|value| *value == 0.0);

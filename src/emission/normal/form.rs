@@ -1,6 +1,4 @@
-//! Forms of covariances.
-
-use super::lanes::packed;
+//! Types of covariances, and where their entries are stored.
 
 /// Form of the covariances of a Gaussian family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -19,7 +17,7 @@ pub enum CovarianceType {
 
 impl CovarianceType {
     /// Number of values of a covariance in d dimensions.
-    pub(in super::super) fn values(self, d: usize) -> usize {
+    pub(in crate::emission) fn values(self, d: usize) -> usize {
         match self {
             Self::Spherical => 1,
             Self::Diagonal => d,
@@ -28,7 +26,7 @@ impl CovarianceType {
     }
 
     /// Number of values of a covariance that may be chosen freely.
-    pub(in super::super) fn free(self, d: usize) -> usize {
+    pub(in crate::emission) fn free(self, d: usize) -> usize {
         match self {
             Self::Full | Self::Tied => d * (d + 1) / 2,
             other => other.values(d),
@@ -50,7 +48,7 @@ impl CovarianceType {
 
 /// Entries that are kept of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in super::super) enum Shape {
+pub(in crate::emission) enum Shape {
     Diagonal,
     Triangular,
 }
@@ -58,7 +56,7 @@ pub(in super::super) enum Shape {
 impl Shape {
     /// Number of entries in d dimensions.
     #[inline(always)]
-    pub(in super::super) fn entries(self, d: usize) -> usize {
+    pub(in crate::emission) fn entries(self, d: usize) -> usize {
         match self {
             Self::Diagonal => d,
             Self::Triangular => d * (d + 1) / 2,
@@ -66,10 +64,17 @@ impl Shape {
     }
 
     /// Number of an entry; of a diagonal one, if only these are kept.
-    pub(in super::super) fn entry(self, i: usize, j: usize) -> usize {
+    pub(in crate::emission) fn entry(self, i: usize, j: usize) -> usize {
         match self {
             Self::Diagonal => i,
             Self::Triangular => packed(i, j),
         }
     }
+}
+
+/// Position of an entry of a symmetric matrix in its lower triangle, packed row after row.
+#[inline(always)]
+pub(super) fn packed(i: usize, j: usize) -> usize {
+    let (row, column) = if i >= j { (i, j) } else { (j, i) };
+    row * (row + 1) / 2 + column
 }

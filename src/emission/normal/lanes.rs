@@ -1,14 +1,7 @@
-//! Loops over eight densities side by side.
+//! Loops over eight densities side by side: differences, distances and elimination.
 
-use super::Shape;
+use super::form::{Shape, packed};
 use crate::kernels::{Eight, Simd, WithSimd};
-
-/// Position of an entry of a symmetric matrix in its lower triangle, packed row after row.
-#[inline(always)]
-pub(super) fn packed(i: usize, j: usize) -> usize {
-    let (row, column) = if i >= j { (i, j) } else { (j, i) };
-    row * (row + 1) / 2 + column
-}
 
 /// ‖W δ‖², where W is lower triangular.
 #[inline(always)]
@@ -40,14 +33,14 @@ fn diagonal<S: Simd>(s: S, factor: &[Eight], deltas: &[Eight]) -> S::V {
 pub(super) struct Distances<'a, D> {
     pub(super) shape: Shape,
     pub(super) factors: &'a [Eight],
-    /// Memory for the differences of a block, and what writes them there.
+    /// Memory for the differences of a block, and their source.
     pub(super) deltas: &'a mut [Eight],
     pub(super) differences: &'a D,
     pub(super) out: &'a mut [Eight],
 }
 
 /// Differences of an observation from the centres of a block of densities.
-pub(in super::super) trait Differences {
+pub(in crate::emission) trait Differences {
     fn write<S: Simd>(&self, s: S, block: usize, out: &mut [Eight]);
 }
 

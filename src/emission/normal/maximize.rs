@@ -1,20 +1,24 @@
-//! Maximum of the expected log-likelihood of normal densities, with its prior.
+//! M step of normal densities (section 9 of the formulas): the maximum of Σ γ ln b + ln p(θ), in
+//! closed form.
 
-use super::super::EmissionError;
-use super::{CovarianceType, GaussianPrior, Moments, Normals, Settings, Shape, check_covariances};
+use super::check::check_covariances;
+use super::form::{CovarianceType, Shape};
+use super::moments::Moments;
+use super::normals::Normals;
+use crate::emission::EmissionError;
+use crate::emission::check::{at, check};
 
 const REASON: &str = "they do not vary in all directions; give a prior (`with_prior`)";
 
 impl Normals {
     /// Returns the densities that fit the moments best. Covariances are divided by `counts`, d for
     /// each density, if these are not the weights of the moments.
-    pub(in super::super) fn maximize(
+    pub(in crate::emission) fn maximize(
         &self,
         moments: &Moments,
         counts: Option<&[f64]>,
-        prior: Option<&GaussianPrior>,
     ) -> Result<Self, EmissionError> {
-        let (d, count) = (self.d, self.count());
+        let (d, count, prior) = (self.d, self.count(), self.settings.prior.as_ref());
         let (kappa, nu) = prior.map_or((0.0, 0.0), |p| (p.mean_weight, p.covariance_weight));
         let origin = |c: usize| prior.map_or(0.0, |p| p.mean[c]);
         let scale = |i: usize, j: usize| prior.map_or(0.0, |p| p.scale[i * d + j]);
@@ -23,7 +27,8 @@ impl Normals {
             |at: usize, c: usize| counts.map_or(weight(at, c), |counts| counts[at * d + c]);
         let known = |at: usize, c: usize| weight(at, c) >= f64::MIN_POSITIVE;
 
-        let Settings { fixed_means, fixed_covariances, .. } = self.settings;
+        let (fixed_means, fixed_covariances) =
+            (self.settings.fixed_means, self.settings.fixed_covariances);
 
         // Changes of the means, 0 without observations.
         let change = |at: usize, c: usize| {
@@ -109,21 +114,52 @@ impl Normals {
         }
     }
 
+    /// Log density of the prior, if there is one, at the parameters of all densities.
+    pub(in crate::emission) fn log_prior(&self) -> f64 {
+        let Some(prior) = &self.settings.prior else { return 0.0 };
+        let (d, count) = (self.d, self.count());
+        let means = (0..count).map(|at| {
+            let mean = &self.means[at * d..];
+            let squares = self.whitened(at, |i| mean[i] - prior.mean[i]).map(|z| z * z);
+            prior.mean_weight * squares.sum::<f64>()
+        });
+        let means = if prior.mean_weight == 0.0 { 0.0 } else { means.sum::<f64>() };
+        let tied = self.kind == CovarianceType::Tied;
+        let covariances = (0..if tied { 1 } else { count }).map(|at| {
+            // Σ w Ψ w' over the rows w of W
+            let trace: f64 = (0..d)
+                .map(|row| {
+                    let all = self.kind.shape() == Shape::Triangular;
+                    let entries = if all { 0..row + 1 } else { row..row + 1 };
+                    let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
+                    pairs
+                        .map(|(i, j)| {
+                            // In this order: a product of the weights may be infinite.
+                            let scaled = self.inverse(at, row, i) * prior.scale[i * d + j];
+                            scaled * self.inverse(at, row, j)
+                        })
+                        .sum::<f64>()
+                })
+                .sum();
+            prior.covariance_weight * self.log_determinant(at) + trace
+        });
+        -0.5 * (means + covariances.sum::<f64>())
+    }
+
     /// Returns densities of the same form. Covariances that are not positive definite are an
     /// error of the weight of the observations of a density, or of all.
-    pub(in super::super) fn replaced(
+    pub(in crate::emission) fn replaced(
         &self,
         means: Vec<f64>,
         covariances: Vec<f64>,
         weight: impl Fn(Option<usize>) -> f64,
     ) -> Result<Self, EmissionError> {
-        if let Some(at) = means.iter().position(|mean| !mean.is_finite()) {
-            let (state, component) = (Some(at / self.d), Some(at % self.d));
-            let (what, value, expected) = ("mean", means[at], "a finite value");
-            return Err(EmissionError::Parameter { what, state, component, value, expected });
+        for (k, mean) in means.iter().enumerate() {
+            check("mean", *mean, mean.is_finite(), "a finite value")
+                .map_err(|error| at(error, k / self.d, Some(k % self.d)))?;
         }
         let new = check_covariances(self.kind, self.d, &covariances)
-            .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.settings));
+            .and_then(|()| Self::new(self.kind, self.d, means, covariances, self.settings.clone()));
         new.map_err(|error| match error {
             EmissionError::Parameter { value, .. }
                 if value.is_nan() || value >= f64::MIN_POSITIVE =>
@@ -142,21 +178,16 @@ impl Normals {
         })
     }
 
-    /// Empty moments of observations.
-    pub(in super::super) fn moments(&self) -> Moments {
-        Moments::new(self.count(), self.d, self.kind.shape(), self.counts_by_component())
-    }
-
     /// True if a component that is missing does not count, instead of being expected.
-    pub(in super::super) fn counts_by_component(&self) -> bool {
+    pub(in crate::emission) fn counts_by_component(&self) -> bool {
         self.settings.missing && self.kind.shape() == Shape::Diagonal
     }
 
     /// Number of parameters that may be chosen freely.
-    pub(in super::super) fn free_parameters(&self) -> usize {
-        let Settings { fixed_means, fixed_covariances, .. } = self.settings;
+    pub(in crate::emission) fn free_parameters(&self) -> usize {
         let covariances = if self.kind == CovarianceType::Tied { 1 } else { self.count() };
-        let of_means = if fixed_means { 0 } else { self.count() * self.d };
-        of_means + if fixed_covariances { 0 } else { covariances * self.kind.free(self.d) }
+        let of_means = if self.settings.fixed_means { 0 } else { self.count() * self.d };
+        of_means
+            + if self.settings.fixed_covariances { 0 } else { covariances * self.kind.free(self.d) }
     }
 }

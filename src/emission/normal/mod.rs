@@ -1,4 +1,8 @@
-//! Sets of normal densities with cached factors, on which the Gaussian families stand.
+//! Normal densities of vectors with cached factors, on which the Gaussian families stand.
+//!
+//! Files, each of which stands on those before it: `form` (types of covariances), `factor`
+//! (Cholesky), `lanes` (eight densities side by side), `moments` (the statistics of the M-step),
+//! `prior`, `settings`, `check`, `normals` (the densities), `step` (E-step) and `maximize` (M-step).
 
 mod check;
 mod factor;
@@ -6,236 +10,19 @@ mod form;
 mod lanes;
 mod maximize;
 mod moments;
+mod normals;
 mod prior;
 mod settings;
 mod step;
 
-use rand::{Rng, RngExt};
-use rand_distr::StandardNormal;
-
-use super::EmissionError;
-use crate::kernels::{Eight, LANES};
-
-pub(super) use check::{check_covariances, flatten};
+pub(super) use check::flatten_covariances;
 pub(super) use factor::inverse_factor;
 pub use form::CovarianceType;
 pub(super) use form::Shape;
 pub(super) use lanes::Differences;
+pub use moments::GaussianStatistics;
 pub(super) use moments::Moments;
+pub(super) use normals::Normals;
 pub use prior::GaussianPrior;
 pub(super) use settings::{Settings, settings};
 pub(super) use step::{add_missing, density, eights, in_blocks};
-
-/// ln 2π.
-pub(super) const LN_2_PI: f64 = 1.837_877_066_409_345_6;
-
-/// Normal densities of vectors of d components, with what a step needs of them in blocks of eight
-/// densities.
-#[derive(Debug, Clone)]
-pub(super) struct Normals {
-    kind: CovarianceType,
-    d: usize,
-    means: Vec<f64>,
-    /// One covariance after the other; a single one if they are tied.
-    covariances: Vec<f64>,
-    settings: Settings,
-    centres: Vec<Eight>,
-    /// Inverse Cholesky factors, or inverse deviations.
-    factors: Vec<Eight>,
-    /// Logarithms of the densities at the means.
-    log_norms: Vec<Eight>,
-    /// If components may be missing: packed covariances, or the part of each component in the
-    /// logarithm of the density at the mean.
-    parts: Vec<Eight>,
-}
-
-impl Normals {
-    /// Factors the covariances, after all values were checked.
-    pub(super) fn new(
-        kind: CovarianceType,
-        d: usize,
-        means: Vec<f64>,
-        covariances: Vec<f64>,
-        settings: Settings,
-    ) -> Result<Self, EmissionError> {
-        let (count, shape) = (means.len() / d, kind.shape());
-        let (blocks, entries) = (count.div_ceil(LANES), shape.entries(d));
-        let zeros = |each: usize| vec![Eight::default(); blocks * each];
-        let mut new = Self {
-            kind,
-            d,
-            means,
-            covariances,
-            settings,
-            centres: zeros(d),
-            factors: zeros(entries),
-            log_norms: zeros(1),
-            parts: Vec::new(),
-        };
-        let tied = if kind == CovarianceType::Tied { Some(new.factor(0)?) } else { None };
-        for at in 0..count {
-            let own = if tied.is_none() { Some(new.factor(at)?) } else { None };
-            let (block, l) = (at / LANES, at % LANES);
-            for (entry, value) in own.iter().chain(&tied).flatten().enumerate() {
-                new.factors[block * entries + entry][l] = *value;
-            }
-            new.log_norms[block][l] = -0.5 * (d as f64 * LN_2_PI + new.log_determinant(at));
-            for c in 0..d {
-                new.centres[block * d + c][l] = new.means[at * d + c];
-            }
-        }
-        if settings.missing {
-            new.parts = zeros(entries);
-            // Identities where there is no density, which can be factored, too.
-            for at in 0..blocks * LANES {
-                for i in 0..d {
-                    for j in if shape == Shape::Diagonal { i..i + 1 } else { 0..i + 1 } {
-                        let part = match shape {
-                            _ if at >= count => f64::from(u8::from(i == j)),
-                            Shape::Triangular => new.covariance(at, i, j),
-                            Shape::Diagonal => -0.5 * (LN_2_PI + new.covariance(at, i, i).ln()),
-                        };
-                        new.parts[at / LANES * entries + shape.entry(i, j)][at % LANES] = part;
-                    }
-                }
-            }
-        }
-        Ok(new)
-    }
-
-    /// Inverse Cholesky factor of a covariance, or inverse deviations.
-    fn factor(&self, at: usize) -> Result<Vec<f64>, EmissionError> {
-        let d = self.d;
-        if self.kind.shape() == Shape::Diagonal {
-            return Ok((0..d).map(|c| 1.0 / self.covariance(at, c, c).sqrt()).collect());
-        }
-        let matrix = &self.covariances[at * d * d..][..d * d];
-        let state = (self.kind == CovarianceType::Full).then_some(at);
-        inverse_factor(d, matrix)
-            .map_err(|component| EmissionError::NotPositiveDefinite { state, component })
-    }
-
-    /// Number of densities.
-    pub(super) fn count(&self) -> usize {
-        self.means.len() / self.d
-    }
-
-    pub(super) fn kind(&self) -> CovarianceType {
-        self.kind
-    }
-
-    /// Number of components, d.
-    pub(super) fn components(&self) -> usize {
-        self.d
-    }
-
-    pub(super) fn settings(&self) -> Settings {
-        self.settings
-    }
-
-    pub(super) fn with_settings(self, settings: Settings) -> Self {
-        let Self { kind, d, means, covariances, .. } = self;
-        Self::new(kind, d, means, covariances, settings).expect("these have been factored before")
-    }
-
-    pub(super) fn with_missing(self) -> Self {
-        let settings = Settings { missing: true, ..self.settings };
-        self.with_settings(settings)
-    }
-
-    pub(super) fn with_fixed_means(self) -> Self {
-        Self { settings: Settings { fixed_means: true, ..self.settings }, ..self }
-    }
-
-    pub(super) fn with_fixed_covariances(self) -> Self {
-        Self { settings: Settings { fixed_covariances: true, ..self.settings }, ..self }
-    }
-
-    pub(super) fn mean(&self, at: usize) -> Option<&[f64]> {
-        self.means.chunks_exact(self.d).nth(at)
-    }
-
-    pub(super) fn means(&self) -> Vec<Vec<f64>> {
-        self.means.chunks_exact(self.d).map(<[f64]>::to_vec).collect()
-    }
-
-    /// Covariances as they are stored.
-    pub(super) fn covariances(&self) -> Vec<Vec<f64>> {
-        let each = self.kind.values(self.d);
-        self.covariances.chunks_exact(each).map(<[f64]>::to_vec).collect()
-    }
-
-    /// Covariance of a density, row after row, in full.
-    pub(super) fn full_covariance(&self, at: usize) -> Option<Vec<f64>> {
-        let (d, entry) = (self.d, |i, j| self.covariance(at, i, j));
-        (at < self.count())
-            .then(|| (0..d * d).map(|position| entry(position / d, position % d)).collect())
-    }
-
-    fn covariance(&self, at: usize, i: usize, j: usize) -> f64 {
-        let d = self.d;
-        match self.kind {
-            CovarianceType::Full => self.covariances[(at * d + i) * d + j],
-            CovarianceType::Tied => self.covariances[i * d + j],
-            _ if i != j => 0.0,
-            CovarianceType::Spherical => self.covariances[at],
-            CovarianceType::Diagonal => self.covariances[at * d + i],
-        }
-    }
-
-    /// Entry of the inverse Cholesky factor of a density.
-    fn inverse(&self, at: usize, i: usize, j: usize) -> f64 {
-        let shape = self.kind.shape();
-        if shape == Shape::Diagonal && i != j {
-            return 0.0;
-        }
-        self.factors[at / LANES * shape.entries(self.d) + shape.entry(i, j)][at % LANES]
-    }
-
-    fn log_determinant(&self, at: usize) -> f64 {
-        -2.0 * (0..self.d).map(|i| self.inverse(at, i, i).ln()).sum::<f64>()
-    }
-
-    /// W x, where W is the inverse Cholesky factor of a density.
-    pub(super) fn whitened(
-        &self,
-        at: usize,
-        x: impl Fn(usize) -> f64,
-    ) -> impl Iterator<Item = f64> {
-        (0..self.d).map(move |i| (0..=i).map(|j| self.inverse(at, i, j) * x(j)).sum())
-    }
-
-    /// Variances of a component in a block; 0 where there is no density.
-    pub(super) fn variances(&self, block: usize, c: usize) -> Eight {
-        let variance = |at: usize| if at < self.count() { self.covariance(at, c, c) } else { 0.0 };
-        std::array::from_fn(|l| variance(block * LANES + l))
-    }
-
-    /// Draws an observation of a density.
-    pub(super) fn sample<R: Rng + ?Sized>(&self, at: usize, rng: &mut R) -> Vec<f64> {
-        let mut x: Vec<f64> = Vec::with_capacity(self.d);
-        for i in 0..self.d {
-            let z: f64 = rng.sample(StandardNormal);
-            // W (x − μ) = z
-            let before: f64 = (0..i).map(|j| self.inverse(at, i, j) * x[j]).sum();
-            x.push((z - before) / self.inverse(at, i, i));
-        }
-        x.iter_mut().zip(&self.means[at * self.d..]).for_each(|(x, mean)| *x += mean);
-        x
-    }
-
-    /// Returns the densities in another order, or some of them.
-    pub(super) fn select(&self, order: &[usize]) -> Self {
-        let each = self.kind.values(self.d);
-        let pick = |values: &[f64], each: usize| -> Vec<f64> {
-            order.iter().flat_map(|at| &values[at * each..][..each]).copied().collect()
-        };
-        let covariances = if self.kind == CovarianceType::Tied {
-            self.covariances.clone()
-        } else {
-            pick(&self.covariances, each)
-        };
-        Self::new(self.kind, self.d, pick(&self.means, self.d), covariances, self.settings)
-            .expect("these have been factored before")
-    }
-}

@@ -1,13 +1,41 @@
-//! Weighted moments of differences from current means: West's (1979) update of weights, means and sums of squares,
-//! which stays exact for values far from 0, and that of Chan, Golub and LeVeque (1983) for two
-//! sets of observations.
+//! Weighted moments of differences from current means, the statistics of the Gaussian families.
+//!
+//! By West's (1979) update of weights, means and sums of squares, which stays exact for values far
+//! from 0, and that of Chan, Golub and LeVeque (1983) for two sets of observations.
 
-use super::Shape;
+use super::form::Shape;
 use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
+
+/// Statistics of a Gaussian family: weights, means and scatter of the observations of each density,
+/// further sums of the family, and memory for one observation.
+#[derive(Debug, Clone)]
+pub struct GaussianStatistics {
+    pub(in crate::emission) moments: Moments,
+    pub(in crate::emission) sums: Vec<f64>,
+    /// Weights of an observation in blocks: of its values, and of the covariances of its missing
+    /// components, if these differ.
+    pub(in crate::emission) weights: [Vec<Eight>; 2],
+    pub(in crate::emission) memory: Vec<Eight>,
+}
+
+impl GaussianStatistics {
+    /// Empty statistics, with memory of so many blocks.
+    pub(in crate::emission) fn new(moments: Moments, sums: usize, memory: usize) -> Self {
+        let blocks = vec![Eight::default(); moments.blocks()];
+        let memory = vec![Eight::default(); memory];
+        Self { moments, sums: vec![0.0; sums], weights: [blocks.clone(), blocks], memory }
+    }
+
+    /// Adds the statistics of other observations.
+    pub(in crate::emission) fn merge(&mut self, other: &Self) {
+        self.moments.merge(&other.moments);
+        self.sums.iter_mut().zip(&other.sums).for_each(|(sum, other)| *sum += other);
+    }
+}
 
 /// Weights, means and scatter about them, for eight densities side by side.
 #[derive(Debug, Clone)]
-pub(in super::super) struct Moments {
+pub(in crate::emission) struct Moments {
     shape: Shape,
     d: usize,
     /// True if each component has weights of its own, since others may be missing.
@@ -29,7 +57,12 @@ enum Row<'a> {
 }
 
 impl Moments {
-    pub(in super::super) fn new(count: usize, d: usize, shape: Shape, by_component: bool) -> Self {
+    pub(in crate::emission) fn new(
+        count: usize,
+        d: usize,
+        shape: Shape,
+        by_component: bool,
+    ) -> Self {
         let blocks = count.div_ceil(LANES);
         let zeros = |each: usize| vec![Eight::default(); blocks * each];
         Self {
@@ -39,8 +72,12 @@ impl Moments {
             weights: zeros(if by_component { d } else { 1 }),
             means: zeros(d),
             scatters: zeros(shape.entries(d)),
-            deltas: zeros(1).into_iter().cycle().take(d).collect(),
+            deltas: vec![Eight::default(); d],
         }
+    }
+
+    fn blocks(&self) -> usize {
+        self.weights.len() / self.weights_each()
     }
 
     fn weights_each(&self) -> usize {
@@ -55,20 +92,20 @@ impl Moments {
 
     /// Adds differences to one block.
     #[inline]
-    pub(in super::super) fn add_block(&mut self, block: usize, weight: &Eight, row: &[Eight]) {
+    pub(in crate::emission) fn add_block(&mut self, block: usize, weight: &Eight, row: &[Eight]) {
         let weights = std::slice::from_ref(weight);
         run(Add { moments: self, first: block, weights, row: Row::Each(row) });
     }
 
     /// Scatter of a block, packed.
-    pub(in super::super) fn scatter_mut(&mut self, block: usize) -> &mut [Eight] {
+    pub(in crate::emission) fn scatter_mut(&mut self, block: usize) -> &mut [Eight] {
         let each = self.shape.entries(self.d);
         &mut self.scatters[block * each..][..each]
     }
 
-    pub(in super::super) fn merge(&mut self, other: &Self) {
+    fn merge(&mut self, other: &Self) {
         let (d, each, entries) = (self.d, self.weights_each(), self.shape.entries(self.d));
-        for at in 0..self.weights.len() / each * LANES {
+        for at in 0..self.blocks() * LANES {
             let (block, l) = (at / LANES, at % LANES);
             let weight = |c: usize| block * each + if each == 1 { 0 } else { c };
             // The change of the mean, and the weight of the change in the scatter.
@@ -108,17 +145,17 @@ impl Moments {
     }
 
     /// Sum of the weights of one density, that of a component if these differ.
-    pub(in super::super) fn weight(&self, at: usize, component: usize) -> f64 {
+    pub(in crate::emission) fn weight(&self, at: usize, component: usize) -> f64 {
         let each = self.weights_each();
         self.weights[at / LANES * each + if each == 1 { 0 } else { component }][at % LANES]
     }
 
-    pub(in super::super) fn mean(&self, at: usize, component: usize) -> f64 {
+    pub(in crate::emission) fn mean(&self, at: usize, component: usize) -> f64 {
         self.means[at / LANES * self.d + component][at % LANES]
     }
 
     /// Entry of the scatter about the mean; only those on the diagonal, unless all are kept.
-    pub(in super::super) fn scatter(&self, at: usize, i: usize, j: usize) -> f64 {
+    pub(in crate::emission) fn scatter(&self, at: usize, i: usize, j: usize) -> f64 {
         let entry = self.shape.entry(i, j);
         self.scatters[at / LANES * self.shape.entries(self.d) + entry][at % LANES]
     }

@@ -1,9 +1,11 @@
 //! Priors of Gaussian families.
 
-use super::super::EmissionError;
-use super::check::SYMMETRY;
 use super::factor::is_semidefinite;
-use super::{Normals, Shape};
+use crate::emission::EmissionError;
+use crate::emission::check::{check, check_length};
+
+/// Difference of two entries that are taken for one, relative to the diagonal.
+pub(super) const SYMMETRY: f64 = 1e-9;
 
 /// Prior of the means and covariances of a Gaussian family, the same for each state.
 ///
@@ -51,11 +53,11 @@ use super::{Normals, Shape};
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussianPrior {
-    pub(crate) mean_weight: f64,
-    pub(crate) mean: Vec<f64>,
-    pub(crate) covariance_weight: f64,
+    pub(in crate::emission) mean_weight: f64,
+    pub(in crate::emission) mean: Vec<f64>,
+    pub(super) covariance_weight: f64,
     /// Ψ, row after row.
-    pub(crate) scale: Vec<f64>,
+    pub(super) scale: Vec<f64>,
 }
 
 impl GaussianPrior {
@@ -129,14 +131,11 @@ impl GaussianPrior {
         values: &[f64],
         expected: usize,
     ) -> Result<(), EmissionError> {
-        let (state, found) = (None, values.len());
-        if found != expected {
-            return Err(EmissionError::Length { what, state, found, expected });
-        }
+        check_length(what, None, values.len(), expected)?;
         let wrong = values.iter().position(|value| !value.is_finite());
         wrong.map_or(Ok(()), |at| {
             let component = Some(at % self.mean.len());
-            let (value, expected) = (values[at], "a finite value");
+            let (state, value, expected) = (None, values[at], "a finite value");
             Err(EmissionError::Parameter { what, state, component, value, expected })
         })
     }
@@ -154,50 +153,11 @@ impl GaussianPrior {
     }
 
     /// Checks that the prior is for observations of d components.
-    pub(in super::super) fn check_components(&self, d: usize) -> Result<(), EmissionError> {
-        let (what, state, found) = ("mean of the prior", None, self.mean.len());
-        if found == d {
-            return Ok(());
-        }
-        Err(EmissionError::Length { what, state, found, expected: d })
-    }
-
-    /// Log-density of the parameters of all densities.
-    pub(in super::super) fn log_density(&self, normals: &Normals) -> f64 {
-        let (d, count) = (normals.components(), normals.count());
-        let means = (0..count).map(|at| {
-            let mean = &normals.means[at * d..];
-            let squares = normals.whitened(at, |i| mean[i] - self.mean[i]).map(|z| z * z);
-            self.mean_weight * squares.sum::<f64>()
-        });
-        let means = if self.mean_weight == 0.0 { 0.0 } else { means.sum::<f64>() };
-        let tied = normals.kind() == super::CovarianceType::Tied;
-        let covariances = (0..if tied { 1 } else { count }).map(|at| {
-            // Σ w Ψ w' over the rows w of W
-            let trace: f64 = (0..d)
-                .map(|row| {
-                    let all = normals.kind().shape() == Shape::Triangular;
-                    let entries = if all { 0..row + 1 } else { row..row + 1 };
-                    let pairs = entries.clone().flat_map(|i| entries.clone().map(move |j| (i, j)));
-                    pairs
-                        .map(|(i, j)| {
-                            // In this order: a product of the weights may be infinite.
-                            let scaled = normals.inverse(at, row, i) * self.scale[i * d + j];
-                            scaled * normals.inverse(at, row, j)
-                        })
-                        .sum::<f64>()
-                })
-                .sum();
-            self.covariance_weight * normals.log_determinant(at) + trace
-        });
-        -0.5 * (means + covariances.sum::<f64>())
+    pub(super) fn check_components(&self, d: usize) -> Result<(), EmissionError> {
+        check_length("mean of the prior", None, self.mean.len(), d)
     }
 }
 
-fn check_weight(what: &'static str, value: f64) -> Result<(), EmissionError> {
-    if value >= 0.0 && value.is_finite() {
-        return Ok(());
-    }
-    let expected = "a finite value of at least 0";
-    Err(EmissionError::Parameter { what, state: None, component: None, value, expected })
+fn check_weight(what: &'static str, value: f64) -> Result<f64, EmissionError> {
+    check(what, value, value >= 0.0 && value.is_finite(), "a finite value of at least 0")
 }

@@ -1,28 +1,33 @@
 //! Settings that the families on [`Normals`](super::Normals) share.
 
+use super::prior::GaussianPrior;
+
 /// Choices that learning leaves as they are.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(in super::super) struct Settings {
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(in crate::emission) struct Settings {
     /// True if NaN is a missing component.
-    pub(in super::super) missing: bool,
+    pub(in crate::emission) missing: bool,
     /// True if learning keeps the means.
-    pub(in super::super) fixed_means: bool,
+    pub(in crate::emission) fixed_means: bool,
     /// True if learning keeps the covariances.
-    pub(in super::super) fixed_covariances: bool,
+    pub(in crate::emission) fixed_covariances: bool,
+    /// Prior of learning, if there is one.
+    pub(in crate::emission) prior: Option<GaussianPrior>,
 }
 
-/// Methods of a family with the fields `normals` and `prior`.
+/// Methods of a family with the field `normals`.
 macro_rules! settings {
     () => {
         /// Returns the family with missing components, given as NaN. They are integrated out: of
         /// the density, and in learning by their expectation, given the others. Without this, a
         /// NaN is an error.
         #[must_use]
-        pub fn with_missing(self) -> Self {
-            Self { normals: self.normals.with_missing(), ..self }
+        pub fn with_missing(mut self) -> Self {
+            self.normals = self.normals.with(|settings| settings.missing = true);
+            self
         }
 
-        /// Returns the family with a prior of each mean and covariance (or scale), for learning.
+        /// Returns the family with a prior of each mean and covariance, for learning.
         /// By default there is none: learning maximises the likelihood.
         ///
         /// # Errors
@@ -30,29 +35,31 @@ macro_rules! settings {
         /// [`EmissionError::Length`](crate::emission::EmissionError::Length) if the prior has
         /// another number of components.
         pub fn with_prior(
-            self,
+            mut self,
             prior: $crate::emission::GaussianPrior,
         ) -> Result<Self, $crate::emission::EmissionError> {
-            prior.check_components(self.components())?;
-            Ok(Self { prior: Some(prior), ..self })
+            self.normals = self.normals.with_prior(prior)?;
+            Ok(self)
         }
 
         /// Returns the family with means that learning keeps.
         #[must_use]
-        pub fn with_fixed_means(self) -> Self {
-            Self { normals: self.normals.with_fixed_means(), ..self }
+        pub fn with_fixed_means(mut self) -> Self {
+            self.normals = self.normals.with(|settings| settings.fixed_means = true);
+            self
         }
 
-        /// Returns the family with covariances (or scales) that learning keeps.
+        /// Returns the family with covariances that learning keeps.
         #[must_use]
-        pub fn with_fixed_covariances(self) -> Self {
-            Self { normals: self.normals.with_fixed_covariances(), ..self }
+        pub fn with_fixed_covariances(mut self) -> Self {
+            self.normals = self.normals.with(|settings| settings.fixed_covariances = true);
+            self
         }
 
-        /// Number of components of an observation, d.
+        /// Type of the covariances.
         #[must_use]
-        pub fn components(&self) -> usize {
-            self.normals.components()
+        pub fn covariance_type(&self) -> $crate::emission::CovarianceType {
+            self.normals.kind()
         }
 
         /// True if NaN is a missing component.
@@ -67,31 +74,18 @@ macro_rules! settings {
             self.normals.settings().fixed_means
         }
 
-        /// True if learning keeps the covariances (or scales).
+        /// True if learning keeps the covariances.
         #[must_use]
         pub fn has_fixed_covariances(&self) -> bool {
             self.normals.settings().fixed_covariances
         }
 
-        /// Returns the family as it was stored.
-        #[cfg(feature = "serde")]
-        pub(crate) fn restored(
-            self,
-            [missing, fixed_means, fixed_covariances]: [bool; 3],
-            prior: Option<$crate::emission::GaussianPrior>,
-        ) -> Result<Self, $crate::emission::EmissionError> {
-            let family = if missing { self.with_missing() } else { self };
-            let family = if fixed_means { family.with_fixed_means() } else { family };
-            let family = if fixed_covariances { family.with_fixed_covariances() } else { family };
-            prior.into_iter().try_fold(family, Self::with_prior)
-        }
-
         /// The prior of learning, if there is one.
         #[must_use]
         pub fn prior(&self) -> Option<&$crate::emission::GaussianPrior> {
-            self.prior.as_ref()
+            self.normals.settings().prior.as_ref()
         }
     };
 }
 
-pub(in super::super) use settings;
+pub(in crate::emission) use settings;

@@ -1,18 +1,21 @@
-//! Distances of an observation, and what is expected of missing components.
+//! E step of normal densities: distances of an observation, and expectations of missing components.
 
-use super::super::EmissionError;
-use super::lanes::{Differences, Distances, Eliminate, FromMeans, packed};
-use super::{LN_2_PI, Moments, Normals, Shape};
+use super::form::{Shape, packed};
+use super::lanes::{Differences, Distances, Eliminate, FromMeans};
+use super::moments::Moments;
+use super::normals::{LN_2_PI, Normals};
+use crate::emission::EmissionError;
+use crate::emission::check::{check_components, check_values};
 use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
 
 impl Normals {
     /// Number of blocks of eight densities.
-    pub(in super::super) fn blocks(&self) -> usize {
+    pub(in crate::emission) fn blocks(&self) -> usize {
         self.log_norms.len()
     }
 
     /// Number of blocks of memory that distances take.
-    pub(in super::super) fn memory(&self) -> usize {
+    pub(in crate::emission) fn memory(&self) -> usize {
         let elimination = self.settings.missing && self.kind.shape() == Shape::Triangular;
         2 * self.blocks() + self.d + if elimination { self.elimination() } else { 0 }
     }
@@ -25,7 +28,7 @@ impl Normals {
     /// after these, in as many, the logarithm of each density at the mean; both for the
     /// components that are not missing, whose number is returned.
     #[inline]
-    pub(in super::super) fn distances(
+    pub(in crate::emission) fn distances(
         &self,
         y: &[f64],
         memory: &mut [Eight],
@@ -38,7 +41,7 @@ impl Normals {
     /// As [`distances`](Self::distances), with these differences from the observation, which is
     /// valid and has so many components that are not missing.
     #[inline]
-    pub(in super::super) fn distances_from(
+    pub(in crate::emission) fn distances_from(
         &self,
         differences: &impl Differences,
         y: &[f64],
@@ -68,28 +71,20 @@ impl Normals {
 
     /// Checks an observation, and returns its number of components that are not missing.
     #[inline]
-    pub(in super::super) fn check(&self, y: &[f64]) -> Result<usize, EmissionError> {
-        let (found, expected) = (y.len(), self.d);
-        if found != expected {
-            return Err(EmissionError::Components { found, expected });
-        }
+    pub(in crate::emission) fn check(&self, y: &[f64]) -> Result<usize, EmissionError> {
+        check_components(y, self.d)?;
         // The sum of these products is 0 if all values are finite.
         if y.iter().map(|y| y * 0.0).sum::<f64>() == 0.0 {
-            return Ok(found);
+            return Ok(self.d);
         }
-        let is_missing = |y: &f64| self.settings.missing && y.is_nan();
-        let wrong = y.iter().position(|y| !y.is_finite() && !is_missing(y));
-        match wrong {
-            None => Ok(y.iter().filter(|y| !y.is_nan()).count()),
-            Some(component) => {
-                let expected = if self.settings.missing {
-                    "a finite value, or NaN if it is missing"
-                } else {
-                    "a finite value (NaN for a missing one only with `with_missing`)"
-                };
-                Err(EmissionError::Observation { component, value: y[component], expected })
-            }
-        }
+        let is_missing = |y: f64| self.settings.missing && y.is_nan();
+        let expected = if self.settings.missing {
+            "a finite value, or NaN if it is missing"
+        } else {
+            "a finite value (NaN for a missing one only with `with_missing`)"
+        };
+        check_values(y, |y| y.is_finite() || is_missing(y), expected)?;
+        Ok(y.iter().filter(|y| !y.is_nan()).count())
     }
 
     /// Writes the distance and the norm of one block for an observation with missing components;
@@ -126,7 +121,7 @@ impl Normals {
 
     /// Turns the distances in `memory` into logarithms of densities.
     #[inline]
-    pub(in super::super) fn logs(&self, memory: &mut [Eight]) {
+    pub(in crate::emission) fn logs(&self, memory: &mut [Eight]) {
         let (distances, rest) = memory.split_at_mut(self.blocks());
         for (distance, norm) in distances.iter_mut().zip(rest) {
             for (distance, norm) in distance.iter_mut().zip(norm) {
@@ -137,7 +132,7 @@ impl Normals {
 
     /// Writes the differences of a block.
     #[inline]
-    pub(in super::super) fn write(
+    pub(in crate::emission) fn write(
         &self,
         differences: &impl Differences,
         block: usize,
@@ -149,7 +144,7 @@ impl Normals {
     /// Adds an observation with these weights for each block to moments. What is missing has its
     /// conditional distribution, whose covariance counts with the weights `conditional`.
     #[inline]
-    pub(in super::super) fn add(
+    pub(in crate::emission) fn add(
         &self,
         moments: &mut Moments,
         y: &[f64],
@@ -179,7 +174,7 @@ impl Normals {
 
     /// Expected differences of a block, with those of missing components given the others, and
     /// packed covariances, which are valid between components that are missing.
-    pub(in super::super) fn expected<'a>(
+    pub(in crate::emission) fn expected<'a>(
         &self,
         differences: &impl Differences,
         y: &[f64],
@@ -206,7 +201,7 @@ impl Normals {
 
 /// Adds conditional covariances of missing components to a scatter in which `before` components
 /// precede those, both packed.
-pub(in super::super) fn add_missing(
+pub(in crate::emission) fn add_missing(
     scatter: &mut [Eight],
     before: usize,
     y: &[f64],
@@ -242,18 +237,18 @@ impl<D: Differences> WithSimd for Write<'_, D> {
 /// Logarithm of a density, as a [`Diagonal`](crate::Diagonal) takes it: −∞ (a density of 0) below
 /// −1e300, and where the distance is beyond the range of doubles.
 #[inline(always)]
-pub(in super::super) fn density(log: f64) -> f64 {
+pub(in crate::emission) fn density(log: f64) -> f64 {
     if log >= -1e300 { log } else { f64::NEG_INFINITY }
 }
 
 /// Memory of a step in blocks of eight.
-pub(in super::super) fn eights(values: &mut [f64]) -> &mut [Eight] {
+pub(in crate::emission) fn eights(values: &mut [f64]) -> &mut [Eight] {
     values.as_chunks_mut().0
 }
 
 /// Copies weights into blocks of eight, with 0 in the lanes that are left.
 #[inline]
-pub(in super::super) fn in_blocks(weights: &[f64], out: &mut [Eight]) {
+pub(in crate::emission) fn in_blocks(weights: &[f64], out: &mut [Eight]) {
     let (blocks, rest) = weights.as_chunks::<LANES>();
     out[..blocks.len()].copy_from_slice(blocks);
     if let Some(last) = out.get_mut(blocks.len()) {

@@ -1,59 +1,42 @@
-//! Learning of Student's t.
+//! Student's t, learned: expected precisions, and the M step of section 9 of the formulas.
 
 use std::error::Error;
 
-use super::super::normal::{Moments, in_blocks};
-use super::super::special::{ln_minus_digamma, log_excess};
 use super::StudentT;
-use crate::kernels::Eight;
+use crate::emission::normal::{GaussianStatistics, in_blocks};
+use crate::emission::special::{ln_minus_digamma, log_excess};
+use crate::emission::{Family, Gaussian};
 use crate::likelihood::LearnLikelihood;
 
-/// Statistics of a [`StudentT`]: weights, means and scatter of the observations of each state, and
-/// what is expected of their precisions.
-#[derive(Debug, Clone)]
-pub struct StudentTStatistics {
-    moments: Moments,
-    /// Weights of each state's observations by component, not multiplied by precisions.
-    counts: Vec<f64>,
-    /// Sums for each state of the weights, and of E[u − 1 − ln u].
-    excess: Vec<[f64; 2]>,
-    weights: Vec<f64>,
-    blocks: [Vec<Eight>; 2],
-    memory: Vec<Eight>,
-}
-
 impl LearnLikelihood for StudentT {
-    type Statistics = StudentTStatistics;
+    /// The sums are, by state and component, the weights of observations that are not multiplied
+    /// by precisions u, and then for each state the sums of the weights and of E[u − 1 − ln u].
+    type Statistics = GaussianStatistics;
 
-    fn statistics(&self) -> StudentTStatistics {
-        let (n, d) = (self.degrees.len(), self.normals.components());
-        let blocks = vec![Eight::default(); self.normals.blocks()];
-        StudentTStatistics {
-            moments: self.normals.moments(),
-            counts: vec![0.0; n * d],
-            excess: vec![[0.0; 2]; n],
-            weights: vec![0.0; n],
-            blocks: [blocks.clone(), blocks],
-            memory: vec![Eight::default(); self.normals.memory()],
-        }
+    fn statistics(&self) -> GaussianStatistics {
+        self.gaussian.normals().statistics(self.degrees.len() * (self.gaussian.components() + 2))
     }
 
-    fn add(&self, statistics: &mut StudentTStatistics, y: &[f64], posterior: &[f64]) {
-        let StudentTStatistics { moments, counts, excess, weights, blocks, memory } = statistics;
-        let observed = match self.normals.distances(y, memory) {
+    fn add(&self, statistics: &mut GaussianStatistics, y: &[f64], posterior: &[f64]) {
+        let GaussianStatistics { moments, sums, weights: [weighted, plain], memory } = statistics;
+        let normals = self.gaussian.normals();
+        let observed = match normals.distances(y, memory) {
             Ok(observed) if observed > 0 => observed as f64,
             _ => return, // has no posterior, or says nothing
         };
-        let d = self.normals.components();
-        let by_component = self.normals.counts_by_component();
-        let logs = ln_minus_digamma;
+        let d = normals.components();
+        let by_component = normals.counts_by_component();
+        let (counts, excess) = sums.split_at_mut(self.degrees.len() * d);
+        let excess = excess.as_chunks_mut::<2>().0;
+        // Lanes after the last state keep their 0.
+        let weights = weighted.as_flattened_mut();
         for (state, (w, distance)) in posterior.iter().zip(memory.as_flattened()).enumerate() {
             let nu = self.degrees[state];
             let u = (nu + observed) / (nu + distance);
             weights[state] = w * u;
             if *w > 0.0 {
                 let u_less_1 = (observed - distance) / (nu + distance);
-                let value = log_excess(u_less_1) + logs(0.5 * (nu + observed)).0;
+                let value = log_excess(u_less_1) + ln_minus_digamma(0.5 * (nu + observed)).0;
                 excess[state][0] += w;
                 excess[state][1] += w * value;
                 let counts = counts[state * d..][..d].iter_mut().zip(y);
@@ -61,43 +44,39 @@ impl LearnLikelihood for StudentT {
                 seen.for_each(|(count, _)| *count += w);
             }
         }
-        let [weighted, plain] = blocks;
-        in_blocks(weights, weighted);
         in_blocks(posterior, plain);
-        self.normals.add(moments, y, weighted, plain, memory);
+        normals.add(moments, y, weighted, plain, memory);
     }
 
-    fn merge(&self, statistics: &mut StudentTStatistics, other: &StudentTStatistics) {
-        statistics.moments.merge(&other.moments);
-        let counts = statistics.counts.iter_mut().zip(&other.counts);
-        counts.for_each(|(count, other)| *count += other);
-        let excess = statistics.excess.as_flattened_mut().iter_mut();
-        excess.zip(other.excess.as_flattened()).for_each(|(sum, other)| *sum += other);
+    fn merge(&self, statistics: &mut GaussianStatistics, other: &GaussianStatistics) {
+        statistics.merge(other);
     }
 
     fn maximize(
         &self,
-        statistics: &StudentTStatistics,
+        statistics: &GaussianStatistics,
         _: f64,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let (prior, counts) = (self.prior.as_ref(), Some(&*statistics.counts));
-        let normals = self.normals.maximize(&statistics.moments, counts, prior)?;
-        let degrees = self.degrees.iter().zip(&statistics.excess).map(|(nu, [weight, sum])| {
+        let normals = self.gaussian.normals();
+        let (counts, excess) = statistics.sums.split_at(self.degrees.len() * normals.components());
+        let gaussian = Gaussian::of(normals.maximize(&statistics.moments, Some(counts))?);
+        let excess = excess.as_chunks::<2>().0;
+        let degrees = self.degrees.iter().zip(excess).map(|(nu, [weight, sum])| {
             if self.fixed || *weight < f64::MIN_POSITIVE {
                 *nu
             } else {
                 2.0 * half_degrees(sum / weight, nu / 2.0)
             }
         });
-        Ok(Self::of(normals, degrees.collect(), self.fixed, self.prior.clone())?)
+        Ok(Self::of(gaussian, degrees.collect(), self.fixed)?)
     }
 
     fn log_prior(&self, _: f64) -> f64 {
-        self.prior.as_ref().map_or(0.0, |prior| prior.log_density(&self.normals))
+        self.gaussian.normals().log_prior()
     }
 
     fn free_parameters(&self) -> usize {
-        self.normals.free_parameters() + if self.fixed { 0 } else { self.degrees.len() }
+        self.gaussian.free_parameters() + if self.fixed { 0 } else { self.degrees.len() }
     }
 }
 

@@ -1,12 +1,12 @@
-//! Starts of Student's t.
+//! Student's t from clusters, to begin learning with.
 
 use std::error::Error;
 
 use rand::Rng;
 
 use super::StudentT;
-use crate::emission::clustered::ROUNDS;
-use crate::emission::{ClusteredObservations, Gaussian, StartFromClusters};
+use crate::emission::clusters::ROUNDS;
+use crate::emission::{Clusters, StartFromClusters};
 
 impl StartFromClusters for StudentT {
     /// Takes means and covariances from the clusters, as a Gaussian has them, and learns means and
@@ -14,12 +14,11 @@ impl StartFromClusters for StudentT {
     /// would be learned from outliers alone.
     fn start<R: Rng + ?Sized>(
         &self,
-        observations: &ClusteredObservations<'_>,
+        clusters: &Clusters<'_>,
         _: &mut R,
     ) -> Result<Self, Box<dyn Error + Send + Sync>> {
-        let gaussian = observations.fit(&Gaussian::of(self.normals.clone(), self.prior.clone()))?;
-        let first = Self::of_gaussian(&self.degrees, gaussian)?.with_fixed_degrees();
-        let last = (0..ROUNDS).try_fold(first, |family, _| observations.round(&family))?;
+        let first = Self::of(clusters.fit(&self.gaussian)?, self.degrees.clone(), true)?;
+        let last = (0..ROUNDS).try_fold(first, |family, _| clusters.round(&family))?;
         Ok(Self { fixed: self.fixed, ..last })
     }
 }

@@ -1,36 +1,35 @@
-//! Learning of directions.
+//! Directions, learned: the M step of section 9 of the formulas, with a conjugate prior.
 
 use std::error::Error;
 
-use super::{VonMisesFisher, apart, length};
-use crate::emission::EmissionError;
+use super::{VonMisesFisher, cosine_distance, length};
+use crate::emission::check::{at, spread};
 use crate::emission::concentration::concentration;
-use crate::emission::independent::at;
 use crate::emission::special::Bessel;
-use crate::emission::univariate::spread;
+use crate::emission::{EmissionError, StartFromClusters};
 use crate::likelihood::{LearnLikelihood, Likelihood};
 
 impl VonMisesFisher {
     /// Expectation of 1 − the cosine of the angle to the mean of a state, and the length of the
     /// mean vector, of observations distributed as the prior.
-    fn expected_apart(&self, prior: &Self, state: usize) -> (f64, f64) {
+    fn expected_distance(&self, prior: &Self, state: usize) -> (f64, f64) {
         let order = 0.5 * self.components as f64 - 1.0;
         let Bessel { ratio, complement, .. } = Bessel::new(order, prior.concentrations[state]);
-        let apart = apart(self.mean(state), prior.mean(state).iter().copied());
-        (complement + ratio * apart, ratio)
+        let distance = cosine_distance(self.mean(state), prior.mean(state).iter().copied());
+        (complement + ratio * distance, ratio)
     }
 
     /// Returns the mean direction and the concentration that maximise the likelihood of what is
     /// behind the sums.
     fn maximize(&self, state: usize, sums: &[f64]) -> Result<(Vec<f64>, f64), EmissionError> {
         let old = self.mean(state);
-        let (weight, apart) = (sums[0], sums[1] / sums[0]);
+        let (weight, distance) = (sums[0], sums[1] / sums[0]);
         let shift = || sums[2..].iter().map(|sum| sum / weight);
         let mut mean: Vec<f64> = old.iter().zip(shift()).map(|(old, shift)| old + shift).collect();
         let length = length(&mean);
         // 1 − length², by the distances from the old direction.
-        let variance = 2.0 * apart - shift().map(|shift| shift * shift).sum::<f64>();
-        let variance = spread("concentration", weight, variance, apart)?;
+        let variance = 2.0 * distance - shift().map(|shift| shift * shift).sum::<f64>();
+        let variance = spread("concentration", weight, variance, distance)?;
         if length == 0.0 {
             return Ok((old.to_vec(), 0.0));
         }
@@ -54,7 +53,7 @@ impl LearnLikelihood for VonMisesFisher {
         let states = statistics.chunks_exact_mut(self.components + 2).zip(posterior);
         for ((sums, &weight), mean) in states.zip(self.means.chunks_exact(self.components)) {
             sums[0] += weight;
-            sums[1] += weight * apart(mean, observation.iter().map(|y| y * scale));
+            sums[1] += weight * cosine_distance(mean, observation.iter().map(|y| y * scale));
             let parts = sums[2..].iter_mut().zip(observation).zip(mean);
             parts.for_each(|((sum, y), m)| *sum += weight * (y * scale - m));
         }
@@ -73,9 +72,9 @@ impl LearnLikelihood for VonMisesFisher {
         for (state, sums) in statistics.chunks_exact(self.components + 2).enumerate() {
             let mut sums = sums.to_vec();
             if let Some((prior, count)) = &self.prior {
-                let (apart, ratio) = self.expected_apart(prior, state);
+                let (distance, ratio) = self.expected_distance(prior, state);
                 sums[0] += count;
-                sums[1] += count * apart;
+                sums[1] += count * distance;
                 let parts = sums[2..].iter_mut().zip(prior.mean(state)).zip(self.mean(state));
                 parts.for_each(|((sum, p), m)| *sum += count * (ratio * p - m));
             }
@@ -91,8 +90,8 @@ impl LearnLikelihood for VonMisesFisher {
     fn log_prior(&self, _: f64) -> f64 {
         let Some((prior, count)) = &self.prior else { return 0.0 };
         let state = |state: usize| {
-            let apart = self.expected_apart(prior, state).0;
-            self.peaks[state] - self.concentrations[state] * apart
+            let distance = self.expected_distance(prior, state).0;
+            self.peaks[state] - self.concentrations[state] * distance
         };
         count * (0..self.states()).map(state).sum::<f64>()
     }
@@ -101,3 +100,5 @@ impl LearnLikelihood for VonMisesFisher {
         self.means.len()
     }
 }
+
+impl StartFromClusters for VonMisesFisher {}

@@ -1,4 +1,5 @@
-//! Directions in any number of dimensions.
+//! Directions in any number of dimensions: their densities b_i(y), section 1 of the guide's
+//! formulas.
 
 mod learn;
 
@@ -7,11 +8,10 @@ use std::f64::consts::TAU;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::check::{LOWEST, at, check, check_components, check_length, check_values, shape};
 use super::concentration::draw;
-use super::error::EmissionError;
-use super::independent::{at, shape};
 use super::special::Bessel;
-use super::univariate::{LOWEST, check};
+use super::{EmissionError, Family};
 use crate::error::LikelihoodError;
 use crate::likelihood::{Diagonal, Likelihood, SampleObservation, Scratch};
 use crate::reorder::ReorderStates;
@@ -68,8 +68,8 @@ fn length(vector: &[f64]) -> f64 {
     vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Half the squared distance of two directions: 1 − their cosine, without cancellation.
-fn apart(mean: &[f64], direction: impl Iterator<Item = f64>) -> f64 {
+/// 1 − the cosine of two directions, as half their squared distance, in which nothing cancels.
+fn cosine_distance(mean: &[f64], direction: impl Iterator<Item = f64>) -> f64 {
     0.5 * mean.iter().zip(direction).map(|(m, y)| (y - m).powi(2)).sum::<f64>()
 }
 
@@ -89,10 +89,7 @@ impl VonMisesFisher {
         let (states, components) = shape("mean direction", means)?;
         let value = components as f64;
         check("number of components", value, components > 1, "at least 2")?;
-        if concentrations.len() != states {
-            let (what, found, expected) = ("list of concentrations", concentrations.len(), states);
-            return Err(EmissionError::Length { what, state: None, found, expected });
-        }
+        check_length("list of concentrations", None, concentrations.len(), states)?;
         let mut directions = Vec::with_capacity(states * components);
         let mut peaks = Vec::with_capacity(states);
         for (state, (mean, &k)) in means.iter().zip(concentrations).enumerate() {
@@ -134,28 +131,17 @@ impl VonMisesFisher {
     /// [`EmissionError`] if the prior has another number of states or components, or `count` is
     /// not a finite value above 0.
     pub fn with_prior(self, prior: Self, count: f64) -> Result<Self, EmissionError> {
-        let (found, expected) = (prior.components, self.components);
-        if found != expected {
-            let what = "mean direction of the prior";
-            return Err(EmissionError::Length { what, state: None, found, expected });
+        let n = self.states();
+        check_length("mean direction of the prior", None, prior.components, self.components)?;
+        if prior.states() != 1 {
+            check_length("list of states of the prior", None, prior.states(), n)?;
         }
-        let (found, expected) = (prior.states(), self.states());
-        if found != expected && found != 1 {
-            let what = "list of states of the prior";
-            return Err(EmissionError::Length { what, state: None, found, expected });
-        }
-        let valid = count > 0.0 && count.is_finite();
-        check("number of observations of the prior", count, valid, "a finite value above 0")?;
-        let order: Vec<usize> =
-            if found == expected { (0..found).collect() } else { vec![0; expected] };
+        let (what, valid) =
+            ("number of observations of the prior", count > 0.0 && count.is_finite());
+        check(what, count, valid, "a finite value above 0")?;
+        let order: Vec<usize> = if prior.states() == n { (0..n).collect() } else { vec![0; n] };
         let prior = Self { missing: false, prior: None, ..prior }.reordered(&order);
         Ok(Self { prior: Some((Box::new(prior), count)), ..self })
-    }
-
-    /// Number of components of an observation, d.
-    #[must_use]
-    pub fn components(&self) -> usize {
-        self.components
     }
 
     /// True if a row of NaN alone is a missing observation.
@@ -182,20 +168,6 @@ impl VonMisesFisher {
         self.prior.as_ref().map(|(prior, count)| (&**prior, *count))
     }
 
-    /// Returns the family as it was stored.
-    #[cfg(feature = "serde")]
-    pub(crate) fn restored(
-        self,
-        missing: bool,
-        prior: Option<(Self, f64)>,
-    ) -> Result<Self, EmissionError> {
-        let family = Self { missing, ..self };
-        match prior {
-            Some((prior, count)) => family.with_prior(prior, count),
-            None => Ok(family),
-        }
-    }
-
     /// Mean direction of a state.
     fn mean(&self, state: usize) -> &[f64] {
         &self.means[state * self.components..][..self.components]
@@ -203,17 +175,11 @@ impl VonMisesFisher {
 
     /// Returns the factor that brings a valid vector to length one, or `None` if it is missing.
     fn scale(&self, observation: &[f64]) -> Result<Option<f64>, EmissionError> {
-        let (found, expected) = (observation.len(), self.components);
-        if found != expected {
-            return Err(EmissionError::Components { found, expected });
-        }
+        check_components(observation, self.components)?;
         if self.missing && observation.iter().all(|y| y.is_nan()) {
             return Ok(None);
         }
-        if let Some(component) = observation.iter().position(|y| !y.is_finite()) {
-            let (value, expected) = (observation[component], "a finite value");
-            return Err(EmissionError::Observation { component, value, expected });
-        }
+        check_values(observation, f64::is_finite, "a finite value")?;
         let value = length(observation);
         let valid = (value - 1.0).abs() <= TOLERANCE;
         if valid { Ok(Some(value.recip())) } else { Err(EmissionError::Norm { value }) }
@@ -238,11 +204,17 @@ impl Likelihood for VonMisesFisher {
             let states = self.peaks.iter().zip(&self.concentrations);
             let states = states.zip(self.means.chunks_exact(self.components));
             for (log, ((peak, k), mean)) in logs.iter_mut().zip(states) {
-                let apart = apart(mean, observation.iter().map(|y| y * scale));
-                *log = (peak - k * apart).max(LOWEST);
+                let distance = cosine_distance(mean, observation.iter().map(|y| y * scale));
+                *log = (peak - k * distance).max(LOWEST);
             }
         }
         Ok(Diagonal::log(logs))
+    }
+}
+
+impl Family for VonMisesFisher {
+    fn components(&self) -> usize {
+        self.components
     }
 }
 
@@ -251,14 +223,14 @@ impl SampleObservation for VonMisesFisher {
 
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> Vec<f64> {
         let mean = self.mean(state);
-        let apart = draw(self.components, self.concentrations[state], rng);
+        let distance = draw(self.components, self.concentrations[state], rng);
         // A direction across the mean, all of them as likely.
         let mut across: Vec<f64> = mean.iter().map(|_| StandardNormal.sample(rng)).collect();
         let along: f64 = across.iter().zip(mean).map(|(a, m)| a * m).sum();
         across.iter_mut().zip(mean).for_each(|(a, m)| *a -= along * m);
-        let part = (apart * (2.0 - apart)).max(0.0).sqrt() / length(&across);
+        let part = (distance * (2.0 - distance)).max(0.0).sqrt() / length(&across);
         let parts = across.iter().zip(mean);
-        let direction: Vec<f64> = parts.map(|(a, m)| (1.0 - apart) * m + part * a).collect();
+        let direction: Vec<f64> = parts.map(|(a, m)| (1.0 - distance) * m + part * a).collect();
         let long = length(&direction);
         direction.iter().map(|y| y / long).collect()
     }

@@ -3,8 +3,8 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::emission::{
-    Bernoulli, EmissionError, Family, Gamma, Gaussian, LinearRegression, Multinomial, Poisson,
-    Product, VonMises, VonMisesFisher, starts,
+    Bernoulli, EmissionError, Family, Gamma, Gaussian, Independent, LinearRegression, Multinomial,
+    Poisson, Product, VonMises, VonMisesFisher, starts,
 };
 use wayfix::inference::{LearnError, LearningOptions, Simulation};
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
@@ -15,7 +15,7 @@ use crate::kit::{cases, close_logs, rng, says, text};
 const DRAWS: usize = 20_000;
 
 /// Two correlated numbers, an angle and a count.
-type Sensors = Product<Gaussian, Product<VonMises, Poisson>>;
+type Sensors = Product<Gaussian, Product<Independent<VonMises>, Independent<Poisson>>>;
 
 /// A product of n states from numbers between −1 and 1, eight a state.
 fn sensors(n: usize, numbers: &[f64]) -> Sensors {
@@ -26,8 +26,8 @@ fn sensors(n: usize, numbers: &[f64]) -> Sensors {
     let concentrations: Vec<[f64; 1]> = of(4).map(|a| [(3.0 * a).exp()]).collect();
     let rates: Vec<[f64; 1]> = of(5).map(|a| [(3.0 * a).exp()]).collect();
     let places = Gaussian::full(&means, &covariances).unwrap().with_missing();
-    let headings = VonMises::new(&angles, &concentrations).unwrap().with_missing();
-    let counts = Poisson::new(&rates).unwrap().with_missing();
+    let headings = VonMises::family(&angles, &concentrations).unwrap().with_missing();
+    let counts = Poisson::family(&rates).unwrap().with_missing();
     Product::new(places, Product::new(headings, counts).unwrap()).unwrap()
 }
 
@@ -99,7 +99,7 @@ proptest! {
         let (place, others) = sensors(n, &numbers).into_parts();
         let (heading, count) = others.into_parts();
         let place = place.with_prior(prior).unwrap();
-        let heading = heading.with_prior(VonMises::new(&[[0.3]], &[[2.0]]).unwrap(), 0.5).unwrap();
+        let heading = heading.with_prior(VonMises::family(&[[0.3]], &[[2.0]]).unwrap(), 0.5).unwrap();
         let parts = Product::new(heading.clone(), count.clone()).unwrap();
         let family = Product::new(place.clone(), parts).unwrap();
         prop_assert_eq!(family.log_prior(0.7), place.log_prior(0.7) + (heading.log_prior(0.7) + count.log_prior(0.7)));
@@ -147,8 +147,8 @@ proptest! {
             let expected = heading.component(state, 0).unwrap();
             close_logs(found.concentration(), expected.concentration(), 1e-9)?;
             close_logs((found.mean() - expected.mean()).cos(), 1.0, 1e-12)?;
-            let found = learned.second().second().rates()[state][0];
-            close_logs(found, count.rates()[state][0], 1e-12)?;
+            let found = learned.second().second().component(state, 0).unwrap().rate();
+            close_logs(found, count.component(state, 0).unwrap().rate(), 1e-12)?;
         }
     }
 }
@@ -157,8 +157,8 @@ proptest! {
 #[test]
 fn an_iteration_of_learning_learns_each_factor() {
     let family = Product::new(
-        Gamma::new(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap(),
-        Poisson::new(&[[1.0], [4.0]]).unwrap(),
+        Gamma::family(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap(),
+        Poisson::family(&[[1.0], [4.0]]).unwrap(),
     );
     let family = family.unwrap();
     let transition = DenseTransition::from_rows(&[[0.8, 0.3], [0.2, 0.7]]).unwrap();
@@ -174,9 +174,13 @@ fn an_iteration_of_learning_learns_each_factor() {
         let weight: f64 = weights().map(|(w, _)| w).sum();
         let mean = |c: usize| weights().map(|(w, row)| w * row[c]).sum::<f64>() / weight;
         let speeds = learned.likelihood().first();
-        let found = speeds.shapes()[state][0] * speeds.scales()[state][0];
+        let speed = speeds.component(state, 0).unwrap();
+        let found = speed.shape() * speed.scale();
         assert!((found - mean(0)).abs() < 1e-9);
-        assert!((learned.likelihood().second().rates()[state][0] - mean(1)).abs() < 1e-12);
+        assert!(
+            (learned.likelihood().second().component(state, 0).unwrap().rate() - mean(1)).abs()
+                < 1e-12
+        );
     }
 
     // A factor that is fixed stays, while the other is learned.
@@ -192,7 +196,7 @@ fn an_iteration_of_learning_learns_each_factor() {
 /// A factor without any value says nothing, and learns nothing.
 #[test]
 fn a_factor_that_is_missing_is_integrated_out() {
-    let speeds = Gamma::new(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap();
+    let speeds = Gamma::family(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap();
     let directions = VonMisesFisher::new(&[[1.0, 0.0], [0.0, 1.0]], &[2.0, 3.0]).unwrap();
     let family = Product::new(speeds.clone(), directions.clone().with_missing()).unwrap();
     let row = [3.0, f64::NAN, f64::NAN];
@@ -206,7 +210,8 @@ fn a_factor_that_is_missing_is_integrated_out() {
     let learned = family.maximize(&statistics, 0.0).unwrap();
     assert_eq!(learned.second().means(), directions.means());
     assert_eq!(learned.second().concentrations(), directions.concentrations());
-    let mean = learned.first().shapes()[1][0] * learned.first().scales()[1][0];
+    let gamma = learned.first().component(1, 0).unwrap();
+    let mean = gamma.shape() * gamma.scale();
     assert!((mean - (0.5 * 3.0 + 0.75 * 4.0) / 1.25).abs() < 1e-12);
     // Missing only in part, and not taken as missing.
     assert_eq!(
@@ -219,7 +224,7 @@ fn a_factor_that_is_missing_is_integrated_out() {
 /// States that one factor rules out are ruled out, and large distances do not underflow.
 #[test]
 fn zeros_and_small_densities_stay_exact() {
-    let events = Bernoulli::new(&[[1.0], [0.5]]).unwrap();
+    let events = Bernoulli::family(&[[1.0], [0.5]]).unwrap();
     let far = Gaussian::diagonal(&[[0.0], [1.0]], &[[1e-4], [1e-4]]).unwrap();
     let family = Product::new(events, far.clone()).unwrap();
     let hmm = still(&family, Belief::uniform(2).unwrap());
@@ -233,9 +238,10 @@ fn zeros_and_small_densities_stay_exact() {
 
 #[test]
 fn errors_count_components_from_the_start_of_the_row() {
-    let headings = || VonMises::new(&[[0.0, 1.0], [1.0, 2.0]], &[[1.0, 1.0], [1.0, 1.0]]).unwrap();
-    let speeds = || Gamma::new(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap();
-    let counts = || Poisson::new(&[[1.0, 2.0], [4.0, 3.0]]).unwrap();
+    let headings =
+        || VonMises::family(&[[0.0, 1.0], [1.0, 2.0]], &[[1.0, 1.0], [1.0, 1.0]]).unwrap();
+    let speeds = || Gamma::family(&[[2.0], [2.0]], &[[1.0], [5.0]]).unwrap();
+    let counts = || Poisson::family(&[[1.0, 2.0], [4.0, 3.0]]).unwrap();
     let family = Product::new(headings(), Product::new(speeds(), counts()).unwrap()).unwrap();
     let step = "step 1 has no valid likelihood: the sensor failed: ";
     for (component, value, expected) in [
@@ -299,8 +305,8 @@ fn errors_count_components_from_the_start_of_the_row() {
 
 #[test]
 fn factors_with_different_states_are_refused() {
-    let two = Poisson::new(&[[1.0], [4.0]]).unwrap();
-    let three = Poisson::new(&[[1.0], [4.0], [9.0]]).unwrap();
+    let two = Poisson::family(&[[1.0], [4.0]]).unwrap();
+    let three = Poisson::family(&[[1.0], [4.0], [9.0]]).unwrap();
     says(
         Product::new(two, three),
         "the list of states of the second factor has 3 values, expected 2",
@@ -310,7 +316,7 @@ fn factors_with_different_states_are_refused() {
 /// Families that are chosen at run time, or shared.
 #[test]
 fn factors_may_be_behind_pointers() {
-    let counts = Poisson::new(&[[1.0], [4.0]]).unwrap();
+    let counts = Poisson::family(&[[1.0], [4.0]]).unwrap();
     let kinds = Multinomial::new(&[[0.2, 0.8], [0.5, 0.5]]).unwrap();
     let chosen: Box<dyn Family> = Box::new(kinds.clone());
     let family = Product::new(&counts, chosen).unwrap();
@@ -350,7 +356,8 @@ fn products_come_back_from_files() {
         counts("[[1.0]]"),
         counts("[[1.0],[2.0]]")
     );
-    let error = serde_json::from_str::<Product<Poisson, Poisson>>(&both).unwrap_err();
+    let error = serde_json::from_str::<Product<Independent<Poisson>, Independent<Poisson>>>(&both)
+        .unwrap_err();
     assert_eq!(
         error.to_string(),
         "the list of states of the second factor has 2 values, expected 1"
@@ -360,8 +367,8 @@ fn products_come_back_from_files() {
 /// Means are within five standard errors, and factors are independent.
 #[test]
 fn draws_have_the_moments_of_both_factors() {
-    let speeds = Gamma::new(&[[4.0]], &[[0.5]]).unwrap();
-    let counts = Poisson::new(&[[3.0]]).unwrap();
+    let speeds = Gamma::family(&[[4.0]], &[[0.5]]).unwrap();
+    let counts = Poisson::family(&[[3.0]]).unwrap();
     let family = Product::new(speeds, counts).unwrap();
     for seed in 0..4 {
         let mut rng = rng(seed);
@@ -382,10 +389,10 @@ fn draws_have_the_moments_of_both_factors() {
 #[test]
 fn learning_starts_from_clusters_of_rows() {
     let truth = Product::new(
-        VonMises::new(&[[-1.0], [0.5], [2.0]], &[[30.0]; 3]).unwrap(),
+        VonMises::family(&[[-1.0], [0.5], [2.0]], &[[30.0]; 3]).unwrap(),
         Product::new(
-            Gamma::new(&[[20.0]; 3], &[[0.1], [1.0], [0.4]]).unwrap(),
-            Poisson::new(&[[4.0], [12.0], [8.0]]).unwrap(),
+            Gamma::family(&[[20.0]; 3], &[[0.1], [1.0], [0.4]]).unwrap(),
+            Poisson::family(&[[4.0], [12.0], [8.0]]).unwrap(),
         )
         .unwrap(),
     );

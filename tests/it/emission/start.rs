@@ -82,7 +82,8 @@ fn clusters_that_cannot_be_are_errors() {
     let infinite = [vec![1.0, 2.0], vec![1.0, f64::INFINITY]];
     let expected = "component 1 of the observation is inf, expected a finite value";
     says(&infinite, 1, &format!("sequence 0, step 2: {expected}"));
-    let second = Clusters::new(&[&one[..], &infinite[..]], 1, &mut rng(1));
+    let sequences = [&one[..], &infinite[..]];
+    let second = Clusters::new(&sequences, 1, &mut rng(1));
     assert!(matches!(second, Err(EmissionError::Step { sequence: 1, step: 2, .. })));
 }
 
@@ -162,11 +163,30 @@ fn centres_keep_their_digits_beside_huge_values() {
         (vec![tiny, -tiny, tiny], 2, vec![-tiny, tiny]),
         (vec![most, 0.9 * most], 1, vec![0.95 * most]),
     ] {
-        let series: Vec<[f64; 1]> = values.iter().map(|y| [*y]).collect();
-        let clusters = Clusters::new(&[series], count, &mut rng(4)).unwrap();
+        let series = [values.iter().map(|y| [*y]).collect::<Vec<[f64; 1]>>()];
+        let clusters = Clusters::new(&series, count, &mut rng(4)).unwrap();
         for (k, expected) in centres.iter().enumerate() {
             let found = clusters.centre(k)[0];
             assert!((found / expected - 1.0).abs() < 1e-15, "{values:?}: {found}");
         }
     }
+}
+
+/// The family that fits the clusters, of which that of a component that is never seen is left to
+/// its expectation.
+#[test]
+fn clusters_give_a_family_its_parameters() {
+    let rows = [[0.0, f64::NAN], [0.2, f64::NAN], [9.0, f64::NAN], [9.2, f64::NAN], [f64::NAN; 2]];
+    let sequences = [&rows[..]];
+    let clusters = Clusters::new(&sequences, 2, &mut rng(1)).unwrap();
+    let known: Vec<(f64, usize)> = clusters.iter().map(|(row, label)| (row[0], label)).collect();
+    assert_eq!(known, [(0.0, 0), (0.2, 0), (9.0, 1), (9.2, 1)]);
+    assert_eq!(clusters.labels().concat().len(), 5);
+    let family = Gaussian::diagonal(&[[1.0, 3.0]; 2], &[[1.0, 1.0]; 2]).unwrap().with_missing();
+    let fitted = clusters.fit(&family).unwrap();
+    assert_eq!(fitted.mean(0).unwrap()[1], 3.0);
+    // A tenth of the weight is that of all observations, whose mean is 4.6.
+    let mean = |near: f64| (near + 0.1 * 4.6) / 1.1;
+    assert!((fitted.mean(0).unwrap()[0] - mean(0.1)).abs() < 1e-12);
+    assert!((fitted.mean(1).unwrap()[0] - mean(9.1)).abs() < 1e-12);
 }

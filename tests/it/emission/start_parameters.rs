@@ -79,11 +79,12 @@ fn placeholders_of_vectors_make_no_difference() {
         let pair = pair.map(|family| family.with_prior(prior.clone()).unwrap());
         same(pair, &rows, |b| [b.means(), b.covariances()].concat().concat());
         let student = |means: &[[f64; 3]; 2], variance| {
-            StudentT::new(kind, &[5.0, 9.0], means, &covariances(kind, variance)).unwrap()
+            StudentT::new(&[5.0, 9.0], gaussian(means, variance)).unwrap()
         };
         let pair = [student(&[[0.0; 3]; 2], 1.0), student(&near, 40.0)];
-        let parameters = |b: &StudentT| [b.means(), b.scales()].concat().concat();
-        same(pair.map(StudentT::with_missing), &rows, parameters);
+        let parameters =
+            |b: &StudentT| [b.gaussian().means(), b.gaussian().covariances()].concat().concat();
+        same(pair, &rows, parameters);
     }
     let mixture = |far: f64, weight: f64| {
         let means = [[[far; 3], [far + 1.0; 3]], [[far + 5.0; 3], [far + 5.0; 3]]];
@@ -115,7 +116,8 @@ fn placeholders_of_regressions_make_no_difference() {
         LinearRegression::diagonal(&[[slope; 2]; 2], &[[slope; 2]; 2], &[[1.0 + slope; 2]; 2])
     });
     let parameters = |b: &LinearRegression| {
-        let state = |state| [b.coefficients(state).unwrap(), b.covariance(state).unwrap()].concat();
+        let state =
+            |state| [b.coefficients(state).unwrap(), b.noise().covariance(state).unwrap()].concat();
         [state(0), state(1)].concat()
     };
     same(pair.map(|family| family.unwrap().with_missing()), &rows, parameters);
@@ -135,18 +137,25 @@ fn placeholders_of_counts_and_directions_make_no_difference() {
         positive.iter().map(|row| row.iter().map(|y| y.round()).collect()).collect();
     let events: Vec<Vec<f64>> =
         counts.iter().map(|row| row.iter().map(|y| y % 2.0).collect()).collect();
-    let pair = [0.1, 0.9].map(|p| Bernoulli::new(&[[p; 2]; 2]).unwrap().with_missing());
-    same(pair, &events, |b| b.probabilities().concat());
-    let pair = [1.0, 900.0].map(|rate| Poisson::new(&[[rate; 2]; 2]).unwrap().with_missing());
-    same(pair, &counts, |b| b.rates().concat());
-    let pair = [1.0, 9.0].map(|k| Gamma::new(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
-    same(pair, &positive, |b| [b.shapes(), b.scales()].concat().concat());
+    let pair = [0.1, 0.9].map(|p| Bernoulli::family(&[[p; 2]; 2]).unwrap().with_missing());
+    same(pair, &events, |b| b.parameters(Bernoulli::probability).concat());
+    let pair = [1.0, 900.0].map(|rate| Poisson::family(&[[rate; 2]; 2]).unwrap().with_missing());
+    same(pair, &counts, |b| b.parameters(Poisson::rate).concat());
     let pair =
-        [0.5, 9.0].map(|k| LogNormal::new(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
-    same(pair, &positive, |b| [b.means(), b.deviations()].concat().concat());
+        [1.0, 9.0].map(|k| Gamma::family(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
+    same(pair, &positive, |b| {
+        [b.parameters(Gamma::shape), b.parameters(Gamma::scale)].concat().concat()
+    });
     let pair =
-        [0.1, 3.0].map(|k| VonMises::new(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
-    same(pair, &positive, |b| [b.means(), b.concentrations()].concat().concat());
+        [0.5, 9.0].map(|k| LogNormal::family(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
+    same(pair, &positive, |b| {
+        [b.parameters(LogNormal::mean), b.parameters(LogNormal::deviation)].concat().concat()
+    });
+    let pair =
+        [0.1, 3.0].map(|k| VonMises::family(&[[k; 2]; 2], &[[k; 2]; 2]).unwrap().with_missing());
+    same(pair, &positive, |b| {
+        [b.parameters(VonMises::mean), b.parameters(VonMises::concentration)].concat().concat()
+    });
     // Whole rows alone may be missing.
     let rows: Vec<Vec<f64>> = counts
         .iter()
@@ -287,14 +296,15 @@ fn students_t_starts_with_its_degrees() {
         [1000.0 + 60.0 * (k / 20 % 2) as f64 + outlier * normal()]
     };
     let rows: Vec<[f64; 1]> = (0..600).map(value).collect();
-    let family = StudentT::diagonal(&[4.0, 6.0], &[[0.0]; 2], &[[1.0]; 2]).unwrap();
+    let family = Gaussian::diagonal(&[[0.0]; 2], &[[1.0]; 2]).unwrap();
+    let family = StudentT::new(&[4.0, 6.0], family).unwrap();
     let first = starts(&family, &[&*rows], 1, &mut rng(1)).unwrap();
     assert_eq!(first[0].likelihood().degrees(), [4.0, 6.0]);
     assert!(!first[0].likelihood().has_fixed_degrees());
     let learned = first[0].learn(&[&*rows], &LearningOptions::default()).unwrap();
     assert_eq!(learned.reason(), StopReason::Converged);
     assert!(learned.iterations() < 40, "{}", learned.iterations());
-    let means = learned.model().likelihood().means().concat();
+    let means = learned.model().likelihood().gaussian().means().concat();
     assert!((means[0] - 1000.0).abs() < 0.3 && (means[1] - 1060.0).abs() < 0.3, "{means:?}");
     let fixed = starts(&family.with_fixed_degrees(), &[&*rows], 1, &mut rng(1)).unwrap();
     assert!(fixed[0].likelihood().has_fixed_degrees());
@@ -317,11 +327,12 @@ fn starts_keep_what_is_fixed() {
     assert!(!fixed.has_fixed_means() && fixed.has_fixed_covariances());
     assert_eq!(fixed.covariances().concat().concat(), [0.3; 4]);
     assert!(fixed.mean(0, 0).unwrap()[0] != 99.0);
-    let family = StudentT::diagonal(&[5.0; 2], &[[0.0]; 2], &[[0.3]; 2]).unwrap();
-    let starts = starts(&family.with_fixed_covariances(), &[&*rows], 1, &mut rng(1)).unwrap();
+    let family = Gaussian::diagonal(&[[0.0]; 2], &[[0.3]; 2]).unwrap().with_fixed_covariances();
+    let family = StudentT::new(&[5.0; 2], family).unwrap();
+    let starts = starts(&family, &[&*rows], 1, &mut rng(1)).unwrap();
     let found = starts[0].likelihood();
-    assert!(found.has_fixed_covariances() && !found.has_fixed_degrees());
-    assert_eq!(found.scales().concat(), [0.3; 2]);
+    assert!(found.gaussian().has_fixed_covariances() && !found.has_fixed_degrees());
+    assert_eq!(found.gaussian().covariances().concat(), [0.3; 2]);
 }
 
 #[test]
@@ -367,12 +378,12 @@ fn what_cannot_start_is_named() {
     let error = starts(&mixture.unwrap(), &[&*constant], 1, &mut rng(1)).unwrap_err().to_string();
     let expected = "component 1 is always 5; leave it out, or give a prior: part 0 of a mixture: ";
     assert!(error.contains(expected), "{error}");
-    let positive = Gamma::new(&[[1.0; 2]; 2], &[[1.0; 2]; 2]).unwrap();
+    let positive = Gamma::family(&[[1.0; 2]; 2], &[[1.0; 2]; 2]).unwrap();
     let rows: Vec<Vec<f64>> = (0..24).map(|k| vec![f64::from(k % 6 + 1), 5.0]).collect();
     let error = starts(&positive, &[&*rows], 1, &mut rng(1)).unwrap_err().to_string();
     assert!(error.contains("component 1 is always 5; leave it out, or give a prior"), "{error}");
     // Of two families in a row, the second has the constant one.
-    let both = Product::new(Poisson::new(&[[1.0]; 2]).unwrap(), family(2)).unwrap();
+    let both = Product::new(Poisson::family(&[[1.0]; 2]).unwrap(), family(2)).unwrap();
     let rows: Vec<Vec<f64>> = rows.iter().map(|row| vec![7.0, row[0], row[1]]).collect();
     let error = starts(&both, &[&*rows], 1, &mut rng(1)).unwrap_err().to_string();
     assert!(error.contains("component 2 is always 5; leave it out, or give a prior"), "{error}");
@@ -409,11 +420,15 @@ fn factors_of_a_product_start_by_themselves() {
     let placeholder = |mean: f64, rate: f64| {
         let mixture =
             GaussianMixture::diagonal(&[[0.5; 2]; 2], &[[[mean]; 2]; 2], &[[[1.0]; 2]; 2]).unwrap();
-        let counts = Poisson::new(&[[rate]; 2]).unwrap();
+        let counts = Poisson::family(&[[rate]; 2]).unwrap();
         Product::new(mixture, counts).unwrap()
     };
     same([placeholder(0.0, 1.0), placeholder(-7.0, 30.0)], &rows, |product| {
-        [product.first().means().concat().concat(), product.second().rates().concat()].concat()
+        [
+            product.first().means().concat().concat(),
+            product.second().parameters(Poisson::rate).concat(),
+        ]
+        .concat()
     });
     let start = &starts(&placeholder(0.0, 1.0), &[&rows], 1, &mut rng(1)).unwrap()[0];
     let mut means = start.likelihood().first().means().concat().concat();
@@ -422,7 +437,7 @@ fn factors_of_a_product_start_by_themselves() {
         assert!((found - expected).abs() < 5.0, "{means:?}");
     }
     // The component that is always the same is that of the row.
-    let family = Product::new(Poisson::new(&[[1.0]; 2]).unwrap(), {
+    let family = Product::new(Poisson::family(&[[1.0]; 2]).unwrap(), {
         Gaussian::diagonal(&[[0.0; 2]; 2], &[[1.0; 2]; 2]).unwrap()
     });
     let rows: Vec<Vec<f64>> =

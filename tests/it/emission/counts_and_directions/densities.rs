@@ -31,12 +31,12 @@ fn in_logs(middle: f64, width: f64) -> impl Iterator<Item = (f64, f64)> {
 #[test]
 fn sums_and_integrals_are_one() {
     for rate in [0.0, 0.3, 1.0, 17.5, 63.0, 900.0] {
-        let family = Poisson::new(&[[rate]]).unwrap();
+        let family = Poisson::family(&[[rate]]).unwrap();
         assert_one(&family, (0..3000).map(|y| (f64::from(y), 1.0)));
     }
     for shape in [0.5, 1.0, 7.5, 300.0, 1e9] {
         for scale in [1e-9, 1.0, 3e5] {
-            let family = Gamma::new(&[[shape]], &[[scale]]).unwrap();
+            let family = Gamma::family(&[[shape]], &[[scale]]).unwrap();
             let middle = f64::ln(shape * scale);
             assert_one(
                 &family,
@@ -45,16 +45,16 @@ fn sums_and_integrals_are_one() {
         }
     }
     for deviation in [1e-6, 0.3, 5.0] {
-        let family = LogNormal::new(&[[-3.0]], &[[deviation]]).unwrap();
+        let family = LogNormal::family(&[[-3.0]], &[[deviation]]).unwrap();
         assert_one(&family, in_logs(-3.0, 10.0 * deviation));
     }
     for concentration in [0.0, 1e-3, 1.0, 39.0, 41.0, 1e4, 1e9] {
-        let family = VonMises::new(&[[2.5]], &[[concentration]]).unwrap();
+        let family = VonMises::family(&[[2.5]], &[[concentration]]).unwrap();
         let width = f64::min(PI, 10.0 / f64::sqrt(concentration));
         let step = width / 2000.0;
         assert_one(&family, (-2000..2000).map(|k| (2.5 + step * f64::from(k), step)));
     }
-    let family = Bernoulli::new(&[[0.3]]).unwrap();
+    let family = Bernoulli::family(&[[0.3]]).unwrap();
     assert_one(&family, [(0.0, 1.0), (1.0, 1.0)].into_iter());
 }
 
@@ -95,7 +95,7 @@ fn densities_of_directions_integrate_to_one() {
 #[test]
 fn directions_in_the_plane_are_angles() {
     for concentration in [0.0, 0.7, 50.0, 1e7] {
-        let angles = VonMises::new(&[[0.9]], &[[concentration]]).unwrap();
+        let angles = VonMises::family(&[[0.9]], &[[concentration]]).unwrap();
         let (sin, cos) = f64::sin_cos(0.9);
         let vectors = VonMisesFisher::new(&[[cos, sin]], &[concentration]).unwrap();
         for y in [-2.0, 0.85, 0.9, 0.9001, 4.0] {
@@ -110,14 +110,14 @@ fn directions_in_the_plane_are_angles() {
 #[test]
 fn densities_of_large_numbers_keep_their_digits() {
     let known = [
-        (density(&Poisson::new(&[[3.0]]).unwrap(), 0, &[5.0]), LN_POISSON_SMALL),
-        (density(&Poisson::new(&[[1e12]]).unwrap(), 0, &[1e12 + 2e6]), LN_POISSON_LARGE),
-        (density(&Poisson::new(&[[1e-9]]).unwrap(), 0, &[1e6]), LN_POISSON_FAR),
-        (density(&Gamma::new(&[[1e12]], &[[1e-6]]).unwrap(), 0, &[1e6 + 0.25]), LN_GAMMA_LARGE),
-        (density(&Gamma::new(&[[0.01]], &[[2.0]]).unwrap(), 0, &[1e-200]), LN_GAMMA_SMALL),
+        (density(&Poisson::family(&[[3.0]]).unwrap(), 0, &[5.0]), LN_POISSON_SMALL),
+        (density(&Poisson::family(&[[1e12]]).unwrap(), 0, &[1e12 + 2e6]), LN_POISSON_LARGE),
+        (density(&Poisson::family(&[[1e-9]]).unwrap(), 0, &[1e6]), LN_POISSON_FAR),
+        (density(&Gamma::family(&[[1e12]], &[[1e-6]]).unwrap(), 0, &[1e6 + 0.25]), LN_GAMMA_LARGE),
+        (density(&Gamma::family(&[[0.01]], &[[2.0]]).unwrap(), 0, &[1e-200]), LN_GAMMA_SMALL),
         (
             density(
-                &VonMises::new(&[[1.0]], &[[1e12]]).unwrap(),
+                &VonMises::family(&[[1.0]], &[[1e12]]).unwrap(),
                 0,
                 &[1.0 + 9.536_743_164_062_5e-7],
             ),
@@ -148,7 +148,7 @@ const LN_MULTINOMIAL: f64 = -37.108_013_373_408_525;
 #[test]
 fn neighbouring_counts_have_the_ratio_of_the_rate_and_the_count() {
     for rate in [0.5, 40.0, 300.0] {
-        let family = Poisson::new(&[[rate]]).unwrap();
+        let family = Poisson::family(&[[rate]]).unwrap();
         let log = |count: u16| density(&family, 0, &[f64::from(count)]);
         for count in 1..600 {
             let (before, after) = (log(count - 1), log(count));
@@ -165,8 +165,8 @@ fn multinomial_counts_are_poisson_counts_given_their_sum() {
     for row in [[1.0, 0.0, 2.0, 0.0], [9.0, 0.0, 30.0, 20.0], [10.0, 0.0, 30.0, 24.0], [0.0; 4]] {
         let total: f64 = row.iter().sum();
         let rates = shares.map(|p| 40.0 * p);
-        let parts = density(&Poisson::new(&[rates]).unwrap(), 0, &row);
-        let expected = parts - density(&Poisson::new(&[[40.0]]).unwrap(), 0, &[total]);
+        let parts = density(&Poisson::family(&[rates]).unwrap(), 0, &row);
+        let expected = parts - density(&Poisson::family(&[[40.0]]).unwrap(), 0, &[total]);
         let found = density(&multinomial, 0, &row);
         assert!((found - expected).abs() < 1e-12 * (1.0 + expected.abs()), "{found} {expected}");
     }
@@ -177,8 +177,8 @@ fn multinomial_counts_are_poisson_counts_given_their_sum() {
 /// Components multiply, and a missing one is integrated out.
 #[test]
 fn missing_components_leave_the_marginal() {
-    let one = |rate: f64| Poisson::new(&[[rate], [2.0 * rate]]).unwrap();
-    let two = Poisson::new(&[[3.0, 8.0], [6.0, 16.0]]).unwrap().with_missing();
+    let one = |rate: f64| Poisson::family(&[[rate], [2.0 * rate]]).unwrap();
+    let two = Poisson::family(&[[3.0, 8.0], [6.0, 16.0]]).unwrap().with_missing();
     for state in 0..2 {
         let parts = density(&one(3.0), state, &[4.0]) + density(&one(8.0), state, &[5.0]);
         assert!((density(&two, state, &[4.0, 5.0]) - parts).abs() < 1e-13);

@@ -94,19 +94,19 @@ fn hostile_parameters_are_errors_or_valid() {
                 }
                 Ok(())
             };
-            if let Ok(family) = Bernoulli::new(&[[a]]) {
+            if let Ok(family) = Bernoulli::family(&[[a]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
-            if let Ok(family) = Poisson::new(&[[a]]) {
+            if let Ok(family) = Poisson::family(&[[a]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
-            if let Ok(family) = Gamma::new(&[[a]], &[[b]]) {
+            if let Ok(family) = Gamma::family(&[[a]], &[[b]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
-            if let Ok(family) = LogNormal::new(&[[a]], &[[b]]) {
+            if let Ok(family) = LogNormal::family(&[[a]], &[[b]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
-            if let Ok(family) = VonMises::new(&[[a]], &[[b]]) {
+            if let Ok(family) = VonMises::family(&[[a]], &[[b]]) {
                 check(try_density(&family, 0, &[y]))?;
             }
             if let Ok(family) = VonMisesFisher::new(&[[0.6, 0.8]], &[b]) {
@@ -127,17 +127,18 @@ fn small_spreads_at_large_values_are_found() {
     let offsets = [-1.5, -0.5, 0.25, 1.75];
     let square: f64 = offsets.iter().map(|x| x * x).sum::<f64>() / 4.0;
     let seen: Vec<_> = offsets.iter().map(|x| (vec![1e6 + 1e-3 * x], 1.0)).collect();
-    let learned = fit(&Gamma::new(&[[1e12]], &[[1e-6]]).unwrap(), &seen, 0.0);
-    let variance = learned.shapes()[0][0] * learned.scales()[0][0].powi(2);
+    let learned = fit(&Gamma::family(&[[1e12]], &[[1e-6]]).unwrap(), &seen, 0.0);
+    let gamma = learned.component(0, 0).unwrap();
+    let variance = gamma.shape() * gamma.scale().powi(2);
     assert!((variance / (1e-6 * square) - 1.0).abs() < 1e-5, "{variance}");
-    let learned = fit(&LogNormal::new(&[[1e6_f64.ln()]], &[[1e-9]]).unwrap(), &seen, 0.0);
-    let variance = learned.deviations()[0][0].powi(2);
+    let learned = fit(&LogNormal::family(&[[1e6_f64.ln()]], &[[1e-9]]).unwrap(), &seen, 0.0);
+    let variance = learned.component(0, 0).unwrap().deviation().powi(2);
     assert!((variance / (1e-18 * square) - 1.0).abs() < 1e-5, "{variance}");
 
     // A variance σ² of angles is a concentration of 1 / σ².
     let seen: Vec<_> = offsets.iter().map(|x| (vec![1.0 + 1e-6 * x], 1.0)).collect();
-    let learned = fit(&VonMises::new(&[[1.0]], &[[1e12]]).unwrap(), &seen, 0.0);
-    let variance = learned.concentrations()[0][0].recip();
+    let learned = fit(&VonMises::family(&[[1.0]], &[[1e12]]).unwrap(), &seen, 0.0);
+    let variance = learned.component(0, 0).unwrap().concentration().recip();
     assert!((variance / (1e-12 * square) - 1.0).abs() < 1e-5, "{variance}");
     let vector = |x: &f64| (vec![f64::sin(1e-6 * x), f64::cos(1e-6 * x)], 1.0);
     let seen: Vec<_> = offsets.iter().map(vector).collect();
@@ -208,11 +209,11 @@ fn a_spread_that_is_not_determined_is_an_error() {
         let start = start.and_prior(&B::parameters(&[0.5; 3]), 0.1);
         assert!(start.maximize(&sums, 0.0).is_ok());
     }
-    let gamma = Gamma::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
+    let gamma = Gamma::family(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
     assert_too_few(gamma, &[0.7], Some(0), "shape");
-    let log_normal = LogNormal::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
+    let log_normal = LogNormal::family(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
     assert_too_few(log_normal, &[0.7], Some(0), "standard deviation of logarithms");
-    let angles = VonMises::new(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
+    let angles = VonMises::family(&[[2.0], [3.0]], &[[1.0], [1.0]]).unwrap();
     assert_too_few(angles, &[0.7], Some(0), "concentration");
     let vectors = VonMisesFisher::new(&[[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], &[1.0, 2.0]).unwrap();
     assert_too_few(vectors, &[0.0, 0.6, 0.8], None, "concentration");
@@ -223,9 +224,9 @@ fn a_spread_that_is_not_determined_is_an_error() {
 fn directions_of_large_angles_keep_their_digits() {
     for start in [1e6, 1e9, -1e15, 1e300] {
         let seen: Vec<f64> = [0.0, 0.25, -0.125, 0.5].iter().map(|x| start + x).collect();
-        let family = VonMises::new(&[[start]], &[[2.0]]).unwrap();
+        let family = VonMises::family(&[[start]], &[[2.0]]).unwrap();
         let rows: Vec<_> = seen.iter().map(|y| (vec![*y], 1.0)).chain([(vec![1.0], 1.0)]).collect();
-        let learned = fit(&family, &rows, 0.0).means()[0][0];
+        let learned = fit(&family, &rows, 0.0).component(0, 0).unwrap().mean();
         let all = || rows.iter().map(|(y, _)| y[0]);
         let mean = f64::atan2(all().map(f64::sin).sum(), all().map(f64::cos).sum());
         assert!((learned - mean).sin().abs() < 1e-14, "{start}: {learned}, not {mean}");
@@ -242,7 +243,7 @@ fn counts_of_1e15_beside_small_ones_leave_moves_that_sum_to_one() {
         let hmm = Hmm::new(
             Prior::AtFirstObservation(Belief::uniform(3).unwrap()),
             DenseTransition::from_rows(&rows).unwrap(),
-            Poisson::new(&[[rate], [2.5e-29], [1e-29]]).unwrap(),
+            Poisson::family(&[[rate], [2.5e-29], [1e-29]]).unwrap(),
         )
         .unwrap();
         for second in [0.0, 1.0, 3.0] {
@@ -277,8 +278,8 @@ fn rare_outcomes_in_many_trials_have_their_probability() {
 /// A prior of so little weight that a probability of 0 is learned, which it rules out.
 #[test]
 fn priors_that_are_lost_in_rounding_are_an_error() {
-    let prior = Bernoulli::new(&[[0.5]]).unwrap();
-    let family = Bernoulli::new(&[[0.3], [0.6]]).unwrap().with_prior(prior, 5e-324).unwrap();
+    let prior = Bernoulli::family(&[[0.5]]).unwrap();
+    let family = Bernoulli::family(&[[0.3], [0.6]]).unwrap().with_prior(prior, 5e-324).unwrap();
     let prior = Prior::AtFirstObservation(Belief::uniform(2).unwrap());
     let transition = DenseTransition::from_rows(&[[0.8, 0.3], [0.2, 0.7]]).unwrap();
     let hmm = Hmm::new(prior, transition, family).unwrap();

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use wayfix::ReorderStates;
 use wayfix::emission::{
-    Bernoulli, Gamma, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
+    Bernoulli, Gamma, Independent, LogNormal, Multinomial, Poisson, VonMises, VonMisesFisher,
 };
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};
 use wayfix::{Belief, DenseTransition, Hmm, InferenceError, Likelihood, Prior};
@@ -55,7 +55,7 @@ macro_rules! with_prior {
     };
 }
 
-impl Family for Bernoulli {
+impl Family for Independent<Bernoulli> {
     const FREE: usize = 1;
 
     fn parameters(unit: &[f64]) -> Vec<f64> {
@@ -63,17 +63,17 @@ impl Family for Bernoulli {
     }
 
     fn build(states: &[Vec<f64>]) -> Self {
-        Self::new(&column(states, 0)).unwrap()
+        Bernoulli::family(&column(states, 0)).unwrap()
     }
 
     fn read(&self) -> Vec<f64> {
-        vec![self.probabilities()[0][0]]
+        vec![self.component(0, 0).unwrap().probability()]
     }
 
     with_prior!();
 }
 
-impl Family for Poisson {
+impl Family for Independent<Poisson> {
     const FREE: usize = 1;
 
     fn parameters(unit: &[f64]) -> Vec<f64> {
@@ -81,18 +81,18 @@ impl Family for Poisson {
     }
 
     fn build(states: &[Vec<f64>]) -> Self {
-        Self::new(&column(states, 0)).unwrap()
+        Poisson::family(&column(states, 0)).unwrap()
     }
 
     fn read(&self) -> Vec<f64> {
-        vec![self.rates()[0][0]]
+        vec![self.component(0, 0).unwrap().rate()]
     }
 
     with_prior!();
 }
 
 /// By shape and mean.
-impl Family for Gamma {
+impl Family for Independent<Gamma> {
     const FREE: usize = 2;
 
     fn parameters(unit: &[f64]) -> Vec<f64> {
@@ -101,18 +101,18 @@ impl Family for Gamma {
 
     fn build(states: &[Vec<f64>]) -> Self {
         let scales: Vec<[f64; 1]> = states.iter().map(|state| [state[1] / state[0]]).collect();
-        Self::new(&column(states, 0), &scales).unwrap()
+        Gamma::family(&column(states, 0), &scales).unwrap()
     }
 
     fn read(&self) -> Vec<f64> {
-        let (shape, scale) = (self.shapes()[0][0], self.scales()[0][0]);
-        vec![shape, shape * scale]
+        let gamma = self.component(0, 0).unwrap();
+        vec![gamma.shape(), gamma.shape() * gamma.scale()]
     }
 
     with_prior!();
 }
 
-impl Family for LogNormal {
+impl Family for Independent<LogNormal> {
     const FREE: usize = 2;
 
     fn parameters(unit: &[f64]) -> Vec<f64> {
@@ -120,17 +120,18 @@ impl Family for LogNormal {
     }
 
     fn build(states: &[Vec<f64>]) -> Self {
-        Self::new(&column(states, 0), &column(states, 1)).unwrap()
+        LogNormal::family(&column(states, 0), &column(states, 1)).unwrap()
     }
 
     fn read(&self) -> Vec<f64> {
-        vec![self.means()[0][0], self.deviations()[0][0]]
+        let log_normal = self.component(0, 0).unwrap();
+        vec![log_normal.mean(), log_normal.deviation()]
     }
 
     with_prior!();
 }
 
-impl Family for VonMises {
+impl Family for Independent<VonMises> {
     const FREE: usize = 2;
 
     fn parameters(unit: &[f64]) -> Vec<f64> {
@@ -138,11 +139,12 @@ impl Family for VonMises {
     }
 
     fn build(states: &[Vec<f64>]) -> Self {
-        Self::new(&column(states, 0), &column(states, 1)).unwrap()
+        VonMises::family(&column(states, 0), &column(states, 1)).unwrap()
     }
 
     fn read(&self) -> Vec<f64> {
-        vec![self.means()[0][0], self.concentrations()[0][0]]
+        let angles = self.component(0, 0).unwrap();
+        vec![angles.mean(), angles.concentration()]
     }
 
     with_prior!();
@@ -216,12 +218,12 @@ macro_rules! for_all_families {
                     }
                 };
             }
-            of!(bernoulli, Bernoulli);
+            of!(bernoulli, Independent<Bernoulli>);
             of!(multinomial, Multinomial);
-            of!(poisson, Poisson);
-            of!(gamma, Gamma);
-            of!(log_normal, LogNormal);
-            of!(von_mises, VonMises);
+            of!(poisson, Independent<Poisson>);
+            of!(gamma, Independent<Gamma>);
+            of!(log_normal, Independent<LogNormal>);
+            of!(von_mises, Independent<VonMises>);
             of!(von_mises_fisher, VonMisesFisher);
         }
     )*};

@@ -1,5 +1,6 @@
 //! Errors by name, order of states, parameters read back, files.
 
+use wayfix::emission::Family as _;
 use wayfix::emission::{
     Bernoulli, EmissionError, Gamma, Independent, LogNormal, Multinomial, Poisson, VonMises,
     VonMisesFisher,
@@ -42,18 +43,20 @@ mod stored {
 
     #[test]
     fn families_come_back_to_the_bit() {
-        comes_back::<Bernoulli>();
+        comes_back::<Independent<Bernoulli>>();
         comes_back::<Multinomial>();
-        comes_back::<Poisson>();
-        comes_back::<Gamma>();
-        comes_back::<LogNormal>();
-        comes_back::<VonMises>();
+        comes_back::<Independent<Poisson>>();
+        comes_back::<Independent<Gamma>>();
+        comes_back::<Independent<LogNormal>>();
+        comes_back::<Independent<VonMises>>();
         comes_back::<VonMisesFisher>();
     }
 
     #[test]
     fn invalid_families_are_refused() {
-        let refused = |text: &str| serde_json::from_str::<Poisson>(text).unwrap_err().to_string();
+        let refused = |text: &str| {
+            serde_json::from_str::<Independent<Poisson>>(text).unwrap_err().to_string()
+        };
         assert_eq!(
             refused(r#"{"version":1,"rates":[[1.0],[-2.0]],"missing":false,"prior":null}"#),
             "the rate of state 1, component 0, is -2, expected a value from 0 to 2^53"
@@ -71,36 +74,36 @@ mod stored {
 #[test]
 fn errors_name_state_component_and_value() {
     says(
-        Poisson::new::<[f64; 0]>(&[]),
+        Poisson::family::<[f64; 0]>(&[]),
         "a family needs at least one state and one component, found 0 states and 0 components",
     );
     says(
-        Poisson::new(&[vec![1.0], vec![]]),
+        Poisson::family(&[vec![1.0], vec![]]),
         "the list of rates of state 1 has 0 values, expected 1",
     );
     says(
-        Poisson::new(&[[1.0, f64::NAN]]),
+        Poisson::family(&[[1.0, f64::NAN]]),
         "the rate of state 0, component 1, is NaN, expected a value from 0 to 2^53",
     );
     says(
-        Bernoulli::new(&[[0.5], [1.5]]),
+        Bernoulli::family(&[[0.5], [1.5]]),
         "the probability of state 1, component 0, is 1.5, expected a value from 0 to 1",
     );
     says(
-        Gamma::new(&[[1.0], [0.0]], &[[1.0], [1.0]]),
+        Gamma::family(&[[1.0], [0.0]], &[[1.0], [1.0]]),
         "the shape of state 1, component 0, is 0, expected a finite value above 0 (from 2.2e-308)",
     );
     says(
-        Gamma::new(&[[1e-200]], &[[1e-200]]),
+        Gamma::family(&[[1e-200]], &[[1e-200]]),
         "the product of shape and scale of state 0, component 0, is 0, expected a finite value above 0 (from 2.2e-308)",
     );
-    says(Gamma::new(&[[1.0]], &[[1.0], [1.0]]), "the list of scales has 2 values, expected 1");
+    says(Gamma::family(&[[1.0]], &[[1.0], [1.0]]), "the list of scales has 2 values, expected 1");
     says(
-        LogNormal::new(&[[800.0]], &[[1.0]]),
+        LogNormal::family(&[[800.0]], &[[1.0]]),
         "the mean of logarithms of state 0, component 0, is 800, expected a value from -745 to 710",
     );
     says(
-        VonMises::new(&[[0.0]], &[[-1.0]]),
+        VonMises::family(&[[0.0]], &[[-1.0]]),
         "the concentration of state 0, component 0, is -1, expected a value from 0 to 1e300",
     );
     says(
@@ -123,17 +126,17 @@ fn errors_name_state_component_and_value() {
         Multinomial::new(&[[0.5, -0.5]]),
         "the probability of state 0, component 1, is -0.5, expected a value from 0 to 1",
     );
-    let poisson = || Poisson::new(&[[1.0, 2.0]]).unwrap();
+    let poisson = || Poisson::family(&[[1.0, 2.0]]).unwrap();
     says(
-        poisson().with_prior(Poisson::new(&[[1.0]]).unwrap(), 1.0),
+        poisson().with_prior(Poisson::family(&[[1.0]]).unwrap(), 1.0),
         "the list of components of the prior has 1 values, expected 2",
     );
     says(
-        poisson().with_prior(Poisson::new(&[[1.0; 2]; 2]).unwrap(), 1.0),
+        poisson().with_prior(Poisson::family(&[[1.0; 2]; 2]).unwrap(), 1.0),
         "the list of states of the prior has 2 values, expected 1",
     );
     assert!(matches!(
-        Independent::<wayfix::emission::univariate::Poisson>::from_rows::<[_; 0]>(&[]),
+        Independent::<Poisson>::from_rows::<[_; 0]>(&[]),
         Err(EmissionError::Empty { .. })
     ));
 }
@@ -144,7 +147,7 @@ fn invalid_observations_are_named() {
     let of = |family: &dyn Fn(&[f64]) -> String, y: &[f64], expected: &str| {
         assert!(family(y).ends_with(expected), "{}", family(y));
     };
-    let poisson = Poisson::new(&[[1.0, 2.0]]).unwrap();
+    let poisson = Poisson::family(&[[1.0, 2.0]]).unwrap();
     let found = |y: &[f64]| text(try_density(&poisson, 0, y));
     of(&found, &[1.0], "the observation has 1 components, expected 2");
     of(
@@ -164,11 +167,11 @@ fn invalid_observations_are_named() {
         &[f64::NAN, -1.0],
         "component 1 of the observation is -1, expected a whole number from 0 to 2^53",
     );
-    let events = Bernoulli::new(&[[0.5]]).unwrap();
+    let events = Bernoulli::family(&[[0.5]]).unwrap();
     of(&|y| text(try_density(&events, 0, y)), &[2.0], "is 2, expected 0 or 1");
-    let gamma = Gamma::new(&[[1.0]], &[[1.0]]).unwrap();
+    let gamma = Gamma::family(&[[1.0]], &[[1.0]]).unwrap();
     of(&|y| text(try_density(&gamma, 0, y)), &[0.0], "is 0, expected a finite value above 0");
-    let angles = VonMises::new(&[[1.0]], &[[1.0]]).unwrap();
+    let angles = VonMises::family(&[[1.0]], &[[1.0]]).unwrap();
     of(
         &|y| text(try_density(&angles, 0, y)),
         &[f64::INFINITY],
@@ -192,18 +195,18 @@ fn invalid_observations_are_named() {
     );
 }
 
-/// A shape as `new` takes it, in the order of states.
+/// Parameters as `family` takes them, in the order of states.
 #[test]
 fn parameters_are_read_back() {
     let rates = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
-    let family = Poisson::new(&rates).unwrap();
-    assert_eq!(family.rates(), rates);
-    assert_eq!(family.component(1, 2).map(wayfix::emission::univariate::Poisson::rate), Some(6.0));
+    let family = Poisson::family(&rates).unwrap();
+    assert_eq!(family.parameters(Poisson::rate), rates);
+    assert_eq!(family.component(1, 2).map(Poisson::rate), Some(6.0));
     assert!(family.component(2, 0).is_none() && family.component(0, 3).is_none());
     assert_eq!((family.components(), family.takes_missing()), (3, false));
-    let family = family.with_prior(Poisson::new(&[[7.0, 8.0, 9.0]]).unwrap(), 0.5).unwrap();
+    let family = family.with_prior(Poisson::family(&[[7.0, 8.0, 9.0]]).unwrap(), 0.5).unwrap();
     let (prior, count) = family.prior().unwrap();
-    assert_eq!((prior.rates(), count), (vec![vec![7.0, 8.0, 9.0]; 2], 0.5));
+    assert_eq!((prior.parameters(Poisson::rate), count), (vec![vec![7.0, 8.0, 9.0]; 2], 0.5));
     let shares = [[0.25, 0.75], [0.5, 0.5]];
     assert_eq!(Multinomial::new(&shares).unwrap().probabilities(), shares);
 }

@@ -40,19 +40,19 @@ fn around(middle: f64) -> impl Fn(&[f64]) -> f64 {
 #[test]
 fn moments_are_those_of_the_distribution() {
     let first = |y: &[f64]| y[0];
-    assert_mean(&Bernoulli::new(&[[0.3]]).unwrap(), 0.3, first);
-    assert_mean(&Bernoulli::new(&[[1.0]]).unwrap(), 1.0, first);
+    assert_mean(&Bernoulli::family(&[[0.3]]).unwrap(), 0.3, first);
+    assert_mean(&Bernoulli::family(&[[1.0]]).unwrap(), 1.0, first);
     for rate in [0.0, 0.4, 7.0, 5e4] {
-        let family = Poisson::new(&[[rate]]).unwrap();
+        let family = Poisson::family(&[[rate]]).unwrap();
         assert_mean(&family, rate, first);
         assert_mean(&family, rate, around(rate));
     }
     for (shape, scale) in [(0.3_f64, 2.0_f64), (1.0, 1.0), (400.0, 1e-3)] {
-        let family = Gamma::new(&[[shape]], &[[scale]]).unwrap();
+        let family = Gamma::family(&[[shape]], &[[scale]]).unwrap();
         assert_mean(&family, shape * scale, first);
         assert_mean(&family, shape * scale * scale, around(shape * scale));
     }
-    let family = LogNormal::new(&[[1.0]], &[[0.5]]).unwrap();
+    let family = LogNormal::family(&[[1.0]], &[[0.5]]).unwrap();
     assert_mean(&family, 1.0, |y| y[0].ln());
     assert_mean(&family, 0.25, |y| (y[0].ln() - 1.0).powi(2));
 }
@@ -79,7 +79,7 @@ fn mean_vectors_are_those_of_the_distribution() {
         (1e9, 1.0 - 5e-10),
     ];
     for (concentration, length) in known {
-        let family = VonMises::new(&[[3.0]], &[[concentration]]).unwrap();
+        let family = VonMises::family(&[[3.0]], &[[concentration]]).unwrap();
         assert_mean(&family, length, |y| (y[0] - 3.0).cos());
         assert_mean(&family, 0.0, |y| (y[0] - 3.0).sin());
         assert_mean(&family, 1.0, |y| f64::from(u8::from(y[0].abs() <= std::f64::consts::PI)));

@@ -68,7 +68,7 @@ fn residuals_are_the_noise() {
                 let all = residuals.iter().zip(found.states());
                 all.filter(|pair| *pair.1 == state).map(|pair| value(pair.0)).collect()
             };
-            let covariance = family.covariance(state).unwrap();
+            let covariance = family.noise().covariance(state).unwrap();
             let (a, b, both) = (covariance[0], covariance[3], covariance[1]);
             within(&of(&|r| r[0]), 0.0, a);
             within(&of(&|r| r[1]), 0.0, b);
@@ -82,7 +82,8 @@ fn residuals_are_the_noise() {
             within(&stays, stay, stay * (1.0 - stay));
         }
         // In units of the deviation in the state, since variances differ.
-        let deviation = |step: usize| family.covariance(found.states()[step]).unwrap()[0].sqrt();
+        let deviation =
+            |step: usize| family.noise().covariance(found.states()[step]).unwrap()[0].sqrt();
         let unit: Vec<f64> = (0..STEPS).map(|step| residuals[step][0] / deviation(step)).collect();
         let next: Vec<f64> = unit.windows(2).map(|pair| pair[0] * pair[1]).collect();
         within(&next, 0.0, 1.0);

@@ -3,6 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::ReorderStates;
+use wayfix::emission::Family as _;
 use wayfix::emission::{CovarianceType, EmissionError, Gaussian, GaussianPrior, Rows};
 use wayfix::inference::LearningOptions;
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};

@@ -3,6 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::ReorderStates;
+use wayfix::emission::Family as _;
 use wayfix::emission::{EmissionError, Gaussian, GaussianMixture, GaussianPrior};
 use wayfix::inference::{LearningOptions, StopReason};
 use wayfix::likelihood::{LearnLikelihood, SampleObservation};

@@ -34,11 +34,11 @@ fn numbers() -> impl Strategy<Value = Vec<f64>> {
 
 /// Parameters as the constructors take them.
 fn parameters(family: &LinearRegression) -> [Vec<Vec<f64>>; 3] {
-    let states = 0..family.covariances().len();
+    let states = 0..family.noise().covariances().len();
     [
         states.clone().map(|i| family.coefficients(i).unwrap()).collect(),
         states.map(|i| family.intercept(i).unwrap()).collect(),
-        family.covariances(),
+        family.noise().covariances(),
     ]
 }
 
@@ -49,7 +49,7 @@ fn with(family: &LinearRegression, [b, c, v]: &[Vec<Vec<f64>>; 3]) -> Option<Lin
         LinearRegression::full(b, c, v)
     };
     let new = new.ok()?.with_ridge(family.ridge()).unwrap();
-    Some(match family.noise_prior() {
+    Some(match family.noise().prior() {
         Some(prior) => new.with_noise_prior(prior.clone()).unwrap(),
         None => new,
     })
@@ -89,7 +89,7 @@ proptest! {
                 .collect();
             prop_assert!(mean.iter().zip(&by_hand).all(|(a, b)| (a - b).abs() < 1e-12));
             let [seen, mean, covariance] =
-                marginal(output, &mean, &family.covariance(state).unwrap());
+                marginal(output, &mean, &family.noise().covariance(state).unwrap());
             let x: Vec<f64> = seen.iter().zip(&mean).map(|(y, mean)| y - mean).collect();
             let (log, distance) = eliminated(&covariance, &x);
             let norm = x.len() as f64 * std::f64::consts::TAU.ln();
@@ -185,7 +185,7 @@ fn learning_finds_the_lines_back() {
         let learned = lasting(start).learn(&[rows], &LearningOptions::default()).unwrap();
         let found = learned.model().likelihood();
         for (state, count) in counts.into_iter().enumerate() {
-            let variance = truth.covariance(state).unwrap()[0] / count;
+            let variance = truth.noise().covariance(state).unwrap()[0] / count;
             let slope = found.coefficients(state).unwrap()[0];
             let off = slope - truth.coefficients(state).unwrap()[0];
             let shift = found.intercept(state).unwrap()[0] - truth.intercept(state).unwrap()[0];
@@ -218,7 +218,9 @@ fn autoregression_on_lagged_rows() {
         // Standard error of a coefficient: about ((1 − 0.3²) / 4000)^½ = 0.015.
         assert!((b[0] + 0.3).abs() < 0.075 && (b[1] - 0.6).abs() < 0.075, "{b:?}");
         assert!((c[0] - 1.0).abs() < 0.15);
-        assert!((found.covariance(0).unwrap()[0] - 0.04).abs() < 5.0 * 0.04 / 2000_f64.sqrt());
+        assert!(
+            (found.noise().covariance(0).unwrap()[0] - 0.04).abs() < 5.0 * 0.04 / 2000_f64.sqrt()
+        );
     }
 }
 
@@ -236,7 +238,8 @@ fn outputs_far_from_zero_keep_their_variance() {
     let near: Vec<Vec<f64>> = noise.iter().map(|z| vec![z[0], z[1]]).collect();
     let start = LinearRegression::full(&[[0.0]], &[[0.0]], &[[1.0]]).unwrap();
     let expected = reestimated(&start, &near, &weights, 0.0).unwrap();
-    let (found, expected) = (family.covariance(0).unwrap()[0], expected.covariance(0).unwrap()[0]);
+    let (found, expected) =
+        (family.noise().covariance(0).unwrap()[0], expected.noise().covariance(0).unwrap()[0]);
     assert!((found / 1e-6 / expected - 1.0).abs() < 1e-6, "{found} {expected}");
 }
 

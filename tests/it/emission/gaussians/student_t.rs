@@ -17,8 +17,13 @@ const TYPES: [CovarianceType; 4] = [
     CovarianceType::Tied,
 ];
 
-/// A family from random numbers.
-fn family(kind: CovarianceType, n: usize, d: usize, numbers: &[f64]) -> StudentT {
+/// A family from random numbers, with settings of its means and scales.
+fn family(
+    kind: CovarianceType,
+    [n, d]: [usize; 2],
+    numbers: &[f64],
+    settings: impl FnOnce(Gaussian) -> Gaussian,
+) -> StudentT {
     let means: Vec<Vec<f64>> = numbers.chunks(d).take(n).map(<[f64]>::to_vec).collect();
     let full = |i: usize| covariance(d, &numbers[i * d..][..d * d]);
     let scales: Vec<Vec<f64>> = match kind {
@@ -30,15 +35,16 @@ fn family(kind: CovarianceType, n: usize, d: usize, numbers: &[f64]) -> StudentT
         CovarianceType::Tied => vec![full(0)],
     };
     let degrees: Vec<f64> = numbers[..n].iter().map(|x| 3.0 * x.exp()).collect();
-    StudentT::new(kind, &degrees, &means, &scales).unwrap()
+    let gaussian = Gaussian::new(kind, &means, &scales).unwrap();
+    StudentT::new(&degrees, settings(gaussian)).unwrap()
 }
 
 /// The density as a mean of Gaussian ones over precisions u, which have a gamma distribution:
 /// ∫ u^(ν/2 − 1) exp(−ν u / 2) N(y; μ, Σ / u) du over the same without N, by trapezes in ln u.
 fn mixed(family: &StudentT, state: usize, y: &[f64]) -> f64 {
-    let nu = family.degrees()[state];
+    let (nu, gaussian) = (family.degrees()[state], family.gaussian());
     let [seen, mean, scale] =
-        marginal(y, family.mean(state).unwrap(), &family.scale(state).unwrap());
+        marginal(y, gaussian.mean(state).unwrap(), &gaussian.covariance(state).unwrap());
     let x: Vec<f64> = seen.iter().zip(&mean).map(|(y, mean)| y - mean).collect();
     let (log, distance) = eliminated(&scale, &x);
     let norm = -0.5 * (x.len() as f64 * std::f64::consts::TAU.ln() + log);
@@ -62,7 +68,7 @@ proptest! {
         numbers in vec(-1.5..1.5, 30),
         y in vec(prop_oneof![1 => Just(f64::NAN), 3 => -6.0..6.0], 3),
     ) {
-        let family = family(kind, 2, 3, &numbers).with_missing();
+        let family = family(kind, [2, 3], &numbers, Gaussian::with_missing);
         for state in 0..2 {
             let (found, expected) = (log_density(&family, state, &y), mixed(&family, state, &y));
             prop_assert!((found - expected).abs() <= 1e-9 * expected.abs().max(1.0));
@@ -83,17 +89,20 @@ proptest! {
         fixed in 0..5_u8,
         with_prior: bool,
     ) {
-        let family = family(kind, n, 2, &numbers).with_missing();
         let weights: Vec<Vec<f64>> = weights.iter().map(|w| w[..n].to_vec()).collect();
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.5, &[0.1, -0.2]).unwrap();
         let prior = prior.with_covariance(0.7, &[0.3, 0.2]).unwrap();
-        let family = if with_prior { family.with_prior(prior).unwrap() } else { family };
-        let family = match fixed {
-            1 => family.with_fixed_means(),
-            2 => family.with_fixed_covariances(),
-            3 => family.with_fixed_degrees(),
-            _ => family,
+        let settings = |family: Gaussian| {
+            let family = family.with_missing();
+            let family = if with_prior { family.with_prior(prior).unwrap() } else { family };
+            match fixed {
+                1 => family.with_fixed_means(),
+                2 => family.with_fixed_covariances(),
+                _ => family,
+            }
         };
+        let family = family(kind, [n, 2], &numbers, settings);
+        let family = if fixed == 3 { family.with_fixed_degrees() } else { family };
         assert_never_falls(&family, &rows, &weights, 0.0);
     }
 
@@ -104,8 +113,8 @@ proptest! {
         numbers in vec(-1.5..1.5, 10),
         sequences in vec(hostile(2), 1..3),
     ) {
-        let family = family(kind, 2, 2, &numbers);
-        assert_learns(&if missing { family.with_missing() } else { family }, &sequences);
+        let settings = |family: Gaussian| if missing { family.with_missing() } else { family };
+        assert_learns(&family(kind, [2, 2], &numbers, settings), &sequences);
     }
 }
 
@@ -113,7 +122,7 @@ proptest! {
 fn a_step_is_the_maximum_of_what_is_expected() {
     // One dimension, written out: Σ w (E[ln u] − E[u] ((y − μ)² / s + ν) + ν …) for each parameter.
     let (nu, mean, scale) = (4.0, 0.5, 2.0);
-    let start = StudentT::full(&[nu], &[[mean]], &[[scale]]).unwrap();
+    let start = StudentT::new(&[nu], Gaussian::full(&[[mean]], &[[scale]]).unwrap()).unwrap();
     let rows: Vec<Vec<f64>> = noisy_rows(40, 1, 6);
     let weights: Vec<Vec<f64>> = (0..40).map(|k| vec![0.2 + 0.02 * f64::from(k)]).collect();
     let best = reestimated(&start, &rows, &weights, 0.0).unwrap();
@@ -148,7 +157,7 @@ fn a_step_is_the_maximum_of_what_is_expected() {
         .sum::<f64>()
     };
     let (nu, mean, scale) =
-        (best.degrees()[0], best.mean(0).unwrap()[0], best.scale(0).unwrap()[0]);
+        (best.degrees()[0], best.gaussian().means()[0][0], best.gaussian().covariances()[0][0]);
     let highest = objective(nu, mean, scale);
     for step in [-1e-3, 1e-3] {
         assert!(objective(nu * (1.0 + step), mean, scale) < highest);
@@ -162,7 +171,9 @@ fn with_many_degrees_it_is_gaussian() {
     let covariance = [2.0, 0.3, 0.3, 1.0];
     let gaussian = Gaussian::full(&[[0.5, -1.0]], &[covariance]).unwrap();
     for (degrees, error) in [(1e6, 1e-4), (1e9, 1e-7), (1e15, 1e-12), (1e300, 1e-12)] {
-        let family = StudentT::full(&[degrees], &[[0.5, -1.0]], &[covariance]).unwrap();
+        let family =
+            StudentT::new(&[degrees], Gaussian::full(&[[0.5, -1.0]], &[covariance]).unwrap())
+                .unwrap();
         for y in [[0.0, 0.0], [3.0, 2.0], [-2.0, 4.0]] {
             let (a, b) = (log_density(&family, 0, &y), log_density(&gaussian, 0, &y));
             assert!((a - b).abs() < error * b.abs(), "{degrees}: {a} {b}");
@@ -173,7 +184,9 @@ fn with_many_degrees_it_is_gaussian() {
 #[test]
 fn draws_have_the_moments() {
     for seed in 0..4 {
-        let family = StudentT::full(&[12.0], &[[1.0, 2.0]], &[[2.0, 0.6, 0.6, 1.0]]).unwrap();
+        let family =
+            StudentT::new(&[12.0], Gaussian::full(&[[1.0, 2.0]], &[[2.0, 0.6, 0.6, 1.0]]).unwrap())
+                .unwrap();
         let mut rng = rng(seed);
         let count = 20_000;
         let draws: Vec<Vec<f64>> = (0..count).map(|_| family.sample(0, &mut rng)).collect();
@@ -185,7 +198,7 @@ fn draws_have_the_moments() {
             assert!((found - expected).abs() < 5.0 * 2.4 * 1.7 / f64::from(count).sqrt());
         }
         // A quarter of a t with 3 degrees lies above 0.7649.
-        let family = StudentT::spherical(&[3.0], &[[0.0]], &[1.0]).unwrap();
+        let family = StudentT::new(&[3.0], Gaussian::spherical(&[[0.0]], &[1.0]).unwrap()).unwrap();
         let above = (0..count).filter(|_| family.sample(0, &mut rng)[0] > 0.764_892).count();
         let off = above as f64 - 0.25 * f64::from(count);
         assert!(off.abs() < 5.0 * (0.1875 * f64::from(count)).sqrt());
@@ -194,11 +207,17 @@ fn draws_have_the_moments() {
 
 #[test]
 fn learning_finds_means_and_degrees_back() {
-    let truth = StudentT::spherical(&[4.0, 4.0], &[[0.0], [8.0]], &[1.0, 1.0]).unwrap();
+    let truth =
+        StudentT::new(&[4.0, 4.0], Gaussian::spherical(&[[0.0], [8.0]], &[1.0, 1.0]).unwrap())
+            .unwrap();
     let mut beyond = 0;
     for seed in 0..6 {
         let simulated = lasting(truth.clone()).simulate(3000, &mut rng(seed));
-        let start = StudentT::spherical(&[10.0, 10.0], &[[1.0], [6.0]], &[2.0, 2.0]).unwrap();
+        let start = StudentT::new(
+            &[10.0, 10.0],
+            Gaussian::spherical(&[[1.0], [6.0]], &[2.0, 2.0]).unwrap(),
+        )
+        .unwrap();
         let options = LearningOptions { iterations: 300, tolerance: 1e-4, ..Default::default() };
         let learned = lasting(start).learn(&[simulated.observations()], &options).unwrap();
         let found = learned.model().likelihood();
@@ -206,7 +225,7 @@ fn learning_finds_means_and_degrees_back() {
             let count = simulated.states().iter().filter(|s| **s == state).count() as f64;
             // Information of a t about its mean: (ν + 1) / ((ν + 3) s).
             let error = (7.0 / 5.0 / count).sqrt();
-            let off = found.mean(state).unwrap()[0] - truth.mean(state).unwrap()[0];
+            let off = found.gaussian().means()[state][0] - truth.gaussian().means()[state][0];
             assert!(off.abs() < 6.0 * error);
             beyond += usize::from(off.abs() > 3.0 * error);
             assert!((2.5..8.0).contains(&found.degrees()[state]), "{:?}", found.degrees());
@@ -217,7 +236,11 @@ fn learning_finds_means_and_degrees_back() {
 
 #[test]
 fn fixed_degrees_and_counts() {
-    let family = StudentT::full(&[3.0, 5.0], &[[0.0, 0.0]; 2], &[[1.0, 0.0, 0.0, 1.0]; 2]).unwrap();
+    let family = StudentT::new(
+        &[3.0, 5.0],
+        Gaussian::full(&[[0.0, 0.0]; 2], &[[1.0, 0.0, 0.0, 1.0]; 2]).unwrap(),
+    )
+    .unwrap();
     assert_eq!(family.free_parameters(), 4 + 6 + 2);
     let fixed = family.clone().with_fixed_degrees();
     assert_eq!(fixed.free_parameters(), 4 + 6);
@@ -226,7 +249,7 @@ fn fixed_degrees_and_counts() {
     let learned = reestimated(&family, &rows, &weights, 0.0).unwrap();
     assert_ne!(learned.degrees(), [3.0, 5.0]);
     let none = reestimated(&family, &rows, &vec![vec![1.0, 0.0]; 20], 0.0).unwrap();
-    assert_eq!((none.degrees()[1], none.mean(1)), (5.0, family.mean(1)));
+    assert_eq!((none.degrees()[1], none.gaussian().mean(1)), (5.0, family.gaussian().mean(1)));
     let other = learned.reordered(&[1, 0]);
     let y = [0.4, -2.0];
     assert_eq!(log_density(&other, 0, &y), log_density(&learned, 1, &y));
@@ -236,14 +259,17 @@ fn fixed_degrees_and_counts() {
 fn errors_name_the_place() {
     let text = |result: Result<StudentT, EmissionError>| result.unwrap_err().to_string();
     assert_eq!(
-        text(StudentT::spherical(&[1.0, 0.0], &[[0.0], [1.0]], &[1.0, 1.0])),
+        text(StudentT::new(
+            &[1.0, 0.0],
+            Gaussian::spherical(&[[0.0], [1.0]], &[1.0, 1.0]).unwrap()
+        )),
         "the degrees of freedom of state 1 is 0, expected a finite value of at least 0.01"
     );
     assert_eq!(
-        text(StudentT::spherical(&[1.0], &[[0.0], [1.0]], &[1.0, 1.0])),
+        text(StudentT::new(&[1.0], Gaussian::spherical(&[[0.0], [1.0]], &[1.0, 1.0]).unwrap())),
         "the list of degrees of freedom has 1 values, expected 2"
     );
-    let family = StudentT::spherical(&[1.0], &[[0.0]], &[1.0]).unwrap();
+    let family = StudentT::new(&[1.0], Gaussian::spherical(&[[0.0]], &[1.0]).unwrap()).unwrap();
     assert!(refused(&family, &[f64::NAN]).contains("with_missing"));
     let same = reestimated(&family, &[vec![1.0]], &[vec![1.0]], 0.0).unwrap_err().to_string();
     assert!(same.contains("the variance of state 0 cannot be estimated"), "{same}");
@@ -254,9 +280,9 @@ fn errors_name_the_place() {
 fn stored_to_the_bit() {
     let numbers: Vec<f64> = (0..40).map(|i| (f64::from(i) * 0.7).cos()).collect();
     for kind in TYPES {
-        let family = family(kind, 3, 2, &numbers).with_missing().with_fixed_degrees();
         let prior = GaussianPrior::new(2).unwrap().with_mean(0.1, &[0.2, 0.3]).unwrap();
-        let family = family.with_prior(prior).unwrap();
+        let settings = |family: Gaussian| family.with_missing().with_prior(prior).unwrap();
+        let family = family(kind, [3, 2], &numbers, settings).with_fixed_degrees();
         let text = serde_json::to_string(&family).unwrap();
         let read: StudentT = serde_json::from_str(&text).unwrap();
         assert_eq!(format!("{read:?}"), format!("{family:?}"));
@@ -272,8 +298,8 @@ fn outliers_of_any_size_count_once() {
             for place in 0..5 {
                 let mut rows: Vec<Vec<f64>> = near.iter().map(|y| vec![*y]).collect();
                 rows.insert(place, vec![far]);
-                let start = StudentT::new(kind, &[nu], &[[0.0]], &[[1.0]]).unwrap();
-                let start = start.with_fixed_degrees();
+                let start = Gaussian::new(kind, &[[0.0]], &[[1.0]]).unwrap();
+                let start = StudentT::new(&[nu], start).unwrap().with_fixed_degrees();
                 let learned = reestimated(&start, &rows, &vec![vec![1.0]; 5], 0.0).unwrap();
 
                 let weight = |y: f64| (nu + 1.0) / (nu + y * y);
@@ -282,7 +308,8 @@ fn outliers_of_any_size_count_once() {
                     / (total + weight(far));
                 let squares = near.iter().map(|y| weight(*y) * (y - mean).powi(2));
                 let scale = (squares.sum::<f64>() + weight(far) * (far - mean).powi(2)) / 5.0;
-                let found = (learned.mean(0).unwrap()[0], learned.scale(0).unwrap()[0]);
+                let learned = learned.gaussian();
+                let found = (learned.means()[0][0], learned.covariances()[0][0]);
                 let text = format!("{far} at {place}, {kind:?}: {found:?}, not {mean} and {scale}");
                 assert!((found.0 - mean).abs() < 1e-12, "{text}");
                 assert!((found.1 / scale - 1.0).abs() < 1e-12, "{text}");

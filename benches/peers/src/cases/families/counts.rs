@@ -4,7 +4,7 @@ use std::fs;
 
 use rand_chacha::ChaCha8Rng;
 use wayfix::TableLikelihood;
-use wayfix::emission::{Bernoulli, EmissionError, Gamma, Multinomial, Poisson};
+use wayfix::emission::{Bernoulli, EmissionError, Gamma, Independent, Multinomial, Poisson};
 use wayfix::likelihood::{LearnLikelihood, Likelihood, SampleObservation};
 
 use super::{Array, Case, SMALL, Sizes, draw, generator, model};
@@ -41,13 +41,23 @@ pub(super) fn categorical(races: &mut Races, folders: &Folders) -> Result<(), Fa
 }
 
 pub(super) fn poisson(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
-    let arrays = |family: &Poisson| vec![array("rates", &family.rates())];
-    run(POISSON, |rng| table(3, |x| 0.5 + 5.0 * x, rng), Poisson::new, arrays, races, folders)
+    let arrays =
+        |family: &Independent<Poisson>| vec![array("rates", &family.parameters(Poisson::rate))];
+    run(POISSON, |rng| table(3, |x| 0.5 + 5.0 * x, rng), Poisson::family, arrays, races, folders)
 }
 
 pub(super) fn bernoulli(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
-    let arrays = |family: &Bernoulli| vec![array("probabilities", &family.probabilities())];
-    run(BERNOULLI, |rng| table(6, |x| x / (1.0 + x), rng), Bernoulli::new, arrays, races, folders)
+    let arrays = |family: &Independent<Bernoulli>| {
+        vec![array("probabilities", &family.parameters(Bernoulli::probability))]
+    };
+    run(
+        BERNOULLI,
+        |rng| table(6, |x| x / (1.0 + x), rng),
+        Bernoulli::family,
+        arrays,
+        races,
+        folders,
+    )
 }
 
 pub(super) fn multinomial(races: &mut Races, folders: &Folders) -> Result<(), Failure> {
@@ -61,9 +71,11 @@ pub(super) fn gamma(races: &mut Races, folders: &Folders) -> Result<(), Failure>
     // A shape and a scale in each row.
     let column =
         |rows: &[Vec<f64>], at: usize| rows.iter().map(|row| [row[at]]).collect::<Vec<_>>();
-    let family = |rows: &[Vec<f64>]| Gamma::new(&column(rows, 0), &column(rows, 1));
-    let arrays =
-        |family: &Gamma| vec![array("shapes", &family.shapes()), array("scales", &family.scales())];
+    let family = |rows: &[Vec<f64>]| Gamma::family(&column(rows, 0), &column(rows, 1));
+    let arrays = |family: &Independent<Gamma>| {
+        let parameters = |of: fn(&Gamma) -> f64| family.parameters(of);
+        vec![array("shapes", &parameters(Gamma::shape)), array("scales", &parameters(Gamma::scale))]
+    };
     run(GAMMA, |rng| table(2, |x| 0.5 + 3.0 * x, rng), family, arrays, races, folders)
 }
 

@@ -45,7 +45,7 @@ fn arrays(family: &LinearRegression) -> Vec<Array> {
     vec![
         Array::rows("coefficients", &coefficients, &[d, p]),
         Array::rows("intercepts", &intercepts, &[d]),
-        Array::rows("covariances", &family.covariances(), &[d, d]),
+        Array::rows("covariances", &family.noise().covariances(), &[d, d]),
     ]
 }
 

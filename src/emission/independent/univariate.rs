@@ -1,23 +1,10 @@
-//! Distributions of one number, the components of [`Independent`](super::Independent) families.
-
-mod bernoulli;
-mod gamma;
-mod log_normal;
-mod poisson;
-mod von_mises;
-
-pub use bernoulli::Bernoulli;
-pub use gamma::Gamma;
-pub use log_normal::LogNormal;
-pub(super) use poisson::Count;
-pub use poisson::Poisson;
-pub use von_mises::VonMises;
+//! Trait of a distribution of one number, for [`Independent`](super::Independent) families.
 
 use std::fmt::Debug;
 
 use rand::Rng;
 
-use super::error::EmissionError;
+use crate::emission::EmissionError;
 
 /// A distribution of one number, with parameters that are learned.
 ///
@@ -39,7 +26,7 @@ use super::error::EmissionError;
 /// impl Univariate for Waiting {
 ///     const VALUES: &'static str = "a time above 0";
 ///     type Point = f64;
-///     type Sums = [f64; 2]; // Σ weight and Σ weight y
+///     type Statistics = [f64; 2]; // 1 and y
 ///
 ///     fn point(y: f64) -> Option<f64> {
 ///         (y > 0.0 && y.is_finite()).then_some(y)
@@ -47,14 +34,14 @@ use super::error::EmissionError;
 ///     fn log_density(&self, y: &f64) -> f64 {
 ///         -y / self.mean - self.mean.ln()
 ///     }
-///     fn add(&self, sums: &mut [f64; 2], y: &f64, weight: f64) {
-///         *sums = [sums[0] + weight, sums[1] + weight * y];
+///     fn statistics(&self, y: &f64) -> [f64; 2] {
+///         [1.0, *y]
 ///     }
-///     fn add_expected(&self, sums: &mut [f64; 2], of: &Self, count: f64) {
-///         self.add(sums, &of.mean, count);
+///     fn expectations(&self, of: &Self) -> [f64; 2] {
+///         [1.0, of.mean]
 ///     }
-///     fn expected_log_density(&self, of: &Self) -> f64 {
-///         self.log_density(&of.mean) // linear in y
+///     fn expected_log_density(&self, &[_, mean]: &[f64; 2]) -> f64 {
+///         self.log_density(&mean) // linear in y
 ///     }
 ///     fn maximize(&self, sums: &[f64; 2]) -> Result<Self, EmissionError> {
 ///         Ok(Self { mean: sums[1] / sums[0] })
@@ -84,9 +71,9 @@ pub trait Univariate: Clone + Debug {
     /// An observation with what all states compute from it alike, such as its logarithm.
     type Point;
 
-    /// Sufficient statistics: an array that holds the sum of weights first, and then sums of
-    /// weighted values. Best centred on the present parameters, as a variance is.
-    type Sums: AsRef<[f64]> + AsMut<[f64]> + Default + Clone + Send;
+    /// Sufficient statistics of one or more observations: an array that holds their number, or the
+    /// sum of their weights, first. Best centred on the present parameters, as a variance is.
+    type Statistics: AsRef<[f64]> + AsMut<[f64]> + Default + Clone + Send;
 
     /// Returns the observation if it is valid. It is never NaN.
     fn point(value: f64) -> Option<Self::Point>;
@@ -94,20 +81,19 @@ pub trait Univariate: Clone + Debug {
     /// Logarithm of the density (or probability) of an observation: −∞ where it is 0, never NaN.
     fn log_density(&self, point: &Self::Point) -> f64;
 
-    /// Adds an observation with a weight above 0.
-    fn add(&self, sums: &mut Self::Sums, point: &Self::Point, weight: f64);
+    /// Statistics of one observation, of which those of many are the weighted sum.
+    fn statistics(&self, point: &Self::Point) -> Self::Statistics;
 
-    /// Adds so many observations distributed as `of`: `count` times the expectation of what
-    /// [`add`](Self::add) adds with weight 1.
-    fn add_expected(&self, sums: &mut Self::Sums, of: &Self, count: f64);
+    /// Expectations of the [statistics](Self::statistics) of an observation distributed as `of`.
+    fn expectations(&self, of: &Self) -> Self::Statistics;
 
-    /// Expectation of the log density of an observation that is distributed as `of`, up to terms
-    /// that are free of the parameters of `self`.
-    fn expected_log_density(&self, of: &Self) -> f64;
+    /// Expectation of the log density of an observation whose statistics have these expectations,
+    /// up to terms that are free of the parameters.
+    fn expected_log_density(&self, expectations: &Self::Statistics) -> f64;
 
     /// Adds the pseudo-count of each value that `self` does not rule out, where values are few; by
     /// default nothing.
-    fn add_pseudo_count(&self, sums: &mut Self::Sums, pseudo_count: f64) {
+    fn add_pseudo_count(&self, sums: &mut Self::Statistics, pseudo_count: f64) {
         let _ = (sums, pseudo_count);
     }
 
@@ -125,7 +111,7 @@ pub trait Univariate: Clone + Debug {
     ///
     /// [`EmissionError`] without state and component, which the family adds, if the sums
     /// determine no valid distribution.
-    fn maximize(&self, sums: &Self::Sums) -> Result<Self, EmissionError>;
+    fn maximize(&self, sums: &Self::Statistics) -> Result<Self, EmissionError>;
 
     /// Number of parameters that learning may change independently of each other.
     fn free_parameters(&self) -> usize;
@@ -134,43 +120,7 @@ pub trait Univariate: Clone + Debug {
     fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64;
 }
 
-/// Returns the parameter if it is valid.
-pub(super) fn check(
-    what: &'static str,
-    value: f64,
-    valid: bool,
-    expected: &'static str,
-) -> Result<f64, EmissionError> {
-    let (state, component) = (None, None);
-    if valid {
-        Ok(value)
-    } else {
-        Err(EmissionError::Parameter { what, state, component, value, expected })
-    }
-}
-
-/// Sum of `factor` times each value added to the sums.
-fn add_scaled<const N: usize>(sums: &mut [f64; N], factor: f64, values: [f64; N]) {
-    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
-}
-
-/// Lowest log density that is told apart from that of an impossible observation, which is −∞. It
-/// is below what a diagonal may hold, where it is an error and not taken for a density of 0.
-pub(super) const LOWEST: f64 = -1e301;
-
-/// Part of a mean square below which a variance is rounding.
-const ROUNDING: f64 = 16.0 * f64::EPSILON;
-
-/// Returns a variance, or another measure of spread, if sums with a mean square determine it.
-pub(super) fn spread(
-    what: &'static str,
-    weight: f64,
-    variance: f64,
-    square: f64,
-) -> Result<f64, EmissionError> {
-    if variance > ROUNDING * square && square.is_finite() {
-        return Ok(variance);
-    }
-    let reason = "they are alike, so that the spread has no estimate; give a prior";
-    Err(EmissionError::TooFew { state: None, component: None, what, weight, reason })
+/// Returns a finite number above 0 with its logarithm.
+pub(super) fn positive(value: f64) -> Option<[f64; 2]> {
+    (value > 0.0 && value.is_finite()).then(|| [value, value.ln()])
 }

@@ -2,9 +2,10 @@
 
 use rand::Rng;
 
-use super::super::EmissionError;
-use super::super::k_means::{KMeans, distance, k_means, standardize};
-use super::{ClusteredObservations, Outcome, share};
+use super::fit::Outcome;
+use super::k_means::{KMeans, distance, k_means, standardize};
+use super::observations::{Clusters, share};
+use crate::emission::EmissionError;
 use crate::likelihood::LearnLikelihood;
 
 /// Observations of a state in parts.
@@ -15,10 +16,10 @@ pub(in crate::emission) struct Division {
     pub(in crate::emission) counts: Vec<(usize, usize)>,
 }
 
-impl ClusteredObservations<'_> {
+impl Clusters<'_> {
     /// Estimates a family of the parts of a state, those of the observations that a division
     /// assigns to each, with a tenth of the weight from all observations of the state.
-    pub(in crate::emission) fn estimate_parts<B>(
+    pub(in crate::emission) fn fit_parts<B>(
         &self,
         family: &B,
         state: usize,
@@ -28,9 +29,9 @@ impl ClusteredObservations<'_> {
         B: LearnLikelihood<Observation = [f64]>,
     {
         let pooled = self.pooled[state];
-        let weight = |at: usize| pooled + f64::from(u8::from(self.clusters[at] == state));
+        let weight = |at: usize| pooled + f64::from(u8::from(self.assigned[at] == state));
         let total: f64 = (0..self.rows.len()).map(weight).sum();
-        self.estimate_by(family, |at, weights| {
+        self.fit_by(family, |at, weights| {
             weights.fill(0.0);
             counts.iter().for_each(|&(part, count)| {
                 weights[part] = share(count, total) * weight(at);
@@ -47,7 +48,7 @@ impl ClusteredObservations<'_> {
         parts: &[usize],
         rng: &mut R,
     ) -> Result<Division, EmissionError> {
-        let is_own = |at: &usize| self.clusters[*at] == state;
+        let is_own = |at: &usize| self.assigned[*at] == state;
         let mut members: Vec<usize> = (0..self.rows.len()).filter(is_own).collect();
         let (own, mut further) = (members.len(), 0);
         loop {

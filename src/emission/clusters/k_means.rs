@@ -113,24 +113,24 @@ fn draw<'a, R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Result<Vec<f64>, usize> {
     let mut centres = Vec::new();
-    let mut apart = vec![f64::INFINITY; rows.len()];
+    let mut squares = vec![f64::INFINITY; rows.len()];
     let complete = |row: &[f64]| row.iter().map(|y| if y.is_nan() { 0.0 } else { *y }).collect();
     let mut next: usize = rng.random_range(0..rows.len());
     loop {
         let centre: Vec<f64> = rows.clone().nth(next).map(complete).unwrap_or_default();
-        for (apart, row) in apart.iter_mut().zip(rows.clone()) {
-            *apart = apart.min(distance(&centre, row));
+        for (squares, row) in squares.iter_mut().zip(rows.clone()) {
+            *squares = squares.min(distance(&centre, row));
         }
         centres.extend(centre);
         let drawn = centres.len() / rows.clone().next().map_or(1, <[f64]>::len);
         if drawn == count {
             return Ok(centres);
         }
-        let total: f64 = apart.iter().sum();
+        let total: f64 = squares.iter().sum();
         if total <= 0.0 {
             return Err(drawn);
         }
-        next = index(apart.iter().copied().enumerate(), total, rng);
+        next = index(squares.iter().copied().enumerate(), total, rng);
     }
 }
 

@@ -1,0 +1,127 @@
+//! Bernoulli distribution: events that happen or not.
+
+use rand::{Rng, RngExt};
+
+use super::family::Independent;
+use super::univariate::Univariate;
+use crate::emission::EmissionError;
+use crate::emission::check::check;
+
+/// Bernoulli distribution of an event: 1 if it happens, otherwise 0.
+///
+/// A [family](Self::family) of d events has p(y) = Π_c p_c^{y_c} (1 − p_c)^{1 − y_c}. Learning sets
+/// each probability to the weighted share of ones.
+///
+/// The pseudo-count of the [sensor](crate::inference::LearningOptions::likelihood_pseudo_count) is
+/// added to the counts of 0 and of 1, as in a [table](crate::TableLikelihood): probabilities of 0
+/// and 1 stay as they are. The [prior](Independent::with_prior) of c observations with probability q
+/// is the beta density of p with parameters c q + 1 and c (1 − q) + 1.
+///
+/// ```
+/// use wayfix::emission::Bernoulli;
+/// use wayfix::{Belief, DenseTransition, Hmm, Prior};
+///
+/// let hmm = Hmm::new(
+///     Prior::AtFirstObservation(Belief::uniform(2)?),
+///     DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?,
+///     // Wipers and lights, on a dry day and in the rain.
+///     Bernoulli::family(&[[0.01, 0.2], [0.9, 0.7]])?,
+/// )?;
+/// assert_eq!(hmm.viterbi(&[[0.0, 0.0], [0.0, 1.0], [1.0, 1.0]])?.states(), [0, 0, 1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bernoulli {
+    probability: f64,
+    /// Logarithms of the probabilities of 0 and 1.
+    logs: [f64; 2],
+}
+
+impl Bernoulli {
+    /// Creates the distribution with this probability of 1.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError::Parameter`] unless it is from 0 to 1.
+    pub fn new(probability: f64) -> Result<Self, EmissionError> {
+        let valid = (0.0..=1.0).contains(&probability);
+        let p = check("probability", probability, valid, "a value from 0 to 1")?;
+        Ok(Self { probability: p, logs: [(-p).ln_1p(), p.ln()] })
+    }
+
+    /// Creates a family from one row for each state, with the probability that each component
+    /// is 1.
+    ///
+    /// # Errors
+    ///
+    /// [`EmissionError`] if there are no states or components, for rows of different lengths, or a
+    /// probability that is not from 0 to 1.
+    pub fn family<R: AsRef<[f64]>>(
+        probabilities: &[R],
+    ) -> Result<Independent<Self>, EmissionError> {
+        Independent::of_one("list of probabilities", probabilities, Self::new)
+    }
+
+    /// Probability of 1.
+    #[must_use]
+    pub fn probability(&self) -> f64 {
+        self.probability
+    }
+}
+
+impl Univariate for Bernoulli {
+    const VALUES: &'static str = "0 or 1";
+    type Point = bool;
+    /// Numbers of all, of 0 and of 1.
+    type Statistics = [f64; 3];
+
+    fn point(value: f64) -> Option<bool> {
+        (value == 0.0 || value == 1.0).then_some(value == 1.0)
+    }
+
+    fn log_density(&self, &happens: &bool) -> f64 {
+        self.logs[usize::from(happens)]
+    }
+
+    #[inline]
+    fn statistics(&self, &happens: &bool) -> [f64; 3] {
+        if happens { [1.0, 0.0, 1.0] } else { [1.0, 1.0, 0.0] }
+    }
+
+    fn expectations(&self, of: &Self) -> [f64; 3] {
+        [1.0, 1.0 - of.probability, of.probability]
+    }
+
+    fn expected_log_density(&self, &[_, zeros, ones]: &[f64; 3]) -> f64 {
+        let shares = [zeros, ones].into_iter().zip(self.logs);
+        shares.filter(|(share, _)| *share > 0.0).map(|(share, log)| share * log).sum()
+    }
+
+    fn add_pseudo_count(&self, sums: &mut [f64; 3], pseudo_count: f64) {
+        for (value, _) in self.logs.iter().enumerate().filter(|(_, log)| **log > f64::NEG_INFINITY)
+        {
+            sums[0] += pseudo_count;
+            sums[1 + value] += pseudo_count;
+        }
+    }
+
+    fn log_prior(&self, pseudo_count: f64) -> f64 {
+        if pseudo_count == 0.0 {
+            return 0.0;
+        }
+        let possible = self.logs.iter().filter(|log| **log > f64::NEG_INFINITY);
+        pseudo_count * possible.sum::<f64>()
+    }
+
+    fn maximize(&self, &[_, zeros, ones]: &[f64; 3]) -> Result<Self, EmissionError> {
+        Self::new(ones / (zeros + ones))
+    }
+
+    fn free_parameters(&self) -> usize {
+        usize::from(0.0 < self.probability && self.probability < 1.0)
+    }
+
+    fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> f64 {
+        f64::from(u8::from(rng.random::<f64>() < self.probability))
+    }
+}
