@@ -1,6 +1,5 @@
 //! Diagonals: the likelihoods of one observation.
 
-use super::sparse::{SparseDiagonal, SparseObservation};
 use crate::error::{LikelihoodError, Parameter};
 use crate::kernels::{self, Valid};
 use crate::limits;
@@ -52,6 +51,32 @@ impl<'a> Diagonal<'a> {
         Self { log_factor: self.log_factor + log_factor, ..self }
     }
 
+    /// Values, as numbers or as logarithms.
+    #[must_use]
+    pub fn as_slice(&self) -> &'a [f64] {
+        match self.values {
+            Values::Linear(values) | Values::Log(values) => values,
+            Values::Checked { linear, .. } => linear,
+        }
+    }
+
+    /// True if the values are natural logarithms.
+    #[must_use]
+    pub fn is_log(&self) -> bool {
+        matches!(self.values, Values::Log(_))
+    }
+
+    /// Logarithm of the factor that was taken out of all values.
+    #[must_use]
+    pub fn log_factor(&self) -> f64 {
+        self.log_factor
+    }
+
+    /// True if a likelihood, in the form of the values, is above 0.
+    pub(crate) fn is_possible(&self, likelihood: f64) -> bool {
+        likelihood > if self.is_log() { f64::NEG_INFINITY } else { 0.0 }
+    }
+
     #[inline]
     pub(crate) fn of(values: Values<'a>) -> Self {
         Self { values, log_factor: 0.0 }
@@ -65,18 +90,12 @@ impl<'a> Diagonal<'a> {
 
     #[inline]
     pub(crate) fn len(&self) -> usize {
-        match self.values {
-            Values::Linear(values) | Values::Log(values) => values.len(),
-            Values::Checked { linear, .. } => linear.len(),
-        }
+        self.as_slice().len()
     }
 
     /// Returns the likelihoods, or `None` if the values are logarithms.
     pub(crate) fn linear_values(&self) -> Option<&'a [f64]> {
-        match self.values {
-            Values::Linear(linear) | Values::Checked { linear, .. } => Some(linear),
-            Values::Log(_) => None,
-        }
+        (!self.is_log()).then_some(self.as_slice())
     }
 
     /// Checks the length and the log factor.
@@ -105,10 +124,7 @@ impl<'a> Diagonal<'a> {
 
     /// Natural logarithms of the values, without the log factor.
     pub(crate) fn logs(&self) -> impl Iterator<Item = f64> + Clone + 'a {
-        let (values, is_log) = match self.values {
-            Values::Linear(values) | Values::Checked { linear: values, .. } => (values, false),
-            Values::Log(values) => (values, true),
-        };
+        let (values, is_log) = (self.as_slice(), self.is_log());
         values.iter().map(move |&value| if is_log { value } else { value.ln() })
     }
 }
@@ -119,59 +135,4 @@ pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
         return Ok(());
     }
     Err(Parameter::new("the log factor", value, "a value from -1e300 to 1e300").into())
-}
-
-/// Reusable memory for the values of a diagonal, kept from step to step.
-///
-/// ```
-/// let mut scratch = wayfix::Scratch::default();
-/// let b = scratch.values(3);
-/// assert_eq!(b.len(), 3);
-/// ```
-#[derive(Debug, Clone, Default)]
-pub struct Scratch {
-    values: Vec<f64>,
-    parts: Vec<Scratch>,
-    sparse: SparseDiagonal,
-    /// True if diagonals are for a decoder, which takes logarithms to base 2.
-    with_log2: bool,
-}
-
-impl Scratch {
-    /// Returns a slice of `count` values to fill. Their initial contents are left over from
-    /// earlier steps. Allocates only when it grows.
-    #[inline]
-    pub fn values(&mut self, count: usize) -> &mut [f64] {
-        self.values.resize(count, 0.0);
-        &mut self.values
-    }
-
-    /// Returns `count` values to fill, and `parts` separate scratches for the parts of a composed
-    /// likelihood.
-    pub fn with_parts(&mut self, count: usize, parts: usize) -> (&mut [f64], &mut [Scratch]) {
-        self.values.resize(count, 0.0);
-        self.parts.resize_with(parts.max(self.parts.len()), Scratch::default);
-        (&mut self.values, &mut self.parts[..parts])
-    }
-
-    /// Asks for logarithms to base 2 with diagonals for which they cost nothing.
-    pub(crate) fn ask_for_log2(&mut self) {
-        self.with_log2 = true;
-    }
-
-    /// True if logarithms to base 2 are asked for.
-    pub(super) fn takes_log2(&self) -> bool {
-        self.with_log2
-    }
-
-    /// Returns the diagonal of an observation that lists some of so many states, all of which
-    /// exist.
-    pub(super) fn sparse(&mut self, states: usize, seen: &SparseObservation) -> Diagonal<'_> {
-        self.sparse.write(states, &seen.listed, seen.elsewhere, self.with_log2)
-    }
-
-    /// Returns the diagonal of ones for so many states.
-    pub(super) fn ones(&mut self, states: usize) -> Diagonal<'_> {
-        self.sparse.write(states, &[], 1.0, self.with_log2)
-    }
 }

@@ -3,8 +3,7 @@
 use rand::Rng;
 
 use super::diagonal::Values;
-use super::owned::Owned;
-use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, check_local};
 use crate::error::{HmmError, LikelihoodError};
 
 /// Two sensors with independent errors given the state: the product of their diagonals. The
@@ -30,17 +29,15 @@ pub struct FusedLikelihood<B1, B2> {
     pub(crate) second: B2,
 }
 
-impl<B1: Likelihood, B2: Likelihood> FusedLikelihood<B1, B2> {
+impl<B1: Likelihood<Observation: Sized>, B2: Likelihood<Observation: Sized>>
+    FusedLikelihood<B1, B2>
+{
     /// Fuses two sensors.
     ///
     /// # Errors
     ///
     /// [`HmmError::StateCount`] if the sensors differ in their number of states.
-    pub fn new(first: B1, second: B2) -> Result<Self, HmmError>
-    where
-        B1::Observation: Owned,
-        B2::Observation: Owned,
-    {
+    pub fn new(first: B1, second: B2) -> Result<Self, HmmError> {
         let (expected, found) = (first.states(), second.states());
         if found != expected {
             return Err(HmmError::StateCount {
@@ -96,41 +93,33 @@ where
     B1: LocalLikelihood<Observation: Sized>,
     B2: LocalLikelihood<Observation: Sized>,
 {
-    fn local(
-        &self,
-        (first, second): &Self::Observation,
+    fn local<'a>(
+        &'a self,
+        (first, second): &'a Self::Observation,
         states: &[usize],
-        out: &mut [f64],
-        scratch: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
-        let (values, parts) = scratch.with_parts(states.len(), 2);
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+        let (product, parts) = scratch.with_parts(states.len(), 2);
         let (left, right) = parts.split_at_mut(1);
-        let first = self.first.local(first, states, out, &mut left[0])?;
-        let second = self.second.local(second, states, values, &mut right[0])?;
-        let largest = (first.check(states, out)?, second.check(states, values)?);
-        let log_factor = first.log_factor() + second.log_factor();
-        let others = first.largest() * second.largest();
-        let exact = |a: f64, b: f64| is_exact(a, b, a * b);
-        if !first.is_log()
-            && !second.is_log()
-            && exact(first.largest(), second.largest())
-            && out.iter().zip(&*values).all(|(a, b)| exact(*a, *b))
-        {
-            out.iter_mut().zip(values).for_each(|(out, value)| *out *= *value);
+        let (first, most_first) = self.first.local(first, states, &mut left[0])?;
+        let (second, most_second) = self.second.local(second, states, &mut right[0])?;
+        let largest =
+            (check_local(&first, most_first, states)?, check_local(&second, most_second, states)?);
+        let others = most_first * most_second;
+        let exact = is_exact(most_first, most_second, others);
+        let product = multiplied(&first, &second, largest, exact, product);
+        if !product.is_log() {
             let others = if others > 0.0 { others.next_up() } else { 0.0 };
-            return Ok(Unlisted::at_most(others.min(f64::MAX)).with_log_factor(log_factor));
+            return Ok((product, others.min(f64::MAX)));
         }
         let shift = (shift(first.is_log(), largest.0), shift(second.is_log(), largest.1));
-        let log = |unlisted: &Unlisted, b: f64| if unlisted.is_log() { b } else { b.ln() };
-        let sum = |a: f64, b: f64| (log(&first, a) - shift.0) + (log(&second, b) - shift.1);
-        out.iter_mut().zip(values).for_each(|(out, value)| *out = sum(*out, *value));
+        let log = |part: &Diagonal<'_>, b: f64| if part.is_log() { b } else { b.ln() };
+        let logs = (log(&first, most_first), log(&second, most_second));
+        let others = (logs.0 - shift.0) + (logs.1 - shift.1);
         // The logarithms of the bounds and the three sums are rounded, so the bound is raised.
-        let others = sum(first.largest(), second.largest());
-        let size = log(&first, first.largest()).abs() + log(&second, second.largest()).abs();
-        let size = size + shift.0.abs() + shift.1.abs();
+        let size = logs.0.abs() + logs.1.abs() + shift.0.abs() + shift.1.abs();
         let others = if size.is_finite() { others + 4.0 * f64::EPSILON * size } else { others };
-        let log_factor = log_factor + (shift.0 + shift.1);
-        Ok(Unlisted::log_at_most(others).with_log_factor(log_factor))
+        Ok((product, others))
     }
 
     fn listed_states(&self, (first, second): &Self::Observation, states: &mut Vec<usize>) {
@@ -146,17 +135,27 @@ pub(crate) fn product_of<'a>(
     out: &'a mut [f64],
 ) -> Result<Diagonal<'a>, LikelihoodError> {
     let largest = (first.check(out.len())?, second.check(out.len())?);
+    Ok(multiplied(first, second, largest, true, out))
+}
+
+/// Product of two diagonals with these maxima; in logarithms unless `exact` and all products are.
+fn multiplied<'a>(
+    first: &Diagonal<'_>,
+    second: &Diagonal<'_>,
+    largest: (f64, f64),
+    exact: bool,
+    out: &'a mut [f64],
+) -> Diagonal<'a> {
     let log_factor = first.log_factor + second.log_factor;
-    if multiply(first.values, second.values, out) {
-        return Ok(Diagonal { log_factor, ..Diagonal::linear(out) });
+    if exact && multiply(first.values, second.values, out) {
+        return Diagonal { log_factor, ..Diagonal::linear(out) };
     }
     // The maxima are subtracted first, so that the sums keep their precision.
-    let is_log = |diagonal: &Diagonal<'_>| matches!(diagonal.values, Values::Log(_));
-    let shift = (shift(is_log(first), largest.0), shift(is_log(second), largest.1));
+    let shift = (shift(first.is_log(), largest.0), shift(second.is_log(), largest.1));
     let logs = first.logs().zip(second.logs());
     out.iter_mut().zip(logs).for_each(|(out, (a, b))| *out = (a - shift.0) + (b - shift.1));
     let log_factor = log_factor + (shift.0 + shift.1);
-    Ok(Diagonal { log_factor, ..Diagonal::log(out) })
+    Diagonal { log_factor, ..Diagonal::log(out) }
 }
 
 /// Shift of logarithms with the given maximum; 0 for linear values.

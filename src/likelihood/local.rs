@@ -1,6 +1,6 @@
 //! Sensors that can be evaluated at a few states only.
 
-use super::{Likelihood, Scratch};
+use super::{Diagonal, Likelihood, Scratch};
 use crate::error::LikelihoodError;
 use crate::kernels::Valid;
 
@@ -18,7 +18,7 @@ use crate::kernels::Valid;
 /// A beacon beside a road of n places, which is received less well the farther away it is:
 ///
 /// ```
-/// use wayfix::likelihood::{LocalLikelihood, Unlisted};
+/// use wayfix::likelihood::LocalLikelihood;
 /// use wayfix::{Diagonal, Likelihood, LikelihoodError, Scratch};
 ///
 /// struct Beacons(usize);
@@ -42,14 +42,17 @@ use crate::kernels::Valid;
 /// }
 ///
 /// impl LocalLikelihood for Beacons {
-///     fn local(&self, &beacon: &usize, states: &[usize], out: &mut [f64], _: &mut Scratch) -> Result<Unlisted, LikelihoodError> {
-///         out.iter_mut().zip(states).for_each(|(b, &i)| *b = self.heard(beacon, i));
-///         // Of the unlisted places, the nearest has the largest likelihood.
+///     fn local<'a>(
+///         &'a self, &beacon: &'a usize, states: &[usize], scratch: &'a mut Scratch,
+///     ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+///         let b = scratch.values(states.len());
+///         b.iter_mut().zip(states).for_each(|(b, &i)| *b = self.heard(beacon, i));
+///         // Of the other places, the nearest has the largest likelihood.
 ///         let distance = (0..self.0).find(|d| {
 ///             [beacon.checked_sub(*d), Some(beacon + d)].into_iter().flatten()
 ///                 .any(|i| i < self.0 && states.binary_search(&i).is_err())
 ///         });
-///         Ok(Unlisted::at_most(distance.map_or(0.0, |d| self.heard(beacon, beacon + d))))
+///         Ok((Diagonal::linear(b), distance.map_or(0.0, |d| self.heard(beacon, beacon + d))))
 ///     }
 ///
 ///     // Places near the beacon, even if the filter has no mass there.
@@ -58,32 +61,30 @@ use crate::kernels::Valid;
 ///     }
 /// }
 ///
-/// let mut out = [0.0; 2];
-/// let others = Beacons(1_000_000).local(&500, &[499, 500], &mut out, &mut Scratch::default())?;
-/// assert_eq!(out, [0.1 + 1e-9, 1.0 + 1e-9]);
-/// assert_eq!(others.largest(), 0.1 + 1e-9);
+/// let mut scratch = Scratch::default();
+/// let (near, others) = Beacons(1_000_000).local(&500, &[499, 500], &mut scratch)?;
+/// assert_eq!(near.as_slice(), [0.1 + 1e-9, 1.0 + 1e-9]);
+/// assert_eq!(others, 0.1 + 1e-9);
 /// # Ok::<(), LikelihoodError>(())
 /// ```
 pub trait LocalLikelihood: Likelihood {
-    /// Writes the likelihood of each of `states` to `out`, and returns a bound on the likelihood
-    /// of every other state. With [`Unlisted::log_at_most`], both are natural logarithms.
+    /// Returns the likelihood of each of `states`, and a bound on that of every other state.
     ///
-    /// `states` are below [`states`](Likelihood::states), distinct and in ascending order; `out`
-    /// has the same length. Likelihoods may have any positive scale, as in
-    /// [`diagonal`](Likelihood::diagonal), but the same in `out` and in the bound;
-    /// [`Unlisted::with_log_factor`] gives the factor that was taken out. A likelihood of 0 rules
-    /// a state out; use logarithms where likelihoods may underflow. The caller checks the values.
+    /// `states` are below [`states`](Likelihood::states), distinct and in ascending order. The
+    /// values are as in [`diagonal`](Likelihood::diagonal), of any positive scale, and the bound is
+    /// in their form and has their scale: the logarithm of a likelihood beside logarithms, and less
+    /// the log factor. If all states are listed it is 0, or −∞. A likelihood of 0 rules a state out;
+    /// use logarithms where likelihoods may underflow. The caller checks the values.
     ///
     /// # Errors
     ///
     /// [`LikelihoodError`] if the observation has no valid likelihood.
-    fn local(
-        &self,
-        observation: &Self::Observation,
+    fn local<'a>(
+        &'a self,
+        observation: &'a Self::Observation,
         states: &[usize],
-        out: &mut [f64],
-        scratch: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError>;
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError>;
 
     /// Appends the states with the largest likelihoods of an observation, in any order. These are
     /// then evaluated even if no tracked state leads there, which keeps the bound on the others
@@ -96,77 +97,25 @@ pub trait LocalLikelihood: Likelihood {
     }
 }
 
-/// Bound on the likelihoods of all states not listed in a call of [`LocalLikelihood::local`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unlisted {
-    largest: f64,
-    is_log: bool,
-    log_factor: f64,
-}
-
-impl Unlisted {
-    /// Creates an upper bound on likelihoods: finite and at least 0, and 0 if all states are
-    /// listed.
-    #[must_use]
-    pub fn at_most(largest: f64) -> Self {
-        Self { largest, is_log: false, log_factor: 0.0 }
+/// Checks the likelihoods of some states and the bound on all others; returns the maximum of them
+/// all, in their form.
+pub(crate) fn check_local(
+    diagonal: &Diagonal<'_>,
+    bound: f64,
+    states: &[usize],
+) -> Result<f64, LikelihoodError> {
+    let valid = if diagonal.is_log() { Valid::Logs } else { Valid::Likelihoods };
+    diagonal.check_shape(states.len())?;
+    if !valid.is(bound) {
+        let (kind, expected) = (valid.kind(), valid.expected());
+        return Err(LikelihoodError::Bound { kind, value: bound, expected });
     }
-
-    /// Creates an upper bound on natural log-likelihoods, for `out` in natural logarithms, too:
-    /// each at most 1e300 in magnitude, or −∞, which rules a state out. It is −∞ if all states
-    /// are listed.
-    #[must_use]
-    pub fn log_at_most(largest: f64) -> Self {
-        Self { largest, is_log: true, log_factor: 0.0 }
-    }
-
-    /// Adds ln c to the log factor, where c is a factor that was taken out of all likelihoods,
-    /// listed or not.
-    #[must_use]
-    pub fn with_log_factor(self, log_factor: f64) -> Self {
-        Self { log_factor: self.log_factor + log_factor, ..self }
-    }
-
-    /// Returns the bound.
-    #[must_use]
-    pub fn largest(&self) -> f64 {
-        self.largest
-    }
-
-    /// True if the bound and the likelihoods returned with it are natural logarithms.
-    #[must_use]
-    pub fn is_log(&self) -> bool {
-        self.is_log
-    }
-
-    /// True if a likelihood, in the form of the bound, is above 0.
-    pub(crate) fn is_possible(&self, likelihood: f64) -> bool {
-        likelihood > if self.is_log { f64::NEG_INFINITY } else { 0.0 }
-    }
-
-    /// Logarithm of the factor that was taken out of all likelihoods.
-    #[must_use]
-    pub fn log_factor(&self) -> f64 {
-        self.log_factor
-    }
-
-    /// Checks the bound and the likelihoods returned with it, and returns the maximum of them
-    /// all, in their form.
-    pub(crate) fn check(&self, states: &[usize], listed: &[f64]) -> Result<f64, LikelihoodError> {
-        super::diagonal::check_log_factor(self.log_factor)?;
-        let valid = if self.is_log { Valid::Logs } else { Valid::Likelihoods };
-        if !valid.is(self.largest) {
-            let (value, expected) = (self.largest, valid.expected());
-            return Err(LikelihoodError::Bound { kind: valid.kind(), value, expected });
+    // The values are those of a few states, so that an error has to name them.
+    let largest = diagonal.check(states.len()).map_err(|error| match error {
+        LikelihoodError::Value { state, kind, value, expected } => {
+            LikelihoodError::Value { state: states[state], kind, value, expected }
         }
-        let mut largest = self.largest;
-        for (&state, &value) in states.iter().zip(listed) {
-            if !valid.is(value) {
-                let (kind, expected) = (valid.kind(), valid.expected());
-                return Err(LikelihoodError::Value { state, kind, value, expected });
-            }
-            largest = largest.max(value);
-        }
-        Ok(largest)
-    }
+        error => error,
+    })?;
+    Ok(largest.max(bound))
 }

@@ -28,30 +28,35 @@ mod local;
 mod maximize;
 mod next;
 mod optional;
-mod owned;
 mod pooled;
+mod scratch;
 mod shared;
 mod sparse;
+mod sparse_diagonal;
 mod sparse_table;
 mod table;
 mod vector;
 
 pub use crate::error::TableError;
 pub use crate::groups::Groups;
+pub use diagonal::Diagonal;
 pub(crate) use diagonal::Values;
-pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;
 pub use fused::FusedLikelihood;
 #[cfg(feature = "emission")]
 pub(crate) use fused::product_of;
 pub use grouped::GroupedLikelihood;
 pub use learn::LearnLikelihood;
-pub use local::{LocalLikelihood, Unlisted};
+pub use local::LocalLikelihood;
+pub(crate) use local::check_local;
 #[cfg(feature = "emission")]
 pub(crate) use maximize::shares;
 pub use next::SampleNext;
 pub use optional::OptionalLikelihood;
 pub use pooled::PooledLikelihood;
+pub use scratch::Scratch;
+#[cfg(feature = "places")]
+pub(crate) use shared::sensor_within;
 pub use sparse::{SparseLikelihood, SparseObservation};
 pub use sparse_table::SparseTableLikelihood;
 pub use table::TableLikelihood;

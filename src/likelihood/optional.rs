@@ -2,8 +2,7 @@
 
 use rand::Rng;
 
-use super::owned::Owned;
-use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::error::LikelihoodError;
 
 /// A sensor whose observations may be missing: the observation is an `Option`, and `None` has
@@ -28,13 +27,10 @@ pub struct OptionalLikelihood<B> {
     pub(crate) ones: Vec<f64>,
 }
 
-impl<B: Likelihood> OptionalLikelihood<B> {
+impl<B: Likelihood<Observation: Sized>> OptionalLikelihood<B> {
     /// Wraps a sensor. Its observations must be owned, as those of
     /// `LikelihoodVector::log(n).owned()`.
-    pub fn new(sensor: B) -> Self
-    where
-        B::Observation: Owned,
-    {
+    pub fn new(sensor: B) -> Self {
         Self { ones: vec![1.0; sensor.states()], sensor }
     }
 
@@ -73,18 +69,16 @@ impl<B: Likelihood<Observation: Sized>> Likelihood for OptionalLikelihood<B> {
 }
 
 impl<B: LocalLikelihood<Observation: Sized>> LocalLikelihood for OptionalLikelihood<B> {
-    fn local(
-        &self,
-        observation: &Option<B::Observation>,
+    fn local<'a>(
+        &'a self,
+        observation: &'a Option<B::Observation>,
         states: &[usize],
-        out: &mut [f64],
-        scratch: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
         if let Some(observation) = observation {
-            return self.sensor.local(observation, states, out, scratch);
+            return self.sensor.local(observation, states, scratch);
         }
-        out.fill(1.0);
-        Ok(Unlisted::at_most(1.0))
+        Ok((Diagonal::checked(&self.ones[..states.len()], 1.0, None), 1.0))
     }
 
     fn listed_states(&self, observation: &Option<B::Observation>, states: &mut Vec<usize>) {

@@ -5,73 +5,79 @@ use std::sync::Arc;
 
 use rand::Rng;
 
-use super::{
-    Diagonal, Likelihood, LocalLikelihood, SampleNext, SampleObservation, Scratch, Unlisted,
-};
+use super::{SampleNext, SampleObservation};
 use crate::error::LikelihoodError;
 use crate::fixed::Fixed;
-use crate::groups::Groups;
 
-macro_rules! as_target {
-    ($([$($generics:tt)*] $type:ty,)*) => {$(
-        impl<$($generics)*> Likelihood for $type
+/// Implements [`Likelihood`] and [`LocalLikelihood`] by those of a sensor within.
+macro_rules! sensor_within {
+    ($([$($generics:tt)*] $type:ty => $inner:ty, $a:ident => $sensor:expr;)*) => {$(
+        impl<$($generics)*> $crate::likelihood::Likelihood for $type
         where
-            B: Likelihood,
+            $inner: $crate::likelihood::Likelihood,
         {
-            type Observation = B::Observation;
+            type Observation = <$inner as $crate::likelihood::Likelihood>::Observation;
 
             fn states(&self) -> usize {
-                (**self).states()
+                let $a = self;
+                $sensor.states()
             }
 
             fn diagonal<'a>(
                 &'a self,
-                observation: &'a B::Observation,
-                scratch: &'a mut Scratch,
-            ) -> Result<Diagonal<'a>, LikelihoodError> {
-                (**self).diagonal(observation, scratch)
+                observation: &'a Self::Observation,
+                scratch: &'a mut $crate::likelihood::Scratch,
+            ) -> Result<$crate::likelihood::Diagonal<'a>, $crate::error::LikelihoodError> {
+                let $a = self;
+                $sensor.diagonal(observation, scratch)
             }
 
             fn by_groups<'a>(
                 &'a self,
-                observation: &'a B::Observation,
-                scratch: &'a mut Scratch,
-            ) -> Option<Result<(Diagonal<'a>, &'a Groups), LikelihoodError>> {
-                (**self).by_groups(observation, scratch)
+                observation: &'a Self::Observation,
+                scratch: &'a mut $crate::likelihood::Scratch,
+            ) -> Option<Result<($crate::likelihood::Diagonal<'a>, &'a $crate::groups::Groups), $crate::error::LikelihoodError>> {
+                let $a = self;
+                $sensor.by_groups(observation, scratch)
             }
 
             fn is_precomputed(&self) -> bool {
-                (**self).is_precomputed()
+                let $a = self;
+                $sensor.is_precomputed()
             }
         }
 
-        impl<$($generics)*> LocalLikelihood for $type
+        impl<$($generics)*> $crate::likelihood::LocalLikelihood for $type
         where
-            B: LocalLikelihood,
+            $inner: $crate::likelihood::LocalLikelihood,
         {
-            fn local(
-                &self,
-                observation: &B::Observation,
+            fn local<'a>(
+                &'a self,
+                observation: &'a Self::Observation,
                 states: &[usize],
-                out: &mut [f64],
-                scratch: &mut Scratch,
-            ) -> Result<Unlisted, LikelihoodError> {
-                (**self).local(observation, states, out, scratch)
+                scratch: &'a mut $crate::likelihood::Scratch,
+            ) -> Result<($crate::likelihood::Diagonal<'a>, f64), $crate::error::LikelihoodError>
+            {
+                let $a = self;
+                $sensor.local(observation, states, scratch)
             }
 
-            fn listed_states(&self, observation: &B::Observation, states: &mut Vec<usize>) {
-                (**self).listed_states(observation, states);
+            fn listed_states(&self, observation: &Self::Observation, states: &mut Vec<usize>) {
+                let $a = self;
+                $sensor.listed_states(observation, states);
             }
         }
     )*};
 }
 
-as_target! {
-    [B: ?Sized] &B,
-    [B: ?Sized] Box<B>,
-    [B: ?Sized] Rc<B>,
-    [B: ?Sized] Arc<B>,
-    [B] Fixed<B>,
+pub(crate) use sensor_within;
+
+sensor_within! {
+    [B: ?Sized] &B => B, a => (**a);
+    [B: ?Sized] Box<B> => B, a => (**a);
+    [B: ?Sized] Rc<B> => B, a => (**a);
+    [B: ?Sized] Arc<B> => B, a => (**a);
+    [B] Fixed<B> => B, a => a.0;
 }
 
 impl<B: SampleObservation> SampleObservation for Fixed<B> {

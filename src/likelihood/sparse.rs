@@ -1,8 +1,8 @@
 //! Likelihoods of a few states, and one value for all others.
 
-use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::LikelihoodError;
-use crate::kernels::{self, Valid};
+use crate::kernels::Valid;
 
 /// A sensor whose observation lists a few states with their likelihoods, and one value for all
 /// others. For maps of millions of places, with a sensor that names candidates: the best matches
@@ -35,8 +35,8 @@ pub struct SparseLikelihood {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseObservation {
     /// Pairs (state, likelihood), in ascending order of the states.
-    pub(super) listed: Vec<(usize, f64)>,
-    pub(super) elsewhere: f64,
+    pub(crate) listed: Vec<(usize, f64)>,
+    pub(crate) elsewhere: f64,
 }
 
 /// A defect of a list of likelihoods.
@@ -128,71 +128,30 @@ impl SparseObservation {
     }
 
     /// [`LocalLikelihood::local`], for states that exist.
-    pub(super) fn local(&self, all: usize, states: &[usize], out: &mut [f64]) -> Unlisted {
+    pub(super) fn local<'a>(
+        &self,
+        all: usize,
+        states: &[usize],
+        scratch: &'a mut Scratch,
+    ) -> (Diagonal<'a>, f64) {
+        let out = scratch.values(states.len());
         let mut next = self.listed.iter().peekable();
         let mut others = if states.len() < all { self.elsewhere } else { 0.0 };
-        for (&state, b) in states.iter().zip(out) {
+        for (&state, b) in states.iter().zip(&mut *out) {
             // Listed in the observation, but not asked for.
             while let Some(&(_, passed)) = next.next_if(|entry| entry.0 < state) {
                 others = others.max(passed);
             }
             *b = next.next_if(|entry| entry.0 == state).map_or(self.elsewhere, |entry| entry.1);
         }
-        Unlisted::at_most(next.fold(others, |others, entry| others.max(entry.1)))
+        let others = next.fold(others, |others, entry| others.max(entry.1));
+        (Diagonal::linear(out), others)
     }
 
     /// [`LocalLikelihood::listed_states`].
     pub(super) fn listed_states(&self, all: usize, states: &mut Vec<usize>) {
         let above = self.listed.iter().filter(|entry| entry.1 > self.elsewhere);
         states.extend(above.map(|entry| entry.0).filter(|&state| state < all));
-    }
-}
-
-/// Diagonal of a sparse observation, and memory for the next one.
-#[derive(Debug, Clone, Default)]
-pub(super) struct SparseDiagonal {
-    linear: Vec<f64>,
-    /// Logarithms to base 2, if they have been asked for.
-    log2: Vec<f64>,
-    elsewhere: f64,
-    /// States with other values than `elsewhere`.
-    written: Vec<usize>,
-}
-
-impl SparseDiagonal {
-    /// Writes a diagonal of valid likelihoods, of states that exist and differ, over the last one.
-    pub(super) fn write(
-        &mut self,
-        states: usize,
-        listed: &[(usize, f64)],
-        elsewhere: f64,
-        with_log2: bool,
-    ) -> Diagonal<'_> {
-        let Self { linear, log2, written, .. } = self;
-        let (wanted, log2_elsewhere) =
-            if with_log2 { (states, kernels::log2(elsewhere)) } else { (0, 0.0) };
-        let same = self.elsewhere.to_bits() == elsewhere.to_bits();
-        if same && linear.len() == states && log2.len() == wanted {
-            written.iter().for_each(|&state| linear[state] = elsewhere);
-            if with_log2 {
-                written.iter().for_each(|&state| log2[state] = log2_elsewhere);
-            }
-        } else {
-            self.elsewhere = elsewhere;
-            linear.clear();
-            linear.resize(states, elsewhere);
-            log2.clear();
-            log2.resize(wanted, log2_elsewhere);
-        }
-        written.clear();
-        written.extend(listed.iter().map(|entry| entry.0));
-        listed.iter().for_each(|&(state, b)| linear[state] = b);
-        if with_log2 {
-            listed.iter().for_each(|&(state, b)| log2[state] = kernels::log2(b));
-        }
-        let others = if listed.len() < states { elsewhere } else { 0.0 };
-        let largest = listed.iter().fold(others, |largest, entry| largest.max(entry.1));
-        Diagonal::checked(linear, largest, with_log2.then_some(log2))
     }
 }
 
@@ -220,7 +179,7 @@ impl Likelihood for SparseLikelihood {
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
         observation.check(self.states)?;
-        Ok(scratch.sparse(self.states, observation))
+        Ok(scratch.sparse(self.states, &observation.listed, observation.elsewhere))
     }
 
     fn is_precomputed(&self) -> bool {
@@ -232,15 +191,14 @@ impl LocalLikelihood for SparseLikelihood {
     /// # Errors
     ///
     /// [`LikelihoodError::Listed`] for a state that does not exist.
-    fn local(
-        &self,
-        observation: &SparseObservation,
+    fn local<'a>(
+        &'a self,
+        observation: &'a SparseObservation,
         states: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
         observation.check(self.states)?;
-        Ok(observation.local(self.states, states, out))
+        Ok(observation.local(self.states, states, scratch))
     }
 
     fn listed_states(&self, observation: &SparseObservation, states: &mut Vec<usize>) {
@@ -266,9 +224,9 @@ mod tests {
             "the likelihood of states not listed is bounded by -1, expected a finite value of at least 0"
         );
         let seen = SparseObservation::new(vec![(2, 0.5)], 0.0).unwrap();
-        let found = SparseLikelihood::new(2).local(&seen, &[], &mut [], &mut Scratch::default());
+        let (sensor, mut scratch) = (SparseLikelihood::new(2), Scratch::default());
         assert_eq!(
-            found.unwrap_err().to_string(),
+            sensor.local(&seen, &[], &mut scratch).unwrap_err().to_string(),
             "the observation lists state 2, but there are 2 states (0 to 1)"
         );
         assert!(SparseLikelihood::new(2).diagonal(&seen, &mut Scratch::default()).is_err());
@@ -278,10 +236,9 @@ mod tests {
     fn the_bound_is_the_largest_of_what_was_not_asked() {
         let seen = SparseObservation::new(vec![(4, 0.5), (2, 0.25), (0, 0.0)], 0.125).unwrap();
         let ask = |states: &[usize]| {
-            let mut out = vec![f64::NAN; states.len()];
-            let sensor = SparseLikelihood::new(5);
-            let others = sensor.local(&seen, states, &mut out, &mut Scratch::default()).unwrap();
-            (out, others.largest())
+            let (sensor, mut scratch) = (SparseLikelihood::new(5), Scratch::default());
+            let (found, others) = sensor.local(&seen, states, &mut scratch).unwrap();
+            (found.as_slice().to_vec(), others)
         };
         assert_eq!(ask(&[]), (vec![], 0.5));
         assert_eq!(ask(&[1, 4]), (vec![0.125, 0.5], 0.25));

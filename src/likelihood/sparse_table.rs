@@ -1,7 +1,7 @@
 //! Observations from a finite set of symbols, each of which speaks for a few states.
 
 use super::sparse::{ListError, SparseObservation};
-use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::{LikelihoodError, TableError};
 
 /// A table of likelihoods in sparse form: each symbol lists the states that it speaks for, with
@@ -95,6 +95,12 @@ impl SparseTableLikelihood {
         self.symbols.iter().map(|seen| (seen.listed.clone(), seen.elsewhere)).collect()
     }
 
+    /// Creates a table from valid likelihoods of states that exist.
+    #[cfg(feature = "places")]
+    pub(crate) fn known(states: usize, symbols: Vec<SparseObservation>) -> Self {
+        Self { states, symbols }
+    }
+
     fn seen(&self, symbol: usize) -> Result<&SparseObservation, LikelihoodError> {
         let symbols = self.symbols();
         self.symbol(symbol).ok_or(LikelihoodError::Symbol { symbol, symbols })
@@ -116,7 +122,8 @@ impl Likelihood for SparseTableLikelihood {
         &symbol: &'a usize,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        Ok(scratch.sparse(self.states, self.seen(symbol)?))
+        let seen = self.seen(symbol)?;
+        Ok(scratch.sparse(self.states, &seen.listed, seen.elsewhere))
     }
 
     fn is_precomputed(&self) -> bool {
@@ -129,14 +136,13 @@ impl LocalLikelihood for SparseTableLikelihood {
     /// # Errors
     ///
     /// [`LikelihoodError::Symbol`] for a symbol that does not exist.
-    fn local(
-        &self,
-        &symbol: &usize,
+    fn local<'a>(
+        &'a self,
+        &symbol: &'a usize,
         states: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
-        Ok(self.seen(symbol)?.local(self.states, states, out))
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+        Ok(self.seen(symbol)?.local(self.states, states, scratch))
     }
 
     fn listed_states(&self, &symbol: &usize, states: &mut Vec<usize>) {

@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, SampleObservation, Scratch};
 use crate::belief::{Belief, SUM_TOLERANCE};
 use crate::error::{LikelihoodError, TableError};
 use crate::kernels;
@@ -175,27 +175,27 @@ impl Likelihood for TableLikelihood {
 /// O(states asked): the 16 largest values of each symbol are stored, and the bound is the first
 /// of them whose state is not asked for, or the last.
 impl LocalLikelihood for TableLikelihood {
-    fn local(
-        &self,
-        &symbol: &usize,
+    fn local<'a>(
+        &'a self,
+        &symbol: &'a usize,
         states: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
         let symbols = self.symbols();
         if symbol >= symbols {
             return Err(LikelihoodError::Symbol { symbol, symbols });
         }
         let column = &self.columns[symbol * self.states..];
+        let out = scratch.values(states.len());
         out.iter_mut().zip(states).for_each(|(out, &state)| *out = column[state]);
         if states.len() == self.states {
-            return Ok(Unlisted::at_most(0.0));
+            return Ok((Diagonal::linear(out), 0.0));
         }
         let known = &self.listed_states[symbol];
         let other = known.iter().find(|entry| states.binary_search(&entry.0).is_err());
         // With fewer than 16 stored, all others are 0.
         let rest = known.last().filter(|_| known.len() == STANDING_OUT);
-        Ok(Unlisted::at_most(other.or(rest).map_or(0.0, |entry| entry.1)))
+        Ok((Diagonal::linear(out), other.or(rest).map_or(0.0, |entry| entry.1)))
     }
 
     fn listed_states(&self, &symbol: &usize, states: &mut Vec<usize>) {

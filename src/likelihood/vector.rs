@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
+use super::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::error::LikelihoodError;
 
 /// A sensor whose observation is the diagonal itself: a slice of n likelihoods, or of their
@@ -53,6 +53,14 @@ impl LikelihoodVector {
     }
 }
 
+impl<Y: AsRef<[f64]> + ?Sized> LikelihoodVector<Y> {
+    #[inline]
+    fn of<'a>(&self, observation: &'a Y) -> Diagonal<'a> {
+        let values = observation.as_ref();
+        if self.log { Diagonal::log(values) } else { Diagonal::linear(values) }
+    }
+}
+
 impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
     type Observation = Y;
 
@@ -66,8 +74,7 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
         observation: &'a Y,
         _: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let values = observation.as_ref();
-        Ok(if self.log { Diagonal::log(values) } else { Diagonal::linear(values) })
+        Ok(self.of(observation))
     }
 
     fn is_precomputed(&self) -> bool {
@@ -77,25 +84,24 @@ impl<Y: AsRef<[f64]> + ?Sized> Likelihood for LikelihoodVector<Y> {
 
 /// Costs O(n), since all values are checked.
 impl<Y: AsRef<[f64]> + ?Sized> LocalLikelihood for LikelihoodVector<Y> {
-    fn local(
-        &self,
-        observation: &Y,
+    fn local<'a>(
+        &'a self,
+        observation: &'a Y,
         states: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
-        let values = observation.as_ref();
-        let diagonal = if self.log { Diagonal::log(values) } else { Diagonal::linear(values) };
-        diagonal.check(self.states)?;
-        let mut asked = states.iter().zip(out).peekable();
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
+        let all = self.of(observation);
+        all.check(self.states)?;
+        let out = scratch.values(states.len());
+        let mut asked = states.iter().zip(&mut *out).peekable();
         let mut others: f64 = if self.log { f64::NEG_INFINITY } else { 0.0 };
-        for (i, &value) in values.iter().enumerate() {
+        for (i, &value) in all.as_slice().iter().enumerate() {
             match asked.next_if(|(state, _)| **state == i) {
                 Some((_, out)) => *out = value,
                 None => others = others.max(value),
             }
         }
-        Ok(if self.log { Unlisted::log_at_most(others) } else { Unlisted::at_most(others) })
+        Ok((if self.log { Diagonal::log(out) } else { Diagonal::linear(out) }, others))
     }
 }
 

@@ -1,4 +1,6 @@
-//! Learning the use and the changes of speeds from labelled moves.
+//! Learning the use and the changes of speeds from labelled moves: Baum-Welch in a model whose
+//! states are speeds alone, with Σ_v q(v) w(m, v) as the likelihood of a move m (guide, section 10,
+//! Route). Priors keep every speed and every change possible.
 
 use super::Speeds;
 use crate::belief::Belief;
@@ -146,9 +148,9 @@ mod tests {
         assert!(nearby < 3e-3 && anywhere < 2e-3, "{nearby} {anywhere}");
         assert!(steady.shares()[speeds.nearest(1.0)] > 0.9);
         assert!(steady.shares().iter().all(|p| *p > 0.0));
-        let wild: Vec<f64> = (0..600).map(|k| [1.0, 0.0, 3.0, -1.0][k / 3 % 4]).collect();
-        let wild = speeds.fit(&[wild]).unwrap();
-        assert!(wild.changes().1 > 0.1, "{:?}", wild.changes());
+        let unsteady: Vec<f64> = (0..600).map(|k| [1.0, 0.0, 3.0, -1.0][k / 3 % 4]).collect();
+        let unsteady = speeds.fit(&[unsteady]).unwrap();
+        assert!(unsteady.changes().1 > 0.1, "{:?}", unsteady.changes());
     }
 
     #[test]

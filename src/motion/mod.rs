@@ -21,12 +21,11 @@ mod route;
 mod speeds;
 mod window;
 
-pub use cells::{CellTransition, EdgeTurn, EdgeTurns, Odometer, Travel, TurnWeights};
+pub use cells::{CellTransition, EdgeTurns, Odometer, Travel, TurnWeights};
 pub use distance::{DistanceTransition, OdometryReading};
 pub use odometry::OdometryModel;
 pub use off_map::OffMapTransition;
 pub use route::{
-    Driven, OffMap, RouteControl, RouteState, RouteTransition, ViewChange, ViewChangeRates,
-    ViewEvidence,
+    Driven, OffMap, RouteControl, RouteTransition, ViewChange, ViewChangeRates, ViewEvidence,
 };
 pub use speeds::Speeds;

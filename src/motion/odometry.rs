@@ -1,4 +1,5 @@
-//! Likelihood of odometry given a speed.
+//! Likelihood of odometry given a speed: Student's t about scale · v + bias (guide, section 10,
+//! Route), relative to its largest value, which is a constant of the model.
 
 use crate::error::{Parameter, TransitionError};
 

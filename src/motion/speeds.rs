@@ -1,4 +1,5 @@
-//! The speeds of a vehicle along a route, and their changes.
+//! The speeds of a vehicle along a route, and their changes: the grid, the shares r and the matrix G
+//! of section 10 of the guide, Route. Columns of G sum to one.
 
 pub(super) use super::window::Window;
 use crate::error::{Parameter, TransitionError};

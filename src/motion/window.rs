@@ -1,4 +1,5 @@
-//! Distribution of the moves of a speed.
+//! Distribution of the moves of a speed: w(m, v) of section 10 of the guide, Route, for the speeds v
+//! of its cell. The weights of each v sum to one.
 
 /// Number of nodes: speeds, evenly over its cell, that stand for a speed of the grid.
 const NODES: usize = 8;

@@ -2,7 +2,7 @@
 
 use super::ObservationError;
 use crate::error::{Parameter, TableError, TransitionError};
-use crate::likelihood::TableLikelihood;
+use crate::likelihood::{SparseObservation, SparseTableLikelihood, TableLikelihood};
 use crate::map::RoadMap;
 use crate::transition::{Compressed, SparseTransition};
 
@@ -16,20 +16,18 @@ use crate::transition::{Compressed, SparseTransition};
 /// confusions are given to [`from_entries`](Self::from_entries) or
 /// [`from_weights`](Self::from_weights).
 ///
-/// Only entries above 0 are stored, in 24 bytes an entry and 24 a place: 100,000 places with a
+/// Only entries above 0 are stored, in 28 bytes an entry and 36 a place: 100,000 places with a
 /// few confusions each take some megabytes. A confusion is itself a sensor, a
-/// [`Likelihood`](crate::Likelihood) whose observation is the index of the place that is seen; a
-/// step costs O(n), or O(states asked + places seen as this one) in pruned algorithms. A sensor
+/// [sparse table](crate::likelihood::SparseTableLikelihood) whose observation is the index of the
+/// place that is seen, and a step costs what the table says. A sensor
 /// with [Gaussian noise](Self::with_gaussian), as a [table](Self::into_table), holds n² numbers:
 /// for up to some thousands of places. See the [module](super) for an example.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Confusion {
-    /// P_c(j | i) in line j at index i.
-    pub(super) by_seen: Compressed,
+    /// P_c(j | i) of each place i that may be seen as j, by j.
+    pub(super) by_seen: SparseTableLikelihood,
     /// P_c(j | i) in line i at index j.
     pub(super) by_place: Compressed,
-    /// Largest P_c(j | i) over i, for each j.
-    pub(super) largest: Vec<f64>,
 }
 
 impl Confusion {
@@ -130,21 +128,23 @@ impl Confusion {
         lines: Result<(Compressed, Compressed), TransitionError>,
     ) -> Result<Self, ObservationError> {
         let (by_seen, by_place) = lines.map_err(|error| of_pairs(&error))?;
-        let maximum = |j| by_seen.line(j).map(|entry| entry.1).fold(0.0, f64::max);
-        let largest = (0..by_seen.lines()).map(maximum).collect();
-        Ok(Self { by_seen, by_place, largest })
+        let symbol =
+            |seen| SparseObservation { listed: by_seen.line(seen).collect(), elsewhere: 0.0 };
+        let places = by_seen.lines();
+        let by_seen = SparseTableLikelihood::known(places, (0..places).map(symbol).collect());
+        Ok(Self { by_seen, by_place })
     }
 
     /// Number of places.
     #[must_use]
     pub fn places(&self) -> usize {
-        self.largest.len()
+        self.by_place.lines()
     }
 
     /// Number of probabilities above 0.
     #[must_use]
     pub fn entries(&self) -> usize {
-        self.by_seen.entries()
+        self.by_place.entries()
     }
 
     /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
@@ -197,6 +197,12 @@ impl Confusion {
         let entries = place.iter().zip(seen_as).zip(probability);
         let entries = entries.map(|((place, seen_as), p)| (*place as usize, *seen_as as usize, *p));
         Self::from_entries(places, entries)
+    }
+
+    /// Places that may be seen as another, with their probabilities, by that other one.
+    pub(super) fn symbols(&self) -> impl Iterator<Item = (usize, &[(usize, f64)])> + Clone {
+        let symbol = |seen| self.by_seen.symbol(seen).map_or(&[][..], SparseObservation::listed);
+        (0..self.places()).map(move |seen| (seen, symbol(seen)))
     }
 
     /// Row i of the table: P_c(j | i) over all j.

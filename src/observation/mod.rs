@@ -26,7 +26,8 @@
 //! [`MatchOdds`] the odds of each reference.
 //!
 //! On the [cells of roads](crate::map::RoadCells), [`PositionLikelihood`] takes measured positions,
-//! and [`TagLikelihood`] tags that are read at nodes, or names of roads.
+//! and a [table](crate::likelihood::SparseTableLikelihood::tags_at_nodes) tags that are read at
+//! nodes, or names of roads.
 
 mod confusion;
 mod descriptors;
@@ -34,11 +35,11 @@ mod error;
 mod gaussian;
 mod odds;
 mod position;
-mod reader;
 mod rows;
 mod seen_places;
 mod standardize;
 mod standardizer;
+mod tags;
 mod view;
 
 pub use confusion::Confusion;
@@ -47,7 +48,6 @@ pub use error::{Descriptor, ObservationError};
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};
-pub use reader::{ReadRates, TagLikelihood};
 pub(crate) use rows::{RowScratch, change, row_scores, within};
 pub(crate) use standardize::Spread;
 pub use standardizer::Standardizer;

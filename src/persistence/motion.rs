@@ -11,16 +11,16 @@ use crate::transition::{SparseTransition, Transition, check_probability};
 
 stored! {
     [A: Transition] OffMapTransition<A> in motion: [A], |a| {
-        inner: A = a.inner,
+        inner: A = a.jumps.inner,
         leave: f64 = a.leave,
         stay: f64 = a.stay,
-        back: Vec<f64> = a.back,
-        evidence: Option<f64> = a.evidence.given(),
+        back: Vec<f64> = a.jumps.to,
+        evidence: Option<f64> = a.jumps.evidence,
     } => off_map(inner, leave, stay, back).and_then(|a| a.with_optional_evidence(evidence));
 
     [] DistanceTransition in motion: [], |a| {
-        base: SparseTransition = a.base,
-        lengths: Vec<f64> = a.ways.iter().map(|way| way.length).collect::<Vec<_>>(),
+        base: SparseTransition = a.base(),
+        lengths: Vec<f64> = a.0.likelihood.of_moves.iter().map(|length| length.metres).collect::<Vec<_>>(),
     } => distances(base, &lengths);
 
     [] Speeds in motion: [], |speeds| {

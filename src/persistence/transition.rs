@@ -49,10 +49,10 @@ stored! {
     } => Self::new(states, first, &weights, closed);
 
     [A: Transition] RestartTransition<A> in transition: [A], |a| {
-        inner: A = a.inner,
-        keep: f64 = a.keep,
-        restart: Vec<f64> = a.restart,
-        evidence: Option<f64> = a.evidence.given(),
+        inner: A = a.jumps.inner,
+        keep: f64 = a.jumps.keep,
+        restart: Vec<f64> = a.jumps.to,
+        evidence: Option<f64> = a.jumps.evidence,
     } => restarting(inner, keep, restart).and_then(|a| a.with_optional_evidence(evidence));
 
     [A1: Transition, A2: Transition<Control = A1::Control>]

@@ -4,7 +4,7 @@ use super::{RecognitionError, Recording};
 use crate::error::Count;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
-use crate::motion::{RouteControl, RouteState, RouteTransition};
+use crate::motion::{RouteControl, RouteTransition};
 use crate::sequence::Sequence;
 
 /// Gain of a right step, in nats of moves: large, so that moves only break near ties.
@@ -56,10 +56,10 @@ impl Recording {
     pub fn decoded(&self) -> Result<Vec<Option<usize>>, RecognitionError> {
         let path = self.decoder()?.viterbi(&self.gains()?)?;
         let off_map = self.recognizer().options().off_map.is_some();
-        let place = |state: &usize| match self.recognizer().motion().state(*state) {
-            Some(RouteState::On { place, .. }) => Some(place),
-            Some(RouteState::Off { left }) if !off_map => Some(left),
-            _ => None,
+        let motion = self.recognizer().motion();
+        let place = |state: &usize| {
+            let is_place = !off_map || motion.speed_of(*state).is_some();
+            motion.place_of(*state).filter(|_| is_place)
         };
         Ok(path.states().iter().map(place).collect())
     }

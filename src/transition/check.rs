@@ -1,6 +1,6 @@
 //! Checks of operators and of their parameters.
 
-use crate::belief::{Belief, SUM_TOLERANCE};
+use crate::belief::SUM_TOLERANCE;
 use crate::error::{Parameter, TransitionError};
 use crate::kernels;
 
@@ -52,21 +52,6 @@ pub(crate) fn check_sum(
         return Err(Parameter::new(whole, sum, "1").into());
     }
     Ok(())
-}
-
-/// Multiplies a belief by a rate; an error if a product underflows.
-pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
-    let mut values = belief.into_vec();
-    for (state, r) in values.iter_mut().enumerate() {
-        let value = *r * rate;
-        if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
-            let what = format!("the probability of {what} state {state}");
-            let expected = "0 or at least 2.2e-308, the smallest normal double";
-            return Err(Parameter::new(what, value, expected).into());
-        }
-        *r = value;
-    }
-    Ok(values)
 }
 
 pub(crate) fn check_probability(

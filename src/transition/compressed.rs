@@ -78,8 +78,9 @@ impl Compressed {
         &self.starts
     }
 
+    /// Positions of the entries of a line.
     #[inline]
-    fn range(&self, line: usize) -> Range<usize> {
+    pub(super) fn range(&self, line: usize) -> Range<usize> {
         self.starts[line] as usize..self.starts[line + 1] as usize
     }
 

@@ -1,14 +1,12 @@
-//! A likelihood of moves on any operator.
+//! A likelihood of moves on any operator, given by a function.
 
-use std::f64::consts::LOG2_E;
 use std::fmt;
 use std::marker::PhantomData;
 
-use super::jump::LARGEST;
-use super::{LearnTransition, MoveCounts};
-use super::{Transition, TransitionEntries, check_slices, log, validate_with};
+use super::measured::{Measured, MoveLikelihood};
+use super::{LearnTransition, MoveCounts, delegate};
+use super::{Transition, TransitionEntries, validate_with};
 use crate::error::TransitionError;
-use crate::kernels::{self, log2};
 use crate::limits::LARGEST_LOG;
 
 /// An operator with evidence on moves: each control is a measurement u between two steps, whose
@@ -48,12 +46,7 @@ use crate::limits::LARGEST_LOG;
 /// assert!(filter.belief().mass(3..6)? > 0.999);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub struct EvidenceTransition<A, U, F, G = fn(&U) -> f64> {
-    base: A,
-    log_likelihood: F,
-    log_factor: G,
-    control: PhantomData<fn(&U)>,
-}
+pub struct EvidenceTransition<A, U, F, G = fn(&U) -> f64>(Measured<A, ByFunction<U, F, G>>);
 
 impl<A, U, F> EvidenceTransition<A, U, F>
 where
@@ -71,7 +64,9 @@ where
     pub fn new(base: A, log_likelihood: F) -> Result<Self, TransitionError> {
         validate_with(&base, &())?;
         super::refuse_evidence(&base, &(), "EvidenceTransition")?;
-        Ok(Self { base, log_likelihood, log_factor: |_| 0.0, control: PhantomData })
+        let log_factor: fn(&U) -> f64 = |_| 0.0;
+        let likelihood = ByFunction { log_likelihood, log_factor, control: PhantomData };
+        Ok(Self(Measured { base, likelihood }))
     }
 }
 
@@ -84,99 +79,47 @@ impl<A, U, F, G> EvidenceTransition<A, U, F, G> {
         self,
         log_factor: H,
     ) -> EvidenceTransition<A, U, F, H> {
-        let Self { base, log_likelihood, control, .. } = self;
-        EvidenceTransition { base, log_likelihood, log_factor, control }
+        let Measured { base, likelihood: ByFunction { log_likelihood, control, .. } } = self.0;
+        let likelihood = ByFunction { log_likelihood, log_factor, control };
+        EvidenceTransition(Measured { base, likelihood })
     }
 
     /// The operator without evidence.
     #[must_use]
     pub fn base(&self) -> &A {
-        &self.base
+        &self.0.base
     }
 }
 
-impl<A, U, F, G> EvidenceTransition<A, U, F, G>
+/// Functions of a measurement: ln p(u | from, to), and the log factor to take out.
+struct ByFunction<U, F, G> {
+    log_likelihood: F,
+    log_factor: G,
+    control: PhantomData<fn(&U)>,
+}
+
+impl<A, U, F, G> MoveLikelihood<A> for ByFunction<U, F, G>
 where
     A: TransitionEntries<Control = ()>,
     U: 'static,
     F: Fn(&U, usize, usize) -> f64,
     G: Fn(&U) -> f64,
 {
-    /// Log-likelihood of a move, less the log factor.
-    fn log(&self, control: &U, to: usize, from: usize) -> f64 {
-        (self.log_likelihood)(control, to, from) - (self.log_factor)(control)
+    type Measurement = U;
+
+    fn log_factor(&self, measured: &U) -> Option<f64> {
+        Some((self.log_factor)(measured))
     }
 
-    /// The entries out of a state, each with its log-likelihood.
-    fn moves(&self, control: &U, from: usize) -> impl Iterator<Item = (usize, f64, f64)> {
-        self.base.outgoing(&(), from).map(move |(to, p)| (to, p, self.log(control, to, from)))
-    }
-}
-
-impl<A, U, F, G> Transition for EvidenceTransition<A, U, F, G>
-where
-    A: TransitionEntries<Control = ()>,
-    U: 'static,
-    F: Fn(&U, usize, usize) -> f64,
-    G: Fn(&U) -> f64,
-{
-    type Control = U;
-
-    fn states(&self) -> usize {
-        self.base.states()
+    fn logs(&self, _: &A, measured: &U) -> Option<impl Fn(usize, usize, Option<usize>) -> f64> {
+        let log_factor = (self.log_factor)(measured);
+        Some(move |to, from, _| (self.log_likelihood)(measured, to, from) - log_factor)
     }
 
-    fn apply(&self, control: &U, x: &[f64], out: &mut [f64]) {
-        check_slices(self.states(), x, out);
-        out.fill(0.0);
-        for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 != 0.0) {
-            for (to, p, log) in self.moves(control, from) {
-                out[to] += p * log.exp() * x;
-            }
-        }
-    }
-
-    fn apply_transpose(&self, control: &U, x: &[f64], out: &mut [f64]) {
-        check_slices(self.states(), x, out);
-        for (from, out) in out.iter_mut().enumerate() {
-            *out = self.moves(control, from).map(|(to, p, log)| p * log.exp() * x[to]).sum();
-        }
-    }
-
-    fn apply_log(&self, control: &U, x: &[f64], out: &mut [f64]) {
-        check_slices(self.states(), x, out);
-        out.fill(f64::NEG_INFINITY);
-        for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
-            for (to, p, log) in self.moves(control, from) {
-                out[to] = log::add(out[to], p.ln() + log + x);
-            }
-        }
-    }
-
-    fn apply_transpose_log(&self, control: &U, x: &[f64], out: &mut [f64]) {
-        check_slices(self.states(), x, out);
-        for (from, out) in out.iter_mut().enumerate() {
-            let terms = self.moves(control, from).map(|(to, p, log)| p.ln() + log + x[to]);
-            *out = terms.fold(f64::NEG_INFINITY, log::add);
-        }
-    }
-
-    fn evidence(&self, control: &U) -> Option<f64> {
-        Some((self.log_factor)(control))
-    }
-
-    fn needs_logs(&self, control: &U) -> bool {
-        let beyond = |(_, p, log): (usize, f64, f64)| {
-            let in_range = f64::MIN_POSITIVE..=LARGEST;
-            log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
-        };
-        (0..self.states()).any(|from| self.moves(control, from).any(beyond))
-    }
-
-    fn check_control(&self, control: &U) -> Result<(), TransitionError> {
-        for from in 0..self.states() {
-            for (to, _) in self.base.outgoing(&(), from) {
-                let log = (self.log_likelihood)(control, to, from);
+    fn check(&self, base: &A, measured: &U) -> Result<(), TransitionError> {
+        for from in 0..base.states() {
+            for (to, _) in base.outgoing(&(), from) {
+                let log = (self.log_likelihood)(measured, to, from);
                 if log.is_nan() || log > LARGEST_LOG {
                     let text = format!(
                         "a log-likelihood of {log} for the move from state {from} to state {to}, expected a value up to 1e300 or negative infinity"
@@ -189,6 +132,18 @@ where
     }
 }
 
+impl<A, U, F, G> Transition for EvidenceTransition<A, U, F, G>
+where
+    A: TransitionEntries<Control = ()>,
+    U: 'static,
+    F: Fn(&U, usize, usize) -> f64,
+    G: Fn(&U) -> f64,
+{
+    type Control = U;
+
+    delegate!(a, measured => a.0, measured; states products evidence needs_logs check_control);
+}
+
 impl<A, U, F, G> TransitionEntries for EvidenceTransition<A, U, F, G>
 where
     A: TransitionEntries<Control = ()>,
@@ -196,30 +151,7 @@ where
     F: Fn(&U, usize, usize) -> f64,
     G: Fn(&U) -> f64,
 {
-    fn incoming(&self, control: &U, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let entries = self.base.incoming(&(), to);
-        let entries = entries.map(move |(from, p)| (from, p * self.log(control, to, from).exp()));
-        entries.filter(|entry| entry.1 > 0.0)
-    }
-
-    fn outgoing(&self, control: &U, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let entries = self.moves(control, from).map(|(to, p, log)| (to, p * log.exp()));
-        entries.filter(|entry| entry.1 > 0.0)
-    }
-
-    fn incoming_log2(&self, control: &U, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let entries = self.base.incoming_log2(&(), to);
-        let entries = entries.map(move |(from, log2)| {
-            (from, log2 + kernels::on_grid(self.log(control, to, from) * LOG2_E))
-        });
-        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
-    }
-
-    fn outgoing_log2(&self, control: &U, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let entries = self.moves(control, from);
-        let entries = entries.map(|(to, p, log)| (to, log2(p) + kernels::on_grid(log * LOG2_E)));
-        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
-    }
+    delegate!(a, measured => a.0, measured; all_entries);
 }
 
 /// Re-estimates the base and keeps the likelihood.
@@ -230,45 +162,29 @@ where
     F: Fn(&U, usize, usize) -> f64 + Clone,
     G: Fn(&U) -> f64 + Clone,
 {
-    fn families(&self) -> usize {
-        self.base.families()
-    }
-
-    fn family(&self, _: &U) -> usize {
-        self.base.family(&())
-    }
+    delegate!(a, _measured => a.0.base, &(); families parameters);
 
     fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
-        Ok(Self {
-            base: self.base.maximize(counts, pseudo_count)?,
-            log_likelihood: self.log_likelihood.clone(),
-            log_factor: self.log_factor.clone(),
-            control: PhantomData,
-        })
+        let base = self.0.base.maximize(counts, pseudo_count)?;
+        Ok(Self(Measured { base, likelihood: self.0.likelihood.clone() }))
     }
+}
 
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        self.base.log_prior(pseudo_count)
-    }
-
-    fn free_parameters(&self) -> usize {
-        self.base.free_parameters()
+impl<U, F: Clone, G: Clone> Clone for ByFunction<U, F, G> {
+    fn clone(&self) -> Self {
+        let (log_likelihood, log_factor) = (self.log_likelihood.clone(), self.log_factor.clone());
+        Self { log_likelihood, log_factor, control: PhantomData }
     }
 }
 
 impl<A: Clone, U, F: Clone, G: Clone> Clone for EvidenceTransition<A, U, F, G> {
     fn clone(&self) -> Self {
-        Self {
-            base: self.base.clone(),
-            log_likelihood: self.log_likelihood.clone(),
-            log_factor: self.log_factor.clone(),
-            control: PhantomData,
-        }
+        Self(self.0.clone())
     }
 }
 
 impl<A: fmt::Debug, U, F, G> fmt::Debug for EvidenceTransition<A, U, F, G> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("EvidenceTransition").field("base", &self.base).finish_non_exhaustive()
+        f.debug_struct("EvidenceTransition").field("base", self.base()).finish_non_exhaustive()
     }
 }

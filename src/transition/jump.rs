@@ -1,58 +1,159 @@
-//! Evidence on moves at jumps, which no move of the inner operator leads to: restarts, and moves off
-//! the map and back.
+//! Jumps beside the moves of an operator: the arithmetic of restarts, and of moves off the map and
+//! back. Out of any state, a move of A has the probability κ, and a jump the rest.
+//!
+//! `out = κ A x + r s`, with the jumps r to each state and the mass s that jumps. With
+//! [evidence on moves](Transition::evidence) the entries of A have their log factor taken out, so
+//! that those of jumps have the factor p(u | jump) without it.
 
 use std::f64::consts::LOG2_E;
 
+use super::Transition;
+use super::log::{self, LARGEST};
+use crate::belief::Belief;
 use crate::error::{Parameter, TransitionError};
-use crate::kernels;
+use crate::kernels::{self, log2};
 
-/// Largest entry taken in linear space.
-pub(super) const LARGEST: f64 = 1e300;
+/// The moves of an operator, and jumps that it does not know.
+#[derive(Debug, Clone)]
+pub(crate) struct Jumps<A> {
+    pub(crate) inner: A,
+    /// Probability of a move by the inner operator, κ.
+    pub(crate) keep: f64,
+    /// Probability of a jump to each state, r, and its logarithms.
+    pub(crate) to: Vec<f64>,
+    pub(crate) log2_to: Vec<f64>,
+    /// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
+    pub(crate) evidence: Option<f64>,
+}
 
-/// ln p(u) at a jump; if `None`, the log factor that the inner operator takes out.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct JumpEvidence(Option<f64>);
+impl<A: Transition> Jumps<A> {
+    /// Creates the moves of an operator and jumps; the caller has checked the probabilities, and
+    /// that there is one for each state.
+    pub(crate) fn new(inner: A, keep: f64, to: Vec<f64>) -> Self {
+        let log2_to = to.iter().map(|&p| log2(p)).collect();
+        Self { inner, keep, to, log2_to, evidence: None }
+    }
 
-impl JumpEvidence {
-    /// Checks that the log-likelihood is finite; `place` names the jumps in errors.
-    pub(crate) fn new(log: Option<f64>, place: &str) -> Result<Self, TransitionError> {
-        if let Some(value) = log.filter(|log| !log.is_finite()) {
+    /// The same jumps beside another operator.
+    pub(super) fn beside(&self, inner: A) -> Self {
+        Self { evidence: self.evidence, ..Self::new(inner, self.keep, self.to.clone()) }
+    }
+
+    /// Sets the log-likelihood of evidence at a jump, which must be finite; `place` names the jumps
+    /// in errors.
+    pub(crate) fn with_evidence(
+        self,
+        evidence: Option<f64>,
+        place: &str,
+    ) -> Result<Self, TransitionError> {
+        if let Some(value) = evidence.filter(|log| !log.is_finite()) {
             let what = format!("the log-likelihood of evidence {place}");
             return Err(Parameter::new(what, value, "a finite number").into());
         }
-        Ok(Self(log))
+        Ok(Self { evidence, ..self })
     }
 
-    /// The log-likelihood that was given.
-    #[cfg(feature = "serde")]
-    pub(crate) fn given(self) -> Option<f64> {
-        self.0
-    }
-
-    /// Logarithm of the factor of jumps at a step, for the log factor of the inner operator; 0
-    /// without evidence.
-    pub(crate) fn log_factor(self, inner: Option<f64>) -> f64 {
-        inner.map_or(0.0, |taken_out| self.0.map_or(0.0, |log| log - taken_out))
+    /// Logarithm of the factor of jumps at a step; 0 without evidence.
+    pub(crate) fn log_factor(&self, control: &A::Control) -> f64 {
+        let taken_out = self.inner.evidence(control);
+        taken_out.map_or(0.0, |taken_out| self.evidence.map_or(0.0, |log| log - taken_out))
     }
 
     /// Base-2 logarithm of the factor of jumps, on the grid of scores.
-    pub(crate) fn log2_factor(self, inner: Option<f64>) -> f64 {
-        kernels::on_grid(self.log_factor(inner) * LOG2_E)
+    pub(crate) fn log2_factor(&self, control: &A::Control) -> f64 {
+        kernels::on_grid(self.log_factor(control) * LOG2_E)
     }
 
-    /// Returns true if a jump of one of these probabilities is out of the range of doubles.
-    pub(crate) fn needs_logs(
-        self,
-        inner: Option<f64>,
-        mut probabilities: impl Iterator<Item = f64>,
-    ) -> bool {
-        let log = self.log_factor(inner);
-        let beyond = |p: f64| p > 0.0 && !(f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
-        log != 0.0 && probabilities.any(beyond)
+    /// True if a jump, or an entry of these further probabilities, is out of the range of doubles.
+    pub(crate) fn need_logs(&self, control: &A::Control, further: &[f64]) -> bool {
+        let log = self.log_factor(control);
+        let beyond =
+            |p: &f64| *p > 0.0 && !(f64::MIN_POSITIVE..=LARGEST).contains(&(p * log.exp()));
+        log != 0.0 && self.to.iter().chain(further).any(beyond)
+    }
+
+    /// Computes `out = κ A x + r jumping`.
+    pub(crate) fn apply(&self, control: &A::Control, x: &[f64], jumping: f64, out: &mut [f64]) {
+        self.inner.apply(control, x, out);
+        for (out, to) in out.iter_mut().zip(&self.to) {
+            *out = times(self.keep, *out) + times(*to, jumping);
+        }
+    }
+
+    /// Computes `out = κ A' x + jumped`, for a sum over the targets of jumps out of any state.
+    pub(crate) fn apply_transpose(
+        &self,
+        control: &A::Control,
+        x: &[f64],
+        jumped: f64,
+        out: &mut [f64],
+    ) {
+        self.inner.apply_transpose(control, x, out);
+        out.iter_mut().for_each(|out| *out = times(self.keep, *out) + jumped);
+    }
+
+    /// Computes [`apply`](Self::apply) in logarithms.
+    pub(crate) fn apply_log(&self, control: &A::Control, x: &[f64], jumping: f64, out: &mut [f64]) {
+        self.inner.apply_log(control, x, out);
+        let keep = self.keep.ln();
+        for (out, to) in out.iter_mut().zip(&self.to) {
+            *out = log::add(keep + *out, to.ln() + jumping);
+        }
+    }
+
+    /// Computes [`apply_transpose`](Self::apply_transpose) in logarithms.
+    pub(crate) fn apply_transpose_log(
+        &self,
+        control: &A::Control,
+        x: &[f64],
+        jumped: f64,
+        out: &mut [f64],
+    ) {
+        self.inner.apply_transpose_log(control, x, out);
+        let keep = self.keep.ln();
+        out.iter_mut().for_each(|out| *out = log::add(keep + *out, jumped));
+    }
+
+    /// Lists the states that jumps lead to, with their probabilities.
+    pub(crate) fn targets(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
+        self.to.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
+    }
+
+    /// Scales entries of A by κ.
+    pub(crate) fn kept(
+        &self,
+        entries: impl Iterator<Item = (usize, f64)>,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
+    }
+
+    /// Scales base-2 logarithms of entries of A by κ.
+    pub(crate) fn kept_log2(
+        &self,
+        entries: impl Iterator<Item = (usize, f64)>,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let keep = log2(self.keep);
+        let entries = entries.map(move |(state, log2)| (state, keep + log2));
+        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
     }
 }
 
 /// A product that is 0 if either factor is, even with an infinite other one.
 pub(crate) fn times(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+}
+
+/// Multiplies a belief by a rate; an error if a product underflows.
+pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, TransitionError> {
+    let mut values = belief.into_vec();
+    for (state, r) in values.iter_mut().enumerate() {
+        let value = *r * rate;
+        if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
+            let what = format!("the probability of {what} state {state}");
+            let expected = "0 or at least 2.2e-308, the smallest normal double";
+            return Err(Parameter::new(what, value, expected).into());
+        }
+        *r = value;
+    }
+    Ok(values)
 }

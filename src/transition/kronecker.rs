@@ -1,6 +1,6 @@
 //! Two independent chains side by side.
 
-use super::jump::LARGEST;
+use super::log::LARGEST;
 use super::{Transition, TransitionEntries, buffers, check_count, check_slices};
 use crate::error::TransitionError;
 use crate::groups::Groups;

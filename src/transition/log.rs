@@ -1,7 +1,11 @@
 //! Products in logarithms, for numbers beyond the range of a double.
 
 use super::buffers;
+use crate::kernels::log2;
 use crate::limits::LIFT;
+
+/// Largest entry of a step with evidence that is taken in linear space.
+pub(super) const LARGEST: f64 = 1e300;
 
 /// Width of a band, in nats: the product of its smallest number with the smallest entry is still
 /// a normal double.
@@ -62,4 +66,10 @@ pub(crate) fn sum(entries: impl Iterator<Item = (usize, f64)> + Clone, x: &[f64]
 pub(crate) fn add(a: f64, b: f64) -> f64 {
     let (high, low) = if a > b { (a, b) } else { (b, a) };
     if low == f64::NEG_INFINITY { high } else { high + (low - high).exp().ln_1p() }
+}
+
+/// log2(2^a + 2^b), rounded to the grid of scores.
+pub(super) fn add_log2(a: f64, b: f64) -> f64 {
+    let (high, low) = if a > b { (a, b) } else { (b, a) };
+    if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }
 }

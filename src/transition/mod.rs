@@ -64,6 +64,7 @@ mod kronecker;
 mod learn;
 pub(crate) mod log;
 mod maximize;
+mod measured;
 mod moves;
 mod no_control;
 mod operator;
@@ -83,7 +84,7 @@ mod window;
 
 pub use buffers::with_scratch;
 use check::check_columns;
-pub(crate) use check::{check_count, check_probability, check_slices, check_sum, scaled};
+pub(crate) use check::{check_count, check_probability, check_slices, check_sum};
 #[cfg(feature = "places")]
 pub(crate) use compressed::Compressed;
 pub use dense::DenseTransition;
@@ -92,15 +93,19 @@ pub use entries::TransitionEntries;
 pub(crate) use entries::best_of;
 use entries::merge;
 pub use evidence::EvidenceTransition;
-pub(crate) use jump::{JumpEvidence, times};
+#[cfg(feature = "places")]
+pub(crate) use jump::{Jumps, scaled, times};
 pub use kronecker::KroneckerTransition;
 pub use learn::LearnTransition;
+#[cfg(feature = "places")]
+pub(crate) use measured::{Measured, MoveLikelihood};
 pub(crate) use moves::sort;
 pub use moves::{Move, MoveCounts};
 pub(crate) use no_control::NoControl;
 pub use operator::Transition;
 pub use power::PowerTransition;
 pub use restart::RestartTransition;
+pub(crate) use shared::delegate;
 pub use sparse::SparseTransition;
 pub use stored::Stored;
 pub use switched::SwitchedTransition;

@@ -1,6 +1,6 @@
 //! Several steps in one.
 
-use super::{Transition, TransitionEntries, best_of, buffers};
+use super::{Transition, TransitionEntries, best_of, buffers, delegate};
 use crate::error::TransitionError;
 use crate::kernels::log2;
 
@@ -89,9 +89,7 @@ impl<A: Transition> Transition for PowerTransition<A> {
         self.inner.states()
     }
 
-    fn no_control(&self) -> Option<&'static A::Control> {
-        self.inner.no_control()
-    }
+    delegate!(a, control => a.inner, control; no_control);
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         self.repeat(x, out, |x, out| self.inner.apply(control, x, out));

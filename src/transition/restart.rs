@@ -1,10 +1,11 @@
-//! A vehicle that may turn up anywhere.
+//! A vehicle that may turn up anywhere: [`Jumps`] from all states, by a rate.
 
-use std::ops::Add;
+use std::ops::{Add, Range};
 
-use super::dwell::add_log2;
-use super::{JumpEvidence, LearnTransition, MoveCounts, Transition, TransitionEntries};
-use super::{best_of, check_probability, log, merge, scaled, times};
+use super::jump::{Jumps, scaled, times};
+use super::log::add_log2;
+use super::{LearnTransition, MoveCounts, Transition, TransitionEntries};
+use super::{best_of, check_probability, delegate, log, merge};
 use crate::belief::Belief;
 use crate::error::TransitionError;
 use crate::kernels::{self, log2};
@@ -39,13 +40,8 @@ use crate::kernels::{self, log2};
 /// ```
 #[derive(Debug, Clone)]
 pub struct RestartTransition<A> {
-    pub(crate) inner: A,
-    /// 1 − ε.
-    pub(crate) keep: f64,
-    /// ε r, and its logarithms.
-    pub(crate) restart: Vec<f64>,
-    log2_restart: Vec<f64>,
-    pub(crate) evidence: JumpEvidence,
+    /// Moves by A with probability 1 − ε, and jumps ε r.
+    pub(crate) jumps: Jumps<A>,
 }
 
 impl<A: Transition> RestartTransition<A> {
@@ -86,138 +82,84 @@ impl<A: Transition> RestartTransition<A> {
         self,
         evidence: Option<f64>,
     ) -> Result<Self, TransitionError> {
-        Ok(Self { evidence: JumpEvidence::new(evidence, "at a restart")?, ..self })
+        Ok(Self { jumps: self.jumps.with_evidence(evidence, "at a restart")? })
     }
 
     /// The operator without restarts.
     #[must_use]
     pub fn inner(&self) -> &A {
-        &self.inner
+        &self.jumps.inner
     }
 
     /// Builds the operator from 1 − ε and ε r, which the caller has checked.
     pub(crate) fn from_parts(inner: A, keep: f64, restart: Vec<f64>) -> Self {
-        let log2_restart = restart.iter().map(|&r| log2(r)).collect();
-        Self { inner, keep, restart, log2_restart, evidence: JumpEvidence::default() }
-    }
-
-    /// The entries of ε r above 0.
-    fn restarts(&self) -> impl Iterator<Item = (usize, f64)> + Clone {
-        self.restart.iter().copied().enumerate().filter(|entry| entry.1 > 0.0)
-    }
-
-    /// Entries of A times 1 − ε.
-    fn kept(
-        &self,
-        entries: impl Iterator<Item = (usize, f64)>,
-    ) -> impl Iterator<Item = (usize, f64)> {
-        entries.map(|(state, p)| (state, self.keep * p)).filter(|entry| entry.1 > 0.0)
-    }
-
-    /// Entries of A times 1 − ε, as base-2 logarithms.
-    fn kept_log2(
-        &self,
-        entries: impl Iterator<Item = (usize, f64)>,
-    ) -> impl Iterator<Item = (usize, f64)> {
-        let keep = log2(self.keep);
-        entries
-            .map(move |(state, log2)| (state, keep + log2))
-            .filter(|entry| entry.1 > f64::NEG_INFINITY)
+        Self { jumps: Jumps::new(inner, keep, restart) }
     }
 
     /// All states if a restart leads to this one, else none.
-    fn origins(&self, to: usize) -> std::ops::Range<usize> {
-        if self.restart[to] > 0.0 { 0..self.restart.len() } else { 0..0 }
-    }
-
-    /// Logarithm of the factor of restarts at a step.
-    fn log_factor(&self, control: &A::Control) -> f64 {
-        self.evidence.log_factor(self.inner.evidence(control))
-    }
-
-    fn log2_factor(&self, control: &A::Control) -> f64 {
-        self.evidence.log2_factor(self.inner.evidence(control))
+    fn origins(&self, to: usize) -> Range<usize> {
+        if self.jumps.to[to] > 0.0 { 0..self.jumps.to.len() } else { 0..0 }
     }
 }
 
 impl<A: Transition> Transition for RestartTransition<A> {
     type Control = A::Control;
 
-    fn states(&self) -> usize {
-        self.restart.len()
-    }
-
-    fn no_control(&self) -> Option<&'static A::Control> {
-        self.inner.no_control()
-    }
+    delegate!(a, control => a.jumps.inner, control; states no_control evidence check_control);
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
-        self.inner.apply(control, x, out);
-        let restarting = times(kernels::sum(x), self.log_factor(control).exp());
-        for (out, restart) in out.iter_mut().zip(&self.restart) {
-            *out = times(self.keep, *out) + times(*restart, restarting);
-        }
+        let restarting = times(kernels::sum(x), self.jumps.log_factor(control).exp());
+        self.jumps.apply(control, x, restarting, out);
     }
 
     fn apply_transpose(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
-        self.inner.apply_transpose(control, x, out);
-        let restarted = times(kernels::dot(&self.restart, x), self.log_factor(control).exp());
-        out.iter_mut().for_each(|out| *out = times(self.keep, *out) + restarted);
+        let factor = self.jumps.log_factor(control).exp();
+        let restarted = times(kernels::dot(&self.jumps.to, x), factor);
+        self.jumps.apply_transpose(control, x, restarted, out);
     }
 
     fn apply_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
-        self.inner.apply_log(control, x, out);
-        let total = self.log_factor(control) + log::sum((0..x.len()).map(|j| (j, 1.0)), x);
-        for (out, restart) in out.iter_mut().zip(&self.restart) {
-            *out = log::add(self.keep.ln() + *out, restart.ln() + total);
-        }
+        let total = log::sum((0..x.len()).map(|j| (j, 1.0)), x);
+        self.jumps.apply_log(control, x, self.jumps.log_factor(control) + total, out);
     }
 
     fn apply_transpose_log(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
-        self.inner.apply_transpose_log(control, x, out);
-        let restarted = self.log_factor(control) + log::sum(self.restarts(), x);
-        out.iter_mut().for_each(|out| *out = log::add(self.keep.ln() + *out, restarted));
-    }
-
-    fn evidence(&self, control: &A::Control) -> Option<f64> {
-        self.inner.evidence(control)
+        let restarted = self.jumps.log_factor(control) + log::sum(self.jumps.targets(), x);
+        self.jumps.apply_transpose_log(control, x, restarted, out);
     }
 
     fn needs_logs(&self, control: &A::Control) -> bool {
-        let inner = self.inner.evidence(control);
-        self.inner.needs_logs(control)
-            || self.evidence.needs_logs(inner, self.restart.iter().copied())
-    }
-
-    fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
-        self.inner.check_control(control)
+        self.jumps.inner.needs_logs(control) || self.jumps.need_logs(control, &[])
     }
 }
 
 impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
     fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let restart = times(self.restart[to], self.log_factor(control).exp());
+        let jumps = &self.jumps;
+        let restart = times(jumps.to[to], jumps.log_factor(control).exp());
         let restarts = self.origins(to).map(move |j| (j, restart)).filter(|entry| entry.1 > 0.0);
-        merge(self.kept(self.inner.incoming(control, to)), restarts, f64::add)
+        merge(jumps.kept(jumps.inner.incoming(control, to)), restarts, f64::add)
     }
 
     fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let factor = self.log_factor(control).exp();
-        let restarts = self.restarts().map(move |(i, restart)| (i, restart * factor));
+        let jumps = &self.jumps;
+        let factor = jumps.log_factor(control).exp();
+        let restarts = jumps.targets().map(move |(i, restart)| (i, restart * factor));
         let restarts = restarts.filter(|entry| entry.1 > 0.0);
-        merge(self.kept(self.inner.outgoing(control, from)), restarts, f64::add)
+        merge(jumps.kept(jumps.inner.outgoing(control, from)), restarts, f64::add)
     }
 
     // Without evidence, an entry is the logarithm of a sum, as that of a stored matrix would be, so
     // that the same paths tie. With evidence the sum is taken in logarithms, of any size.
 
     fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let measured = self.inner.evidence(control).is_some();
+        let jumps = &self.jumps;
+        let measured = jumps.inner.evidence(control).is_some();
         let sums = (!measured).then(|| self.incoming(control, to).map(|(j, p)| (j, log2(p))));
         let logs = measured.then(|| {
-            let restart = self.log2_restart[to] + self.log2_factor(control);
+            let restart = jumps.log2_to[to] + jumps.log2_factor(control);
             let restarts = self.origins(to).map(move |j| (j, restart));
-            merge(self.kept_log2(self.inner.incoming_log2(control, to)), restarts, add_log2)
+            merge(jumps.kept_log2(jumps.inner.incoming_log2(control, to)), restarts, add_log2)
         });
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
@@ -227,20 +169,19 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         control: &A::Control,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        let measured = self.inner.evidence(control).is_some();
+        let jumps = &self.jumps;
+        let measured = jumps.inner.evidence(control).is_some();
         let sums = (!measured).then(|| self.outgoing(control, from).map(|(i, p)| (i, log2(p))));
         let logs = measured.then(|| {
-            let factor = self.log2_factor(control);
-            let restarts = self.restarts().map(move |(i, _)| (i, self.log2_restart[i] + factor));
-            merge(self.kept_log2(self.inner.outgoing_log2(control, from)), restarts, add_log2)
+            let factor = jumps.log2_factor(control);
+            let restarts = jumps.targets().map(move |(i, _)| (i, jumps.log2_to[i] + factor));
+            merge(jumps.kept_log2(jumps.inner.outgoing_log2(control, from)), restarts, add_log2)
         });
         sums.into_iter().flatten().chain(logs.into_iter().flatten())
     }
 
     fn entries_need_logs(&self, control: &A::Control) -> bool {
-        let inner = self.inner.evidence(control);
-        self.inner.entries_need_logs(control)
-            || self.evidence.needs_logs(inner, self.restart.iter().copied())
+        self.jumps.inner.entries_need_logs(control) || self.jumps.need_logs(control, &[])
     }
 
     fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
@@ -249,10 +190,11 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
         // the state at ε r_i too changes no maximum, and if the offer ties, so does the entry.
         // Hence the first of all best states, and those with an entry, are enough.
         let (most, first) = best_of((0..).zip(x.iter().map(|_| 0.0)), x);
-        let measured = self.inner.evidence(control).is_some();
-        let (keep, factor) = (log2(self.keep), self.log2_factor(control));
+        let Jumps { inner, keep, to, log2_to, .. } = &self.jumps;
+        let measured = inner.evidence(control).is_some();
+        let (log2_keep, factor) = (log2(*keep), self.jumps.log2_factor(control));
         for (i, (out, from)) in out.iter_mut().zip(from).enumerate() {
-            let restart = self.log2_restart[i] + factor;
+            let restart = log2_to[i] + factor;
             let mut best = (restart + most, first);
             let mut offer = |value: f64, j: usize| {
                 if value > best.0 || (value == best.0 && j < best.1 as usize) {
@@ -261,13 +203,13 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
                 best.0
             };
             if measured {
-                for (j, p) in self.inner.incoming_log2(control, i) {
-                    offer(add_log2(keep + p, restart) + x[j], j);
+                for (j, p) in inner.incoming_log2(control, i) {
+                    offer(add_log2(log2_keep + p, restart) + x[j], j);
                 }
             } else {
                 let mut least = restart + most;
-                for (j, p) in self.inner.incoming(control, i) {
-                    let p = self.keep * p + self.restart[i];
+                for (j, p) in inner.incoming(control, i) {
+                    let p = keep * p + to[i];
                     if log2_bound(p) + x[j] >= least {
                         least = offer(log2(p) + x[j], j);
                     }
@@ -281,16 +223,10 @@ impl<A: TransitionEntries> TransitionEntries for RestartTransition<A> {
 /// Re-estimates the inner operator, and keeps the rate and the states of restarts. O(moves of the
 /// inner operator + n) a step and of memory.
 impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
-    fn families(&self) -> usize {
-        self.inner.families()
-    }
-
-    fn family(&self, control: &A::Control) -> usize {
-        self.inner.family(control)
-    }
+    delegate!(a, control => a.jumps.inner, control; families parameters);
 
     fn counted(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.kept(self.inner.counted(control, from))
+        self.jumps.kept(self.jumps.inner.counted(control, from))
     }
 
     fn counted_log2(
@@ -298,26 +234,17 @@ impl<A: LearnTransition> LearnTransition for RestartTransition<A> {
         control: &A::Control,
         from: usize,
     ) -> impl Iterator<Item = (usize, f64)> {
-        self.kept_log2(self.inner.counted_log2(control, from))
+        self.jumps.kept_log2(self.jumps.inner.counted_log2(control, from))
     }
 
     fn restart_log2(&self, control: &A::Control, to: usize) -> f64 {
-        let within = log2(self.keep) + self.inner.restart_log2(control, to);
-        add_log2(self.log2_restart[to] + self.log2_factor(control), within)
+        let within = log2(self.jumps.keep) + self.jumps.inner.restart_log2(control, to);
+        add_log2(self.jumps.log2_to[to] + self.jumps.log2_factor(control), within)
     }
 
     fn maximize(&self, counts: &[MoveCounts], pseudo_count: f64) -> Result<Self, TransitionError> {
-        let inner = self.inner.maximize(counts, pseudo_count)?;
-        let again = Self::from_parts(inner, self.keep, self.restart.clone());
-        Ok(Self { evidence: self.evidence, ..again })
-    }
-
-    fn log_prior(&self, pseudo_count: f64) -> f64 {
-        self.inner.log_prior(pseudo_count)
-    }
-
-    fn free_parameters(&self) -> usize {
-        self.inner.free_parameters()
+        let inner = self.jumps.inner.maximize(counts, pseudo_count)?;
+        Ok(Self { jumps: self.jumps.beside(inner) })
     }
 }
 

@@ -1,11 +1,128 @@
-//! Operators behind pointers and in wrappers.
+//! Operators that pass methods on to another: those behind pointers, and wrappers.
 
 use std::rc::Rc;
 use std::sync::Arc;
 
-use super::{SparseTransition, Stored, TiedTransition, Transition, TransitionEntries};
-use crate::error::TransitionError;
+use super::{Transition, TransitionEntries};
 use crate::fixed::Fixed;
+
+/// Implements the methods named of [`Transition`], [`TransitionEntries`] and
+/// [`LearnTransition`](super::LearnTransition) by those of an operator within, under its control:
+/// `delegate!(a, control => a.inner, control; no_control evidence)`.
+macro_rules! delegate {
+    ($a:ident, $u:ident => $inner:expr, $control:expr; $($method:ident)+) => {
+        $($crate::transition::delegate!(@$method $a, $u => $inner, $control);)+
+    };
+    (@product $name:ident $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn $name(&self, $u: &Self::Control, x: &[f64], out: &mut [f64]) {
+            let $a = self;
+            $inner.$name($control, x, out);
+        }
+    };
+    (@entries $name:ident $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn $name(
+            &self,
+            $u: &Self::Control,
+            state: usize,
+        ) -> impl Iterator<Item = (usize, f64)> {
+            let $a = self;
+            $inner.$name($control, state)
+        }
+    };
+    (@of_control $name:ident -> $type:ty, $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn $name(&self, $u: &Self::Control) -> $type {
+            let $a = self;
+            $inner.$name($control)
+        }
+    };
+    (@states $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn states(&self) -> usize {
+            let $a = self;
+            $inner.states()
+        }
+    };
+    (@no_control $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn no_control(&self) -> Option<&'static Self::Control> {
+            let $a = self;
+            $inner.no_control()
+        }
+    };
+    (@products $($rest:tt)+) => {
+        $crate::transition::delegate!(@product apply $($rest)+);
+        $crate::transition::delegate!(@product apply_transpose $($rest)+);
+        $crate::transition::delegate!(@product apply_log $($rest)+);
+        $crate::transition::delegate!(@product apply_transpose_log $($rest)+);
+    };
+    (@blocks $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn apply_in_blocks(
+            &self,
+            $u: &Self::Control,
+            x: &[f64],
+            take: &mut dyn FnMut(usize, &[f64]),
+        ) {
+            let $a = self;
+            $inner.apply_in_blocks($control, x, take);
+        }
+
+        fn smallest_entry(&self, $u: &Self::Control) -> f64 {
+            let $a = self;
+            $inner.smallest_entry($control)
+        }
+    };
+    (@evidence $($rest:tt)+) => {
+        $crate::transition::delegate!(@of_control evidence -> Option<f64>, $($rest)+);
+    };
+    (@needs_logs $($rest:tt)+) => {
+        $crate::transition::delegate!(@of_control needs_logs -> bool, $($rest)+);
+    };
+    (@stored $($rest:tt)+) => {
+        $crate::transition::delegate!(
+            @of_control stored -> Option<$crate::transition::Stored<'_>>, $($rest)+
+        );
+    };
+    (@check_control $($rest:tt)+) => {
+        $crate::transition::delegate!(
+            @of_control check_control -> Result<(), $crate::error::TransitionError>, $($rest)+
+        );
+    };
+    (@all_entries $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        $crate::transition::delegate!(@entries incoming $a, $u => $inner, $control);
+        $crate::transition::delegate!(@entries outgoing $a, $u => $inner, $control);
+        $crate::transition::delegate!(@entries incoming_log2 $a, $u => $inner, $control);
+        $crate::transition::delegate!(@entries outgoing_log2 $a, $u => $inner, $control);
+        $crate::transition::delegate!(
+            @of_control entries_need_logs -> bool, $a, $u => $inner, $control
+        );
+
+        fn max_product(&self, $u: &Self::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
+            let $a = self;
+            $inner.max_product($control, x, out, from);
+        }
+    };
+    (@families $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn families(&self) -> usize {
+            let $a = self;
+            $inner.families()
+        }
+
+        fn family(&self, $u: &Self::Control) -> usize {
+            let $a = self;
+            $inner.family($control)
+        }
+    };
+    (@parameters $a:ident, $u:ident => $inner:expr, $control:expr) => {
+        fn log_prior(&self, pseudo_count: f64) -> f64 {
+            let $a = self;
+            $inner.log_prior(pseudo_count)
+        }
+
+        fn free_parameters(&self) -> usize {
+            let $a = self;
+            $inner.free_parameters()
+        }
+    };
+}
+pub(crate) use delegate;
 
 macro_rules! as_target {
     ($([$($generics:tt)*] $type:ty => $target:ty,)*) => {$(
@@ -15,109 +132,15 @@ macro_rules! as_target {
         {
             type Control = <$target as Transition>::Control;
 
-            fn states(&self) -> usize {
-                (**self).states()
-            }
-
-            fn no_control(&self) -> Option<&'static Self::Control> {
-                (**self).no_control()
-            }
-
-            fn apply(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
-                (**self).apply(control, x, out);
-            }
-
-            fn apply_transpose(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
-                (**self).apply_transpose(control, x, out);
-            }
-
-            fn apply_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
-                (**self).apply_log(control, x, out);
-            }
-
-            fn apply_transpose_log(&self, control: &Self::Control, x: &[f64], out: &mut [f64]) {
-                (**self).apply_transpose_log(control, x, out);
-            }
-
-            fn evidence(&self, control: &Self::Control) -> Option<f64> {
-                (**self).evidence(control)
-            }
-
-            fn needs_logs(&self, control: &Self::Control) -> bool {
-                (**self).needs_logs(control)
-            }
-
-            fn apply_in_blocks(
-                &self,
-                control: &Self::Control,
-                x: &[f64],
-                take: &mut dyn FnMut(usize, &[f64]),
-            ) {
-                (**self).apply_in_blocks(control, x, take);
-            }
-
-            fn smallest_entry(&self, control: &Self::Control) -> f64 {
-                (**self).smallest_entry(control)
-            }
-
-            fn stored(&self, control: &Self::Control) -> Option<Stored<'_>> {
-                (**self).stored(control)
-            }
-
-            fn check_control(&self, control: &Self::Control) -> Result<(), TransitionError> {
-                (**self).check_control(control)
-            }
+            delegate!(a, control => (**a), control;
+                states no_control products blocks evidence needs_logs stored check_control);
         }
 
         impl<$($generics)*> TransitionEntries for $type
         where
             $target: TransitionEntries,
         {
-            fn incoming(
-                &self,
-                control: &Self::Control,
-                to: usize,
-            ) -> impl Iterator<Item = (usize, f64)> {
-                (**self).incoming(control, to)
-            }
-
-            fn outgoing(
-                &self,
-                control: &Self::Control,
-                from: usize,
-            ) -> impl Iterator<Item = (usize, f64)> {
-                (**self).outgoing(control, from)
-            }
-
-            fn incoming_log2(
-                &self,
-                control: &Self::Control,
-                to: usize,
-            ) -> impl Iterator<Item = (usize, f64)> {
-                (**self).incoming_log2(control, to)
-            }
-
-            fn outgoing_log2(
-                &self,
-                control: &Self::Control,
-                from: usize,
-            ) -> impl Iterator<Item = (usize, f64)> {
-                (**self).outgoing_log2(control, from)
-            }
-
-            fn entries_need_logs(&self, control: &Self::Control) -> bool {
-                (**self).entries_need_logs(control)
-            }
-
-            fn max_product(
-                &self,
-                control: &Self::Control,
-                x: &[f64],
-                out: &mut [f64],
-                from: &mut [u32],
-            ) {
-                (**self).max_product(control, x, out, from);
-            }
+            delegate!(a, control => (**a), control; all_entries);
         }
     )*};
 }
@@ -128,5 +151,4 @@ as_target! {
     [A: ?Sized] Rc<A> => A,
     [A: ?Sized] Arc<A> => A,
     [A] Fixed<A> => A,
-    [] TiedTransition => SparseTransition,
 }

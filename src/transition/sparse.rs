@@ -76,28 +76,10 @@ impl SparseTransition {
         states: usize,
         triplets: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<(Compressed, Compressed), TransitionError> {
-        if states == 0 {
-            return Err(TransitionError::Empty);
-        }
-        if i32::try_from(states).is_err() {
-            return Err(TransitionError::TooMany { what: "states", count: states });
-        }
-        let triplets = triplets.into_iter();
-        let mut entries = Vec::with_capacity(triplets.size_hint().0);
-        for (to, from, value) in triplets {
-            if to >= states || from >= states {
-                return Err(TransitionError::OutOfRange { to, from, states });
-            }
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(TransitionError::Entry { to, from, value });
-            }
-            if value > 0.0 {
-                entries.push((to as u32, from as u32, value));
-            }
-        }
+        let wrong = |(to, from, value)| TransitionError::Entry { to, from, value };
+        let entries = Self::above_zero(states, triplets, wrong)?;
         check_count("entries", entries.len())?;
-        let by_column = entries.iter().map(|&(to, from, value)| (from, to, value));
-        let unsorted = Compressed::new(states, by_column);
+        let unsorted = Compressed::new(states, entries.iter().copied());
         drop(entries);
         let rows = unsorted.transposed();
         drop(unsorted);
@@ -111,6 +93,35 @@ impl SparseTransition {
         check_columns_of(&sums, |to| rows.line(to).map(|entry| entry.1).sum())?;
         let columns = rows.transposed();
         Ok((rows, columns))
+    }
+
+    /// Checks triplets, and returns those above 0 as (from, to, value); `wrong` is the error of a
+    /// value that is NaN, negative or infinite.
+    pub(super) fn above_zero(
+        states: usize,
+        triplets: impl IntoIterator<Item = (usize, usize, f64)>,
+        wrong: impl Fn((usize, usize, f64)) -> TransitionError,
+    ) -> Result<Vec<(u32, u32, f64)>, TransitionError> {
+        if states == 0 {
+            return Err(TransitionError::Empty);
+        }
+        if i32::try_from(states).is_err() {
+            return Err(TransitionError::TooMany { what: "states", count: states });
+        }
+        let triplets = triplets.into_iter();
+        let mut entries = Vec::with_capacity(triplets.size_hint().0);
+        for (to, from, value) in triplets {
+            if to >= states || from >= states {
+                return Err(TransitionError::OutOfRange { to, from, states });
+            }
+            if !(value >= 0.0 && value.is_finite()) {
+                return Err(wrong((to, from, value)));
+            }
+            if value > 0.0 {
+                entries.push((from as u32, to as u32, value));
+            }
+        }
+        Ok(entries)
     }
 
     pub(super) fn from_compressed(rows: Compressed, columns: Compressed, rounding: f64) -> Self {
@@ -236,6 +247,18 @@ impl SparseTransition {
 }
 
 impl SparseTransition {
+    /// Positions of the entries out of a state among all, column by column.
+    #[cfg(feature = "places")]
+    pub(crate) fn positions(&self, from: usize) -> std::ops::Range<usize> {
+        self.columns.range(from)
+    }
+
+    /// Number of an entry among those out of a state. O(log entries of the column).
+    #[cfg(feature = "places")]
+    pub(crate) fn position(&self, to: usize, from: usize) -> Option<usize> {
+        self.columns.indices(from).binary_search_by_key(&to, |index| *index as usize).ok()
+    }
+
     /// Rows and columns, or `None` if the values have 32 bits.
     pub(super) fn lines(&self) -> Option<(Lines<'_>, Lines<'_>)> {
         Some((self.rows.as_lines()?, self.columns.as_lines()?))

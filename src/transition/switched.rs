@@ -1,6 +1,6 @@
 //! One of several operators at each step, chosen by the control.
 
-use super::{Stored, Transition, TransitionEntries};
+use super::{Stored, Transition, TransitionEntries, delegate};
 use crate::error::TransitionError;
 
 /// A family of operators; the control of a step is the index of its operator. For gears, times of
@@ -58,32 +58,10 @@ impl<A: Transition<Control = ()>> SwitchedTransition<A> {
 impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
     type Control = usize;
 
+    delegate!(a, control => a.operators[*control], &(); products evidence needs_logs);
+
     fn states(&self) -> usize {
         self.operators[0].states()
-    }
-
-    fn apply(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
-        self.operators[control].apply(&(), x, out);
-    }
-
-    fn apply_transpose(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
-        self.operators[control].apply_transpose(&(), x, out);
-    }
-
-    fn apply_log(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
-        self.operators[control].apply_log(&(), x, out);
-    }
-
-    fn apply_transpose_log(&self, &control: &usize, x: &[f64], out: &mut [f64]) {
-        self.operators[control].apply_transpose_log(&(), x, out);
-    }
-
-    fn evidence(&self, &control: &usize) -> Option<f64> {
-        self.operators[control].evidence(&())
-    }
-
-    fn needs_logs(&self, &control: &usize) -> bool {
-        self.operators[control].needs_logs(&())
     }
 
     fn stored(&self, &control: &usize) -> Option<Stored<'_>> {
@@ -102,27 +80,5 @@ impl<A: Transition<Control = ()>> Transition for SwitchedTransition<A> {
 }
 
 impl<A: TransitionEntries<Control = ()>> TransitionEntries for SwitchedTransition<A> {
-    fn incoming(&self, &control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.operators[control].incoming(&(), to)
-    }
-
-    fn outgoing(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.operators[control].outgoing(&(), from)
-    }
-
-    fn incoming_log2(&self, &control: &usize, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.operators[control].incoming_log2(&(), to)
-    }
-
-    fn outgoing_log2(&self, &control: &usize, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.operators[control].outgoing_log2(&(), from)
-    }
-
-    fn entries_need_logs(&self, &control: &usize) -> bool {
-        self.operators[control].entries_need_logs(&())
-    }
-
-    fn max_product(&self, &control: &usize, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        self.operators[control].max_product(&(), x, out, from);
-    }
+    delegate!(a, control => a.operators[*control], &(); all_entries);
 }

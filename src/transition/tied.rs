@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Deref;
 
 use super::maximize::{normalized, weights};
-use super::{LearnTransition, MoveCounts};
+use super::{LearnTransition, MoveCounts, delegate};
 use super::{SparseTransition, Transition, TransitionEntries};
 use crate::error::TransitionError;
 
@@ -96,6 +96,17 @@ impl TiedTransition {
         }
         normalized(&self.transition, weights)
     }
+}
+
+impl Transition for TiedTransition {
+    type Control = ();
+
+    delegate!(a, control => a.transition, control;
+        states no_control products blocks evidence needs_logs stored check_control);
+}
+
+impl TransitionEntries for TiedTransition {
+    delegate!(a, control => a.transition, control; all_entries);
 }
 
 impl LearnTransition for TiedTransition {

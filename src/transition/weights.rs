@@ -42,25 +42,8 @@ impl SparseTransition {
         states: usize,
         weights: impl IntoIterator<Item = (usize, usize, f64)>,
     ) -> Result<(Compressed, Compressed), TransitionError> {
-        if states == 0 {
-            return Err(TransitionError::Empty);
-        }
-        if i32::try_from(states).is_err() {
-            return Err(TransitionError::TooMany { what: "states", count: states });
-        }
-        let weights = weights.into_iter();
-        let mut given = Vec::with_capacity(weights.size_hint().0);
-        for (to, from, value) in weights {
-            if to >= states || from >= states {
-                return Err(TransitionError::OutOfRange { to, from, states });
-            }
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(TransitionError::Weight { to, from, value });
-            }
-            if value > 0.0 {
-                given.push((from as u32, to as u32, value));
-            }
-        }
+        let wrong = |(to, from, value)| TransitionError::Weight { to, from, value };
+        let given = Self::above_zero(states, weights, wrong)?;
         check_count("weights", given.len())?;
         // Transposing twice sorts the entries, so that weights of the same move are adjacent.
         let columns = Compressed::new(states, given.into_iter()).transposed().transposed();

@@ -92,9 +92,9 @@ proptest! {
         let edges = network.edges().len();
         let (mut sums, mut next, mut behind) = (vec![0.0; edges], vec![0.0; edges], vec![0.0; edges]);
         for turn in turns.turns() {
-            sums[turn.edge] += turn.probability;
-            next[turn.next] += flow[turn.edge] * turn.probability;
-            behind[turn.edge] += turn.count;
+            sums[turn.from] += turn.probability;
+            next[turn.to] += flow[turn.from] * turn.probability;
+            behind[turn.from] += turn.count;
         }
         for edge in 0..edges {
             prop_assert!(same(sums[edge], 1.0));

@@ -579,19 +579,20 @@ fn check_local<B: LocalLikelihood>(sensor: &B, y: &B::Observation) {
     let log = exact.step(y);
     for chosen in 0..1_usize << n {
         let states: Vec<usize> = (0..n).filter(|i| chosen >> i & 1 == 1).collect();
-        let mut out = vec![f64::NAN; states.len()];
-        let others = sensor.local(y, &states, &mut out, &mut Scratch::default()).unwrap();
+        let mut scratch = Scratch::default();
+        let (found, others) = sensor.local(y, &states, &mut scratch).unwrap();
         let Ok(log) = log else { return };
         // p(i | y) n p(y) is the likelihood, for a uniform prior.
         let likelihood = |i: usize| exact.belief().as_slice()[i] * n as f64;
-        let scale = others.log_factor() - log;
-        let scaled = |b: f64| if others.is_log() { (b + scale).exp() } else { b * scale.exp() };
-        for (&i, b) in states.iter().zip(out) {
+        let scale = found.log_factor() - log;
+        let scaled = |b: f64| if found.is_log() { (b + scale).exp() } else { b * scale.exp() };
+        assert_eq!(found.as_slice().len(), states.len());
+        for (&i, &b) in states.iter().zip(found.as_slice()) {
             assert!((scaled(b) - likelihood(i)).abs() < 1e-12, "{i} of {states:?}");
         }
         let missing = (0..n).filter(|i| chosen >> i & 1 == 0).map(likelihood);
         let largest = missing.fold(0.0, f64::max);
-        assert!(scaled(others.largest()) >= largest - 1e-12, "{states:?}");
+        assert!(scaled(others) >= largest - 1e-12, "{states:?}");
     }
     let mut wanted = Vec::new();
     sensor.listed_states(y, &mut wanted);
@@ -624,10 +625,7 @@ fn local_likelihoods_are_those_of_the_diagonal() {
     // Of more states than stand out, too.
     let rows: Vec<_> = (0..20).map(|i| [0.01 * f64::from(i), 1.0 - 0.01 * f64::from(i)]).collect();
     let table = TableLikelihood::from_rows(&rows).unwrap();
-    let ask = |states: &[usize]| {
-        let mut out = vec![0.0; states.len()];
-        table.local(&0, states, &mut out, &mut Scratch::default()).unwrap().largest()
-    };
+    let ask = |states: &[usize]| table.local(&0, states, &mut Scratch::default()).unwrap().1;
     assert_eq!(ask(&[]), 0.19);
     assert_eq!(ask(&[18, 19]), 0.17);
     assert_eq!(ask(&(4..20).collect::<Vec<_>>()), 0.04);
@@ -637,23 +635,26 @@ fn local_likelihoods_are_those_of_the_diagonal() {
 #[test]
 fn errors_of_a_sensor_say_what_is_wrong() {
     let sensor = LikelihoodVector::linear(2);
-    let ask = |y: &[f64]| sensor.local(y, &[0], &mut [0.0], &mut Scratch::default());
-    let text = |y: &[f64]| ask(y).unwrap_err().to_string();
+    let text = |y: &[f64]| sensor.local(y, &[0], &mut Scratch::default()).unwrap_err().to_string();
     assert_eq!(text(&[1.0]), "the likelihood has 1 values, expected one for each of 2 states");
     assert_eq!(
         text(&[1.0, -1.0]),
         "state 1 has likelihood -1, expected a finite value of at least 0"
     );
     let known = SparseObservation::known(2);
-    let known = SparseLikelihood::new(2).local(&known, &[], &mut [], &mut Scratch::default());
+    let (sensor, mut scratch) = (SparseLikelihood::new(2), Scratch::default());
     assert_eq!(
-        known.unwrap_err().to_string(),
+        sensor.local(&known, &[], &mut scratch).unwrap_err().to_string(),
         "the observation lists state 2, but there are 2 states (0 to 1)"
     );
 }
 
 /// A sensor of one's own that says nonsense.
-struct Wrong(f64, wayfix::likelihood::Unlisted);
+struct Wrong {
+    value: f64,
+    others: f64,
+    log_factor: f64,
+}
 
 impl Likelihood for Wrong {
     type Observation = ();
@@ -670,32 +671,31 @@ impl Likelihood for Wrong {
 }
 
 impl LocalLikelihood for Wrong {
-    fn local(
-        &self,
+    fn local<'a>(
+        &'a self,
         (): &(),
-        _: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<wayfix::likelihood::Unlisted, wayfix::LikelihoodError> {
-        out.fill(self.0);
-        Ok(self.1)
+        states: &[usize],
+        scratch: &'a mut Scratch,
+    ) -> Result<(wayfix::Diagonal<'a>, f64), wayfix::LikelihoodError> {
+        let values = scratch.values(states.len());
+        values.fill(self.value);
+        Ok((wayfix::Diagonal::linear(values).with_log_factor(self.log_factor), self.others))
     }
 }
 
 #[test]
 fn nonsense_of_a_sensor_is_an_error_with_the_step() {
-    let unlisted = wayfix::likelihood::Unlisted::at_most;
     for (sensor, expected) in [
         (
-            Wrong(f64::NAN, unlisted(0.0)),
+            Wrong { value: f64::NAN, others: 0.0, log_factor: 0.0 },
             "state 0 has likelihood NaN, expected a finite value of at least 0",
         ),
         (
-            Wrong(1.0, unlisted(f64::INFINITY)),
+            Wrong { value: 1.0, others: f64::INFINITY, log_factor: 0.0 },
             "the likelihood of states not listed is bounded by inf, expected a finite value of at least 0",
         ),
         (
-            Wrong(1.0, unlisted(1.0).with_log_factor(f64::NAN)),
+            Wrong { value: 1.0, others: 1.0, log_factor: f64::NAN },
             "the log factor is NaN, expected a value from -1e300 to 1e300",
         ),
     ] {

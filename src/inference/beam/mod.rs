@@ -12,7 +12,7 @@ use crate::inference::LogSum;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::pruned::active_set::ActiveSet;
 use crate::inference::step::Step;
-use crate::likelihood::{LocalLikelihood, Scratch};
+use crate::likelihood::{LocalLikelihood, Scratch, check_local};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 use scores::{Beam, ENTRY, Pointers, largest_log2};
@@ -131,7 +131,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         active_set.follow(&[], &beam.states);
         let mut next = Beam::default();
         let mut pointers = Pointers::default();
-        let (mut from, mut wanted, mut values) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut from, mut wanted) = (Vec::new(), Vec::new());
         let mut scratch = Scratch::default();
         let (mut whole, mut factors) = (0.0, LogSum::default());
         let mut most_active = 0;
@@ -170,21 +170,18 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 }
             }
             let nothing = evidence.is_some() && next.is_nowhere();
-            values.clear();
-            values.resize(next.states.len(), 0.0);
             let wrap = |cause| InferenceError::likelihood(step, cause);
-            let local =
-                self.likelihood().local(observation, &next.states, &mut values, &mut scratch);
-            let others = local.map_err(wrap)?;
-            let largest = others.check(&next.states, &values).map_err(wrap)?;
-            let taken_out = if others.is_log() {
-                next.weigh_with_logs(&values, others.largest(), largest)
+            let local = self.likelihood().local(observation, &next.states, &mut scratch);
+            let (local, others) = local.map_err(wrap)?;
+            let largest = check_local(&local, others, &next.states).map_err(wrap)?;
+            let taken_out = if local.is_log() {
+                next.weigh_with_logs(local.as_slice(), others, largest)
             } else {
-                whole += next.weigh(&values, others.largest(), largest);
+                whole += next.weigh(local.as_slice(), others, largest);
                 0.0
             };
-            factors.add(taken_out + others.log_factor() + evidence.unwrap_or(0.0));
-            if nothing && others.is_possible(largest) {
+            factors.add(taken_out + local.log_factor() + evidence.unwrap_or(0.0));
+            if nothing && local.is_possible(largest) {
                 return Err(InferenceError::ImpossibleMove { step });
             }
             // Take out a whole number, then drop states too far from the best.

@@ -11,7 +11,7 @@ use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::likelihood::{LocalLikelihood, Unlisted};
+use crate::likelihood::{Diagonal, LocalLikelihood, check_local};
 use crate::limits;
 use crate::transition::TransitionEntries;
 
@@ -57,13 +57,15 @@ where
         }
         let candidates = active_set.candidates();
         values.clear();
-        values.resize(candidates.len(), 1.0);
-        let (mut unlisted, mut largest) = (Unlisted::at_most(1.0), 1.0);
+        let (mut local, mut others, mut largest) = (Diagonal::linear(&[]), 1.0, 1.0);
         if let Some(observation) = observation {
             let wrap = |cause| InferenceError::likelihood(number, cause);
-            let local = model.likelihood().local(observation, candidates, values, scratch);
-            unlisted = local.map_err(wrap)?;
-            largest = unlisted.check(candidates, values).map_err(wrap)?;
+            let found = model.likelihood().local(observation, candidates, scratch);
+            (local, others) = found.map_err(wrap)?;
+            largest = check_local(&local, others, candidates).map_err(wrap)?;
+            values.extend_from_slice(local.as_slice());
+        } else {
+            values.resize(candidates.len(), 1.0);
         }
         let is_open = belief.is_open();
         let mut moves = control.map(|control| {
@@ -79,10 +81,7 @@ where
         let nothing = |moves: &Moves<'_, A>| {
             if is_open { moves.bounds.column == 0.0 } else { candidates.is_empty() }
         };
-        if evidence.is_some()
-            && moves.as_ref().is_some_and(nothing)
-            && unlisted.is_possible(largest)
-        {
+        if evidence.is_some() && moves.as_ref().is_some_and(nothing) && local.is_possible(largest) {
             return Err(InferenceError::ImpossibleMove { step: number });
         }
         let mut predicted = if is_wide {
@@ -105,8 +104,9 @@ where
         }
         let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
-        let none = if unlisted.is_log() { f64::NEG_INFINITY } else { 0.0 };
-        let weights = Weights::new(&unlisted, largest, likely.map(|b| *b.0).fold(none, f64::max));
+        let none = if local.is_log() { f64::NEG_INFINITY } else { 0.0 };
+        let likely = likely.map(|b| *b.0).fold(none, f64::max);
+        let weights = Weights::new(&local, others, largest, likely);
         let raw = next.weigh(predicted, values, &weights);
         if raw.estimate < f64::MIN_POSITIVE {
             let proven = raw.excess == 0.0;

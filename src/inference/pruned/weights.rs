@@ -1,6 +1,6 @@
 //! Likelihoods of single states, with bounds on those outside the range of `f64`.
 
-use crate::likelihood::Unlisted;
+use crate::likelihood::Diagonal;
 
 /// Largest exponent of two by which the likelihood of a state to which the belief leads may be
 /// below the largest of all: the remaining range of `f64` then holds both.
@@ -29,10 +29,11 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    /// Creates the weights from the bound, the largest of all likelihoods, and the largest of
-    /// those of states to which the belief leads, all in the form of the bound.
-    pub(crate) fn new(unlisted: &Unlisted, largest: f64, likely: f64) -> Self {
-        let is_log = unlisted.is_log();
+    /// Creates the weights from the likelihoods of some states, the bound on those of others, the
+    /// largest of all, and the largest of those of states to which the belief leads, all in one
+    /// form.
+    pub(crate) fn new(local: &Diagonal<'_>, others: f64, largest: f64, likely: f64) -> Self {
+        let is_log = local.is_log();
         let (factor, log) = if is_log {
             let spread = SPREAD * std::f64::consts::LN_2;
             let factor = if likely.is_finite() { largest.min(likely + spread) } else { largest };
@@ -45,9 +46,9 @@ impl Weights {
             let factor = if unscaled { 1.0 } else { factor };
             (factor, factor.ln())
         };
-        let log_factor = unlisted.log_factor() + log;
+        let log_factor = local.log_factor() + log;
         let weights = Self { is_log, factor, others: 0.0, log_factor };
-        let others = weights.of(unlisted.largest()).most * (1.0 + 4.0 * f64::EPSILON);
+        let others = weights.of(others).most * (1.0 + 4.0 * f64::EPSILON);
         Self { others, ..weights }
     }
 
@@ -81,18 +82,21 @@ mod tests {
     fn what_a_double_does_not_hold_lies_between_bounds() {
         let tiny = Weight { value: 0.0, least: 0.0, most: 2.0 * f64::MIN_POSITIVE };
         let nothing = Weight { value: 0.0, least: 0.0, most: 0.0 };
-        let logs = Weights::new(&Unlisted::log_at_most(-800.0), 0.0, 0.0);
+        let new = |local: Diagonal<'_>, others, largest, likely| {
+            Weights::new(&local, others, largest, likely)
+        };
+        let logs = new(Diagonal::log(&[]), -800.0, 0.0, 0.0);
         assert_eq!((logs.of(-800.0), logs.of(f64::NEG_INFINITY)), (tiny, nothing));
         assert!(logs.others >= f64::MIN_POSITIVE);
         let one = logs.of(0.0);
         assert!(one.value == 1.0 && one.least < 1.0 && one.most > 1.0 && one.most < 1.0 + 1e-15);
-        let linear = Weights::new(&Unlisted::at_most(1e-300), 1e300, 1e300);
+        let linear = new(Diagonal::linear(&[]), 1e-300, 1e300, 1e300);
         assert_eq!((linear.of(1e-300), linear.of(0.0)), (tiny, nothing));
         // The belief leads only to likelihoods far below the largest.
-        let far = Weights::new(&Unlisted::log_at_most(-3.0), 0.0, -1000.0);
+        let far = new(Diagonal::log(&[]), -3.0, 0.0, -1000.0);
         assert!(far.of(-1000.0).value > 1e-151 && far.others > 1e280);
-        assert_eq!(Weights::new(&Unlisted::log_at_most(0.0), 0.0, -1e5).others, f64::INFINITY);
-        let far = Weights::new(&Unlisted::at_most(1e-3), 1e-3, 1e-300);
+        assert_eq!(new(Diagonal::log(&[]), 0.0, 0.0, -1e5).others, f64::INFINITY);
+        let far = new(Diagonal::linear(&[]), 1e-3, 1e-3, 1e-300);
         assert!(far.of(1e-300).value > 1e-151);
     }
 }

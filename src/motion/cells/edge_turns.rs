@@ -1,28 +1,16 @@
-//! Turns from edge to edge, learned from drives or from counts of traffic.
+//! Turns from edge to edge, learned from drives (the mean of a Dirichlet posterior) or from counts of
+//! traffic (proportional fitting). The turns out of each edge sum to one.
 
 use super::turns::Turns;
 use super::{CellTransition, TurnWeights};
 use crate::error::{Parameter, TransitionError};
-use crate::map::{MapError, RoadCells, RoadNetwork};
+use crate::map::{FittedTurn, MapError, RoadCells, RoadNetwork};
 use crate::transition::MoveCounts;
 
 /// Largest error of a flow on an edge, relative to it.
 const TOLERANCE: f64 = 1e-9;
 /// Rounds after which fitting gives up.
 const ROUNDS: usize = 100_000;
-
-/// A turn from an edge to the next, with the data behind it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EdgeTurn {
-    /// The edge that is left.
-    pub edge: usize,
-    /// The edge after it.
-    pub next: usize,
-    /// Probability of the turn.
-    pub probability: f64,
-    /// Number of turns counted, or, from counts of traffic, the number of them that is expected.
-    pub count: f64,
-}
 
 /// Turning probabilities from edge to edge of a network, learned from data, with the data behind
 /// each turn. Unlike those of [places](crate::map::TurningProbabilities), they know where a
@@ -94,9 +82,8 @@ impl EdgeTurns {
         for edge in 0..states {
             let start = turns.len();
             for next in network.next(edge) {
-                let mean = prior.of(edge).iter().find(|turn| turn.0 as usize == next);
                 let count = counts.get(edge, next);
-                let value = count + prior_moves * mean.map_or(0.0, |turn| turn.1);
+                let value = count + prior_moves * prior.probability(edge, next);
                 if value > 0.0 {
                     turns.push((next as u32, value));
                     behind.push(count);
@@ -170,18 +157,18 @@ impl EdgeTurns {
     /// If there is no such edge.
     #[must_use]
     pub fn turn(&self, edge: usize, next: usize) -> f64 {
-        let found = self.turns.of(edge).iter().find(|turn| turn.0 as usize == next);
-        found.map_or(0.0, |turn| turn.1)
+        self.turns.probability(edge, next)
     }
 
-    /// Turns with the data behind them, by the edge that is left.
-    pub fn turns(&self) -> impl Iterator<Item = EdgeTurn> {
+    /// Turns of edges with the data behind them, by the edge that is left. From counts of traffic,
+    /// `count` is the number of turns that is expected.
+    pub fn turns(&self) -> impl Iterator<Item = FittedTurn> {
         let edges = self.turns.starts.windows(2).enumerate().flat_map(|(edge, range)| {
             (range[0] as usize..range[1] as usize).map(move |at| (edge, at))
         });
         edges.map(|(edge, at)| {
             let (next, probability) = self.turns.turns[at];
-            EdgeTurn { edge, next: next as usize, probability, count: self.counts[at] }
+            FittedTurn { from: edge, to: next as usize, probability, count: self.counts[at] }
         })
     }
 }
@@ -239,7 +226,7 @@ impl CellTransition {
         if found != expected {
             return Err(TransitionError::PartStates { part: "turns", found, expected });
         }
-        for EdgeTurn { edge: from, next: to, .. } in turns.turns() {
+        for FittedTurn { from, to, .. } in turns.turns() {
             if cells.network().edges()[from].to != cells.network().edges()[to].from
                 || !cells.network().may_turn(from, to)
             {

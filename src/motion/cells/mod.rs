@@ -1,4 +1,5 @@
-//! Motion on the cells of roads, by metres driven.
+//! Motion on the cells of roads, by metres driven: A = Σ w_k M^k, with M one cell ahead. All such
+//! operators commute, so that the rate of readings does not matter.
 
 mod edge_turns;
 mod odometer;
@@ -9,7 +10,7 @@ mod walk;
 
 use std::sync::Arc;
 
-pub use edge_turns::{EdgeTurn, EdgeTurns};
+pub use edge_turns::EdgeTurns;
 pub use odometer::Odometer;
 pub use travel::Travel;
 pub use turns::TurnWeights;
@@ -160,8 +161,7 @@ impl CellTransition {
     /// If there is no such edge.
     #[must_use]
     pub fn turn(&self, edge: usize, next: usize) -> f64 {
-        let found = self.next.of(edge).iter().find(|turn| turn.0 as usize == next);
-        found.map_or(0.0, |turn| turn.1)
+        self.next.probability(edge, next)
     }
 
     /// Returns the control of a step by metres driven, with the variance of their error in square

@@ -1,4 +1,5 @@
-//! Sum of short readings, released in whole cells.
+//! Sum of short readings, released in whole cells. Metres released and metres kept add up to those
+//! read, and so do their variances.
 
 use super::Travel;
 use crate::error::TransitionError;

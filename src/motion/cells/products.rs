@@ -1,4 +1,5 @@
-//! Products with the operator, cell by cell of the distance.
+//! Products with A = Σ w_k M^k, by Horner's rule: one product with M for each cell of the distance.
+//! All terms are at least 0, so that nothing cancels.
 
 use super::{CellTransition, Travel};
 use crate::transition::{Transition, buffers, check_slices};

@@ -1,4 +1,5 @@
-//! Turns from edge to edge, with their probabilities.
+//! Turns from edge to edge, with their probabilities: those out of an edge sum to one, or there are
+//! none. They are the entries of M between the last cell of an edge and the first of the next.
 
 use crate::error::{Parameter, TransitionError};
 use crate::map::{ByClass, RoadNetwork, TurningRule};
@@ -138,5 +139,10 @@ impl Turns {
     /// Turns of an edge: the other edge and the probability.
     pub(super) fn of(&self, edge: usize) -> &[(u32, f64)] {
         &self.turns[self.starts[edge] as usize..self.starts[edge + 1] as usize]
+    }
+    /// Probability of a turn; 0 if there is none.
+    pub(super) fn probability(&self, edge: usize, other: usize) -> f64 {
+        let found = self.of(edge).iter().find(|turn| turn.0 as usize == other);
+        found.map_or(0.0, |turn| turn.1)
     }
 }

@@ -1,4 +1,5 @@
-//! Entries of the operator, by walks over the edges.
+//! Entries of A = Σ w_k M^k, by walks over the edges: arrivals leave the heap by their distance, so
+//! that all that reach an edge after the same number of cells are added up before it is left.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;

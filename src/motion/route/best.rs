@@ -1,4 +1,5 @@
-//! Max-product scores of places, with back-pointers.
+//! Max-product scores of places, with back-pointers. The lowest state wins ties, whatever the order
+//! of offers: states are encoded as doubles that compare as they do.
 
 /// Scores of places, and the states that they come from, encoded as doubles: vector registers
 /// hold as many of both.
@@ -26,11 +27,11 @@ impl Best<'_> {
         self.from.fill(ZERO);
     }
 
-    /// Offers ways with these scores to consecutive places. The lowest state wins ties, in any
+    /// Offers moves with these scores to consecutive places. The lowest state wins ties, in any
     /// order.
-    pub(super) fn offer(&mut self, to: usize, ways: impl Iterator<Item = (f64, f64)>) {
+    pub(super) fn offer(&mut self, to: usize, moves: impl Iterator<Item = (f64, f64)>) {
         let best = self.scores[to..].iter_mut().zip(&mut self.from[to..]);
-        for ((score, from), (value, state)) in best.zip(ways) {
+        for ((score, from), (value, state)) in best.zip(moves) {
             let lower = if state < *from { state } else { *from };
             let tied = if value == *score { lower } else { *from };
             *from = if value > *score { state } else { tied };

@@ -1,4 +1,5 @@
-//! Linear combinations of vectors.
+//! Linear combinations of vectors, several in a pass, so that `out` is read and written once for
+//! them. The order of additions is the same in all instruction sets.
 
 use crate::kernels::{Eight, LANES, Simd, WithSimd, run};
 

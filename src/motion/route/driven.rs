@@ -1,4 +1,6 @@
-//! Motion of a vehicle off the map, where states have no speed.
+//! Motion of a vehicle off the map, where states have no speed: p̄, the likelihood of measurements
+//! there (guide, section 10, Route), as the sum of three cases. Off the map must pay for a reading
+//! what the map pays, or the belief drifts there.
 
 use super::step::Step;
 use super::views::Factors;
@@ -33,7 +35,7 @@ const UNLIKE: f64 = 0.05;
 const LEAST_SHARE: f64 = 1e-3;
 
 /// Likelihoods of the measurements of a step off the map, each times the probability of its case.
-struct Ways {
+struct Cases {
     stands: f64,
     goes_on: f64,
     changes: f64,
@@ -62,11 +64,11 @@ impl Step<'_> {
         if control.odometry.is_none() && self.factors == Factors::NONE {
             return 1.0;
         }
-        let Ways { stands, goes_on, changes } = self.ways(control, means);
+        let Cases { stands, goes_on, changes } = self.cases(control, means);
         stands + goes_on + changes
     }
 
-    fn ways(&self, control: &RouteControl, means: &[f64]) -> Ways {
+    fn cases(&self, control: &RouteControl, means: &[f64]) -> Cases {
         let speeds = &self.route.speeds;
         let (mut share, mut at_rest, mut moving) = (0.0, 0.0, 0.0);
         for ((v, p), mean) in speeds.values().iter().zip(speeds.shares()).zip(means) {
@@ -95,7 +97,7 @@ impl Step<'_> {
             .map_or(moving / (1.0 - share).max(LEAST_SHARE), |(reading, (mean, count))| {
                 self.route.odometry.again(reading, mean, count)
             });
-        Ways {
+        Cases {
             stands: ((1.0 - change) * stood + change * share) * at_rest * factors.standing,
             goes_on: (1.0 - change) * (1.0 - stood) * like * factors.moved,
             changes: change * moving * factors.moved,
@@ -108,8 +110,8 @@ impl RouteTransition {
     /// control.
     #[must_use]
     pub fn driven(&self, control: &RouteControl) -> Driven {
-        let Ways { stands, goes_on, changes } =
-            self.with_step(control, |step, means| step.ways(control, means));
+        let Cases { stands, goes_on, changes } =
+            self.with_step(control, |step, means| step.cases(control, means));
         let sum = stands + goes_on + changes;
         // If no case explains the measurements, standing and moving are equally probable.
         let standing = if sum > 0.0 { (stands / sum).min(1.0) } else { 0.5 };

@@ -1,4 +1,5 @@
-//! Single entries, and the step of Viterbi.
+//! Single entries of A_u, and the step of Viterbi: G has rank one but for neighbours on the grid of
+//! speeds, yet maxima do not factor as sums do, so that it takes k² passes over the places.
 
 use super::best::{Best, decoded, encoded};
 use super::step::{Off, Step};
@@ -80,8 +81,8 @@ impl Step<'_> {
                         }
                         self.go(new, &mixed, &mut best);
                         let share = log2(self.route.speeds.shares()[new]);
-                        let ways = returned.scores.iter().map(|x| x + share);
-                        best.offer(0, ways.zip(returned.from.iter().copied()));
+                        let moves = returned.scores.iter().map(|x| x + share);
+                        best.offer(0, moves.zip(returned.from.iter().copied()));
                         for (from, state) in from[new * n..].iter_mut().zip(&*best.from) {
                             *from = decoded(*state);
                         }
@@ -122,9 +123,9 @@ impl Step<'_> {
         let ends = route.line.ends().chain((0..route.line.places).filter(|_| laps));
         for end in ends {
             for i in route.line.sources(route.span_of(new), end) {
-                let [way, seen] = self.way_parts(new, i, end).map(log2);
-                let way = way + seen;
-                best.offer(end, std::iter::once((mixed.scores[i] + way, mixed.from[i])));
+                let [weight, seen] = self.move_factors(new, i, end).map(log2);
+                let score = mixed.scores[i] + (weight + seen);
+                best.offer(end, std::iter::once((score, mixed.from[i])));
             }
         }
     }
@@ -144,9 +145,9 @@ impl Step<'_> {
         let anywhere = (x[top] + back + log2(off.each), encoded(first + top));
         best.offer(0, std::iter::repeat_n(anywhere, x.len()));
         for (i, score) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
-            let way = back + log2(self.route.near_shares[i] + off.each);
+            let returning = back + log2(self.route.near_shares[i] + off.each);
             for j in line.near(i, off.within) {
-                best.offer(j, std::iter::once((score + way, encoded(first + i))));
+                best.offer(j, std::iter::once((score + returning, encoded(first + i))));
             }
         }
     }

@@ -1,4 +1,5 @@
-//! Places reached by windows along a route.
+//! Places reached by windows along a route. On an open one, moves beyond an end stop there; around a
+//! loop, several moves of a long window may join the same two places, and their weights add up.
 
 use std::iter::Chain;
 use std::ops::Range;
@@ -163,7 +164,7 @@ impl RouteTransition {
 
     /// Weight of the way between two places at a speed with the weights `window`, summed over all
     /// moves that join them.
-    pub(super) fn way(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
+    pub(super) fn move_weight(&self, speed: usize, window: &[f64], from: usize, to: usize) -> f64 {
         let Line { places, closed } = self.line;
         let at = to.cast_signed() - from.cast_signed() - self.speeds.windows[speed].first;
         if closed {

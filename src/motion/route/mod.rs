@@ -1,4 +1,5 @@
-//! A vehicle at hidden speeds along a route, with measurements as evidence on moves.
+//! A vehicle at hidden speeds along a route, with measurements as evidence on moves: the operator A_u
+//! of section 10 of the guide, Route. Its columns are not normalised.
 
 mod best;
 mod combine;
@@ -15,7 +16,7 @@ mod views;
 pub use driven::Driven;
 use geometry::Line;
 pub use off_map::OffMap;
-use stencil::{Stencil, Way};
+use stencil::{Direction, Stencil};
 pub use views::{ViewChange, ViewChangeRates, ViewEvidence};
 
 use super::{OdometryModel, Speeds};
@@ -36,23 +37,6 @@ pub struct RouteControl {
     /// Motion before the step, which predicts readings off the map.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub before: Option<Driven>,
-}
-
-/// A state of a [`RouteTransition`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum RouteState {
-    /// At a place of the route.
-    On {
-        /// The index of the speed on the grid.
-        speed: usize,
-        /// The place.
-        place: usize,
-    },
-    /// Off the map.
-    Off {
-        /// The place where the vehicle left the map.
-        left: usize,
-    },
 }
 
 /// A vehicle that drives along the places of a route, reference images in order, at one of several
@@ -219,15 +203,17 @@ impl RouteTransition {
         (speed < self.k() && place < n).then(|| speed * n + place)
     }
 
-    /// Speed and place of a state, or `None` if there is no such state.
+    /// Index of a state's speed on the grid; `None` off the map, or if there is no such state.
     #[must_use]
-    pub fn state(&self, state: usize) -> Option<RouteState> {
-        let (speed, place) = (state / self.line.places, state % self.line.places);
-        match () {
-            () if state >= self.count() => None,
-            () if speed < self.k() => Some(RouteState::On { speed, place }),
-            () => Some(RouteState::Off { left: place }),
-        }
+    pub fn speed_of(&self, state: usize) -> Option<usize> {
+        Some(state / self.line.places).filter(|speed| *speed < self.k())
+    }
+
+    /// Place of a state, off the map the one where the vehicle left; `None` if there is no such
+    /// state.
+    #[must_use]
+    pub fn place_of(&self, state: usize) -> Option<usize> {
+        (state < self.count()).then(|| state % self.line.places)
     }
 
     /// The states grouped by place, with a last group for off the map, if it is modelled:
@@ -258,12 +244,12 @@ impl RouteTransition {
     }
 
     fn with_stencils(self) -> Self {
-        let stencil = |way| {
+        let stencil = |direction| {
             move |window: &super::speeds::Window, route: &Self| {
-                Stencil::new(route.line, window.first, window.weights.len(), way)
+                Stencil::new(route.line, window.first, window.weights.len(), direction)
             }
         };
-        let (into, out_of) = (stencil(Way::Into), stencil(Way::OutOf));
+        let (into, out_of) = (stencil(Direction::Into), stencil(Direction::OutOf));
         let windows = self.speeds.windows.iter();
         let stencils = windows.map(|window| [into(window, &self), out_of(window, &self)]).collect();
         Self { stencils, ..self }

@@ -1,4 +1,6 @@
-//! Products with the moves of one speed, in loops along the places.
+//! Products with the moves of one speed, in loops along the places: the window w(m, v) times the
+//! likelihood of the view. A stencil lists shifted vectors, of which four are added in a pass; only
+//! the ends of an open route, where several moves stop, go entry by entry.
 
 use std::ops::Range;
 
@@ -76,7 +78,8 @@ impl Step<'_> {
         self.take((speed, &route.stencils[speed][0]), places.clone(), x, more, out);
         for end in route.line.ends().filter(|end| places.contains(end)) {
             for i in route.line.sources(route.span_of(speed), end) {
-                out[end - places.start] += self.way(speed, i, end) * x.from(i.cast_signed())[0];
+                out[end - places.start] +=
+                    self.move_weight(speed, i, end) * x.from(i.cast_signed())[0];
             }
         }
     }
@@ -100,7 +103,7 @@ impl Step<'_> {
         }
         for end in route.line.ends() {
             for i in route.line.sources(route.span_of(speed), end) {
-                out[i] += self.way(speed, i, end) * x[end];
+                out[i] += self.move_weight(speed, i, end) * x[end];
             }
         }
     }

@@ -1,4 +1,5 @@
-//! Leaving the route and coming back.
+//! Leaving the route and coming back: the rates ℓ, ρ and κ of section 10 of the guide, Route. None
+//! may be 0, or a vehicle could never be found again.
 
 use crate::error::{Parameter, TransitionError};
 use crate::transition::check_probability;

@@ -1,4 +1,6 @@
-//! Products with vectors, in loops along the places.
+//! Products with vectors, in loops along the places: first G mixes the speeds, then the window of
+//! each new speed moves its places (guide, section 10, Route). Both factors are at least 0, so that
+//! nothing cancels.
 
 use std::ops::Range;
 

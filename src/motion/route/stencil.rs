@@ -1,4 +1,5 @@
-//! The moves of a speed as sums of shifted vectors.
+//! The moves of a speed as sums of shifted vectors. Places in a run have the same terms, so that a
+//! product is one loop for each run; on an open route all but a few places at the ends are one run.
 
 use std::ops::Range;
 
@@ -28,7 +29,7 @@ struct Tap {
 
 /// Direction of a stencil.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Way {
+pub(super) enum Direction {
     /// Sums at the targets of moves, over their sources.
     Into,
     /// Sums at the sources of moves, over their targets.
@@ -37,14 +38,14 @@ pub(super) enum Way {
 
 impl Stencil {
     /// Builds the stencil of moves from `first` on.
-    pub(super) fn new(line: Line, first: isize, count: usize, way: Way) -> Self {
+    pub(super) fn new(line: Line, first: isize, count: usize, direction: Direction) -> Self {
         let mut runs: Vec<Run> = Vec::new();
         for place in 0..line.places {
             let mut taps = Vec::new();
             for (weight, m) in (0..count).zip(first..) {
-                let shift = if way == Way::Into { -m } else { m };
+                let shift = if direction == Direction::Into { -m } else { m };
                 let Some(other) = line.moved(place, shift) else { continue };
-                let to = if way == Way::Into { place } else { other };
+                let to = if direction == Direction::Into { place } else { other };
                 if line.ends().any(|end| end == to) {
                     continue;
                 }

@@ -1,4 +1,5 @@
-//! The operator of one step, entry by entry.
+//! The operator of one step, entry by entry: A_u of section 10 of the guide, Route, as four factors,
+//! which products multiply and decoders add up as logarithms.
 
 use super::views::Factors;
 use super::{RouteControl, RouteTransition};
@@ -88,25 +89,25 @@ impl Step<'_> {
         &self.windows[self.route.starts[speed]..self.route.starts[speed + 1]]
     }
 
-    /// Factors of the entry between two places at a speed: the weight of the way, and the
+    /// Factors of the entry between two places at a speed: the weight of the move, and the
     /// likelihood of the view.
-    pub(super) fn way_parts(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
+    pub(super) fn move_factors(&self, speed: usize, from: usize, to: usize) -> [f64; 2] {
         let (route, window) = (self.route, self.window(speed));
-        let way = route.way(speed, window, from, to);
+        let weight = route.move_weight(speed, window, from, to);
         if from != to || route.line.closed || !route.line.ends().any(|end| end == to) {
-            return [way, self.factors.of(from == to)];
+            return [weight, self.factors.of(from == to)];
         }
         // Moves beyond an end stop there, with the lesser likelihood of standing and moving on.
         let stay = usize::try_from(-route.span_of(speed).0).ok().and_then(|at| window.get(at));
         let stay = stay.copied().unwrap_or(0.0);
         let Factors { standing, moved } = self.factors;
-        [stay * standing + (way - stay).max(0.0) * standing.min(moved), 1.0]
+        [stay * standing + (weight - stay).max(0.0) * standing.min(moved), 1.0]
     }
 
-    /// Product of [`way_parts`](Self::way_parts).
-    pub(super) fn way(&self, speed: usize, from: usize, to: usize) -> f64 {
-        let [way, seen] = self.way_parts(speed, from, to);
-        way * seen
+    /// Product of [`move_factors`](Self::move_factors).
+    pub(super) fn move_weight(&self, speed: usize, from: usize, to: usize) -> f64 {
+        let [weight, seen] = self.move_factors(speed, from, to);
+        weight * seen
     }
 
     /// Probability of coming back at a place.
@@ -125,8 +126,8 @@ impl Step<'_> {
             if g < k {
                 let mix = route.switching[new * k + g];
                 for j in route.line.targets(route.span_of(new), i) {
-                    let [way, seen] = self.way_parts(new, i, j);
-                    work(new * n + j, [self.keep, mix, way, seen]);
+                    let [weight, seen] = self.move_factors(new, i, j);
+                    work(new * n + j, [self.keep, mix, weight, seen]);
                 }
             } else if let Some(off) = &self.off {
                 for j in 0..n {
@@ -149,8 +150,8 @@ impl Step<'_> {
             if new < k {
                 let mix = route.switching[new * k + g];
                 for i in route.line.sources(route.span_of(new), j) {
-                    let [way, seen] = self.way_parts(new, i, j);
-                    work(g * n + i, [self.keep, mix, way, seen]);
+                    let [weight, seen] = self.move_factors(new, i, j);
+                    work(g * n + i, [self.keep, mix, weight, seen]);
                 }
             } else if let Some(off) = &self.off {
                 work(g * n + j, [off.enter, 1.0, 1.0, 1.0]);

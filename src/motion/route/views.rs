@@ -1,4 +1,5 @@
-//! Changes of the view as evidence on moves.
+//! Changes of the view as evidence on moves: p(view | i, i + m)^ω, of which only standing and moving
+//! on are distinguished. The larger of both is taken out, so that factors are at most 1.
 
 use crate::error::{Parameter, TransitionError};
 

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::ObservationError;
 use crate::error::{LikelihoodError, Parameter};
-use crate::likelihood::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
+use crate::likelihood::{Diagonal, Likelihood, LocalLikelihood, Scratch};
 use crate::map::{Coordinates, Position, RoadCells};
 use grid::Grid;
 
@@ -219,14 +219,14 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
     /// # Errors
     ///
     /// As [`diagonal`](Likelihood::diagonal).
-    fn local(
-        &self,
-        fix: &PositionFix<P>,
+    fn local<'a>(
+        &'a self,
+        fix: &'a PositionFix<P>,
         states: &[usize],
-        out: &mut [f64],
-        _: &mut Scratch,
-    ) -> Result<Unlisted, LikelihoodError> {
+        scratch: &'a mut Scratch,
+    ) -> Result<(Diagonal<'a>, f64), LikelihoodError> {
         let look = self.look(fix)?;
+        let out = scratch.values(states.len());
         out.iter_mut().zip(states).for_each(|(out, &cell)| *out = look.log(cell));
         let mut largest = look.tail(NEAR * NEAR);
         look.near(|cell| {
@@ -234,7 +234,7 @@ impl<P: Coordinates> LocalLikelihood for PositionLikelihood<P> {
                 largest = largest.max(look.log(cell));
             }
         });
-        Ok(Unlisted::log_at_most(largest).with_log_factor(look.log_factor()))
+        Ok((Diagonal::log(out).with_log_factor(look.log_factor()), largest))
     }
 
     fn listed_states(&self, fix: &PositionFix<P>, states: &mut Vec<usize>) {

@@ -1,7 +1,7 @@
 //! Values by hand, and errors.
 
 use wayfix::motion::{
-    Driven, OdometryModel, OffMap, RouteControl, RouteState, RouteTransition, Speeds, ViewChange,
+    Driven, OdometryModel, OffMap, RouteControl, RouteTransition, Speeds, ViewChange,
     ViewChangeRates, ViewEvidence,
 };
 use wayfix::{Hmm, LikelihoodVector, Prior, Transition, TransitionEntries};
@@ -39,11 +39,13 @@ fn states_are_speeds_and_places() {
     assert_eq!(route.states(), 9);
     for state in 0..6 {
         let (speed, place) = (state / 3, state % 3);
-        assert_eq!(route.state(state), Some(RouteState::On { speed, place }));
+        assert_eq!((route.speed_of(state), route.place_of(state)), (Some(speed), Some(place)));
         assert_eq!(route.index(speed, place), Some(state));
     }
-    assert_eq!(route.state(8), Some(RouteState::Off { left: 2 }));
-    assert_eq!((route.index(2, 0), route.index(0, 3), route.state(9)), (None, None, None));
+    // Off the map, the place where the vehicle left.
+    assert_eq!((route.speed_of(8), route.place_of(8)), (None, Some(2)));
+    assert_eq!((route.speed_of(9), route.place_of(9)), (None, None));
+    assert_eq!((route.index(2, 0), route.index(0, 3)), (None, None));
     assert_eq!(route.place_groups().as_slice(), [0, 1, 2, 0, 1, 2, 3, 3, 3]);
     assert_eq!(route.speed_groups().as_slice(), [0, 0, 0, 1, 1, 1, 2, 2, 2]);
     let off: f64 = route.anywhere().as_slice()[6..].iter().sum();

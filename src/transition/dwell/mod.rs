@@ -1,10 +1,11 @@
-//! Explicit durations of stays (semi-Markov).
+//! Explicit durations of stays (semi-Markov): hazards by age (guide, section 10, Dwell times).
 
-use std::iter::once;
-use std::ops::{Add, Range};
+mod entries;
 
-use super::{Transition, TransitionEntries, best_of, buffers, check_count, check_slices};
-use super::{check_probability, check_sum, log, merge};
+use std::ops::Range;
+
+use super::{Transition, buffers, check_count, check_slices, delegate};
+use super::{check_probability, check_sum, log};
 use crate::belief::Belief;
 use crate::error::{BeliefError, Parameter, TransitionError};
 use crate::groups::Groups;
@@ -232,12 +233,6 @@ impl<A: Transition> DwellTransition<A> {
             }
         });
     }
-
-    /// The place of a state, and true if the state is of the oldest age there.
-    fn place(&self, state: usize) -> (usize, bool) {
-        let place = self.groups.as_slice()[state];
-        (place, state + 1 == self.starts[place + 1])
-    }
 }
 
 impl<A: Transition> Transition for DwellTransition<A> {
@@ -247,9 +242,7 @@ impl<A: Transition> Transition for DwellTransition<A> {
         self.leave.len()
     }
 
-    fn no_control(&self) -> Option<&'static A::Control> {
-        self.moves.no_control()
-    }
+    delegate!(a, control => a.moves, control; no_control);
 
     fn apply(&self, control: &A::Control, x: &[f64], out: &mut [f64]) {
         let leaving = |range: Range<usize>| kernels::dot(&self.leave[range.clone()], &x[range]);
@@ -279,82 +272,4 @@ impl<A: Transition> Transition for DwellTransition<A> {
     fn check_control(&self, control: &A::Control) -> Result<(), TransitionError> {
         super::refuse_evidence(&self.moves, control, "DwellTransition")
     }
-}
-
-impl<A: TransitionEntries> TransitionEntries for DwellTransition<A> {
-    fn incoming(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (place, last) = self.place(to);
-        let arrives = self.starts[place] == to;
-        let moves = arrives.then(|| self.moves.incoming(control, place)).into_iter().flatten();
-        let arrivals = moves.flat_map(move |(j, p)| {
-            (self.starts[j]..self.starts[j + 1]).map(move |state| (state, p * self.leave[state]))
-        });
-        let younger = (!arrives).then(|| to - 1).into_iter();
-        let stays = younger.chain(last.then_some(to)).map(move |state| (state, self.stay[state]));
-        merge(arrivals, stays, f64::add).filter(|entry| entry.1 > 0.0)
-    }
-
-    fn outgoing(&self, control: &A::Control, from: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (place, last) = self.place(from);
-        let older = if last { from } else { from + 1 };
-        let moves = self.moves.outgoing(control, place);
-        let moves = moves.map(move |(i, p)| (self.starts[i], p * self.leave[from]));
-        merge(moves, once((older, self.stay[from])), f64::add).filter(|entry| entry.1 > 0.0)
-    }
-
-    fn incoming_log2(&self, control: &A::Control, to: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (place, last) = self.place(to);
-        let arrives = self.starts[place] == to;
-        let moves = arrives.then(|| self.moves.incoming_log2(control, place)).into_iter().flatten();
-        let arrivals = moves.flat_map(move |(j, log2)| {
-            (self.starts[j]..self.starts[j + 1])
-                .map(move |state| (state, log2 + self.log2_leave[state]))
-        });
-        let younger = (!arrives).then(|| to - 1).into_iter();
-        let stays = younger.chain(last.then_some(to)).map(|state| (state, self.log2_stay[state]));
-        merge(arrivals, stays, add_log2).filter(|entry| entry.1 > f64::NEG_INFINITY)
-    }
-
-    fn max_product(&self, control: &A::Control, x: &[f64], out: &mut [f64], from: &mut [u32]) {
-        check_slices(self.states(), x, out);
-        buffers::with_two(self.places(), |leaving, arriving| {
-            buffers::with_two(self.places(), |leaver, origin| {
-                for (place, range) in self.ranges() {
-                    let leave = self.log2_leave[range.clone()].iter().copied();
-                    let states = range.start as u32..range.end as u32;
-                    (leaving[place], leaver[place]) = best_of(states.zip(leave), x);
-                }
-                self.moves.max_product(control, leaving, arriving, origin);
-                for (place, range) in self.ranges() {
-                    let (first, last) = (range.start, range.end - 1);
-                    // An unreachable place has no predecessor.
-                    let reached = arriving[place] > f64::NEG_INFINITY;
-                    out[first] = arriving[place];
-                    from[first] = if reached { leaver[origin[place] as usize] } else { 0 };
-                    for state in first..last {
-                        out[state + 1] = self.log2_stay[state] + x[state];
-                        from[state + 1] = state as u32;
-                    }
-                    let mut stay = self.log2_stay[last];
-                    if first == last && self.stay[last] > 0.0 {
-                        // The state leads to itself by a stay and by a move: its entry is the sum.
-                        let mut moves = self.moves.incoming_log2(control, place);
-                        if let Some((_, again)) = moves.find(|entry| entry.0 == place) {
-                            stay = add_log2(again + self.log2_leave[last], stay);
-                        }
-                    }
-                    let (value, state) = (stay + x[last], last as u32);
-                    if value > out[last] || (value == out[last] && state < from[last]) {
-                        (out[last], from[last]) = (value, state);
-                    }
-                }
-            });
-        });
-    }
-}
-
-/// log2(2^a + 2^b), rounded to the grid of scores.
-pub(super) fn add_log2(a: f64, b: f64) -> f64 {
-    let (high, low) = if a > b { (a, b) } else { (b, a) };
-    if low == f64::NEG_INFINITY { high } else { high + log2(1.0 + (low - high).exp2()) }
 }

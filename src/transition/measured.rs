@@ -1,0 +1,204 @@
+//! Operators with a likelihood of moves: A\[i, j\] p(u | j → i), with a log factor taken out.
+//!
+//! Entries are products of an entry of the base and a likelihood, so that a product with a belief
+//! goes through the columns of the base once. In logarithms they have any size.
+
+use std::f64::consts::LOG2_E;
+
+use super::log::{self, LARGEST};
+use super::{Transition, TransitionEntries, check_slices};
+use crate::error::TransitionError;
+use crate::kernels;
+
+/// Likelihood of a measurement between two steps, for the moves of an operator `A`.
+pub(crate) trait MoveLikelihood<A: TransitionEntries<Control = ()>> {
+    type Measurement: 'static;
+
+    /// Log factor that is taken out of the likelihoods; `None` if nothing was measured.
+    fn log_factor(&self, measured: &Self::Measurement) -> Option<f64>;
+
+    /// Returns the log-likelihood of a move (to, from), less the log factor, given the number of its
+    /// entry among those out of `from`, if that is known; `None` if nothing was measured.
+    fn logs(
+        &self,
+        base: &A,
+        measured: &Self::Measurement,
+    ) -> Option<impl Fn(usize, usize, Option<usize>) -> f64>;
+
+    fn check(&self, base: &A, measured: &Self::Measurement) -> Result<(), TransitionError>;
+
+    /// True if an entry is out of the range of doubles.
+    fn needs_logs(&self, base: &A, measured: &Self::Measurement) -> bool {
+        let Some(log) = self.logs(base, measured) else { return false };
+        let beyond = |log: f64, p: f64| {
+            let in_range = f64::MIN_POSITIVE..=LARGEST;
+            log > f64::NEG_INFINITY && !in_range.contains(&(p * log.exp()))
+        };
+        let mut columns = (0..base.states()).map(|from| (from, base.outgoing(&(), from)));
+        columns.any(|(from, mut column)| column.any(|(to, p)| beyond(log(to, from, None), p)))
+    }
+
+    /// Lists the base-2 logarithms of the entries of the base out of a state.
+    fn base_log2(&self, base: &A, from: usize) -> impl Iterator<Item = (usize, f64)> {
+        base.outgoing_log2(&(), from)
+    }
+}
+
+/// An operator whose entries are those of the base times the likelihood of a move.
+#[derive(Debug, Clone)]
+pub(crate) struct Measured<A, L> {
+    pub(crate) base: A,
+    pub(crate) likelihood: L,
+}
+
+impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Measured<A, L> {
+    fn logs(
+        &self,
+        measured: &L::Measurement,
+    ) -> Option<impl Fn(usize, usize, Option<usize>) -> f64> {
+        self.likelihood.logs(&self.base, measured)
+    }
+}
+
+impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> Transition for Measured<A, L> {
+    type Control = L::Measurement;
+
+    fn states(&self) -> usize {
+        self.base.states()
+    }
+
+    fn apply(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
+        let Some(log) = self.logs(measured) else { return self.base.apply(&(), x, out) };
+        check_slices(self.states(), x, out);
+        out.fill(0.0);
+        for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 != 0.0) {
+            for (nth, (to, p)) in self.base.outgoing(&(), from).enumerate() {
+                out[to] += p * log(to, from, Some(nth)).exp() * x;
+            }
+        }
+    }
+
+    fn apply_transpose(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
+        let Some(log) = self.logs(measured) else { return self.base.apply_transpose(&(), x, out) };
+        check_slices(self.states(), x, out);
+        for (from, out) in out.iter_mut().enumerate() {
+            let column = self.base.outgoing(&(), from).enumerate();
+            *out = column.map(|(nth, (to, p))| p * log(to, from, Some(nth)).exp() * x[to]).sum();
+        }
+    }
+
+    fn apply_log(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
+        let Some(log) = self.logs(measured) else { return self.base.apply_log(&(), x, out) };
+        check_slices(self.states(), x, out);
+        out.fill(f64::NEG_INFINITY);
+        for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
+            for (nth, (to, p)) in self.base.outgoing(&(), from).enumerate() {
+                out[to] = log::add(out[to], p.ln() + log(to, from, Some(nth)) + x);
+            }
+        }
+    }
+
+    fn apply_transpose_log(&self, measured: &L::Measurement, x: &[f64], out: &mut [f64]) {
+        let Some(log) = self.logs(measured) else {
+            return self.base.apply_transpose_log(&(), x, out);
+        };
+        check_slices(self.states(), x, out);
+        for (from, out) in out.iter_mut().enumerate() {
+            let column = self.base.outgoing(&(), from).enumerate();
+            let terms = column.map(|(nth, (to, p))| p.ln() + log(to, from, Some(nth)) + x[to]);
+            *out = terms.fold(f64::NEG_INFINITY, log::add);
+        }
+    }
+
+    fn evidence(&self, measured: &L::Measurement) -> Option<f64> {
+        self.likelihood.log_factor(measured)
+    }
+
+    fn needs_logs(&self, measured: &L::Measurement) -> bool {
+        self.likelihood.needs_logs(&self.base, measured)
+    }
+
+    fn check_control(&self, measured: &L::Measurement) -> Result<(), TransitionError> {
+        self.likelihood.check(&self.base, measured)
+    }
+}
+
+impl<A: TransitionEntries<Control = ()>, L: MoveLikelihood<A>> TransitionEntries
+    for Measured<A, L>
+{
+    fn incoming(&self, measured: &L::Measurement, to: usize) -> impl Iterator<Item = (usize, f64)> {
+        let log = self.logs(measured);
+        let entry = move |(from, p): (usize, f64)| {
+            (from, log.as_ref().map_or(p, |log| p * log(to, from, None).exp()))
+        };
+        self.base.incoming(&(), to).map(entry).filter(|entry| entry.1 > 0.0)
+    }
+
+    fn outgoing(
+        &self,
+        measured: &L::Measurement,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let log = self.logs(measured);
+        let entry = move |(nth, (to, p)): (usize, (usize, f64))| {
+            (to, log.as_ref().map_or(p, |log| p * log(to, from, Some(nth)).exp()))
+        };
+        self.base.outgoing(&(), from).enumerate().map(entry).filter(|entry| entry.1 > 0.0)
+    }
+
+    fn incoming_log2(
+        &self,
+        measured: &L::Measurement,
+        to: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let log = self.logs(measured);
+        let entry = move |(from, log2): (usize, f64)| {
+            (from, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, None))))
+        };
+        let entries = self.base.incoming_log2(&(), to).map(entry);
+        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
+    }
+
+    fn outgoing_log2(
+        &self,
+        measured: &L::Measurement,
+        from: usize,
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let log = self.logs(measured);
+        let entry = move |(nth, (to, log2)): (usize, (usize, f64))| {
+            (to, log2 + log.as_ref().map_or(0.0, |log| log2_of(log(to, from, Some(nth)))))
+        };
+        let entries = self.likelihood.base_log2(&self.base, from).enumerate().map(entry);
+        entries.filter(|entry| entry.1 > f64::NEG_INFINITY)
+    }
+
+    fn max_product(
+        &self,
+        measured: &L::Measurement,
+        x: &[f64],
+        out: &mut [f64],
+        predecessor: &mut [u32],
+    ) {
+        let Some(log) = self.logs(measured) else {
+            return self.base.max_product(&(), x, out, predecessor);
+        };
+        check_slices(self.states(), x, out);
+        out.fill(f64::NEG_INFINITY);
+        predecessor.fill(0);
+        // Predecessors come in ascending order, so that the lowest wins ties.
+        for (from, x) in x.iter().enumerate().filter(|entry| *entry.1 > f64::NEG_INFINITY) {
+            let column = self.likelihood.base_log2(&self.base, from).enumerate();
+            for (nth, (to, log2)) in column {
+                let value = log2 + log2_of(log(to, from, Some(nth))) + x;
+                if value > out[to] {
+                    (out[to], predecessor[to]) = (value, from as u32);
+                }
+            }
+        }
+    }
+}
+
+/// Base-2 logarithm of a likelihood, on the grid of scores.
+fn log2_of(log: f64) -> f64 {
+    kernels::on_grid(log * LOG2_E)
+}
