@@ -175,6 +175,12 @@
 #![cfg_attr(not(feature = "places"), allow(rustdoc::broken_intra_doc_links))]
 
 mod belief;
+#[cfg(any(
+    all(feature = "csv", any(feature = "emission", feature = "places")),
+    feature = "geojson",
+    feature = "osm"
+))]
+mod files;
 mod fixed;
 mod groups;
 mod hmm;

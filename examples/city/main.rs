@@ -125,21 +125,21 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
 
 /// Reads and cleans the network, with a report.
 fn import(arguments: &Arguments) -> Result<RoadNetwork, Box<dyn Error>> {
-    let within = match arguments.corners[..] {
-        [] => None,
-        [west, south, east, north] => Some([
+    let mut cleaning = Vec::new();
+    match arguments.corners[..] {
+        [] => {}
+        [west, south, east, north] => cleaning.push(Cleaning::Within([
             Position { latitude: south, longitude: west },
             Position { latitude: north, longitude: east },
-        ]),
+        ])),
         _ => return Err("--box has not four numbers, expected W,S,E,N in degrees".into()),
-    };
-    let cleaning = Cleaning {
-        within,
-        largest_component: arguments.largest,
-        contract: arguments.contract,
-        merge_metres: arguments.merge,
-        ..Cleaning::default()
-    };
+    }
+    cleaning.extend(arguments.largest.then_some(Cleaning::LargestComponent));
+    cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
+    if let Some(metres) = arguments.merge {
+        cleaning.push(Cleaning::Merging { metres });
+        cleaning.extend(arguments.contract.then_some(Cleaning::Contraction));
+    }
     let start = Instant::now();
     let (name, network, report) = if let Some(path) = &arguments.roads {
         let options = ImportOptions { cleaning, ..ImportOptions::default() };

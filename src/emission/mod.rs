@@ -2,9 +2,9 @@
 //!
 //! An observation is a row of d numbers, `[f64]`; [`Rows`] makes a sequence of a T × d matrix
 //! without copying it, a d × T matrix of faer is one after `try_as_col_major`, and `Series` reads
-//! the columns of a CSV file (feature `csv`), or `SeriesReader`, if texts such as `NA` stand for
-//! missing values. Each family is a [`Likelihood`](crate::Likelihood) with one set of parameters for
-//! each state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
+//! the columns of a CSV file (feature `csv`), in which texts such as `NA` may stand for missing
+//! values. Each family is a [`Likelihood`](crate::Likelihood) with one set of parameters for each
+//! state; it is learned by [`Hmm::learn`](crate::Hmm::learn) and draws observations for
 //! [`Hmm::simulate`](crate::Hmm::simulate).
 //!
 //! | for | use |
@@ -55,8 +55,6 @@ mod product;
 mod rows;
 #[cfg(feature = "csv")]
 mod series;
-#[cfg(feature = "csv")]
-mod series_reader;
 mod special;
 mod start;
 mod student_t;
@@ -75,8 +73,6 @@ pub use product::Product;
 pub use rows::Rows;
 #[cfg(feature = "csv")]
 pub use series::Series;
-#[cfg(feature = "csv")]
-pub use series_reader::SeriesReader;
 pub use start::starts;
 pub use student_t::StudentT;
 pub use von_mises_fisher::VonMisesFisher;

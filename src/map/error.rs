@@ -2,6 +2,8 @@
 //! counted from 1.
 
 use crate::error::{Parameter, TransitionError};
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+use crate::files::FileError;
 
 /// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
 /// fit them, or a file that cannot be read.
@@ -220,4 +222,15 @@ pub enum MapError {
         /// Largest relative error that is left.
         error: f64,
     },
+}
+
+#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
+impl From<FileError> for MapError {
+    fn from(source: FileError) -> Self {
+        match source {
+            FileError::Read { file, reason } => Self::Read { file, reason },
+            #[cfg(feature = "csv")]
+            FileError::Line { file, line, problem } => Self::Line { file, line, problem },
+        }
+    }
 }

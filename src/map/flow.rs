@@ -1,5 +1,6 @@
 //! Consistent flows from counts of traffic on roads.
 
+use super::components::components;
 use super::{MapError, RoadMap, RoadNetwork};
 
 /// Largest difference between what enters and what leaves a node, relative to both.
@@ -34,9 +35,10 @@ impl<P> RoadMap<P> {
     /// [`MapError::NoWayBack`] where there is no flow; [`MapError::Unbalanced`] after 100,000
     /// rounds.
     pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
-        let ends = (0..self.places.len())
-            .flat_map(|from| self.roads_from(from).map(move |(to, _)| [from, to]));
-        balance(self.places.len(), &ends.collect::<Vec<_>>(), counts, |i| self.places[i].id)
+        let places = self.places();
+        let ends =
+            (0..places.len()).flat_map(|from| self.roads_from(from).map(move |(to, _)| [from, to]));
+        balance(places.len(), &ends.collect::<Vec<_>>(), counts, |i| places[i].id)
     }
 }
 
@@ -81,7 +83,7 @@ fn balance(
             roads[1][from].push(road);
         }
     }
-    let part = strong_parts(ends, &roads);
+    let part = components(nodes, |node| roads[1][node].iter().map(|&road| ends[road][1]));
     for (&[from, to], &value) in ends.iter().zip(counts) {
         if value > 0.0 && part[from] != part[to] {
             return Err(MapError::NoWayBack { from: id(from), to: id(to), value });
@@ -110,38 +112,4 @@ fn balance(
         }
     }
     Err(MapError::Unbalanced { id: id(worst.1), error: worst.0 })
-}
-
-/// Strongly connected part of each node, by Kosaraju's two searches, without recursion. `roads`
-/// are those into and those out of each node.
-fn strong_parts(ends: &[[usize; 2]], [into, out]: &[Vec<Vec<usize>>; 2]) -> Vec<usize> {
-    let nodes = into.len();
-    let (mut finished, mut seen) = (Vec::with_capacity(nodes), vec![false; nodes]);
-    for root in 0..nodes {
-        let mut path = if seen[root] { vec![] } else { vec![(root, 0)] };
-        seen[root] = true;
-        while let Some((node, next)) = path.last_mut() {
-            if let Some(&road) = out[*node].get(*next) {
-                *next += 1;
-                let to = ends[road][1];
-                if !std::mem::replace(&mut seen[to], true) {
-                    path.push((to, 0));
-                }
-            } else {
-                finished.push(*node);
-                path.pop();
-            }
-        }
-    }
-    let mut part = vec![usize::MAX; nodes];
-    for &root in finished.iter().rev() {
-        let mut open = if part[root] == usize::MAX { vec![root] } else { vec![] };
-        while let Some(node) = open.pop() {
-            if part[node] == usize::MAX {
-                part[node] = root;
-                open.extend(into[node].iter().map(|&road| ends[road][0]));
-            }
-        }
-    }
-    part
 }

@@ -35,52 +35,39 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod builder;
 mod cells;
-mod cleaning;
-#[cfg(feature = "csv")]
-mod csv;
+mod class;
+mod components;
 mod error;
-#[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
-mod excerpt;
-#[cfg(feature = "csv")]
-mod fields;
-mod fitted_turning;
 mod flow;
-mod graph;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 mod import;
 mod network;
+mod places;
 mod position;
 mod road_map;
-mod shortest;
+mod search;
 mod turning;
 
 pub(crate) use cells::Layout;
 pub use cells::RoadCells;
-pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
+pub use class::RoadClass;
 pub use error::MapError;
-#[cfg(all(feature = "csv", feature = "matching"))]
-pub(crate) use excerpt::excerpt;
-#[cfg(all(feature = "csv", feature = "matching"))]
-pub(crate) use fields::{Line, csv_error};
-pub use fitted_turning::{FittedTurn, FittedTurning, TurningPrior};
 #[cfg(all(feature = "geojson", feature = "matching"))]
 pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 pub use import::{ImportNote, ImportOptions, ImportReport};
+#[cfg(feature = "matching")]
+pub use network::EdgeIndex;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]
 use network::FASTEST_ROAD;
 #[cfg(feature = "geojson")]
 use network::LONGEST_ROAD;
-pub use network::{Cleaning, CleaningOperation, CleaningStep};
 pub use network::{
-    Edge, EdgeOptions, NetworkBuilder, Node, Projection, Reached, RoadNetwork, RouteMeasures,
-    RouteSearch, TurnCosts,
+    Cleaning, CleaningStep, Edge, EdgeOptions, NearEdge, NetworkBuilder, Reached, RoadNetwork,
+    RouteMeasures, RouteSearch,
 };
-#[cfg(feature = "matching")]
-pub use network::{EdgeIndex, NearEdge};
+pub use places::Place;
 pub use position::{Coordinates, PlanePosition, Position};
-pub use road_map::{Place, Road, RoadClass, RoadMap};
-pub use shortest::RoadPath;
-pub use turning::{ByClass, TurningProbabilities, TurningRule};
+pub use road_map::{CleaningReport, Road, RoadMap, RoadPath};
+pub use turning::{ByClass, FittedTurn, TurningProbabilities, TurningRule};

@@ -7,34 +7,33 @@ const EARTH_RADIUS: f64 = 6_371_008.8;
 
 /// Coordinates of places: [on Earth](Position), or [in a plane](PlanePosition). Sealed: only
 /// these two types implement it.
-pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + axes::Axes {
+#[expect(private_bounds, reason = "what a map needs to know of an axis is its own affair")]
+pub trait Coordinates: Copy + PartialEq + Debug + Send + Sync + Axes {
     /// Straight-line distance in metres; NaN if a coordinate is NaN.
     #[must_use]
     fn metres_to(self, other: Self) -> f64;
 }
 
-/// Sealed part of [`Coordinates`].
-pub(super) mod axes {
-    /// Two named numbers with their valid ranges.
-    pub trait Axes: Sized {
-        /// Name and largest magnitude of each number.
-        const AXES: [(&'static str, f64); 2];
-        /// Unit of both numbers.
-        const UNIT: &'static str;
-        /// True if a road without a length in a file is as long as the straight line.
-        const MAY_BE_STRAIGHT: bool;
-        /// Creates a position from the numbers, in the order of the axes.
-        fn from_values(values: [f64; 2]) -> Self;
-        /// Returns the numbers, in the order of the axes.
-        fn values(self) -> [f64; 2];
-        /// Projects to a plane in which small shapes keep their form: x to the east, y to the
-        /// north.
-        fn to_plane(self) -> [f64; 2];
-        /// Position of a point in the plane.
-        fn from_plane(point: [f64; 2]) -> Self;
-        /// Metres on the ground per unit of the plane, near a point.
-        fn scale(point: [f64; 2]) -> f64;
-    }
+/// Two named numbers with their valid ranges, and their projection to a plane.
+pub(crate) trait Axes: Sized {
+    /// Name and largest magnitude of each number.
+    const AXES: [(&'static str, f64); 2];
+    /// Unit of both numbers.
+    const UNIT: &'static str;
+    /// True if a road without a length in a file is as long as the straight line.
+    #[cfg(feature = "csv")]
+    const MAY_BE_STRAIGHT: bool;
+    /// Creates a position from the numbers, in the order of the axes.
+    fn from_values(values: [f64; 2]) -> Self;
+    /// Returns the numbers, in the order of the axes.
+    fn values(self) -> [f64; 2];
+    /// Projects to a plane in which small shapes keep their form: x to the east, y to the
+    /// north.
+    fn to_plane(self) -> [f64; 2];
+    /// Position of a point in the plane.
+    fn from_plane(point: [f64; 2]) -> Self;
+    /// Metres on the ground per unit of the plane, near a point.
+    fn scale(point: [f64; 2]) -> f64;
 }
 
 /// A position on Earth, in degrees of WGS84.
@@ -74,9 +73,10 @@ impl Coordinates for Position {
     }
 }
 
-impl axes::Axes for Position {
+impl Axes for Position {
     const AXES: [(&'static str, f64); 2] = [("latitude", 90.0), ("longitude", 180.0)];
     const UNIT: &'static str = "degrees";
+    #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = false;
 
     fn from_values([latitude, longitude]: [f64; 2]) -> Self {
@@ -135,9 +135,10 @@ impl Coordinates for PlanePosition {
     }
 }
 
-impl axes::Axes for PlanePosition {
+impl Axes for PlanePosition {
     const AXES: [(&'static str, f64); 2] = [("x", 1e9), ("y", 1e9)];
     const UNIT: &'static str = "metres";
+    #[cfg(feature = "csv")]
     const MAY_BE_STRAIGHT: bool = true;
 
     fn from_values([x, y]: [f64; 2]) -> Self {

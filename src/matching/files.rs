@@ -3,14 +3,14 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 use std::fmt;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use csv::{ReaderBuilder, StringRecord, Trim};
+use csv::StringRecord;
 
 use super::TracePoint;
-use crate::map::{Line, MapError, Position, csv_error, excerpt};
+use crate::files::{Row, Text, each_row, excerpt, open, unknown};
+use crate::map::{MapError, Position};
 
 /// A drive of a file: what [`Matcher::learn`](super::Matcher::learn) takes, and with its `points` what
 /// [`Matcher::match_drive`](super::Matcher::match_drive) does.
@@ -93,10 +93,7 @@ const COLUMNS: [&str; 7] =
 /// a missing column, a value that cannot be parsed or is out of range, a drive whose lines are
 /// apart, or a file without points.
 pub fn read_traces(path: impl AsRef<Path>) -> Result<(Vec<Trace>, TraceReport), MapError> {
-    let path = path.as_ref();
-    let name = path.display().to_string();
-    let file = File::open(path)
-        .map_err(|error| MapError::Read { file: name.clone(), reason: error.to_string() })?;
+    let (name, file) = open(path.as_ref())?;
     read_traces_from(&name, file)
 }
 
@@ -130,46 +127,34 @@ pub fn read_traces_from(
     name: &str,
     reader: impl Read,
 ) -> Result<(Vec<Trace>, TraceReport), MapError> {
-    let at = |line, problem| MapError::Line { file: name.to_owned(), line, problem };
-    let mut reader = ReaderBuilder::new().trim(Trim::All).from_reader(reader);
-    let failed = |error: csv::Error| csv_error(name, 1, &error);
-    let header = reader.headers().map_err(failed)?.clone();
-    let columns = COLUMNS.map(|name| header.iter().position(|found| found == name));
-    if let Some(missing) = columns[..4].iter().position(Option::is_none) {
-        let found: Vec<&str> = header.iter().collect();
-        let problem = format!(
-            "the header {:?} has no column {}, expected trace,time,longitude,latitude and, if known, accuracy,heading,speed",
-            excerpt(&found.join(",")),
-            COLUMNS[missing]
-        );
-        return Err(at(1, problem));
-    }
-    let known = |place: usize| columns.contains(&Some(place));
-    let unknown = header.iter().enumerate().filter(|&(place, _)| !known(place));
-    let ignored_columns = unknown.map(|(_, name)| excerpt(name).into_owned()).collect();
-    let mut report = TraceReport { ignored_columns, ..TraceReport::default() };
-    let mut traces: Vec<Trace> = Vec::new();
-    let mut names = HashSet::new();
-    let mut record = StringRecord::new();
-    while reader.read_record(&mut record).map_err(failed)? {
-        let line = record.position().map_or(0, csv::Position::line);
-        let row = Line { record: &record, places: &columns, names: &COLUMNS };
-        let point = parse(&row).map_err(|problem| at(line, problem))?;
-        let trace = row.text(0);
+    let (mut traces, mut names): (Vec<Trace>, _) = (Vec::new(), HashSet::new());
+    let (mut ignored_columns, mut skipped_lines) = (Vec::new(), Vec::new());
+    let mut total = SkippedPoints::default();
+    let find = |header: &StringRecord| {
+        let columns = COLUMNS.map(|name| header.iter().position(|found| found == name));
+        if let Some(missing) = columns[..4].iter().position(Option::is_none) {
+            let found = header.iter().collect::<Vec<_>>().join(",");
+            return Err(format!(
+                "the header {:?} has no column {}, expected trace,time,longitude,latitude and, if known, accuracy,heading,speed",
+                excerpt(&found),
+                COLUMNS[missing]
+            ));
+        }
+        ignored_columns.extend(unknown(header, &columns));
+        Ok(columns)
+    };
+    let end = each_row((name, reader), Text::Strict, &COLUMNS, find, |row| {
+        let (point, trace) = (parse(&row)?, row.text(0));
         if traces.last().is_none_or(|last| last.name != trace) {
             if !names.insert(trace.to_owned()) {
-                let problem = format!(
-                    "lines of drive {:?} are apart, expected them together",
-                    excerpt(trace)
-                );
-                return Err(at(line, problem));
+                let trace = excerpt(trace);
+                return Err(format!("lines of drive {trace:?} are apart, expected them together"));
             }
             let (name, points) = (trace.to_owned(), Vec::new());
             traces.push(Trace { name, points, skipped: SkippedPoints::default() });
         }
-        let Some(Trace { points, skipped, .. }) = traces.last_mut() else { continue };
+        let Some(Trace { points, skipped, .. }) = traces.last_mut() else { return Ok(()) };
         // Not the total order, in which -0 is before 0.
-        let total = &mut report.skipped;
         match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
             Some(Ordering::Equal) => {
                 (skipped.repeated, total.repeated) = (skipped.repeated + 1, total.repeated + 1);
@@ -179,20 +164,23 @@ pub fn read_traces_from(
             }
             _ => {
                 points.push(point);
-                continue;
+                return Ok(());
             }
         }
-        if report.skipped_lines.len() < MOST_LINES {
-            report.skipped_lines.push(line);
+        if skipped_lines.len() < MOST_LINES {
+            skipped_lines.push(row.line);
         }
-    }
+        Ok(())
+    })?;
     if traces.is_empty() {
-        return Err(at(2, String::from("there are no points, expected at least one")));
+        let problem = String::from("there are no points, expected at least one");
+        return Err(MapError::Line { file: name.to_owned(), line: end, problem });
     }
-    Ok((traces, report))
+    Ok((traces, TraceReport { skipped: total, skipped_lines, ignored_columns }))
 }
 
-fn parse(row: &Line<'_>) -> Result<TracePoint, String> {
+fn parse(row: &Row<'_>) -> Result<TracePoint, String> {
+    row.check_width()?;
     let optional = |column: usize| match row.text(column) {
         "" => Ok(None),
         _ => row.number(column).map(Some),

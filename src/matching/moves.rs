@@ -2,9 +2,7 @@
 
 use super::MatchModel;
 use super::candidates::{Candidate, OUTLIER_SPREAD, far, metres_between, share_below};
-use crate::map::{
-    Coordinates, Reached, RoadClass, RoadNetwork, RouteMeasures, RouteSearch, TurnCosts,
-};
+use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteMeasures, RouteSearch};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
 pub(super) const FASTEST: f64 = 40.0;
@@ -182,9 +180,9 @@ pub(super) struct Ways<'a, P> {
 }
 
 impl<P: Coordinates> Ways<'_, P> {
-    /// Cost of a U-turn in a search for routes.
-    pub(super) fn costs(model: &MatchModel, interval: &Interval) -> TurnCosts {
-        TurnCosts { u_turn: -model.u_turn.ln() * interval.detour_scale(model) }
+    /// Metres that a U-turn counts as in a search for routes.
+    pub(super) fn u_turn(model: &MatchModel, interval: &Interval) -> f64 {
+        -model.u_turn.ln() * interval.detour_scale(model)
     }
 
     /// Searches from a state on a road for the edges of the next states.
@@ -202,8 +200,8 @@ impl<P: Coordinates> Ways<'_, P> {
         let others = others.filter(|to| to.edge != from.edge || behind(to));
         let others = others.map(|to| to.edge as usize);
         let most = interval.longest() - left;
-        let costs = Self::costs(model, interval);
-        self.search.run(self.network, self.measures, from.edge as usize, others, most, costs);
+        let u_turn = Self::u_turn(model, interval);
+        self.search.run(self.network, self.measures, from.edge as usize, others, most, u_turn);
     }
 
     /// Way between two states on roads after [`from`](Self::from); `None` if there is none.

@@ -414,7 +414,9 @@ fn maps_by_code() {
 fn maps_from_files() {
     let places = "id,latitude,longitude,name\n1,-35.28,149.13,Civic\n2,-35.29,149.13,\n";
     let roads = "from,to,class,length_m\n1,2,main,1113\n2,1,street,1113\n";
-    let read = |places: &str, roads: &str| RoadMap::from_csv(places.as_bytes(), roads.as_bytes());
+    let read = |places: &str, roads: &str| {
+        RoadMap::<Position>::from_csv(places.as_bytes(), roads.as_bytes())
+    };
 
     let map = read(places, roads).unwrap();
     assert_eq!(map.places()[0].name, "Civic");
@@ -480,7 +482,8 @@ fn maps_from_files() {
     ] {
         says(read(places, &format!("{roads}{line}\n")), &format!("roads, line 4: {problem}"));
     }
-    let missing = RoadMap::from_csv_files("no/such/places.csv", "no/such/roads.csv").unwrap_err();
+    let missing =
+        RoadMap::<Position>::from_csv_files("no/such/places.csv", "no/such/roads.csv").unwrap_err();
     assert!(missing.to_string().starts_with("cannot read no/such/places.csv: "), "{missing}");
 }
 

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use wayfix::error::Parameter;
 use wayfix::map::{
     MapError, NetworkBuilder, PlanePosition, RoadCells, RoadClass, RoadMap, RoadNetwork,
-    TurningPrior, TurningProbabilities, TurningRule,
+    TurningProbabilities, TurningRule,
 };
 use wayfix::motion::{CellTransition, EdgeTurns, TurnWeights};
 use wayfix::transition::MoveCounts;
@@ -127,7 +127,7 @@ proptest! {
         let mut at = vec![0.0; map.places().len()];
         for (from, at) in at.iter_mut().enumerate() {
             let out: f64 = flow.by_ref().take(map.roads_from(from).len()).sum();
-            *at = out / (1.0 - learned.probabilities().get(from, from));
+            *at = out / (1.0 - learned.get(from, from));
         }
         for turn in learned.turns() {
             next[turn.to] += at[turn.from] * turn.probability;
@@ -183,8 +183,7 @@ fn simulated_moves_give_their_probabilities_back() {
             straight_on: 1.0,
             stop: wayfix::map::ByClass::all(0.4),
         };
-        let prior = TurningPrior { rule, weight, stays: true };
-        let learned = TurningProbabilities::fit(&map, &counts, &prior).unwrap();
+        let learned = TurningProbabilities::fit_with_stays(&map, &counts, &rule, weight).unwrap();
         let mut worst = 0.0;
         for turn in learned.turns() {
             let p = canberra::turning().get(turn.from, turn.to);
@@ -202,10 +201,10 @@ fn simulated_moves_give_their_probabilities_back() {
 #[test]
 fn the_rule_holds_without_data_and_for_stays_not_counted() {
     let map = canberra::map();
-    let rule = canberra::turning();
+    let (rule, prior) = (canberra::turning(), TurningRule::default());
+    assert!(rule.turns().is_empty());
     for weight in [0.0, 5.0] {
-        let prior = TurningPrior { weight, ..TurningPrior::default() };
-        let none = TurningProbabilities::fit(&map, &MoveCounts::default(), &prior).unwrap();
+        let none = TurningProbabilities::fit(&map, &MoveCounts::default(), &prior, weight).unwrap();
         assert_eq!(none.turns().len(), map.places().len() + map.roads().len());
         for turn in none.turns() {
             assert!(same(turn.probability, rule.get(turn.from, turn.to)));
@@ -213,8 +212,7 @@ fn the_rule_holds_without_data_and_for_stays_not_counted() {
         }
         let to = map.neighbors(4).next().unwrap();
         let moves = MoveCounts::of_path(&[4, to, to]);
-        let some = TurningProbabilities::fit(&map, &moves, &prior).unwrap();
-        let some = some.into_probabilities();
+        let some = TurningProbabilities::fit(&map, &moves, &prior, weight).unwrap();
         assert!(same(some.get(to, to), rule.get(to, to)));
         let moves = 1.0 - rule.get(4, 4);
         let expected = moves * (1.0 + weight * rule.get(4, to) / moves) / (1.0 + weight);
@@ -253,18 +251,13 @@ fn errors_name_what_is_wrong() {
     let error = TurningProbabilities::fit_traffic(&map, &[1.0, 2.0, 3.0], &rule).unwrap_err();
     assert!(matches!(error, MapError::NoWayBack { from: 8, to: 9, .. }));
 
-    let prior = TurningPrior::default();
-    let error = |path: &[usize], prior: &TurningPrior| {
-        TurningProbabilities::fit(&map, &MoveCounts::of_path(path), prior).unwrap_err()
+    let error = |path: &[usize], weight| {
+        TurningProbabilities::fit(&map, &MoveCounts::of_path(path), &rule, weight).unwrap_err()
     };
-    assert_eq!(error(&[0, 2, 0, 2], &prior), MapError::Moved { from: 7, to: 9, count: 2.0 });
+    assert_eq!(error(&[0, 2, 0, 2], 5.0), MapError::Moved { from: 7, to: 9, count: 2.0 });
     let missing = TransitionError::OutOfRange { to: 5, from: 0, states: 3 };
-    assert_eq!(error(&[0, 5], &prior), MapError::Transition(missing.clone()));
-    let negative = TurningPrior { weight: -1.0, ..prior };
-    assert!(matches!(
-        error(&[0, 1], &negative),
-        MapError::Parameter(Parameter { value: -1.0, .. })
-    ));
+    assert_eq!(error(&[0, 5], 5.0), MapError::Transition(missing.clone()));
+    assert!(matches!(error(&[0, 1], -1.0), MapError::Parameter(Parameter { value: -1.0, .. })));
 
     let edges = |path: &[usize], weight| {
         EdgeTurns::fit(&network, &MoveCounts::of_path(path), &weights, weight).unwrap_err()

@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// From the lowest up; modules of one layer don't know each other.
 const LAYERS: [&[&str]; 13] = [
-    &["error", "random", "limits"],
+    &["error", "random", "limits", "files"],
     &["kernels", "sequence", "fixed", "reorder"],
     &["belief"],
     &["groups"],

@@ -168,7 +168,7 @@ fn a_map_survives_being_written_as_csv() {
     for road in map.roads() {
         roads += &format!("{},{},{},{}\n", road.from, road.to, road.class, road.metres);
     }
-    let read = RoadMap::from_csv(places.as_bytes(), roads.as_bytes()).unwrap();
+    let read = RoadMap::<Position>::from_csv(places.as_bytes(), roads.as_bytes()).unwrap();
     assert_eq!(read.places(), map.places());
     assert_eq!(read.roads(), map.roads());
 }

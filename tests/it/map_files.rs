@@ -3,8 +3,8 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::map::{
-    CleaningReport, DroppedPlace, DroppedRoad, Place, PlanePosition, Position, Road, RoadClass,
-    RoadMap, TurningProbabilities, TurningRule,
+    CleaningReport, Place, PlanePosition, Position, Road, RoadClass, RoadMap, TurningProbabilities,
+    TurningRule,
 };
 use wayfix::observation::{Confusion, Metric};
 
@@ -63,7 +63,7 @@ fn repeated_places_are_dropped_unless_they_moved() {
     says(RoadMap::new(places(), []), "place 1 is given twice");
     let (map, report) = RoadMap::cleaned(places(), [road(1, 2, 1.0)]).unwrap();
     assert_eq!(map.places(), &places()[..2]);
-    assert_eq!(report.repeated_places(), [DroppedPlace { index: 2, id: 1 }]);
+    assert_eq!(report.repeated_places, [(2, 1)]);
     assert!(!report.is_clean());
     assert_eq!(
         report.to_string(),
@@ -85,9 +85,9 @@ fn repeated_places_are_dropped_unless_they_moved() {
     says(RoadMap::<Position>::cleaned([], []), "a map needs at least one place, found none");
 }
 
-fn all(report: &CleaningReport) -> Vec<DroppedRoad> {
-    let mut all = [report.parallel_roads(), report.loops()].concat();
-    all.sort_by_key(|dropped| dropped.index);
+fn all(report: &CleaningReport) -> Vec<(usize, Road)> {
+    let mut all = [&report.parallel_roads[..], &report.loops].concat();
+    all.sort_by_key(|dropped| dropped.0);
     all
 }
 
@@ -112,13 +112,13 @@ proptest! {
         let strict = RoadMap::new(places(), left).unwrap();
         prop_assert_eq!(map.roads(), strict.roads());
         prop_assert_eq!(map.places(), strict.places());
-        let dropped: Vec<DroppedRoad> = (0..given.len()).filter(|index| !is_left(*index))
-            .map(|index| DroppedRoad { index, road: given[index] }).collect();
+        let dropped: Vec<(usize, Road)> = (0..given.len()).filter(|index| !is_left(*index))
+            .map(|index| (index, given[index])).collect();
         prop_assert_eq!(all(&report), dropped);
-        prop_assert!(report.loops().iter().all(|dropped| dropped.road.from == dropped.road.to));
-        prop_assert!(report.parallel_roads().is_sorted_by_key(|dropped| dropped.index));
+        prop_assert!(report.loops.iter().all(|dropped| dropped.1.from == dropped.1.to));
+        prop_assert!(report.parallel_roads.is_sorted_by_key(|dropped| dropped.0));
         prop_assert_eq!(report.is_clean(), map.roads().len() == given.len());
-        prop_assert_eq!((report.places_given(), report.roads_given()), (4, given.len()));
+        prop_assert_eq!((report.places_given, report.roads_given), (4, given.len()));
     }
 }
 
@@ -128,18 +128,21 @@ fn planes_and_unclean_files() {
     let places = "id,x,y,name\n1,0,0,dock\n\n2,-30,40.5,shelf\n2,-30,40.5,again\n";
     let roads = "from,to,class,length_m\n1,2,main,70\n1,2,street,60\n2,2,street,\n2,1,street,\n";
     let cleaned = |places: &str, roads: &str| {
-        RoadMap::cleaned_from_plane_csv(places.as_bytes(), roads.as_bytes())
+        RoadMap::<PlanePosition>::cleaned_from_csv(places.as_bytes(), roads.as_bytes())
     };
     let (map, report) = cleaned(places, roads).unwrap();
     let back = 30_f64.hypot(40.5);
     let street = |from, to, metres| Road { class: RoadClass::Street, ..road(from, to, metres) };
     assert_eq!(map.roads(), [street(1, 2, 60.0), street(2, 1, back)]);
     assert_eq!(map.places()[1].name, "shelf");
-    assert_eq!(report.repeated_places(), [DroppedPlace { index: 2, id: 2 }]);
-    assert_eq!(all(&report).iter().map(|dropped| dropped.index).collect::<Vec<_>>(), [0, 2]);
+    assert_eq!(report.repeated_places, [(2, 2)]);
+    assert_eq!(all(&report).iter().map(|dropped| dropped.0).collect::<Vec<_>>(), [0, 2]);
 
     let strict = |roads: &str| {
-        RoadMap::from_plane_csv("id,x,y,name\n1,0,0,\n2,1e10,0,\n".as_bytes(), roads.as_bytes())
+        RoadMap::<PlanePosition>::from_csv(
+            "id,x,y,name\n1,0,0,\n2,1e10,0,\n".as_bytes(),
+            roads.as_bytes(),
+        )
     };
     says(
         strict(roads),
@@ -157,13 +160,51 @@ fn planes_and_unclean_files() {
 
     // On Earth lengths must be given.
     let places = "id,latitude,longitude,name\n1,0,0,\n2,0,1e-3,\n";
-    let earth = |roads: &str| RoadMap::cleaned_from_csv(places.as_bytes(), roads.as_bytes());
+    let earth =
+        |roads: &str| RoadMap::<Position>::cleaned_from_csv(places.as_bytes(), roads.as_bytes());
     says(
         earth("from,to,class,length_m\n1,2,main,\n"),
         "roads, line 2: length_m is \"\", expected a number",
     );
     let (map, report) = earth("from,to,class,length_m\n1,2,main,112\n1,2,main,112\n").unwrap();
-    assert_eq!((map.roads().len(), report.parallel_roads()[0].index), (1, 1));
-    let missing = RoadMap::cleaned_from_csv_files("no/such/places.csv", "no/roads.csv");
+    assert_eq!((map.roads().len(), report.parallel_roads[0].0), (1, 1));
+    let missing = RoadMap::<Position>::cleaned_from_csv_files("no/such/places.csv", "no/roads.csv");
     assert!(missing.unwrap_err().to_string().starts_with("cannot read no/such/places.csv: "));
+}
+
+/// Empty lines, line feeds in quotes and carriage returns count as in an editor.
+#[cfg(feature = "csv")]
+#[test]
+fn errors_name_the_line() {
+    let roads = "from,to,class,length_m\n";
+    let places = "id,latitude,longitude,name\n";
+    for (text, line) in [
+        (format!("{places}1,0,0,\nx,0,0,\n"), 3),
+        (format!("{places}1,0,0,\r\nx,0,0,\r\n").replace("name\n", "name\r\n"), 3),
+        (format!("{places}1,0,0,\n\n\nx,0,0,"), 5),
+        (format!("{places}1,0,0,\n\n\nx,0,0,").replace('\n', "\r\n"), 5),
+        (format!("{places}1,0,0,\"a\nb\n\"\nx,0,0,\n"), 5),
+        (format!("{places}1,0,0,\"a\nb\n\"\nx,0,0,\n").replace('\n', "\r\n"), 5),
+        (format!("\n\u{feff}{places}"), 2),
+        (format!("{places}1,0,0,\nx,0,0,\n").replace('\n', "\r"), 3),
+        (format!("{places}{}x,0,0,", "1,0,0,\r\n\r\n".repeat(5000)), 10_002),
+    ] {
+        let error =
+            RoadMap::<Position>::cleaned_from_csv(text.as_bytes(), roads.as_bytes()).unwrap_err();
+        let text = error.to_string();
+        assert!(text.starts_with(&format!("places, line {line}: ")), "{text}, expected {line}");
+    }
+    // What is read stays as it is, in quotes as well.
+    let text = "id,latitude,longitude,name\r\n1,0,0,\"a\r\nb\"\r\n2,0,1e-3,\r\n";
+    let (map, _) =
+        RoadMap::<Position>::cleaned_from_csv(text.as_bytes(), roads.as_bytes()).unwrap();
+    assert_eq!(map.places()[0].name, "a\r\nb");
+    // Bytes that are no text, beyond what is read at once.
+    let lines = "1,0,0,\r\n".repeat(5000);
+    let text = [places.as_bytes(), lines.as_bytes(), b"2,0,0,ab\xff\r\n"].concat();
+    says(
+        RoadMap::<Position>::cleaned_from_csv(&text[..], roads.as_bytes()),
+        "places, line 5002: CSV parse error: record 5001 (line 5002, field: 3, byte: 40026): \
+         invalid utf-8: invalid UTF-8 in field 3 near byte index 2",
+    );
 }

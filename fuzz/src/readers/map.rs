@@ -36,7 +36,7 @@ pub fn csv(bytes: &[u8], counts: &mut Counts) {
     counts.note(|| {
         format!("{}\n{}", String::from_utf8_lossy(&places), String::from_utf8_lossy(&roads))
     });
-    match RoadMap::from_csv(&places[..], &roads[..]) {
+    match RoadMap::<Position>::from_csv(&places[..], &roads[..]) {
         Ok(map) => {
             counts.add("maps accepted");
             check(&map, counts);
@@ -84,7 +84,7 @@ fn check(map: &RoadMap, counts: &mut Counts) {
     for Road { from, to, class, metres } in map.roads() {
         roads += &format!("{from},{to},{class},{metres}\n");
     }
-    let again = RoadMap::from_csv(places.as_bytes(), roads.as_bytes()).expect("the same map");
+    let again = RoadMap::<Position>::from_csv(places.as_bytes(), roads.as_bytes()).expect("the same map");
     assert_eq!((again.places(), again.roads()), (map.places(), map.roads()));
 
     let turning = TurningProbabilities::by_rule(map, &TurningRule::default());

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 pub(crate) use layout::Layout;
 
-use super::{Coordinates, MapError, Position, Projection, RoadNetwork};
+use super::{Coordinates, MapError, NearEdge, Position, RoadNetwork};
 use crate::error::Parameter;
 
 /// Cells of a road network: each directed edge, cut into equal pieces of about the same length,
@@ -208,7 +208,7 @@ impl<P: Coordinates> RoadCells<P> {
     /// Without the past, the nearest road is often the wrong one; a filter with
     /// [`PositionLikelihood`](crate::observation::PositionLikelihood) takes all into account.
     #[must_use]
-    pub fn project(&self, position: P) -> Projection<P> {
+    pub fn project(&self, position: P) -> NearEdge {
         let mut best = self.network.project(0, position);
         for edge in 1..self.layout.edge_count() {
             let found = self.network.project(edge, position);
@@ -222,7 +222,7 @@ impl<P: Coordinates> RoadCells<P> {
     /// Cell at the nearest point of any edge. O(points of all edges), as [`project`](Self::project).
     #[must_use]
     pub fn nearest(&self, position: P) -> usize {
-        let Projection { edge, metres_along, .. } = self.project(position);
+        let NearEdge { edge, metres_along, .. } = self.project(position);
         self.cell_at(edge, metres_along)
     }
 }

@@ -1,18 +1,16 @@
 //! Networks from two CSV files.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use csv::{ReaderBuilder, StringRecord, Trim};
+use csv::StringRecord;
 
+use super::finish::{LEAST_METRES, finish, position_problem};
+use super::options::ImportOptions;
+use super::report::{ImportNote, ImportReport};
 use super::words::{class_of, directions, speed_of};
-use super::{
-    ImportNote, ImportOptions, ImportReport, LEAST_METRES, finish, open, position_problem,
-};
-use crate::map::excerpt::excerpt;
-use crate::map::fields::{Line, csv_error};
-use crate::map::{EdgeOptions, MapError, NetworkBuilder, Position, RoadNetwork};
+use crate::files::{Row, Text, each_row, excerpt, open, unknown};
+use crate::map::{EdgeOptions, MapError, NetworkBuilder, Place, Position, RoadNetwork};
 
 /// Names of a column, and whether a file must have it.
 type Column = (&'static [&'static str], bool);
@@ -36,12 +34,12 @@ const EDGES: [Column; 6] = [
 impl RoadNetwork {
     /// Reads a network from two CSV files with headers.
     ///
-    /// Nodes: `node,lat,lon` or `id,latitude,longitude`, in degrees. Edges: `from,to`, and if known
-    /// `class` (main, arterial, collector, street, or 3 to 0; otherwise a street), `length_m`
-    /// (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1). Without the column `oneway`
-    /// edges lead in one direction; with it, in both where it says no or nothing. Columns stand
-    /// in any order; the report names those that are not known. Parallel edges and loops are kept.
-    /// O((nodes + edges) log).
+    /// Nodes: `node,lat,lon` or `id,latitude,longitude`, in degrees, and if known `name`. Edges:
+    /// `from,to`, and if known `class` (main, arterial, collector, street, or 3 to 0; otherwise a
+    /// street), `length_m` (otherwise straight), `speed_kmh`, and `oneway` (yes, no, -1). Without the
+    /// column `oneway` edges lead in one direction; with it, in both where it says no or nothing.
+    /// Columns stand in any order; the report names those that are not known. Parallel edges and loops
+    /// are kept. O((nodes + edges) log).
     ///
     /// A length of 0, as from rounding, is replaced by that of the straight line, and one below
     /// 0.1 m by that; a loop without a length is skipped. All are counted.
@@ -57,8 +55,8 @@ impl RoadNetwork {
         edges: impl AsRef<Path>,
         options: &ImportOptions,
     ) -> Result<(Self, ImportReport), MapError> {
-        let (nodes, nodes_reader): (_, File) = open(nodes.as_ref())?;
-        let (edges, edges_reader): (_, File) = open(edges.as_ref())?;
+        let (nodes, nodes_reader) = open(nodes.as_ref())?;
+        let (edges, edges_reader) = open(edges.as_ref())?;
         read((&nodes, nodes_reader), (&edges, edges_reader), options)
     }
 
@@ -102,22 +100,23 @@ fn read(
     options: &ImportOptions,
 ) -> Result<(RoadNetwork, ImportReport), MapError> {
     let (mut builder, mut report) = (NetworkBuilder::new(), ImportReport::default());
-    let ignored = each_row(nodes, NODES, |row| {
+    let ignored = each_line(nodes, NODES, |row| {
         let position = Position { latitude: row.number(1)?, longitude: row.number(2)? };
         if let Some(problem) = position_problem(position) {
             return Err(problem);
         }
-        builder.node(row.id(0)?, position).map(|_| ()).map_err(|error| error.to_string())
+        let place = Place { id: row.id(0)?, position, name: row.text(3).to_owned() };
+        builder.place(place).map(|_| ()).map_err(|error| error.to_string())
     })?;
     report.ignored_columns = ignored;
-    let ignored = each_row(edges, EDGES, |row| edge(&row, &mut builder, &mut report))?;
+    let ignored = each_line(edges, EDGES, |row| edge(&row, &mut builder, &mut report))?;
     report.ignored_columns.extend(ignored);
     finish(builder, report, options)
 }
 
 /// Adds the edge of a row, or both.
 fn edge(
-    row: &Line<'_>,
+    row: &Row<'_>,
     builder: &mut NetworkBuilder,
     report: &mut ImportReport,
 ) -> Result<(), String> {
@@ -132,11 +131,10 @@ fn edge(
             }
         }
     }
-    let [forward, backward] = match row.places[4] {
-        None => [true, false],
-        Some(_) => directions(row.text(4)).ok_or_else(|| {
-            format!("oneway is {:?}, expected yes, no or -1", excerpt(row.text(4)))
-        })?,
+    let [forward, backward] = if row.has(4) {
+        directions(row.text(4)).ok_or_else(|| row.unexpected(4, "yes, no or -1"))?
+    } else {
+        [true, false]
     };
     if !row.text(5).is_empty() {
         options.speed = speed_of(row.text(5));
@@ -165,58 +163,32 @@ fn edge(
     Ok(())
 }
 
-/// Calls `take` with each line after the header, and adds file and line to its errors. Returns the
-/// columns that are not known.
-fn each_row<const N: usize>(
+/// Calls `take` with each line after the header, in which columns stand in any order. Returns those
+/// that are not known.
+fn each_line<const N: usize>(
     (file, reader): (&str, impl Read),
     names: [Column; N],
-    mut take: impl FnMut(Line<'_>) -> Result<(), String>,
+    mut take: impl FnMut(Row<'_>) -> Result<(), String>,
 ) -> Result<Vec<String>, MapError> {
-    let at = |line, problem| MapError::Line { file: file.to_owned(), line, problem };
-    let mut reader =
-        ReaderBuilder::new().has_headers(false).flexible(true).trim(Trim::All).from_reader(reader);
-    let mut record = StringRecord::new();
-    let first_names = names.map(|(names, _)| names[0]);
-    let mut header: Option<([Option<usize>; N], usize)> = None;
     let mut ignored = Vec::new();
-    loop {
-        let line = reader.position().line();
-        let more =
-            reader.read_record(&mut record).map_err(|error| csv_error(file, line, &error))?;
-        let line = record.position().map_or(line, csv::Position::line);
-        let Some((columns, width)) = &header else {
-            let columns =
-                names.map(|(names, _)| record.iter().position(|name| names.contains(&name)));
-            for (column, (names, required)) in columns.iter().zip(names) {
-                if required && column.is_none() {
-                    let found = if more {
-                        record.iter().collect::<Vec<_>>().join(",")
-                    } else {
-                        String::new()
-                    };
-                    let names = names.join(" or ");
-                    return Err(at(
-                        line,
-                        format!("no column {names} in the header {:?}", excerpt(&found)),
-                    ));
-                }
+    let find = |header: &StringRecord| {
+        let columns = names.map(|(names, _)| header.iter().position(|name| names.contains(&name)));
+        for (column, (names, required)) in columns.iter().zip(names) {
+            if required && column.is_none() {
+                let found = header.iter().collect::<Vec<_>>().join(",");
+                let (names, found) = (names.join(" or "), excerpt(&found));
+                return Err(format!("no column {names} in the header {found:?}"));
             }
-            let known = |place: usize| columns.contains(&Some(place));
-            let unknown = record.iter().enumerate().filter(|&(place, _)| !known(place));
-            ignored.extend(unknown.map(|(_, name)| format!("{} in {file}", excerpt(name))));
-            header = Some((columns, record.len()));
-            continue;
-        };
-        if !more {
-            return Ok(ignored);
         }
-        if record.len() != *width {
-            return Err(at(
-                line,
-                format!("{} columns, expected {width} as in the header", record.len()),
-            ));
+        ignored.extend(unknown(header, &columns).map(|name| format!("{name} in {file}")));
+        Ok(columns)
+    };
+    let take = |row: Row<'_>| match (row.len(), row.width) {
+        (found, width) if found != width => {
+            Err(format!("{found} columns, expected {width} as in the header"))
         }
-        let row = Line { record: &record, places: columns, names: &first_names };
-        take(row).map_err(|problem| at(line, problem))?;
-    }
+        _ => take(row),
+    };
+    each_row((file, reader), Text::Strict, &names.map(|(names, _)| names[0]), find, take)?;
+    Ok(ignored)
 }

@@ -6,11 +6,13 @@ use std::path::Path;
 
 use geojson::{Error, Feature, GeoJson, GeometryValue, JsonObject, JsonValue};
 
+use super::finish::{finish, position_problem};
 use super::lines::Lines;
+use super::options::ImportOptions;
+use super::report::{ImportNote, ImportReport};
 use super::tags::{RoadTags, road_of};
 use super::words::{class_of, directions, speed_of};
-use super::{ImportNote, ImportOptions, ImportReport, finish, open, position_problem};
-use crate::map::excerpt::{excerpt, shortened};
+use crate::files::{excerpt, open, shortened};
 use crate::map::{LONGEST_ROAD, MapError, NetworkBuilder, Position, RoadNetwork};
 
 /// Most characters of what the parser says, which quotes the text.

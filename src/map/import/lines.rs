@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 
+use super::finish::LEAST_METRES;
+use super::report::{ImportNote, ImportReport};
 use super::tags::RoadTags;
-use super::{ImportNote, ImportReport, LEAST_METRES};
 use crate::map::{EdgeOptions, MapError, NetworkBuilder, Position};
 
 /// A road through points, by their keys.

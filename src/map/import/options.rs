@@ -12,7 +12,7 @@ use crate::map::Cleaning;
 ///
 /// let options = ImportOptions {
 ///     parking_aisles: false,
-///     cleaning: Cleaning { largest_component: true, contract: true, ..Cleaning::default() },
+///     cleaning: vec![Cleaning::LargestComponent, Cleaning::Contraction],
 ///     ..ImportOptions::default()
 /// };
 /// assert!(options.service_roads);
@@ -29,19 +29,19 @@ pub struct ImportOptions {
     /// Roads that are closed to the public (`access=private` or `no` and the like); false by
     /// default.
     pub private_roads: bool,
-    /// Cleaning of the network after it was read; none by default.
-    pub cleaning: Cleaning,
+    /// Operations that [clean](crate::map::RoadNetwork::cleaned) the network after it was read;
+    /// none by default.
+    pub cleaning: Vec<Cleaning>,
 }
 
 impl Default for ImportOptions {
     fn default() -> Self {
-        let cleaning = Cleaning::default();
         Self {
             service_roads: true,
             parking_aisles: true,
             tracks: false,
             private_roads: false,
-            cleaning,
+            cleaning: Vec::new(),
         }
     }
 }

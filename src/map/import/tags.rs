@@ -1,7 +1,8 @@
 //! Meaning of the tags of roads, as OpenStreetMap defines them.
 
+use super::options::ImportOptions;
+use super::report::{ImportNote, ImportReport};
 use super::words::{directions, speed_of};
-use super::{ImportNote, ImportOptions, ImportReport};
 use crate::map::RoadClass;
 
 /// Properties of a drivable road, by its tags.

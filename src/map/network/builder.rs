@@ -1,10 +1,7 @@
 //! Step-by-step construction of a network.
 
-use std::collections::HashMap;
-use std::collections::hash_map::Entry;
-
-use super::{Edge, NONE, Node, RoadNetwork};
-use crate::map::builder::check_position;
+use super::road_network::{Edge, NONE, RoadNetwork};
+use crate::map::places::{Place, Places, check_position};
 use crate::map::{Coordinates, MapError, Position, RoadClass};
 
 /// Longest edge in metres: sums of all edges stay finite.
@@ -16,8 +13,7 @@ pub(in crate::map) const FASTEST_ROAD: f64 = 1e9;
 /// added, so that a reader of files can name the line.
 #[derive(Debug, Clone)]
 pub struct NetworkBuilder<P = Position> {
-    nodes: Vec<Node<P>>,
-    indices: HashMap<u64, u32>,
+    nodes: Places<P>,
     edges: Vec<NewEdge<P>>,
     forbidden: Vec<(usize, usize)>,
 }
@@ -41,8 +37,16 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// Creates an empty builder.
     #[must_use]
     pub fn new() -> Self {
-        let (nodes, edges, forbidden) = (Vec::new(), Vec::new(), Vec::new());
-        Self { nodes, indices: HashMap::new(), edges, forbidden }
+        Self { nodes: Places::default(), edges: Vec::new(), forbidden: Vec::new() }
+    }
+
+    /// Adds a node without a name. Returns its index.
+    ///
+    /// # Errors
+    ///
+    /// As [`place`](Self::place).
+    pub fn node(&mut self, id: u64, position: P) -> Result<usize, MapError> {
+        self.place(Place { id, position, name: String::new() })
     }
 
     /// Adds a node. Returns its index.
@@ -51,14 +55,8 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// [`MapError::Coordinate`] for a position that is not on Earth (or in the plane), and
     /// [`MapError::DuplicatePlace`] for an id that was given before.
-    pub fn node(&mut self, id: u64, position: P) -> Result<usize, MapError> {
-        check_position(id, position)?;
-        match self.indices.entry(id) {
-            Entry::Occupied(_) => return Err(MapError::DuplicatePlace { id }),
-            Entry::Vacant(vacant) => vacant.insert(self.nodes.len() as u32),
-        };
-        self.nodes.push(Node { id, position });
-        Ok(self.nodes.len() - 1)
+    pub fn place(&mut self, place: Place<P>) -> Result<usize, MapError> {
+        self.nodes.add(place)
     }
 
     /// Adds a straight one-way edge between two nodes, by their ids. Returns the number of the
@@ -93,10 +91,10 @@ impl<P: Coordinates> NetworkBuilder<P> {
     /// above 0 or is above 1e12, and [`MapError::Speed`] for a speed that is not above 0 or is above
     /// 1e9.
     pub fn edge(&mut self, from: u64, to: u64, options: EdgeOptions<P>) -> Result<usize, MapError> {
-        let ends = self.ends(from, to)?;
+        let ends = self.nodes.ends(from, to)?;
         options.between.iter().try_for_each(|&point| check_position(from, point))?;
         let metres = options.metres.unwrap_or_else(|| {
-            let [start, end] = ends.map(|end| self.nodes[end].position);
+            let [start, end] = ends.map(|end| self.nodes.list[end].position);
             let mut before = start;
             let between = options.between.iter().copied().chain([end]);
             between.map(|point| std::mem::replace(&mut before, point).metres_to(point)).sum()
@@ -126,9 +124,13 @@ impl<P: Coordinates> NetworkBuilder<P> {
     }
 
     /// Returns a builder of nodes whose ids and positions were checked before.
-    pub(super) fn of_checked(nodes: Vec<Node<P>>) -> Self {
-        let indices = nodes.iter().zip(0..).map(|(node, index)| (node.id, index)).collect();
-        Self { nodes, indices, ..Self::new() }
+    pub(super) fn of_checked(nodes: Vec<Place<P>>) -> Self {
+        Self { nodes: Places::of_checked(nodes), ..Self::new() }
+    }
+
+    /// Position of a node.
+    pub(super) fn position(&self, node: usize) -> P {
+        self.nodes.list[node].position
     }
 
     /// Declares two edges to be the same road in either direction. Without it,
@@ -166,22 +168,14 @@ impl<P: Coordinates> NetworkBuilder<P> {
         from: u64,
         to: u64,
     ) -> Result<Option<f64>, MapError> {
-        let [start, end] = self.ends(from, to)?.map(|end| self.nodes[end].position);
-        Ok((from != to).then(|| start.metres_to(end)))
-    }
-
-    fn ends(&self, from: u64, to: u64) -> Result<[usize; 2], MapError> {
-        let index = |id: u64| {
-            let index = self.indices.get(&id).map(|&index| index as usize);
-            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
-        };
-        Ok([index(from)?, index(to)?])
+        let ends = self.nodes.ends(from, to)?;
+        Ok((from != to).then(|| self.nodes.straight(ends)))
     }
 
     /// Number of nodes added.
     #[must_use]
     pub fn nodes(&self) -> usize {
-        self.nodes.len()
+        self.nodes.list.len()
     }
 
     /// Number of edges added.
@@ -196,7 +190,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
     ///
     /// [`MapError::Empty`] if there are no nodes.
     pub fn build(self) -> Result<RoadNetwork<P>, MapError> {
-        if self.nodes.is_empty() {
+        if self.nodes.list.is_empty() {
             return Err(MapError::Empty);
         }
         Ok(self.finish())
@@ -204,20 +198,20 @@ impl<P: Coordinates> NetworkBuilder<P> {
 
     /// Builds the network of at least one node.
     pub(super) fn finish(self) -> RoadNetwork<P> {
-        let Self { nodes, indices, edges: added, forbidden } = self;
+        let Self { nodes, edges: added, forbidden } = self;
         let mut order: Vec<u32> = (0..added.len() as u32).collect();
         order.sort_by_key(|&e| (added[e as usize].edge.from, added[e as usize].edge.to));
         let mut number = vec![0; added.len()];
         order.iter().zip(0..).for_each(|(&e, index)| number[e as usize] = index);
         let edges: Vec<Edge> = order.iter().map(|&e| added[e as usize].edge).collect();
         let start = |node: usize| edges.partition_point(|edge| edge.from < node) as u32;
-        let starts = (0..=nodes.len()).map(start).collect();
+        let starts = (0..=nodes.list.len()).map(start).collect();
         let (mut points, mut shape_starts) = (Vec::new(), vec![0]);
         for &e in &order {
             let NewEdge { edge, between, .. } = &added[e as usize];
-            points.push(nodes[edge.from].position);
+            points.push(nodes.list[edge.from].position);
             points.extend_from_slice(between);
-            points.push(nodes[edge.to].position);
+            points.push(nodes.list[edge.to].position);
             shape_starts.push(points.len() as u32);
         }
         let declared = |&e: &u32| added[e as usize].reverse.map_or(NONE, |back| number[back]);
@@ -227,7 +221,7 @@ impl<P: Coordinates> NetworkBuilder<P> {
         forbidden.sort_unstable();
         forbidden.dedup();
         let mut network =
-            RoadNetwork { nodes, indices, edges, starts, points, shape_starts, reverse, forbidden };
+            RoadNetwork { nodes, edges, starts, points, shape_starts, reverse, forbidden };
         network.find_reverses();
         network
     }

@@ -1,7 +1,8 @@
 //! Contraction of nodes that roads only pass through.
 
-use super::cleaning::{CleaningOperation, CleaningStep};
-use super::{Edge, NONE, NetworkBuilder, RoadNetwork};
+use super::builder::NetworkBuilder;
+use super::cleaning_step::{Cleaning, CleaningStep};
+use super::road_network::{Edge, NONE, RoadNetwork};
 use crate::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
@@ -31,15 +32,15 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// # Ok::<(), wayfix::map::MapError>(())
     /// ```
     #[must_use]
-    pub fn contracted(&self) -> (Self, CleaningStep) {
+    pub fn contracted(&self) -> (Self, CleaningStep<P>) {
         let mut passed = self.passed_through();
-        let mut seen = vec![false; self.nodes.len()];
+        let mut seen = vec![false; self.nodes().len()];
         // A ring of passed nodes alone keeps its first one.
-        for start in (0..self.nodes.len()).filter(|&n| !passed[n]).collect::<Vec<_>>() {
+        for start in (0..self.nodes().len()).filter(|&n| !passed[n]).collect::<Vec<_>>() {
             self.edges_from(start)
                 .for_each(|e| self.follow(e, &passed, |_, node| seen[node] = true));
         }
-        for n in 0..self.nodes.len() {
+        for n in 0..self.nodes().len() {
             if passed[n] && !seen[n] {
                 passed[n] = false;
                 self.edges_from(n)
@@ -59,7 +60,7 @@ impl<P: Coordinates> RoadNetwork<P> {
                 metres += self.edges[edge].metres;
                 between.extend_from_slice(self.between(edge));
                 if passed[node] {
-                    between.push(self.nodes[node].position);
+                    between.push(self.nodes()[node].position);
                 }
                 end = edge;
             });
@@ -68,7 +69,7 @@ impl<P: Coordinates> RoadNetwork<P> {
             (first[e], last[end]) = (number, number);
         }
         let network = self.carry_over(builder, &first, &last);
-        let step = CleaningStep::of(CleaningOperation::Contraction, self, &network);
+        let step = CleaningStep::of(Cleaning::Contraction, self, &network);
         (network, step)
     }
 
@@ -90,8 +91,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// True for each node that roads only pass through.
     fn passed_through(&self) -> Vec<bool> {
         // Edges into each node, as far as there are at most two.
-        let mut into = vec![[NONE; 2]; self.nodes.len()];
-        let mut degree = vec![0_usize; self.nodes.len()];
+        let mut into = vec![[NONE; 2]; self.nodes().len()];
+        let mut degree = vec![0_usize; self.nodes().len()];
         for (e, edge) in self.edges.iter().enumerate() {
             if let Some(place) = into[edge.to].get_mut(degree[edge.to]) {
                 *place = e as u32;
@@ -129,6 +130,6 @@ impl<P: Coordinates> RoadNetwork<P> {
                     onward.next().is_some_and(|next| same_road(edge, next))
                 })
         };
-        (0..self.nodes.len()).map(through).collect()
+        (0..self.nodes().len()).map(through).collect()
     }
 }

@@ -1,7 +1,7 @@
 //! Part of a network in a box.
 
-use super::RoadNetwork;
-use super::cleaning::{CleaningOperation, CleaningStep};
+use super::cleaning_step::{Cleaning, CleaningStep};
+use super::road_network::RoadNetwork;
 use crate::map::{Coordinates, MapError};
 
 impl<P: Coordinates> RoadNetwork<P> {
@@ -29,19 +29,19 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// # Errors
     ///
     /// [`MapError::EmptyBox`] if no node lies in the box.
-    pub fn within(&self, corners: [P; 2]) -> Result<(Self, CleaningStep), MapError> {
+    pub fn within(&self, corners: [P; 2]) -> Result<(Self, CleaningStep<P>), MapError> {
         let [a, b] = corners.map(P::values);
         let (low, high) = ([a[0].min(b[0]), a[1].min(b[1])], [a[0].max(b[0]), a[1].max(b[1])]);
         // min and max skip a NaN, which must hold nothing.
         let numbers = a.iter().chain(&b).all(|value| !value.is_nan());
         let inside = |n: usize| {
-            let values = self.nodes[n].position.values();
+            let values = self.nodes()[n].position.values();
             numbers && (0..2).all(|i| (low[i]..=high[i]).contains(&values[i]))
         };
         let (nodes, target) = self.selected(inside);
         if nodes.is_empty() {
             let mut extent = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-            for values in self.nodes.iter().map(|node| node.position.values()) {
+            for values in self.nodes().iter().map(|node| node.position.values()) {
                 for i in 0..2 {
                     extent[0][i] = extent[0][i].min(values[i]);
                     extent[1][i] = extent[1][i].max(values[i]);
@@ -50,8 +50,8 @@ impl<P: Coordinates> RoadNetwork<P> {
             let (asked, extent) = (in_words::<P>([a, b]), in_words::<P>(extent));
             return Err(MapError::EmptyBox { asked, extent });
         }
-        let network = self.mapped(&nodes, &target, |_| true);
-        let step = CleaningStep::of(CleaningOperation::Within, self, &network);
+        let network = self.mapped(nodes, &target, |_| true);
+        let step = CleaningStep::of(Cleaning::Within(corners), self, &network);
         Ok((network, step))
     }
 }

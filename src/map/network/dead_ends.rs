@@ -1,7 +1,7 @@
 //! Roads without dead ends.
 
-use super::RoadNetwork;
-use super::cleaning::{CleaningOperation, CleaningStep};
+use super::cleaning_step::{Cleaning, CleaningStep};
+use super::road_network::RoadNetwork;
 use crate::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
@@ -9,8 +9,8 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// at most one now, and so on. Of a network without rings of three nodes or more, the first
     /// node stays. O(nodes + edges).
     #[must_use]
-    pub fn without_dead_ends(&self) -> (Self, CleaningStep) {
-        let mut neighbors = vec![Vec::new(); self.nodes.len()];
+    pub fn without_dead_ends(&self) -> (Self, CleaningStep<P>) {
+        let mut neighbors = vec![Vec::new(); self.nodes().len()];
         for edge in self.edges.iter().filter(|edge| edge.from != edge.to) {
             neighbors[edge.from].push(edge.to);
             neighbors[edge.to].push(edge.from);
@@ -20,8 +20,8 @@ impl<P: Coordinates> RoadNetwork<P> {
             list.dedup();
         }
         let mut degree: Vec<usize> = neighbors.iter().map(Vec::len).collect();
-        let mut kept = vec![true; self.nodes.len()];
-        let mut ends: Vec<usize> = (0..self.nodes.len()).filter(|&n| degree[n] <= 1).collect();
+        let mut kept = vec![true; self.nodes().len()];
+        let mut ends: Vec<usize> = (0..self.nodes().len()).filter(|&n| degree[n] <= 1).collect();
         while let Some(n) = ends.pop() {
             if !std::mem::take(&mut kept[n]) {
                 continue;
@@ -35,8 +35,8 @@ impl<P: Coordinates> RoadNetwork<P> {
         }
         let none = !kept.contains(&true);
         let (nodes, target) = self.selected(|n| kept[n] || (none && n == 0));
-        let network = self.mapped(&nodes, &target, |_| true);
-        let step = CleaningStep::of(CleaningOperation::DeadEnds, self, &network);
+        let network = self.mapped(nodes, &target, |_| true);
+        let step = CleaningStep::of(Cleaning::DeadEnds, self, &network);
         (network, step)
     }
 }

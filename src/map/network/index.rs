@@ -2,7 +2,8 @@
 
 use static_aabb2d_index::{Control, StaticAABB2DIndex, StaticAABB2DIndexBuilder};
 
-use super::RoadNetwork;
+use super::near_edge::NearEdge;
+use super::road_network::RoadNetwork;
 use crate::map::Coordinates;
 
 /// Spatial index of the edges of a network, which finds those near a position without a look at
@@ -51,27 +52,6 @@ struct Piece {
     along: [f64; 2],
     /// True for the first and for the last piece of the edge.
     ends: [bool; 2],
-}
-
-/// An edge near a position, at its nearest point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NearEdge {
-    /// Index of the edge.
-    pub edge: usize,
-    /// Metres from the start of the edge to the nearest point.
-    pub metres_along: f64,
-    /// Metres between the position and the nearest point.
-    pub metres_off: f64,
-    /// Metres across, from the position to the line that goes on straight beyond the ends of the
-    /// edge.
-    pub across: f64,
-    /// Metres by which the position is beyond the end of the edge along that line; below 0 before
-    /// its start, 0 beside the edge.
-    pub beyond: f64,
-    /// The nearest point, in the plane of the network.
-    pub(crate) point: [f64; 2],
-    /// Direction of the road there, in the plane; of length 1, or 0.
-    pub(crate) direction: [f64; 2],
 }
 
 impl EdgeIndex {
@@ -223,12 +203,6 @@ impl Piece {
 }
 
 impl NearEdge {
-    /// Nearest point, in the coordinates of the network.
-    #[must_use]
-    pub fn position<P: Coordinates>(&self, _: &RoadNetwork<P>) -> P {
-        P::from_plane(self.point)
-    }
-
     /// The same point of the reverse edge; with the lengths of both.
     fn reversed(self, edge: usize, [metres, reverse]: [f64; 2]) -> Self {
         let metres_along = ((1.0 - self.metres_along / metres) * reverse).max(0.0);

@@ -1,9 +1,9 @@
 //! Merging of intersections.
 
-use super::cleaning::{CleaningOperation, CleaningStep};
-use super::{Edge, Node, RoadNetwork};
+use super::cleaning_step::{Cleaning, CleaningStep};
+use super::road_network::{Edge, RoadNetwork};
 use crate::error::Parameter;
-use crate::map::{Coordinates, MapError};
+use crate::map::{Coordinates, MapError, Place};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// The same roads with intersections merged within a radius: where two carriageways cross a
@@ -23,24 +23,24 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// # Errors
     ///
     /// [`MapError::Parameter`] for metres that are negative, infinite or NaN.
-    pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep), MapError> {
+    pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep<P>), MapError> {
         if !(metres >= 0.0 && metres.is_finite()) {
             return Err(Parameter::new("the radius of merging", metres, "metres from 0").into());
         }
-        let position = |node: usize| self.nodes[node].position;
+        let position = |node: usize| self.nodes()[node].position;
         let apart =
             self.edges.iter().map(|edge| (position(edge.from).metres_to(position(edge.to)), edge));
         let mut near: Vec<_> = apart.filter(|pair| pair.0 <= metres).collect();
         // Stable: equally near ones in the order of edges.
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut clusters = Clusters::of(self.nodes.iter().map(|node| node.position));
+        let mut clusters = Clusters::of(self.nodes().iter().map(|node| node.position));
         near.iter().for_each(|(_, edge)| clusters.join(edge.from, edge.to, metres));
 
-        let (mut nodes, mut target) = (Vec::new(), vec![0; self.nodes.len()]);
-        for (n, node) in self.nodes.iter().enumerate() {
+        let (mut nodes, mut target) = (Vec::new(), vec![0; self.nodes().len()]);
+        for (n, node) in self.nodes().iter().enumerate() {
             let members = &clusters.members[clusters.cluster[n] as usize];
             if members[0] as usize == n {
-                nodes.push(Node { id: node.id, position: clusters.mean(members) });
+                nodes.push(Place { position: clusters.mean(members), ..node.clone() });
                 let index = nodes.len() as u32 - 1;
                 members.iter().for_each(|&member| target[member as usize] = index);
             }
@@ -49,8 +49,8 @@ impl<P: Coordinates> RoadNetwork<P> {
             let Edge { from, to, metres: length, .. } = self.edges[e];
             from == to || target[from] != target[to] || length > 2.0 * metres
         };
-        let network = self.mapped(&nodes, &target, outside);
-        let step = CleaningStep::of(CleaningOperation::Merging { metres }, self, &network);
+        let network = self.mapped(nodes, &target, outside);
+        let step = CleaningStep::of(Cleaning::Merging { metres }, self, &network);
         Ok((network, step))
     }
 }

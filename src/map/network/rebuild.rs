@@ -1,7 +1,8 @@
 //! Networks made of parts of other networks.
 
-use super::{EdgeOptions, NONE, NetworkBuilder, Node, RoadNetwork};
-use crate::map::Coordinates;
+use super::builder::{EdgeOptions, NetworkBuilder};
+use super::road_network::{NONE, RoadNetwork};
+use crate::map::{Coordinates, Place};
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Network of new nodes, with the edges whose ends have one and that are wanted.
@@ -10,11 +11,11 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// the straight distance of their new ends if that is longer.
     pub(super) fn mapped(
         &self,
-        nodes: &[Node<P>],
+        nodes: Vec<Place<P>>,
         target: &[u32],
         wanted: impl Fn(usize) -> bool,
     ) -> Self {
-        let mut builder = NetworkBuilder::of_checked(nodes.to_vec());
+        let mut builder = NetworkBuilder::of_checked(nodes);
         let mut number = vec![NONE; self.edges.len()];
         for (e, edge) in self.edges.iter().enumerate() {
             let ends = [edge.from, edge.to].map(|node| target[node]);
@@ -22,8 +23,8 @@ impl<P: Coordinates> RoadNetwork<P> {
                 continue;
             }
             let ends = ends.map(|end| end as usize);
-            let [start, end] = ends.map(|end| nodes[end].position);
-            let moved = [start, end] != [edge.from, edge.to].map(|n| self.nodes[n].position);
+            let [start, end] = ends.map(|end| builder.position(end));
+            let moved = [start, end] != [edge.from, edge.to].map(|n| self.nodes()[n].position);
             let straight = if moved { start.metres_to(end) } else { 0.0 };
             let options = self.options(e, self.between(e).to_vec());
             number[e] = builder.checked_edge(ends, edge.metres.max(straight), options) as u32;
@@ -32,11 +33,11 @@ impl<P: Coordinates> RoadNetwork<P> {
     }
 
     /// Nodes that are wanted, with their indices among all nodes, or `NONE`.
-    pub(super) fn selected(&self, wanted: impl Fn(usize) -> bool) -> (Vec<Node<P>>, Vec<u32>) {
-        let (mut nodes, mut target) = (Vec::new(), vec![NONE; self.nodes.len()]);
-        for (n, &node) in self.nodes.iter().enumerate().filter(|&(n, _)| wanted(n)) {
+    pub(super) fn selected(&self, wanted: impl Fn(usize) -> bool) -> (Vec<Place<P>>, Vec<u32>) {
+        let (mut nodes, mut target) = (Vec::new(), vec![NONE; self.nodes().len()]);
+        for (n, node) in self.nodes().iter().enumerate().filter(|&(n, _)| wanted(n)) {
             target[n] = nodes.len() as u32;
-            nodes.push(node);
+            nodes.push(node.clone());
         }
         (nodes, target)
     }

@@ -1,17 +1,8 @@
 //! Shortest routes from a position to several edges, up to a length.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
-use super::{Coordinates, RoadNetwork};
-
-/// Costs of turns in a [`RouteSearch`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurnCosts {
-    /// Metres that a U-turn counts as, beside its own length, where another way goes on; at
-    /// least 0.
-    pub u_turn: f64,
-}
+use super::road_network::{Edge, RoadNetwork};
+use crate::map::Coordinates;
+use crate::map::search::Search;
 
 /// Measures that a [`RouteSearch`] adds up along a route: straight lengths of edges, and choices
 /// at junctions.
@@ -40,7 +31,7 @@ impl RouteMeasures {
         network: &RoadNetwork<P>,
         weight: impl Fn(usize, usize) -> f64,
     ) -> Self {
-        let straight = |edge: &super::Edge| {
+        let straight = |edge: &Edge| {
             let [a, b] = [edge.from, edge.to].map(|node| network.nodes()[node].position);
             a.metres_to(b).min(edge.metres)
         };
@@ -75,22 +66,9 @@ impl RouteMeasures {
 /// an edge of the network, from one search to the next.
 #[derive(Debug, Clone, Default)]
 pub struct RouteSearch {
-    labels: Vec<Label>,
+    search: Search<Reached>,
     /// Number of the search in which an edge is wanted.
     wanted: Vec<u32>,
-    search: u32,
-    queue: BinaryHeap<Reverse<(u64, u32)>>,
-}
-
-/// Best route to the start of an edge so far.
-#[derive(Debug, Clone, Copy, Default)]
-struct Label {
-    search: u32,
-    /// The edge before.
-    before: u32,
-    is_settled: bool,
-    cost: f64,
-    reached: Reached,
 }
 
 /// Route from the start of a search to the start of an edge.
@@ -108,8 +86,9 @@ pub struct Reached {
 
 impl RouteSearch {
     /// Finds the shortest routes from the end of an edge to the starts of the edges in `targets`,
-    /// up to `most` metres, in which U-turns count as their costs; below 0, as 0. Stops when all are
-    /// found. O(edges within `most` metres, log).
+    /// up to `most` metres; below 0, as 0. A U-turn where another way goes on counts as `u_turn`
+    /// metres, at least 0, beside its own length. Stops when all are found. O(edges within `most`
+    /// metres, log).
     ///
     /// # Panics
     ///
@@ -121,51 +100,41 @@ impl RouteSearch {
         from: usize,
         targets: impl IntoIterator<Item = usize>,
         most: f64,
-        costs: TurnCosts,
+        u_turn: f64,
     ) {
-        self.labels.resize(network.edges().len(), Label::default());
+        let number = self.search.start(network.edges().len());
         self.wanted.resize(network.edges().len(), 0);
-        if self.search == u32::MAX {
-            self.labels.fill(Label::default());
+        if number == 1 {
             self.wanted.fill(0);
-            self.search = 0;
         }
-        self.search += 1;
         let mut left = 0_usize;
         for target in targets {
-            left += usize::from(self.wanted[target] != self.search);
-            self.wanted[target] = self.search;
+            left += usize::from(self.wanted[target] != number);
+            self.wanted[target] = number;
         }
-        self.queue.clear();
         if left == 0 {
             return;
         }
         let most = most.max(0.0);
-        self.extend(network, measures, from, Reached::default(), [0.0, most], costs);
-        while let Some(Reverse((_, edge))) = self.queue.pop() {
-            let edge = edge as usize;
-            let label = &mut self.labels[edge];
-            if label.is_settled {
-                continue;
-            }
-            label.is_settled = true;
-            let Label { cost, reached, .. } = *label;
-            if self.wanted[edge] == self.search {
+        self.extend(network, measures, from, Reached::default(), [0.0, most], u_turn);
+        while let Some((edge, label)) = self.search.settle() {
+            if self.wanted[edge] == number {
                 left -= 1;
                 if left == 0 {
                     return;
                 }
             }
+            let (cost, reached) = (label.cost, label.way);
             let metres = network.edges()[edge].metres;
             if cost + metres <= most {
                 let chords = reached.chords + measures.chords[edge];
                 let after = Reached { metres: reached.metres + metres, chords, ..reached };
-                self.extend(network, measures, edge, after, [cost + metres, most], costs);
+                self.extend(network, measures, edge, after, [cost + metres, most], u_turn);
             }
         }
     }
 
-    /// Labels the edges that may follow one.
+    /// Offers a way to the edges that may follow one.
     fn extend<P>(
         &mut self,
         network: &RoadNetwork<P>,
@@ -173,7 +142,7 @@ impl RouteSearch {
         edge: usize,
         after: Reached,
         [cost, most]: [f64; 2],
-        costs: TurnCosts,
+        u_turn: f64,
     ) {
         let reverse = network.reverse(edge);
         let choices = &measures.choices[measures.starts[edge]..measures.starts[edge + 1]];
@@ -182,57 +151,39 @@ impl RouteSearch {
         for (next, &choice) in network.next(edge).zip(choices) {
             let turns_back = goes_on && Some(next) == reverse;
             let log_choices = after.log_choices + f64::from(choice);
-            let cost = cost + if turns_back { costs.u_turn } else { 0.0 };
+            let cost = cost + if turns_back { u_turn } else { 0.0 };
             if cost > most {
                 continue;
             }
-            let label = &mut self.labels[next];
-            if label.search == self.search && (label.is_settled || label.cost <= cost) {
-                continue;
-            }
             let u_turns = after.u_turns + u32::from(turns_back);
-            let reached = Reached { u_turns, log_choices, ..after };
-            let before = edge as u32;
-            *label = Label { search: self.search, before, is_settled: false, cost, reached };
-            self.queue.push(Reverse((cost.to_bits(), next as u32)));
+            self.search.offer(next, edge, cost, Reached { u_turns, log_choices, ..after }, false);
         }
     }
 
     /// Route of the last search to the start of an edge, if it was found.
     #[must_use]
     pub fn reached(&self, edge: usize) -> Option<Reached> {
-        let label = self.labels.get(edge)?;
-        (label.search == self.search && label.is_settled).then_some(label.reached)
+        self.search.settled(edge).map(|label| label.way)
     }
 
     /// Edges of the route of the last search from `from` to an edge, with both; empty if it was
     /// not found.
     #[must_use]
     pub fn route(&self, from: usize, edge: usize) -> Vec<usize> {
-        let mut route = Vec::new();
-        if self.reached(edge).is_none() {
-            return route;
-        }
-        route.push(edge);
-        let mut at = edge;
+        let Some(mut label) = self.search.settled(edge) else { return Vec::new() };
+        let mut route = vec![edge];
         loop {
-            at = self.labels[at].before as usize;
-            route.push(at);
-            // The first edge may itself be reached again, by a loop.
-            let label = &self.labels[at];
-            if at == from && self.is_first(route[route.len() - 2]) {
-                break;
-            }
-            if label.search != self.search {
-                break;
+            let before = label.before as usize;
+            route.push(before);
+            // The first edge may itself be reached again, by a loop: the route starts before an
+            // edge that follows it directly.
+            let follows = label.way.metres == 0.0 && label.way.chords == 0.0;
+            match self.search.met(before) {
+                Some(met) if !(before == from && follows) => label = met,
+                _ => break,
             }
         }
         route.reverse();
         route
-    }
-
-    /// True if an edge follows the first directly.
-    fn is_first(&self, edge: usize) -> bool {
-        self.labels[edge].reached.metres == 0.0 && self.labels[edge].reached.chords == 0.0
     }
 }

@@ -1,23 +1,8 @@
 //! Positions along the line of an edge.
 
-use super::RoadNetwork;
-use crate::map::{Coordinates, Position};
-
-/// A point of an edge that is nearest to a position.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Projection<P = Position> {
-    /// Index of the edge.
-    pub edge: usize,
-    /// Metres from the start of the edge, between 0 and its length.
-    pub metres_along: f64,
-    /// Metres between the position and the point.
-    pub metres_off: f64,
-    /// The point.
-    pub position: P,
-    /// Direction of the road there, in radians clockwise from north, from −π to π; in a plane,
-    /// from the y-axis.
-    pub heading: f64,
-}
+use super::near_edge::NearEdge;
+use super::road_network::RoadNetwork;
+use crate::map::Coordinates;
 
 impl<P: Coordinates> RoadNetwork<P> {
     /// Nearest point of an edge to a position, with the metres along the edge scaled to its
@@ -27,9 +12,9 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// If there is no such edge.
     #[must_use]
-    pub fn project(&self, edge: usize, position: P) -> Projection<P> {
+    pub fn project(&self, edge: usize, position: P) -> NearEdge {
         let [px, py] = position.to_plane();
-        let mut best = (f64::INFINITY, 0.0, [0.0; 2], 0.0);
+        let mut best = (f64::INFINITY, 0.0, [0.0; 2], [0.0; 2]);
         let mut before = 0.0;
         let mut points = self.shape(edge).iter().map(|point| point.to_plane());
         let mut a = points.next().unwrap_or_default();
@@ -43,17 +28,25 @@ impl<P: Coordinates> RoadNetwork<P> {
             let off = (px - at[0]).powi(2) + (py - at[1]).powi(2);
             let length = squared.sqrt();
             if off < best.0 {
-                best = (off, before + share * length, at, dx.atan2(dy));
+                best = (off, before + share * length, at, [dx, dy]);
             }
             before += length;
             a = b;
         }
-        let (off, along, at, heading) = best;
+        let (off, along, point, direction) = best;
+        let scale = P::scale(point);
         let metres = self.edges()[edge].metres;
         let share = if before > 0.0 { (along / before).min(1.0) } else { 0.0 };
-        let metres_off = off.sqrt() * P::scale(at);
-        let position = P::from_plane(at);
-        Projection { edge, metres_along: share * metres, metres_off, position, heading }
+        let metres_off = off.sqrt() * scale;
+        // At a bend within the edge, the nearest point is beside it.
+        let is_end = share <= 0.0 || share >= 1.0;
+        let length = direction[0].hypot(direction[1]);
+        let direction = if length > 0.0 { direction.map(|x| x / length) } else { [0.0; 2] };
+        let straight = (px - point[0]) * direction[0] + (py - point[1]) * direction[1];
+        let beyond = if is_end { straight * scale } else { 0.0 };
+        let across = (metres_off * metres_off - beyond * beyond).max(0.0).sqrt();
+        let metres_along = share * metres;
+        NearEdge { edge, metres_along, metres_off, across, beyond, point, direction }
     }
 
     /// Position so many metres along an edge, at most its length. O(points of the edge).

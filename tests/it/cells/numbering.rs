@@ -74,9 +74,9 @@ proptest! {
         let cell = cells.nearest(PlanePosition { x, y });
         prop_assert!(cells.stretch(cell).contains(&at.metres_along.min(2.999)));
         let middle = cells.position(cell);
-        prop_assert!((middle.metres_to(at.position)) <= 0.5 + 1e-9);
+        prop_assert!((middle.metres_to(at.position(cells.network()))) <= 0.5 + 1e-9);
         let ahead = at.metres_along - cells.metres_along(cell);
-        prop_assert!(cells.position_ahead(cell, ahead).metres_to(at.position) < 1e-9);
+        prop_assert!(cells.position_ahead(cell, ahead).metres_to(at.position(cells.network())) < 1e-9);
     }
 }
 

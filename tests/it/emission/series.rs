@@ -1,19 +1,19 @@
 //! Series of numbers from CSV files.
 
-use wayfix::emission::{EmissionError, Series, SeriesReader};
+use wayfix::emission::{EmissionError, Series};
 
 use crate::kit::{bits, says};
 
 /// Error of columns of a text.
 #[track_caller]
 fn refused(text: impl AsRef<[u8]>, columns: &[&str], expected: &str) {
-    says(Series::from_csv(text.as_ref(), columns), &format!("the input, {expected}"));
+    says(Series::from_csv(text.as_ref(), columns, &[]), &format!("the input, {expected}"));
 }
 
 #[test]
 fn columns_come_in_the_order_of_their_names() {
     let text = "a, b ,c\n1,2,3\n\n4,,6e1\n";
-    let series = Series::from_csv(text.as_bytes(), &["c", "b"]).unwrap();
+    let series = Series::from_csv(text.as_bytes(), &["c", "b"], &[]).unwrap();
     assert_eq!(series.values()[..3], [3.0, 2.0, 60.0]);
     assert!(series.values()[3].is_nan());
     assert_eq!(series.rows().iter().count(), 2);
@@ -24,39 +24,37 @@ fn columns_come_in_the_order_of_their_names() {
         "\"a\",\"b\",\"c\"\r\n\"1\", 2 ,3\r\n\r\n\r\n4, ,\"60\"",
         "\n\na,b,c\n1,2,\"\n3\"\n4,\"\",60\n\n",
     ] {
-        let found = Series::from_csv(text.as_bytes(), &["c", "b"]).unwrap();
+        let found = Series::from_csv(text.as_bytes(), &["c", "b"], &[]).unwrap();
         assert_eq!(bits(found.values()), bits(series.values()), "{text:?}");
     }
-    let none = Series::from_csv("a,b\n".as_bytes(), &["b"]).unwrap();
+    let none = Series::from_csv("a,b\n".as_bytes(), &["b"], &[]).unwrap();
     assert_eq!(none.rows().iter().count(), 0);
     // Columns that are not asked for may hold anything.
-    let other = Series::from_csv(&b"name,a\nZ\xfcrich,1\nnan,2\n"[..], &["a"]).unwrap();
+    let other = Series::from_csv(&b"name,a\nZ\xfcrich,1\nnan,2\n"[..], &["a"], &[]).unwrap();
     assert_eq!(other.values(), [1.0, 2.0]);
 }
 
 #[test]
 fn missing_values_may_be_written_as_texts() {
     let text = "a,b\nNA,1\n2, null \n,4\n";
-    let reader = SeriesReader::new(&["a", "b"]).with_missing(&["NA", "null"]);
-    let series = reader.read(text.as_bytes()).unwrap();
+    let series = Series::from_csv(text.as_bytes(), &["a", "b"], &["NA", "null"]).unwrap();
     let missing: Vec<bool> = series.values().iter().map(|value| value.is_nan()).collect();
     assert_eq!(missing, [true, false, false, true, true, false]);
     assert_eq!([series.values()[1], series.values()[2], series.values()[5]], [1.0, 2.0, 4.0]);
 
     refused(text, &["a"], "line 2: a is \"NA\", expected a finite number or nothing");
-    let reader = SeriesReader::new(&["b"]).with_missing(&["NA"]);
     says(
-        reader.read(text.as_bytes()),
+        Series::from_csv(text.as_bytes(), &["b"], &["NA"]),
         "the input, line 3: b is \"null\", expected a finite number, nothing or \"NA\"",
     );
-    let reader = SeriesReader::new(&["a"]).with_missing(&["NA", "nan"]);
+    let read = |text: &str| Series::from_csv(text.as_bytes(), &["a"], &["NA", "nan"]);
     says(
-        reader.read("a\nNA\nNaN\n".as_bytes()),
+        read("a\nNA\nNaN\n"),
         "the input, line 3: a is \"NaN\", expected a finite number, nothing or one of [\"NA\", \"nan\"]",
     );
-    assert!(reader.read("a\nnan\n".as_bytes()).unwrap().values()[0].is_nan());
+    assert!(read("a\nnan\n").unwrap().values()[0].is_nan());
     // In a single column, empty lines are none, and an empty text in quotes is one.
-    let one = Series::from_csv("a\r\n1\r\n\r\n\"\"\r\n2\r\n".as_bytes(), &["a"]).unwrap();
+    let one = Series::from_csv("a\r\n1\r\n\r\n\"\"\r\n2\r\n".as_bytes(), &["a"], &[]).unwrap();
     assert_eq!(one.values().len(), 3);
     assert!(one.values()[1].is_nan());
 }
@@ -68,7 +66,7 @@ fn values_that_are_not_finite_are_errors() {
         let expected = format!("line 3: b is {text:?}, expected a finite number or nothing");
         refused(format!("a,b\n1,2\n3,{text}\n"), &["a", "b"], &expected);
     }
-    let series = Series::from_csv("a\n1e-999\n-1.7e308\n".as_bytes(), &["a"]).unwrap();
+    let series = Series::from_csv("a\n1e-999\n-1.7e308\n".as_bytes(), &["a"], &[]).unwrap();
     assert_eq!(series.values(), [0.0, -1.7e308]);
 }
 
@@ -102,7 +100,7 @@ fn errors_name_the_line() {
     );
     let digits = format!("a\n{}\n", "1_".repeat(100));
     let start = format!("line 2: a is \"{}…\", expected", "1_".repeat(30));
-    let error = Series::from_csv(digits.as_bytes(), &["a"]).unwrap_err();
+    let error = Series::from_csv(digits.as_bytes(), &["a"], &[]).unwrap_err();
     assert!(error.to_string().contains(&start), "{error}");
 }
 
@@ -111,19 +109,19 @@ fn columns_that_are_not_there_are_errors() {
     refused("a,b\n1,2\n", &["a", "c"], "line 1: there is no column c, the header is \"a, b\"");
     refused("\n\na,b\n1,2\n", &["A"], "line 3: there is no column A, the header is \"a, b\"");
     refused("a,b,a\n1,2,3\n", &["a"], "line 1: there is more than one column a");
-    assert!(Series::from_csv("a,b,a\n1,2,3\n".as_bytes(), &["b"]).is_ok());
+    assert!(Series::from_csv("a,b,a\n1,2,3\n".as_bytes(), &["b"], &[]).is_ok());
     refused("a\n", &[], "line 1: no column is asked for");
     refused("", &["a"], "line 1: there is nothing, expected a header");
     let wide = format!("{}\n", vec!["column"; 1000].join(","));
-    let error = Series::from_csv(wide.as_bytes(), &["a"]).unwrap_err();
+    let error = Series::from_csv(wide.as_bytes(), &["a"], &[]).unwrap_err();
     assert!(error.to_string().len() < 700, "{error}");
 }
 
 #[test]
 fn files_that_cannot_be_read_are_errors() {
-    let error = Series::from_csv_file("no such file", &["a"]).unwrap_err();
+    let error = Series::from_csv_file("no such file", &["a"], &[]).unwrap_err();
     assert!(matches!(&error, EmissionError::Read { file, .. } if file == "no such file"));
     assert!(error.to_string().starts_with("no such file cannot be read: "), "{error}");
-    let error = SeriesReader::new(&["a"]).read_file(env!("CARGO_MANIFEST_DIR")).unwrap_err();
+    let error = Series::from_csv_file(env!("CARGO_MANIFEST_DIR"), &["a"], &[]).unwrap_err();
     assert!(matches!(error, EmissionError::Read { .. }), "{error}");
 }

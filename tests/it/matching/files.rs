@@ -113,6 +113,29 @@ fn errors_name_the_line_in_few_words() {
     }
 }
 
+/// Also where carriage returns end lines, and some are empty.
+#[test]
+fn lines_count_as_in_an_editor() {
+    let text = format!("{HEADER}\n\nA,1,149,-35\nA,1,149,-35\n\n\nA,0,149,-35\n");
+    for text in [text.clone(), text.replace('\n', "\r\n")] {
+        let (_, report) = read_traces_from("drives", text.as_bytes()).unwrap();
+        assert_eq!(report.skipped_lines, [4, 7]);
+        let found = problem(&format!("{text}A,2,149\n"));
+        let byte = text.len();
+        assert_eq!(
+            found,
+            format!(
+                "drives, line 8: CSV error: record 4 (line: 8, byte: {}): found record with 3 \
+                 fields, but the previous record has 4 fields",
+                // The record begins behind the carriage return.
+                byte - usize::from(text.contains('\r'))
+            )
+        );
+    }
+    let found = problem(&format!("\n{HEADER}\r\n"));
+    assert_eq!(found, "drives, line 3: there are no points, expected at least one");
+}
+
 /// A file on a disk that fails.
 struct Failing;
 

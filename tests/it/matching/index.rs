@@ -159,6 +159,28 @@ fn both_directions_have_their_own_lines() {
     assert_eq!(edges, [(back, 0.0)]);
 }
 
+/// Beside an edge, beyond its end, and before its start, as the index finds it.
+#[test]
+fn projections_know_what_is_across_and_beyond() {
+    let mut builder = NetworkBuilder::new();
+    builder.node(0, at(0.0, 0.0)).unwrap();
+    builder.node(1, at(100.0, 0.0)).unwrap();
+    builder.one_way(0, 1, RoadClass::Street).unwrap();
+    let network = builder.build().unwrap();
+    for (x, y, along, across, beyond) in [
+        (30.0, 7.0, 30.0, 7.0, 0.0),
+        (130.0, 40.0, 100.0, 40.0, 30.0),
+        (-3.0, -4.0, 0.0, 4.0, -3.0),
+    ] {
+        let found = network.project(0, at(x, y));
+        assert_eq!((found.metres_along, found.across, found.beyond), (along, across, beyond));
+        assert_eq!(found.metres_off, across.hypot(beyond));
+        assert_eq!(found.position(&network), at(along, 0.0));
+        assert_eq!(found.heading(), std::f64::consts::FRAC_PI_2);
+        assert_eq!(EdgeIndex::new(&network).nearest(&network, at(x, y)), Some(found));
+    }
+}
+
 #[test]
 fn a_network_without_edges() {
     let mut builder = NetworkBuilder::new();

@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteMeasures, RouteSearch, TurnCosts};
+use wayfix::map::{EdgeOptions, NetworkBuilder, RoadClass, RouteMeasures, RouteSearch};
 
 use super::city::{Network, at};
 use crate::kit::cases;
@@ -84,8 +84,7 @@ proptest! {
         for (from, targets, most, u_turn) in searches {
             let (from, most, u_turn) = (from % n, f64::from(most), f64::from(u_turn));
             let targets: Vec<usize> = targets.iter().map(|target| target % n).collect();
-            let costs_of_turns = TurnCosts { u_turn };
-            search.run(&network, &measures, from, targets.iter().copied(), most, costs_of_turns);
+            search.run(&network, &measures, from, targets.iter().copied(), most, u_turn);
             let expected = costs(&network, from, u_turn);
             for &target in &targets {
                 let found = search.reached(target);
@@ -134,14 +133,14 @@ fn nothing_is_beyond_the_bound() {
     let network = builder.build().unwrap();
     let mut search = RouteSearch::default();
     let measures = RouteMeasures::new(&network);
-    let costs = TurnCosts { u_turn: 10.0 };
-    search.run(&network, &measures, 0, [3], 199.0, costs);
+    let u_turn = 10.0;
+    search.run(&network, &measures, 0, [3], 199.0, u_turn);
     assert_eq!(search.reached(3), None);
-    search.run(&network, &measures, 0, [3], 200.0, costs);
+    search.run(&network, &measures, 0, [3], 200.0, u_turn);
     assert_eq!(search.reached(3).unwrap().metres, 200.0);
     assert_eq!(search.route(0, 3), [0, 1, 2, 3]);
     assert_eq!(search.reached(99), None);
     // Without targets there is nothing to look for.
-    search.run(&network, &measures, 0, [], 1e9, costs);
+    search.run(&network, &measures, 0, [], 1e9, u_turn);
     assert_eq!(search.reached(3), None);
 }

@@ -42,7 +42,7 @@ proptest! {
             prop_assert!(found.metres_off < 1e-9, "{found:?}");
             prop_assert!((found.metres_along - along).abs() < 1e-9 * length.max(1.0), "{found:?} {along}");
             prop_assert!((0.0..=length).contains(&found.metres_along));
-            prop_assert!(found.position.metres_to(position) < 1e-9);
+            prop_assert!(found.position(&network).metres_to(position) < 1e-9);
         }
     }
 
@@ -54,9 +54,9 @@ proptest! {
         let network = of_line(&points, None);
         let (position, length) = (at(x, y), network.edges()[0].metres);
         let found = network.project(0, position);
-        prop_assert!((found.position.metres_to(position) - found.metres_off).abs() < 1e-9);
+        prop_assert!((found.position(&network).metres_to(position) - found.metres_off).abs() < 1e-9);
         let along = network.position_along(0, found.metres_along);
-        prop_assert!(along.metres_to(found.position) < 1e-7);
+        prop_assert!(along.metres_to(found.position(&network)) < 1e-7);
         let samples = (0..=2000).map(|i| network.position_along(0, length * f64::from(i) / 2000.0));
         let nearest = samples.map(|p| p.metres_to(position)).fold(f64::INFINITY, f64::min);
         prop_assert!(found.metres_off <= nearest + 1e-9);
@@ -73,9 +73,9 @@ fn ends_and_headings() {
     assert_eq!(network.position_along(0, 40.0), at(10.0, 10.0));
     assert_eq!(network.position_along(0, 1e9), at(10.0, 10.0));
     let on_first = network.project(0, at(-3.0, 5.0));
-    assert_eq!((on_first.metres_along, on_first.metres_off, on_first.heading), (10.0, 3.0, 0.0));
+    assert_eq!((on_first.metres_along, on_first.metres_off, on_first.heading()), (10.0, 3.0, 0.0));
     let on_second = network.project(0, at(5.0, 12.0));
-    assert_eq!(on_second.heading, std::f64::consts::FRAC_PI_2);
+    assert_eq!(on_second.heading(), std::f64::consts::FRAC_PI_2);
 }
 
 #[test]

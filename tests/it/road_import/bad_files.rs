@@ -52,6 +52,17 @@ fn csv_errors_name_file_and_line() {
 }
 
 #[test]
+fn csv_errors_name_the_line_whatever_ends_it() {
+    for (ending, empty) in [("\n", 0), ("\r\n", 0), ("\n\n", 1), ("\r\n\r\n", 1)] {
+        let edges = "from,to\n2,1\n1,2,3\n".replace('\n', ending);
+        says(
+            csv(&NODES.replace('\n', ending), &edges),
+            &format!("edges, line {}: 3 columns, expected 2 as in the header", 3 + 2 * empty),
+        );
+    }
+}
+
+#[test]
 fn geojson_errors_name_line_or_feature() {
     let error = geojson("{\"type\": \"FeatureCollection\",\n\"features\": [\n").unwrap_err();
     assert!(matches!(error, MapError::Line { line: 3 | 2, .. }), "{error}");
@@ -142,7 +153,7 @@ fn a_file_that_cannot_be_read() {
     // A folder opens as a file does, and then can't be read.
     assert!(is_read(RoadNetwork::from_csv_files(".", ".", &options)));
     assert!(is_read(RoadNetwork::from_geojson_file(".", &options)));
-    let map = wayfix::map::RoadMap::from_csv_files(".", ".");
+    let map = wayfix::map::RoadMap::<Position>::from_csv_files(".", ".");
     assert!(matches!(map, Err(MapError::Read { .. })));
 }
 
@@ -239,7 +250,7 @@ fn other_files_are_no_extracts() {
 fn an_empty_box_is_an_error() {
     let corners =
         [Position { latitude: 0.0, longitude: 10.0 }, Position { latitude: 1.0, longitude: 11.0 }];
-    let cleaning = Cleaning { within: Some(corners), ..Cleaning::default() };
+    let cleaning = vec![Cleaning::Within(corners)];
     let options = ImportOptions { cleaning, ..ImportOptions::default() };
     says(
         RoadNetwork::from_csv(NODES.as_bytes(), &b"from,to\n1,2\n"[..], &options),

@@ -66,6 +66,8 @@ fn all_formats_give_the_same_network() {
     assert_eq!(edges(osm(&extract.bytes())), expected);
     assert_eq!(edges(geojson(FEATURES)), expected);
     assert_eq!(geojson(FEATURES).unwrap().1.count(ImportNote::OtherGeometry), 1);
+    let names = csv(NODES, EDGES).unwrap().0.to_map().unwrap();
+    assert!(names.places().iter().map(|place| place.name.as_str()).eq(["A", "B", "C", "D"]));
     let text = geojson(FEATURES).unwrap().0.to_geojson();
     assert_eq!(edges(geojson(&text)), expected);
 }
@@ -97,7 +99,7 @@ fn a_path_leads_to_each_format() {
 #[test]
 fn cleaning_comes_with_the_import() {
     // 2 → 4 is one-way, so that 4 stays with its three neighbours.
-    let cleaning = Cleaning { largest_component: true, contract: true, ..Cleaning::default() };
+    let cleaning = vec![Cleaning::LargestComponent, Cleaning::Contraction];
     let options = ImportOptions { cleaning, ..ImportOptions::default() };
     let nodes = format!("{NODES}E,5,149.15,-35.28\n");
     let edges = format!("{EDGES}5,3,yes,main,60\n");

@@ -64,13 +64,15 @@ pub(super) fn clean(network: RoadNetwork, draw: &mut Draw<'_>, counts: &mut Coun
         [0.0, -0.0, 1.0, 120.0, 1e4, 1e300, -1.0, f64::NAN, f64::INFINITY, 5e-324];
     let mut corner = || Position { latitude: draw.pick(&DEGREES), longitude: draw.pick(&DEGREES) };
     let corners = [corner(), corner()];
-    let cleaning = Cleaning {
-        within: draw.one_in(4).then_some(corners),
-        largest_component: draw.one_in(2),
-        drop_dead_ends: draw.one_in(3),
-        contract: !draw.one_in(3),
-        merge_metres: draw.one_in(2).then(|| draw.pick(&METRES)),
-    };
+    let operations = [
+        draw.one_in(4).then_some(Cleaning::Within(corners)),
+        draw.one_in(2).then_some(Cleaning::LargestComponent),
+        draw.one_in(3).then_some(Cleaning::DeadEnds),
+        (!draw.one_in(3)).then_some(Cleaning::Contraction),
+        draw.one_in(2).then(|| Cleaning::Merging { metres: draw.pick(&METRES) }),
+        draw.one_in(2).then_some(Cleaning::Contraction),
+    ];
+    let cleaning: Vec<Cleaning> = operations.into_iter().flatten().collect();
     counts.note(|| format!("{cleaning:?}"));
     match network.cleaned(&cleaning) {
         Ok((network, steps)) => {

@@ -6,8 +6,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use osmpbf::{Blob, BlobDecode, BlobReader, ByteOffset, PrimitiveBlock};
 
+use crate::files::excerpt;
 use crate::map::MapError;
-use crate::map::excerpt::excerpt;
 
 /// A file of blocks.
 pub(super) struct Blocks<'a, R: Read + Send> {

@@ -3,7 +3,7 @@
 mod blocks;
 mod restrictions;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
@@ -11,9 +11,12 @@ use osmpbf::{PrimitiveBlock, RelMemberType, Way};
 
 use self::blocks::Blocks;
 use self::restrictions::Restriction;
+use super::finish::{finish, position_problem};
 use super::lines::Lines;
+use super::options::ImportOptions;
+use super::report::{ImportNote, ImportReport};
 use super::tags::road_of;
-use super::{ImportNote, ImportOptions, ImportReport, finish, open, position_problem};
+use crate::files::open;
 use crate::map::{MapError, NetworkBuilder, Position, RoadNetwork};
 
 impl RoadNetwork {
@@ -177,9 +180,4 @@ impl Roads {
         }
         Ok(())
     }
-}
-
-/// Ways that restrictions name.
-fn named(restrictions: &[Restriction]) -> HashSet<i64> {
-    restrictions.iter().flat_map(|r| r.from.iter().chain(&r.to)).copied().collect()
 }

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::super::lines::Piece;
-use super::{ImportNote, ImportReport, named};
+use super::super::report::{ImportNote, ImportReport};
 use crate::map::NetworkBuilder;
 
 /// Turns from ways over a node to ways.
@@ -12,8 +12,8 @@ pub(super) struct Restriction {
     /// True if all turns but these are forbidden.
     only: bool,
     via: u64,
-    pub(super) from: Vec<i64>,
-    pub(super) to: Vec<i64>,
+    from: Vec<i64>,
+    to: Vec<i64>,
 }
 
 impl Restriction {
@@ -66,9 +66,9 @@ pub(super) fn forbid(
     builder: &mut NetworkBuilder,
     report: &mut ImportReport,
 ) {
-    let (named, vias) =
-        (named(restrictions), restrictions.iter().map(|restriction| restriction.via));
-    let vias: HashSet<u64> = vias.collect();
+    let named = restrictions.iter().flat_map(|r| r.from.iter().chain(&r.to)).copied();
+    let named: HashSet<i64> = named.collect();
+    let vias: HashSet<u64> = restrictions.iter().map(|restriction| restriction.via).collect();
     let mut into: HashMap<(u64, i64), Vec<usize>> = HashMap::new();
     let mut out: HashMap<u64, Vec<usize>> = HashMap::new();
     for (edge, piece) in pieces.iter().enumerate() {

@@ -2,7 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::{Coordinates, RoadMap};
+use super::map::RoadMap;
+use crate::map::Coordinates;
 
 impl<P> RoadMap<P> {
     /// Places that a road from this place leads to, in ascending order; none if the place does
@@ -27,14 +28,14 @@ impl<P> RoadMap<P> {
     /// be reached (all, if the place does not exist). O(places + roads).
     #[must_use]
     pub fn hops_from(&self, place: usize) -> Vec<Option<u32>> {
-        self.search(place, |i| self.outgoing.of(i).iter())
+        self.hops(place, |i| self.outgoing.of(i).iter())
     }
 
     /// Least number of roads between a place and each other place, where roads may be taken in
     /// both directions; otherwise as [`hops_from`](Self::hops_from).
     #[must_use]
     pub fn hops_either_way(&self, place: usize) -> Vec<Option<u32>> {
-        self.search(place, |i| self.outgoing.of(i).iter().chain(self.incoming.of(i)))
+        self.hops(place, |i| self.outgoing.of(i).iter().chain(self.incoming.of(i)))
     }
 
     /// Length in metres of the shortest path from a place to each other place, or `None` for
@@ -42,20 +43,21 @@ impl<P> RoadMap<P> {
     /// roads), by Dijkstra (1959).
     #[must_use]
     pub fn road_metres_from(&self, place: usize) -> Vec<Option<f64>> {
-        let reached = self.reach(place, None).into_iter();
-        reached.map(|reached| reached.map(|reached| reached.metres)).collect()
+        let search = self.search_from(place, None);
+        let metres = |to| search.settled(to).map(|label| label.cost);
+        (0..self.places().len()).map(metres).collect()
     }
 
     /// True if every place can be reached from every other. O(places + roads).
     #[must_use]
     pub fn is_strongly_connected(&self) -> bool {
         let forward = self.hops_from(0);
-        let backward = self.search(0, |i| self.incoming.of(i).iter());
+        let backward = self.hops(0, |i| self.incoming.of(i).iter());
         forward.iter().chain(&backward).all(Option::is_some)
     }
 
     /// Number of hops from a place to each other place, by breadth-first search.
-    fn search<'a, I: Iterator<Item = &'a u32>>(
+    fn hops<'a, I: Iterator<Item = &'a u32>>(
         &self,
         place: usize,
         neighbors: impl Fn(usize) -> I,

@@ -1,108 +1,19 @@
 //! Turning probabilities Φ of a map.
 
-use super::{MapError, RoadClass, RoadMap};
+use super::rule::TurningRule;
 use crate::belief::SUM_TOLERANCE;
-use crate::error::Parameter;
+use crate::map::{MapError, RoadClass, RoadMap};
 use crate::transition::{SparseTransition, TiedTransition, TransitionEntries};
-
-/// One number per [`RoadClass`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ByClass {
-    /// Number of [`RoadClass::Main`].
-    pub main: f64,
-    /// Number of [`RoadClass::Arterial`].
-    pub arterial: f64,
-    /// Number of [`RoadClass::Collector`].
-    pub collector: f64,
-    /// Number of [`RoadClass::Street`].
-    pub street: f64,
-}
-
-impl ByClass {
-    /// Creates the same number for every class.
-    ///
-    /// ```
-    /// use wayfix::map::{ByClass, RoadClass};
-    ///
-    /// assert_eq!(ByClass::all(0.5).of(RoadClass::Collector), 0.5);
-    /// ```
-    #[must_use]
-    pub fn all(value: f64) -> Self {
-        Self { main: value, arterial: value, collector: value, street: value }
-    }
-
-    /// Returns the number of a class.
-    #[must_use]
-    pub fn of(&self, class: RoadClass) -> f64 {
-        match class {
-            RoadClass::Main => self.main,
-            RoadClass::Arterial => self.arterial,
-            RoadClass::Collector => self.collector,
-            RoadClass::Street => self.street,
-        }
-    }
-}
-
-/// Rule by which a vehicle chooses among the roads out of a place.
-///
-/// The class of a place is the highest class of the roads that leave it. With the probability
-/// that `stop` gives for this class, the vehicle **stops** (stays for one step). Otherwise it
-/// takes a road with probability proportional to the road's `weight`; at places on the main road,
-/// the weight of the main road itself is multiplied by `straight_on`. At a place that no road
-/// leaves, the vehicle stays.
-///
-/// By default, the weight doubles from class to class (1, 2, 4, 8), straight on doubles it again,
-/// and the probability of stopping is 0.05 on the main road and 0.05 more for each class below.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurningRule {
-    /// Relative traffic that a road of each class attracts; above 0, of any scale.
-    pub weight: ByClass,
-    /// Factor of the main road's weight for vehicles already on it; above 0.
-    pub straight_on: f64,
-    /// Probability of staying for a step; at least 0 and below 1.
-    pub stop: ByClass,
-}
-
-impl Default for TurningRule {
-    fn default() -> Self {
-        Self {
-            weight: ByClass { main: 8.0, arterial: 4.0, collector: 2.0, street: 1.0 },
-            straight_on: 2.0,
-            stop: ByClass { main: 0.05, arterial: 0.10, collector: 0.15, street: 0.20 },
-        }
-    }
-}
-
-impl TurningRule {
-    fn check(&self) -> Result<(), MapError> {
-        use RoadClass::{Arterial, Collector, Main, Street};
-        let positive = |what: String, value: f64| {
-            let expected = "a finite value above 0";
-            let valid = value > 0.0 && value.is_finite();
-            if valid { Ok(()) } else { Err(Parameter::new(what, value, expected)) }
-        };
-        positive("the straight-on factor".into(), self.straight_on)?;
-        for class in [Main, Arterial, Collector, Street] {
-            positive(format!("the weight of class {class}"), self.weight.of(class))?;
-            let value = self.stop.of(class);
-            if !(0.0..1.0).contains(&value) {
-                let what = format!("the probability of stopping for class {class}");
-                let expected = "at least 0 and below 1";
-                return Err(Parameter::new(what, value, expected).into());
-            }
-        }
-        Ok(())
-    }
-}
 
 /// Turning probabilities Φ\[i, j\] = p(next place is j | place is i), along
 /// roads or staying, whose rows sum to one (paper eq. 1).
 ///
 /// The transition operator is the transpose, A = Φ' (paper eq. 6). See the
-/// [module](super) for an example.
+/// [module](crate::map) for an example.
 #[derive(Debug, Clone)]
 pub struct TurningProbabilities {
     transition: SparseTransition,
+    pub(super) turns: Vec<FittedTurn>,
 }
 
 impl TurningProbabilities {
@@ -125,8 +36,7 @@ impl TurningProbabilities {
             let (Some(start), Some(end)) = (map.places().get(from), map.places().get(to)) else {
                 continue; // out of range: an error of the operator below
             };
-            let has_road = from == to || map.outgoing.of(from).binary_search(&(to as u32)).is_ok();
-            if !has_road && value != 0.0 {
+            if from != to && value != 0.0 && !map.has_road(from, to) {
                 return Err(MapError::NoRoad { from: start.id, to: end.id, value });
             }
             sums[from] += value;
@@ -138,7 +48,7 @@ impl TurningProbabilities {
             return Err(MapError::TurningSum { id: map.places()[i].id, sum: sums[i] });
         }
         let triplets = entries.into_iter().map(|(from, to, value)| (to, from, value));
-        Ok(Self { transition: SparseTransition::from_triplets(n, triplets)? })
+        Ok(Self { transition: SparseTransition::from_triplets(n, triplets)?, turns: Vec::new() })
     }
 
     /// Creates turning probabilities by a rule, from the classes of the roads. O((places + roads)
@@ -185,6 +95,14 @@ impl TurningProbabilities {
         self.transition.outgoing(&(), from)
     }
 
+    /// Turns with the data behind them, if the probabilities were learned by [`fit`](Self::fit) or
+    /// its kin; none otherwise. By the place that is left: staying first, then all roads, in
+    /// ascending order of their ends.
+    #[must_use]
+    pub fn turns(&self) -> &[FittedTurn] {
+        &self.turns
+    }
+
     /// Returns the transition operator with parameters tied by the classes of the roads of `map`,
     /// for learning from drives. Places with the same classes of outgoing roads share the same
     /// turning probabilities; where these differed, their mean.
@@ -209,4 +127,17 @@ impl TurningProbabilities {
     pub fn into_transition(self) -> SparseTransition {
         self.transition
     }
+}
+
+/// A turn out of a place, with the data behind it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FittedTurn {
+    /// Index of the place.
+    pub from: usize,
+    /// Index of the next place; the same for a stay.
+    pub to: usize,
+    /// Probability of the turn.
+    pub probability: f64,
+    /// Number of moves (or vehicles) that were counted on it; 0 for one known by the rule alone.
+    pub count: f64,
 }

@@ -1,101 +1,59 @@
 //! Turning probabilities learned from drives or from counts of traffic.
 
-use super::{MapError, RoadMap, TurningProbabilities, TurningRule};
+use super::probabilities::{FittedTurn, TurningProbabilities};
+use super::rule::TurningRule;
 use crate::error::{Parameter, TransitionError};
+use crate::map::{MapError, RoadMap};
 use crate::transition::MoveCounts;
 
-/// Prior of learned turning probabilities: at each place a Dirichlet distribution around a rule by
-/// road class.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurningPrior {
-    /// The mean.
-    pub rule: TurningRule,
-    /// Number of moves out of each place that the rule counts as; at least 0 and finite.
-    pub weight: f64,
-    /// True if stays are counted as moves from a place to itself. Routes of matched drives have
-    /// none: then false, and the probability of staying is that of the rule.
-    pub stays: bool,
-}
-
-impl Default for TurningPrior {
-    /// The default rule counts as 5 moves out of each place, and stays are not counted.
-    fn default() -> Self {
-        Self { rule: TurningRule::default(), weight: 5.0, stays: false }
-    }
-}
-
-/// A turn out of a place, with the data behind it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FittedTurn {
-    /// Index of the place.
-    pub from: usize,
-    /// Index of the next place; the same for a stay.
-    pub to: usize,
-    /// Probability of the turn.
-    pub probability: f64,
-    /// Number of moves (or vehicles) that were counted on it; 0 for one known by the rule alone.
-    pub count: f64,
-}
-
-/// Turning probabilities learned from data, with the data behind each turn.
-///
-/// From moves of drives by [`TurningProbabilities::fit`], from counts of traffic by
-/// [`TurningProbabilities::fit_traffic`].
-#[derive(Debug, Clone)]
-pub struct FittedTurning {
-    probabilities: TurningProbabilities,
-    turns: Vec<FittedTurn>,
-}
-
-impl FittedTurning {
-    /// Turns, by the place that is left: staying first, then all roads, in ascending order of
-    /// their ends.
-    #[must_use]
-    pub fn turns(&self) -> &[FittedTurn] {
-        &self.turns
-    }
-
-    /// Turning probabilities Φ.
-    #[must_use]
-    pub fn probabilities(&self) -> &TurningProbabilities {
-        &self.probabilities
-    }
-
-    /// Returns the turning probabilities Φ alone.
-    #[must_use]
-    pub fn into_probabilities(self) -> TurningProbabilities {
-        self.probabilities
-    }
-}
-
 impl TurningProbabilities {
-    /// Learns from counted moves, with a prior by road class: with n moves out of a place, n_j of
-    /// them to j, and φ_j by the rule with a weight of w,
+    /// Learns from counted moves, with a prior by road class: a rule that counts as `prior_moves`
+    /// moves out of each place. With n moves out of a place, n_j of them to j, and φ_j by the rule
+    /// with a weight of w,
     ///
     /// ```text
     /// Φ_j = (n_j + w φ_j) / (n + w)
     /// ```
     ///
-    /// the mean of the posterior. If stays are not counted, this is for the roads given that the
-    /// vehicle does not stay, and staying remains as in the rule. Places without data follow the rule, also at a weight of 0.
-    /// O(places + roads + moves log roads).
+    /// the mean of the posterior under a Dirichlet distribution around the rule. This is for the
+    /// roads, given that the vehicle does not stay; the probability of staying is that of the rule,
+    /// and stays are not counted, since routes of matched drives have none. Where stays were
+    /// observed, use [`fit_with_stays`](Self::fit_with_stays). Places without data follow the rule,
+    /// also at a weight of 0; a weight of 5 is a good start. O(places + roads + moves log roads).
     ///
     /// ```
     /// use wayfix::canberra;
-    /// use wayfix::map::{TurningPrior, TurningProbabilities};
+    /// use wayfix::map::{TurningProbabilities, TurningRule};
     /// use wayfix::transition::MoveCounts;
     ///
     /// let map = canberra::map();
     /// // Routes of two matched drives, as places.
     /// let mut counts = MoveCounts::of_path(&[0, 1, 2, 3, 4]);
     /// counts.merge(&MoveCounts::of_path(&[0, 1, 2]));
-    /// let learned = TurningProbabilities::fit(&map, &counts, &TurningPrior::default())?;
+    /// let learned = TurningProbabilities::fit(&map, &counts, &TurningRule::default(), 5.0)?;
     ///
     /// let straight_on = learned.turns().iter().find(|turn| (turn.from, turn.to) == (0, 1)).unwrap();
     /// assert_eq!(straight_on.count, 2.0);
     /// assert!(straight_on.probability > canberra::turning().get(0, 1));
     /// # Ok::<(), wayfix::map::MapError>(())
     /// ```
+    ///
+    /// # Errors
+    ///
+    /// [`MapError::Parameter`] for a number of the prior out of its range,
+    /// [`MapError::Moved`] for moves where there is no road, and [`MapError::Transition`]
+    /// for a place that does not exist.
+    pub fn fit<P>(
+        map: &RoadMap<P>,
+        counts: &MoveCounts,
+        rule: &TurningRule,
+        prior_moves: f64,
+    ) -> Result<Self, MapError> {
+        Self::of_moves(map, counts, rule, prior_moves, false)
+    }
+
+    /// Learns from counted moves as [`fit`](Self::fit), with stays counted as moves from a place to
+    /// itself: the probability of staying is learned as those of the roads.
     ///
     /// # From drives without labels
     ///
@@ -107,13 +65,13 @@ impl TurningProbabilities {
     /// ```
     /// use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
     /// use wayfix::canberra;
-    /// use wayfix::map::{TurningPrior, TurningProbabilities};
+    /// use wayfix::map::{TurningProbabilities, TurningRule};
     ///
     /// let hmm = canberra::hmm(5, 1.0)?;
     /// let drive = hmm.simulate(200, &mut ChaCha8Rng::seed_from_u64(1));
     /// let moves = hmm.expected_moves(drive.observations())?;
-    /// let prior = TurningPrior { stays: true, ..TurningPrior::default() };
-    /// let learned = TurningProbabilities::fit(&canberra::map(), &moves, &prior)?;
+    /// let (map, rule) = (canberra::map(), TurningRule::default());
+    /// let learned = TurningProbabilities::fit_with_stays(&map, &moves, &rule, 5.0)?;
     /// let all: f64 = learned.turns().iter().map(|turn| turn.count).sum();
     /// assert!((all - 200.0).abs() < 1e-9);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -121,19 +79,28 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] for a number of the prior out of its range,
-    /// [`MapError::Moved`] for moves where there is no road, and [`MapError::Transition`]
-    /// for a place that does not exist.
-    pub fn fit<P>(
+    /// As [`fit`](Self::fit).
+    pub fn fit_with_stays<P>(
         map: &RoadMap<P>,
         counts: &MoveCounts,
-        prior: &TurningPrior,
-    ) -> Result<FittedTurning, MapError> {
-        let rule = Self::by_rule(map, &prior.rule)?;
-        if !(prior.weight >= 0.0 && prior.weight.is_finite()) {
+        rule: &TurningRule,
+        prior_moves: f64,
+    ) -> Result<Self, MapError> {
+        Self::of_moves(map, counts, rule, prior_moves, true)
+    }
+
+    fn of_moves<P>(
+        map: &RoadMap<P>,
+        counts: &MoveCounts,
+        rule: &TurningRule,
+        prior_moves: f64,
+        stays: bool,
+    ) -> Result<Self, MapError> {
+        let rule = Self::by_rule(map, rule)?;
+        if !(prior_moves >= 0.0 && prior_moves.is_finite()) {
             let expected = "a finite value of at least 0";
             let what = "the weight of the prior";
-            return Err(Parameter::new(what, prior.weight, expected).into());
+            return Err(Parameter::new(what, prior_moves, expected).into());
         }
         let states = map.places().len();
         for moved in counts.moves() {
@@ -141,7 +108,7 @@ impl TurningProbabilities {
             let (Some(start), Some(end)) = (map.places().get(from), map.places().get(to)) else {
                 return Err(TransitionError::OutOfRange { to, from, states }.into());
             };
-            if from != to && !map.roads_from(from).any(|road| road.0 == to) && moved.weight != 0.0 {
+            if from != to && !map.has_road(from, to) && moved.weight != 0.0 {
                 let count = moved.weight;
                 return Err(MapError::Moved { from: start.id, to: end.id, count });
             }
@@ -150,16 +117,16 @@ impl TurningProbabilities {
         for from in 0..states {
             let start = turns.len();
             turns.extend(ways(map, from).map(|to| {
-                let counted = to != from || prior.stays;
+                let counted = to != from || stays;
                 let count = if counted { counts.get(from, to) } else { 0.0 };
                 FittedTurn { from, to, probability: rule.get(from, to), count }
             }));
-            let first = start + usize::from(!prior.stays);
+            let first = start + usize::from(!stays);
             let turns = &mut turns[first..];
             let whole: f64 = turns.iter().map(|turn| turn.probability).sum();
-            share(turns, |turn| turn.count + prior.weight * (turn.probability / whole));
+            share(turns, |turn| turn.count + prior_moves * (turn.probability / whole));
         }
-        FittedTurning::new(map, turns)
+        Self::of_turns(map, turns)
     }
 
     /// Learns from counts of traffic, one per road in the order of [`RoadMap::roads`], without any
@@ -174,13 +141,13 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`MapError::Parameter`] for a number of the rule out of its range, and as [`consistent_flow`](RoadMap::consistent_flow)
-    /// if there is no consistent flow.
+    /// [`MapError::Parameter`] for a number of the rule out of its range, and those of
+    /// [`consistent_flow`](RoadMap::consistent_flow) if there is none.
     pub fn fit_traffic<P>(
         map: &RoadMap<P>,
         counts: &[f64],
         rule: &TurningRule,
-    ) -> Result<FittedTurning, MapError> {
+    ) -> Result<Self, MapError> {
         let prior = Self::by_rule(map, rule)?;
         let flow = map.consistent_flow(counts)?;
         let (mut turns, mut road) = (Vec::with_capacity(map.places().len() + flow.len()), 0);
@@ -199,15 +166,15 @@ impl TurningProbabilities {
             roads.iter_mut().zip(&counts[road..]).for_each(|(turn, count)| turn.count = *count);
             road += roads.len();
         }
-        FittedTurning::new(map, turns)
+        Self::of_turns(map, turns)
     }
-}
 
-impl FittedTurning {
-    fn new<P>(map: &RoadMap<P>, turns: Vec<FittedTurn>) -> Result<Self, MapError> {
+    fn of_turns<P>(map: &RoadMap<P>, turns: Vec<FittedTurn>) -> Result<Self, MapError> {
         let entries = turns.iter().filter(|turn| turn.probability > 0.0);
         let entries = entries.map(|turn| (turn.from, turn.to, turn.probability));
-        Ok(Self { probabilities: TurningProbabilities::new(map, entries)?, turns })
+        let mut probabilities = Self::new(map, entries)?;
+        probabilities.turns = turns;
+        Ok(probabilities)
     }
 }
 

@@ -3,18 +3,21 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-use super::road_map::Adjacency;
-use super::{CleaningReport, Coordinates, DroppedPlace, DroppedRoad};
-use super::{MapError, Place, Road, RoadMap};
+use super::adjacency::Adjacency;
+use super::map::{Road, RoadMap};
+use super::report::CleaningReport;
+#[cfg(feature = "csv")]
+use crate::map::RoadClass;
+use crate::map::places::{Place, Places};
+use crate::map::{Coordinates, MapError};
 
 /// Builder of a map from places, then roads. Each is checked as it is added, so that a reader of
 /// files can name the line.
 #[derive(Debug)]
 pub(super) struct Builder<P> {
-    places: Vec<Place<P>>,
-    indices: HashMap<u64, u32>,
-    /// Index of each road in the order given, with the road.
-    roads: HashMap<(u32, u32), (usize, Road)>,
+    places: Places<P>,
+    /// The road kept between two places, with its index in the order given.
+    roads: HashMap<[u32; 2], (usize, Road)>,
     report: CleaningReport,
     /// True if repeated places, parallel roads and loops are dropped and reported, not errors.
     cleans: bool,
@@ -23,8 +26,8 @@ pub(super) struct Builder<P> {
 impl<P: Coordinates> Builder<P> {
     /// Returns a builder that drops nothing: all defects are errors.
     pub(super) fn strict() -> Self {
-        let (places, report) = (Vec::new(), CleaningReport::default());
-        Self { places, indices: HashMap::new(), roads: HashMap::new(), report, cleans: false }
+        let (places, roads) = (Places::default(), HashMap::new());
+        Self { places, roads, report: CleaningReport::default(), cleans: false }
     }
 
     /// Returns a builder that drops repeated places, parallel roads and loops.
@@ -33,24 +36,14 @@ impl<P: Coordinates> Builder<P> {
     }
 
     pub(super) fn place(&mut self, place: Place<P>) -> Result<(), MapError> {
-        let id = place.id;
-        check_position(id, place.position)?;
-        let given = self.report.places;
-        self.report.places += 1;
-        match self.indices.entry(id) {
-            Entry::Vacant(vacant) => {
-                vacant.insert(self.places.len() as u32);
-                self.places.push(place);
-            }
-            Entry::Occupied(known) => {
-                let same = self.places[*known.get() as usize].position == place.position;
-                if !(self.cleans && same) {
-                    return Err(MapError::DuplicatePlace { id });
-                }
-                self.report.repeated.push(DroppedPlace { index: given, id });
-            }
+        let index = self.report.places_given;
+        self.report.places_given += 1;
+        let known = self.places.index_of(place.id).map(|known| &self.places.list[known]);
+        if self.cleans && known.is_some_and(|known| known.position == place.position) {
+            self.report.repeated_places.push((index, place.id));
+            return Ok(());
         }
-        Ok(())
+        self.places.add(place).map(|_| ())
     }
 
     /// Adds a road as long as the straight line between its ends.
@@ -59,31 +52,22 @@ impl<P: Coordinates> Builder<P> {
         &mut self,
         from: u64,
         to: u64,
-        class: super::RoadClass,
+        class: RoadClass,
     ) -> Result<(), MapError> {
-        let (start, end) = self.ends(from, to)?;
-        let (start, end) = (&self.places[start as usize], &self.places[end as usize]);
-        self.road(Road::straight(start, end, class))
-    }
-
-    fn ends(&self, from: u64, to: u64) -> Result<(u32, u32), MapError> {
-        let index = |id: u64| {
-            let index = self.indices.get(&id).copied();
-            index.ok_or(MapError::UnknownPlace { from, to, missing: id })
-        };
-        Ok((index(from)?, index(to)?))
+        let metres = self.places.straight(self.places.ends(from, to)?);
+        self.road(Road { from, to, class, metres })
     }
 
     pub(super) fn road(&mut self, road: Road) -> Result<(), MapError> {
         let Road { from, to, metres, .. } = road;
-        let ends = self.ends(from, to)?;
-        let index = self.report.roads;
-        self.report.roads += 1;
+        let ends = self.places.ends(from, to)?.map(|end| end as u32);
+        let given = (self.report.roads_given, road);
+        self.report.roads_given += 1;
         if from == to {
             if !self.cleans {
                 return Err(MapError::Loop { id: from });
             }
-            self.report.loops.push(DroppedRoad { index, road });
+            self.report.loops.push(given);
             return Ok(());
         }
         if !(metres > 0.0 && metres.is_finite()) {
@@ -91,50 +75,37 @@ impl<P: Coordinates> Builder<P> {
         }
         match self.roads.entry(ends) {
             Entry::Vacant(vacant) => {
-                vacant.insert((index, road));
+                vacant.insert(given);
             }
             Entry::Occupied(_) if !self.cleans => {
                 return Err(MapError::DuplicateRoad { from, to });
             }
             Entry::Occupied(mut kept) => {
-                let (index, road) = if metres < kept.get().1.metres {
-                    kept.insert((index, road))
-                } else {
-                    (index, road)
-                };
-                self.report.parallel.push(DroppedRoad { index, road });
+                let is_shorter = metres < kept.get().1.metres;
+                let longer = if is_shorter { kept.insert(given) } else { given };
+                self.report.parallel_roads.push(longer);
             }
         }
         Ok(())
     }
 
     pub(super) fn build(self) -> Result<(RoadMap<P>, CleaningReport), MapError> {
-        let Self { places, indices, roads, mut report, .. } = self;
-        if places.is_empty() {
+        let Self { places, roads, mut report, .. } = self;
+        if places.list.is_empty() {
             return Err(MapError::Empty);
         }
         let mut sorted: Vec<_> = roads.into_iter().map(|(ends, (_, road))| (ends, road)).collect();
         sorted.sort_unstable_by_key(|road| road.0);
-        let mut pairs: Vec<_> = sorted.iter().map(|road| road.0).collect();
-        let outgoing = Adjacency::new(places.len(), &pairs);
-        pairs.iter_mut().for_each(|(from, to)| std::mem::swap(from, to));
+        let mut pairs: Vec<[u32; 2]> = sorted.iter().map(|road| road.0).collect();
+        let outgoing = Adjacency::new(places.list.len(), &pairs);
+        pairs.iter_mut().for_each(|ends| ends.reverse());
         pairs.sort_unstable();
-        let incoming = Adjacency::new(places.len(), &pairs);
+        let incoming = Adjacency::new(places.list.len(), &pairs);
         let roads = sorted.into_iter().map(|road| road.1).collect();
         // Parallel roads are found out of order when a later, shorter one replaces the kept road.
-        report.parallel.sort_unstable_by_key(|dropped| dropped.index);
-        Ok((RoadMap { places, indices, roads, outgoing, incoming }, report))
+        report.parallel_roads.sort_unstable_by_key(|dropped| dropped.0);
+        Ok((RoadMap { places, roads, outgoing, incoming }, report))
     }
-}
-
-/// Checks that a position is on Earth, or in the plane.
-pub(super) fn check_position<P: Coordinates>(id: u64, position: P) -> Result<(), MapError> {
-    for ((coordinate, limit), value) in P::AXES.into_iter().zip(position.values()) {
-        if !(-limit..=limit).contains(&value) {
-            return Err(MapError::Coordinate { id, coordinate, value, limit, unit: P::UNIT });
-        }
-    }
-    Ok(())
 }
 
 impl<P: Coordinates> RoadMap<P> {
@@ -175,8 +146,8 @@ impl<P: Coordinates> RoadMap<P> {
     ///     [road(1, 2, 130.0), road(2, 2, 40.0), road(1, 2, 112.0), road(2, 1, 112.0)],
     /// )?;
     /// assert_eq!(map.roads(), [road(1, 2, 112.0), road(2, 1, 112.0)]);
-    /// assert_eq!(report.parallel_roads()[0].index, 0);
-    /// assert_eq!(report.loops()[0].road, road(2, 2, 40.0));
+    /// assert_eq!(report.parallel_roads, [(0, road(1, 2, 130.0))]);
+    /// assert_eq!(report.loops, [(1, road(2, 2, 40.0))]);
     /// assert_eq!(
     ///     report.to_string(),
     ///     "dropped 0 of 2 places (repeated) and 2 of 4 roads (parallel: 1, loops: 1)"

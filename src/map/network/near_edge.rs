@@ -1,0 +1,41 @@
+//! An edge near a position.
+
+use super::road_network::RoadNetwork;
+use crate::map::Coordinates;
+
+/// An edge near a position, at the point of its line that is nearest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NearEdge {
+    /// Index of the edge.
+    pub edge: usize,
+    /// Metres from the start of the edge to the nearest point, between 0 and its length.
+    pub metres_along: f64,
+    /// Metres between the position and the nearest point.
+    pub metres_off: f64,
+    /// Metres across, from the position to the line that goes on straight beyond the ends of the
+    /// edge.
+    pub across: f64,
+    /// Metres by which the position is beyond the end of the edge along that line; below 0 before
+    /// its start, 0 beside the edge.
+    pub beyond: f64,
+    /// The nearest point, in the plane of the network.
+    pub(crate) point: [f64; 2],
+    /// Direction of the road there, in the plane; of length 1, or 0.
+    pub(crate) direction: [f64; 2],
+}
+
+impl NearEdge {
+    /// Nearest point, in the coordinates of the network.
+    #[must_use]
+    pub fn position<P: Coordinates>(&self, _: &RoadNetwork<P>) -> P {
+        P::from_plane(self.point)
+    }
+
+    /// Direction of the road at the nearest point, in radians clockwise from north, from −π to π;
+    /// in a plane, from the y-axis.
+    #[must_use]
+    pub fn heading(&self) -> f64 {
+        let [x, y] = self.direction;
+        x.atan2(y)
+    }
+}
