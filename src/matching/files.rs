@@ -20,8 +20,10 @@ pub struct Trace {
     pub name: String,
     /// Points in the order of the file, each later than the one before.
     pub points: Vec<TracePoint>,
-    /// Points of the drive that were left out.
-    pub skipped: SkippedPoints,
+    /// Number of points of the drive that were left out, with the time of the last one taken.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
 }
 
 impl AsRef<[TracePoint]> for Trace {
@@ -34,8 +36,11 @@ impl AsRef<[TracePoint]> for Trace {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct TraceReport {
-    /// Points of all drives that were left out; each [`Trace`] has its own.
-    pub skipped: SkippedPoints,
+    /// Number of points of all drives that were left out, with the time of the last one taken; each
+    /// [`Trace`] has its own.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
     /// Lines of the first ten points that were left out.
     pub skipped_lines: Vec<u64>,
     /// Columns that are not known, and were not read.
@@ -48,32 +53,18 @@ const MOST_LINES: usize = 10;
 /// Prints the counts, and a line for each column that is not known.
 impl fmt::Display for TraceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { skipped, skipped_lines: lines, ignored_columns } = self;
-        write!(f, "{skipped}")?;
+        let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
+        write!(
+            f,
+            "skipped {repeated} points of the same time and {backwards} that go back in time"
+        )?;
         if !lines.is_empty() {
             let named: Vec<String> = lines.iter().map(u64::to_string).collect();
-            let more =
-                if lines.len() < skipped.repeated + skipped.backwards { ", …" } else { "" };
+            let more = if lines.len() < repeated + backwards { ", …" } else { "" };
             let word = if lines.len() == 1 { "line" } else { "lines" };
             write!(f, " ({word} {}{more})", named.join(", "))?;
         }
         ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
-    }
-}
-
-/// Points of a drive, or of all drives of a file, that were left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SkippedPoints {
-    /// Points with the time of the last one taken.
-    pub repeated: usize,
-    /// Points that are earlier than the last one taken.
-    pub backwards: usize,
-}
-
-impl fmt::Display for SkippedPoints {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { repeated, backwards } = self;
-        write!(f, "skipped {repeated} points of the same time and {backwards} that go back in time")
     }
 }
 
@@ -165,17 +156,16 @@ pub fn read_traces_from(
                 return Err(at(line, problem));
             }
             let (name, points) = (trace.to_owned(), Vec::new());
-            traces.push(Trace { name, points, skipped: SkippedPoints::default() });
+            traces.push(Trace { name, points, repeated: 0, backwards: 0 });
         }
-        let Some(Trace { points, skipped, .. }) = traces.last_mut() else { continue };
+        let Some(Trace { points, repeated, backwards, .. }) = traces.last_mut() else { continue };
         // Not the total order, in which -0 is before 0.
-        let total = &mut report.skipped;
         match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
             Some(Ordering::Equal) => {
-                (skipped.repeated, total.repeated) = (skipped.repeated + 1, total.repeated + 1);
+                (*repeated, report.repeated) = (*repeated + 1, report.repeated + 1);
             }
             Some(Ordering::Less) => {
-                (skipped.backwards, total.backwards) = (skipped.backwards + 1, total.backwards + 1);
+                (*backwards, report.backwards) = (*backwards + 1, report.backwards + 1);
             }
             _ => {
                 points.push(point);

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::candidates::{Candidate, OFF_ROAD};
-use super::drive::MatchedDrive;
-use super::stretches::{Added, Link, Mode, Rules};
-use super::{MatchError, MatchMemory, Matcher};
-use crate::map::Coordinates;
+use super::rules::{Added, Link, Mode, Rules};
+use crate::map::{Coordinates, RoadNetwork};
+use crate::matching::MatchedDrive;
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::step::MatchStep;
 
 /// Probability at and below which a move is left out.
 const LEAST_MOVE: f64 = 1e-30;
@@ -63,11 +63,10 @@ type Nodes = Vec<BTreeMap<Mode, u32>>;
 impl Lattice {
     /// Builds the lattice of a drive. O(moves) time, and that of the searches for their ways.
     pub(super) fn new<P: Coordinates>(
-        matcher: &Matcher<P>,
+        network: &RoadNetwork<P>,
         drive: &MatchedDrive<P>,
-        memory: &mut MatchMemory,
-    ) -> Result<Self, MatchError> {
-        matcher.check_network(drive.network)?;
+        search: &mut MatchStep<'_, P>,
+    ) -> Self {
         let mut lattice = Self::default();
         let start = lattice.node(0);
         let mut nodes: Nodes = vec![BTreeMap::new(); drive.states[0].len()];
@@ -81,7 +80,7 @@ impl Lattice {
         }
         lattice.close(start, 0);
         for step in 1..drive.states.len() {
-            nodes = lattice.step(matcher, drive, step, &nodes, memory);
+            nodes = lattice.step(network, drive, step, &nodes, search);
         }
         let end = lattice.node(0);
         let last = &drive.states[drive.states.len() - 1];
@@ -96,17 +95,17 @@ impl Lattice {
                 lattice.close(*node, first);
             }
         }
-        Ok(lattice)
+        lattice
     }
 
     /// Adds the arcs from the nodes of a step, from 1, to the next. Returns the nodes of the next.
     fn step<P: Coordinates>(
         &mut self,
-        matcher: &Matcher<P>,
+        network: &RoadNetwork<P>,
         drive: &MatchedDrive<P>,
         step: usize,
         nodes: &Nodes,
-        memory: &mut MatchMemory,
+        search: &mut MatchStep<'_, P>,
     ) -> Nodes {
         let [before, states] = [&drive.states[step - 1], &drive.states[step]];
         // Moves out of each state.
@@ -119,20 +118,15 @@ impl Lattice {
                 }
             }
         }
-        let rules = Rules(&matcher.network);
+        let rules = Rules(network);
+        let points = [&drive.points[step - 1], &drive.points[step]];
         let mut next: Nodes = vec![BTreeMap::new(); states.len()];
         let mut targets: Vec<Candidate> = Vec::new();
         for (number, (from, moves)) in before.iter().zip(&moves).enumerate() {
             let sum: f64 = moves.iter().map(|to| to.1).sum();
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
-            let mut links = Vec::new();
-            if !from.is_off_road() && !targets.is_empty() {
-                let points = &drive.points[step - 1..=step];
-                let jitter = matcher.search_from(from, &targets, points, memory).jitter;
-                let link = |to| rules.link(from, to, jitter, &memory.search);
-                links.extend(targets.iter().map(link));
-            }
+            let links = rules.links(from, &targets, points, search);
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
                 let mut links = links.iter();
