@@ -140,7 +140,7 @@ impl<P: Coordinates> Matcher<P> {
         while learned.iterations < iterations && !learned.converged {
             let mut counts = Counts::default();
             let count = |drive: &D| self.count(&learned.model, drive.as_ref());
-            // Added in the order of the drives, so that threads change no bit.
+            // RouteExtension in the order of the drives, so that threads change no bit.
             let mut numbers = 0..;
             let added = parallel::in_order(drives.iter(), DRIVES_AHEAD, count, |counted| {
                 let drive = numbers.next().unwrap_or_default();

@@ -27,7 +27,7 @@ pub(super) struct MatchStep<'a, P> {
 
 /// Last step of a drive so far: its point, and its states with their filtered distribution.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Before<'a, P> {
+pub(super) struct PreviousStep<'a, P> {
     pub(super) point: &'a TracePoint<P>,
     pub(super) states: &'a [Candidate],
     pub(super) log_filtered: &'a [f64],
@@ -37,7 +37,7 @@ pub(super) struct Before<'a, P> {
 
 /// States of a step that was taken, with their filtered distribution.
 #[derive(Debug)]
-pub(super) struct Taken {
+pub(super) struct ForwardStep {
     pub(super) states: Vec<Candidate>,
     pub(super) log_filtered: Vec<f64>,
     /// ln p(point | all before), in parts.
@@ -69,7 +69,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         &mut self,
         point: &TracePoint<P>,
         trellis: &mut Trellis,
-    ) -> Result<Taken, MatchError> {
+    ) -> Result<ForwardStep, MatchError> {
         let mut states = self.search(point).near(&self.matcher.index, &mut self.memory.near);
         states.push(Candidate::off_road(point, self.model));
         trellis.begin_step();
@@ -81,17 +81,17 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         }
         let mut log_filtered = Vec::new();
         let scale = trellis.forward_step(1, &[0.0], &mut log_filtered);
-        Ok(Taken { states, log_filtered, scale, speed: point.speed.unwrap_or(0.0) })
+        Ok(ForwardStep { states, log_filtered, scale, speed: point.speed.unwrap_or(0.0) })
     }
 
     /// Takes the next step, and adds it to the trellis whose last step is the one before. On an
     /// error the trellis is as before.
     pub(super) fn next(
         &mut self,
-        before: &Before<'_, P>,
+        before: &PreviousStep<'_, P>,
         point: &TracePoint<P>,
         trellis: &mut Trellis,
-    ) -> Result<Taken, MatchError> {
+    ) -> Result<ForwardStep, MatchError> {
         let interval = Interval::new(self.model, before.point, point);
         let search = self.search(point);
         let mut states = search.near(&self.matcher.index, &mut self.memory.near);
@@ -117,7 +117,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let speed = point
             .speed
             .unwrap_or_else(|| shown().map_or(before.speed, |shown| 0.5 * (before.speed + shown)));
-        Ok(Taken { states, log_filtered, scale, speed })
+        Ok(ForwardStep { states, log_filtered, scale, speed })
     }
 
     /// Takes all steps of a drive forward and back. `visit` is given the moves of each step but
@@ -137,8 +137,9 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
         let mut last = self.first(first, &mut trellis)?;
         forward.push(&last.log_filtered, last.scale)?;
         for pair in points.windows(2) {
-            let Taken { states: before, log_filtered, speed, .. } = &last;
-            let before = Before { point: &pair[0], states: before, log_filtered, speed: *speed };
+            let ForwardStep { states: before, log_filtered, speed, .. } = &last;
+            let before =
+                PreviousStep { point: &pair[0], states: before, log_filtered, speed: *speed };
             let next = self.next(&before, &pair[1], &mut trellis)?;
             forward.push(&next.log_filtered, next.scale)?;
             visit(&self.memory.moves);
@@ -172,7 +173,7 @@ impl<'a, P: Coordinates> MatchStep<'a, P> {
     }
 
     /// Finds the moves into each state, of which the last is the one off the road.
-    fn weigh(&mut self, before: &Before<'_, P>, states: &[Candidate], interval: &Interval) {
+    fn weigh(&mut self, before: &PreviousStep<'_, P>, states: &[Candidate], interval: &Interval) {
         let (model, Memory { search, entries, .. }) = (self.model, &mut self.memory);
         let [leaves, returns] = [model.leaves(interval.seconds), model.returns(interval.seconds)];
         entries.resize_with(entries.len().max(states.len()), Vec::new);

@@ -2,7 +2,7 @@
 
 use super::answer::{RoadAnswer, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
-use super::step::{Before, MatchStep, Taken};
+use super::step::{ForwardStep, MatchStep, PreviousStep};
 use super::{MatchError, Matcher, TracePoint};
 use crate::inference::{LogSum, Trellis};
 use crate::map::{Coordinates, Position};
@@ -51,7 +51,7 @@ impl<P: Coordinates> Matcher<P> {
         point.check(0, None)?;
         let mut trellis = Trellis::new();
         let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
-        let Taken { states, log_filtered, scale, speed } = taken;
+        let ForwardStep { states, log_filtered, scale, speed } = taken;
         let mut log_likelihood = LogSum::default();
         scale.add_to(&mut log_likelihood);
         let (network, point, last) = (self.fingerprint, *point, scale.log());
@@ -75,9 +75,9 @@ impl<P: Coordinates> Matcher<P> {
         self.check(window.last())?;
         let states = window.states.last().map_or(&[][..], |states| states);
         let (log_filtered, speed) = (&window.log_filtered[..], progress.speed);
-        let before = Before { point: &progress.point, states, log_filtered, speed };
+        let before = PreviousStep { point: &progress.point, states, log_filtered, speed };
         let mut step = MatchStep::new(self, &self.model);
-        let Taken { mut states, log_filtered, scale, speed } =
+        let ForwardStep { mut states, log_filtered, scale, speed } =
             step.next(&before, point, &mut window.trellis)?;
         states.shrink_to_fit();
         window.states.push(states);

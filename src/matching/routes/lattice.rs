@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::rules::{Added, Link, Mode, Rules};
+use super::rules::{Link, Mode, RouteExtension, RouteRules, links};
 use crate::map::{Coordinates, RoadNetwork};
 use crate::matching::MatchedDrive;
 use crate::matching::candidates::{Candidate, OFF_ROAD};
@@ -71,8 +71,8 @@ impl Lattice {
         let start = lattice.node(0);
         let mut nodes: Nodes = vec![BTreeMap::new(); drive.states[0].len()];
         for (state, probability) in drive.smoothed.smoothed(1).iter().enumerate() {
-            let mut added = Added::default();
-            let mode = Rules::<P>::start(&drive.states[0][state], &mut added);
+            let mut added = RouteExtension::default();
+            let mode = RouteRules::<P>::start(&drive.states[0][state], &mut added);
             if *probability > LEAST_MOVE {
                 let to = lattice.node_of(&mut nodes, state, mode);
                 lattice.arc(to, *probability, &added);
@@ -86,8 +86,8 @@ impl Lattice {
         let last = &drive.states[drive.states.len() - 1];
         for (state, modes) in last.iter().zip(&nodes) {
             for (mode, node) in modes {
-                let (mut added, first) = (Added::default(), lattice.arcs.len());
-                Rules::<P>::finish(*mode, state, &mut added);
+                let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
+                RouteRules::<P>::finish(*mode, state, &mut added);
                 lattice.arc(end, 1.0, &added);
                 // The end is the last word of the last arc.
                 lattice.words.push(END);
@@ -118,7 +118,7 @@ impl Lattice {
                 }
             }
         }
-        let rules = Rules(network);
+        let rules = RouteRules(network);
         let points = [&drive.points[step - 1], &drive.points[step]];
         let mut next: Nodes = vec![BTreeMap::new(); states.len()];
         let mut targets: Vec<Candidate> = Vec::new();
@@ -126,12 +126,12 @@ impl Lattice {
             let sum: f64 = moves.iter().map(|to| to.1).sum();
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
-            let links = rules.links(from, &targets, points, search);
+            let ways = links(from, &targets, points, search);
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
-                let mut links = links.iter();
+                let mut links = ways.iter();
                 for &(state, probability) in moves {
-                    let (to, mut added) = (&states[state], Added::default());
+                    let (to, mut added) = (&states[state], RouteExtension::default());
                     let link = if to.is_off_road() { None } else { links.next() };
                     let link = link.unwrap_or(&Link::SameEdge);
                     let mode = rules.go(*mode, [from, to], link, &mut added);
@@ -154,7 +154,7 @@ impl Lattice {
         *nodes[state].entry(mode).or_insert_with(|| self.node(state))
     }
 
-    fn arc(&mut self, to: u32, probability: f64, added: &Added) {
+    fn arc(&mut self, to: u32, probability: f64, added: &RouteExtension) {
         let first = self.words.len() as u32;
         self.words.extend(added.parts.iter().map(|part| part.edge));
         self.arcs.push(Arc { to, words: [first, self.words.len() as u32], probability });

@@ -1,6 +1,6 @@
 //! The connected route through one state a point, by the rules of its moves.
 
-use super::rules::{Added, LEAST, Link, Part, Rules};
+use super::rules::{LEAST, Link, Part, RouteExtension, RouteRules, links};
 use crate::map::{Coordinates, RoadNetwork};
 use crate::matching::candidates::{Candidate, OFF_ROAD};
 use crate::matching::step::MatchStep;
@@ -13,24 +13,25 @@ pub(in crate::matching) fn route<P: Coordinates>(
     path: &[Candidate],
     step: &mut MatchStep<'_, P>,
 ) -> Vec<Stretch<P>> {
-    let (rules, mut route, mut added) = (Rules(network), Vec::new(), Added::default());
-    let mut mode = Rules::<P>::start(&path[0], &mut added);
+    let (rules, mut route, mut added) =
+        (RouteRules(network), Vec::new(), RouteExtension::default());
+    let mut mode = RouteRules::<P>::start(&path[0], &mut added);
     rules.extend(&mut route, [&points[0]; 2], &added);
     for (pair, points) in path.windows(2).zip(points.windows(2)) {
         let ([from, to], points) = ([&pair[0], &pair[1]], [&points[0], &points[1]]);
         let on_road = if to.is_off_road() { &[][..] } else { &pair[1..] };
-        let link = rules.links(from, on_road, points, step).pop().unwrap_or(Link::SameEdge);
-        added = Added::default();
+        let link = links(from, on_road, points, step).pop().unwrap_or(Link::SameEdge);
+        added = RouteExtension::default();
         mode = rules.go(mode, [from, to], &link, &mut added);
         rules.extend(&mut route, points, &added);
     }
-    added = Added::default();
-    Rules::<P>::finish(mode, &path[path.len() - 1], &mut added);
+    added = RouteExtension::default();
+    RouteRules::<P>::finish(mode, &path[path.len() - 1], &mut added);
     rules.extend(&mut route, [&points[points.len() - 1]; 2], &added);
     route
 }
 
-impl<P: Coordinates> Rules<'_, P> {
+impl<P: Coordinates> RouteRules<'_, P> {
     /// Place on an edge; its end, if that is as near as makes no stretch.
     fn up_to_end(&self, edge: usize, along: f64) -> f64 {
         let length = self.length(edge);
@@ -38,7 +39,12 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// Adds to a route what a move between two points adds.
-    fn extend(&self, route: &mut Vec<Stretch<P>>, [from, to]: [&TracePoint<P>; 2], added: &Added) {
+    fn extend(
+        &self,
+        route: &mut Vec<Stretch<P>>,
+        [from, to]: [&TracePoint<P>; 2],
+        added: &RouteExtension,
+    ) {
         if let Some(last) = route.last_mut() {
             match (last.edge, added.extend) {
                 (None, _) if added.from_off_road => {

@@ -44,14 +44,14 @@ pub(super) struct Part {
 
 /// A move's parts, and the least exit from the stretch before them.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Added {
+pub(super) struct RouteExtension {
     pub(super) extend: Option<f64>,
     /// True if the last stretch is off the road, and ends at the second point.
     pub(super) from_off_road: bool,
     pub(super) parts: Vec<Part>,
 }
 
-impl Added {
+impl RouteExtension {
     fn push(&mut self, edge: usize, enter: f64, exit: f64) {
         self.parts.push(Part { edge: edge as u32, enter, exit });
     }
@@ -61,33 +61,32 @@ impl Added {
     }
 }
 
+/// Ways from a state to others on roads at the next point; none off the road.
+pub(super) fn links<P: Coordinates>(
+    from: &Candidate,
+    to: &[Candidate],
+    points: [&TracePoint<P>; 2],
+    step: &mut MatchStep<'_, P>,
+) -> Vec<Link> {
+    if from.is_off_road() || to.is_empty() {
+        return Vec::new();
+    }
+    let (ways, jitter) = step.ways(from, to, points);
+    let link = |to: &Candidate| match ways.kind(from, to, jitter) {
+        Some(WayKind::SameEdge) => Link::SameEdge,
+        Some(WayKind::Turn) => Link::Turn,
+        _ => Link::Edges(ways.search.route(from.edge as usize, to.edge as usize)),
+    };
+    to.iter().map(link).collect()
+}
+
 /// Rules by which moves add stretches.
 #[derive(Debug)]
-pub(super) struct Rules<'a, P>(pub(super) &'a RoadNetwork<P>);
+pub(super) struct RouteRules<'a, P>(pub(super) &'a RoadNetwork<P>);
 
-impl<P: Coordinates> Rules<'_, P> {
-    /// Ways from a state to others on roads at the next point; none off the road.
-    pub(super) fn links(
-        &self,
-        from: &Candidate,
-        to: &[Candidate],
-        points: [&TracePoint<P>; 2],
-        step: &mut MatchStep<'_, P>,
-    ) -> Vec<Link> {
-        if from.is_off_road() || to.is_empty() {
-            return Vec::new();
-        }
-        let (ways, jitter) = step.ways(from, to, points);
-        let link = |to: &Candidate| match ways.kind(from, to, jitter) {
-            Some(WayKind::SameEdge) => Link::SameEdge,
-            Some(WayKind::Turn) => Link::Turn,
-            _ => Link::Edges(ways.search.route(from.edge as usize, to.edge as usize)),
-        };
-        to.iter().map(link).collect()
-    }
-
+impl<P: Coordinates> RouteRules<'_, P> {
     /// Begins a route.
-    pub(super) fn start(state: &Candidate, added: &mut Added) -> Mode {
+    pub(super) fn start(state: &Candidate, added: &mut RouteExtension) -> Mode {
         if !state.is_off_road() {
             return Mode::Fresh { after_off_road: false };
         }
@@ -96,7 +95,7 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// Ends a route. That of a vehicle that stood all the time has a stretch without length.
-    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut Added) {
+    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut RouteExtension) {
         if mode == (Mode::Fresh { after_off_road: false }) {
             added.push(state.edge as usize, state.along, state.along);
         }
@@ -108,7 +107,7 @@ impl<P: Coordinates> Rules<'_, P> {
         mode: Mode,
         [from, to]: [&Candidate; 2],
         link: &Link,
-        added: &mut Added,
+        added: &mut RouteExtension,
     ) -> Mode {
         added.from_off_road = from.is_off_road();
         match (from.is_off_road(), to.is_off_road()) {
@@ -140,7 +139,13 @@ impl<P: Coordinates> Rules<'_, P> {
         self.0.reverse(edge) == Some(after as usize)
     }
 
-    fn same_edge(&self, mode: Mode, from: &Candidate, to: &Candidate, added: &mut Added) -> Mode {
+    fn same_edge(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
         let edge = from.edge as usize;
         match mode {
             Mode::Driven => added.extend = Some(to.along),
@@ -164,13 +169,19 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// The vehicle went some way into the reverse edge of a state, and turned.
-    fn turned_later(&self, to: &Candidate, added: &mut Added) -> Mode {
+    fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> Mode {
         let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
         Mode::Waiting { after: reverse as u32, turned: false }
     }
 
-    fn turn(&self, mode: Mode, from: &Candidate, to: &Candidate, added: &mut Added) -> Mode {
+    fn turn(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
         let [edge, next] = [from.edge as usize, to.edge as usize];
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
@@ -202,7 +213,7 @@ impl<P: Coordinates> Rules<'_, P> {
         from: &Candidate,
         to: &Candidate,
         edges: &[usize],
-        added: &mut Added,
+        added: &mut RouteExtension,
     ) -> Mode {
         let [_, between @ .., next] = edges else { return mode };
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
