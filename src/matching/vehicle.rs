@@ -95,13 +95,10 @@ impl<P: Coordinates> Matcher<P> {
 
 impl<P> Matcher<P> {
     /// Checks that states are on edges of the network, or off the road.
-    pub(super) fn check<'a>(
-        &self,
-        states: impl IntoIterator<Item = &'a Candidate>,
-    ) -> Result<(), MatchError> {
+    fn check(&self, states: &[Candidate]) -> Result<(), MatchError> {
         let edges = self.network.edges().len();
         let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
-        match states.into_iter().find(unknown) {
+        match states.iter().find(unknown) {
             Some(state) => Err(MatchError::Vehicle { edge: state.edge as usize, edges }),
             None => Ok(()),
         }
