@@ -9,7 +9,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use wayfix::map::{ImportOptions, NetworkBuilder, Position, RoadClass, RoadNetwork};
-use wayfix::matching::{MatchMemory, MatchModel, Matcher, TracePoint};
+use wayfix::matching::{MatchModel, Matcher, TracePoint};
 
 const SIDE: u64 = 40;
 const NOISE: f64 = 10.0;
@@ -67,23 +67,22 @@ fn matching(criterion: &mut Criterion) {
     let drives: Vec<_> = (0..50).map(|_| drive(&network, rng)).collect();
     let model = MatchModel { noise: NOISE, ..MatchModel::default() };
     let matcher = Matcher::new(network).with_model(model).expect("a model");
-    let mut memory = MatchMemory::default();
     let mut group = criterion.benchmark_group("matching");
     group.throughput(Throughput::Elements(drives.iter().map(Vec::len).sum::<usize>() as u64));
     group.sample_size(10);
     group.bench_function("whole drives", |bencher| {
         bencher.iter(|| {
             for drive in &drives {
-                black_box(matcher.match_drive(drive, &mut memory).expect("a match"));
+                black_box(matcher.match_drive(drive).expect("a match"));
             }
         });
     });
     group.bench_function("live", |bencher| {
         bencher.iter(|| {
             for drive in &drives {
-                let mut vehicle = matcher.start(&drive[0], 3, &mut memory).expect("a vehicle");
+                let mut vehicle = matcher.start(&drive[0], 3).expect("a vehicle");
                 for point in &drive[1..] {
-                    black_box(matcher.step(&mut vehicle, point, &mut memory).expect("a step"));
+                    black_box(matcher.step(&mut vehicle, point).expect("a step"));
                 }
             }
         });

@@ -19,8 +19,9 @@ use std::time::Instant;
 use clap::Parser;
 use plotters::prelude::*;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use wayfix::evaluate::expected_calibration_error;
 use wayfix::map::{Cleaning, ImportOptions, Position, RoadClass, RoadNetwork};
-use wayfix::matching::{MatchMemory, MatchModel, Matcher};
+use wayfix::matching::{MatchModel, Matcher};
 
 use roads::measures::ESTIMATORS;
 use roads::picture::{Canvas, Drawn, draw_drive};
@@ -102,11 +103,10 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let seconds = start.elapsed().as_secs_f64();
     roads::print(&format!("index of the roads: {seconds:.2} s\n\n"))?;
 
-    let mut memory = MatchMemory::default();
     let mut total = Tracked::default();
     let bar = roads::bar("tracking", drives.len());
     for (number, drive) in drives.iter().enumerate() {
-        let (tracked, matched) = track::track(&matcher, drive, arguments.late, &mut memory)
+        let (tracked, matched) = track::track(&matcher, drive, arguments.late)
             .map_err(|error| format!("drive {}: {error}", number + 1))?;
         if number == 0 {
             let title = "A simulated drive, and the route that was found from its points";
@@ -213,7 +213,7 @@ fn report(total: &Tracked) -> Result<(), Box<dyn Error>> {
     let diagrams = total.forecasts.reliability()?;
     text += "answers    right edge   calibration error\n";
     for ((name, right), diagram) in ESTIMATORS.iter().zip(total.forecasts.right()).zip(&diagrams) {
-        let error = diagram.expected_calibration_error();
+        let error = expected_calibration_error(diagram);
         text += &format!("{name:<9} {right:11.4} {error:19.4}\n");
     }
     roads::print(&format!("{text}\n{}", total.forecasts.table()?))?;

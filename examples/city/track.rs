@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use wayfix::matching::{MatchError, MatchMemory, MatchedDrive, Matcher};
+use wayfix::matching::{MatchError, MatchedDrive, Matcher};
 
 use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
 use super::roads::simulate::Simulated;
@@ -39,17 +39,16 @@ pub(crate) fn track(
     matcher: &Matcher,
     drive: &Simulated,
     lag: usize,
-    memory: &mut MatchMemory,
 ) -> Result<(Tracked, MatchedDrive), MatchError> {
     let points = &drive.points;
     let mut tracked = Tracked { points: points.len(), ..Tracked::default() };
     let start = Instant::now();
-    let mut vehicle = matcher.start(&points[0], lag, memory)?;
+    let mut vehicle = matcher.start(&points[0], lag)?;
     tracked.live_seconds += start.elapsed().as_secs_f64();
     let (mut live, mut late) = (vec![vehicle.live()], VecDeque::new());
     for point in &points[1..] {
         let start = Instant::now();
-        matcher.step(&mut vehicle, point, memory)?;
+        matcher.step(&mut vehicle, point)?;
         live.push(vehicle.live());
         tracked.live_seconds += start.elapsed().as_secs_f64();
         tracked.bytes = tracked.bytes.max(vehicle.bytes());
@@ -58,7 +57,7 @@ pub(crate) fn track(
         }
     }
     let start = Instant::now();
-    let matched = matcher.match_drive(points, memory)?;
+    let matched = matcher.match_drive(points)?;
     tracked.match_seconds = start.elapsed().as_secs_f64();
     tracked.candidates = matched.candidates() * points.len() as f64;
     let network = matcher.network();

@@ -5,7 +5,7 @@ use std::io::{BufWriter, Error, Write};
 use std::path::Path;
 
 use serde_json::json;
-use wayfix::matching::{MatchedDrive, Matcher, PointWriter, RouteWriter};
+use wayfix::matching::{AnswerWriter, MatchedDrive, Matcher};
 
 use super::roads::picture::probabilities;
 use super::roads::{cannot_write, line_between};
@@ -21,9 +21,9 @@ impl Lines {
         late: usize,
     ) -> Result<Self, csv::Error> {
         let mut route = Vec::new();
-        RouteWriter::without_header(&mut route).write(name, matcher, drive)?;
+        AnswerWriter::routes(&mut route).write(name, matcher, drive)?;
         let mut points = Vec::new();
-        PointWriter::without_header(&mut points).write(name, matcher, drive, late)?;
+        AnswerWriter::points(&mut points, late).write(name, matcher, drive)?;
         let features = features(name, matcher, drive).into_bytes();
         Ok(Self([route, points, features]))
     }
@@ -78,8 +78,8 @@ impl Output {
         let mut files = [create("route.csv")?, create("points.csv")?, create("route.geojson")?];
         let [route, points, features] = &mut files;
         let failed = |error| cannot_write(out, error);
-        RouteWriter::new(route).map_err(|error| cannot_write(out, error))?;
-        PointWriter::new(points).map_err(|error| cannot_write(out, error))?;
+        AnswerWriter::routes(route).with_header().map_err(|error| cannot_write(out, error))?;
+        AnswerWriter::points(points, 0).with_header().map_err(|error| cannot_write(out, error))?;
         features.write_all(b"{\"type\":\"FeatureCollection\",\"features\":[\n").map_err(failed)?;
         Ok(Self { files, is_empty: true })
     }

@@ -3,9 +3,7 @@
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use wayfix::matching::{
-    LearnedMatchModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint,
-};
+use wayfix::matching::{LearnedMatchModel, MatchError, MatchModel, Matcher, TracePoint};
 
 use super::{Drive, roads};
 
@@ -47,8 +45,7 @@ pub(crate) fn fit(
     spinner.enable_steady_tick(Duration::from_millis(100));
     let start = Instant::now();
     let first = matcher.with_model(MatchModel { noise: FIRST_NOISE, ..default })?;
-    let fitted: Result<LearnedMatchModel, MatchError> =
-        first.learn(&pieces(drives), ITERATIONS, &mut MatchMemory::default());
+    let fitted: Result<LearnedMatchModel, MatchError> = first.learn(&pieces(drives), ITERATIONS);
     spinner.finish_and_clear();
     let fitted = match fitted {
         Ok(fitted) => fitted,

@@ -124,7 +124,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let threads = arguments.threads.unwrap_or(cores).min(drives.len());
     let picture = arguments.picture.as_ref().unwrap_or(&drives[0].trace.name);
     let mut total = run::run(&matcher, &drives, [threads, arguments.late], picture, out)?;
-    total.skipped = read.skipped.repeated + read.skipped.backwards;
+    total.skipped = read.repeated + read.backwards;
     summary::report(&total, out)?;
     Ok(())
 }
@@ -132,7 +132,7 @@ fn run(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
 /// Drives with the most points left out, in words; empty if there are none.
 fn most_skipped(drives: &[Drive]) -> String {
     const NAMED: usize = 5;
-    let skipped = |drive: &Drive| drive.trace.skipped.repeated + drive.trace.skipped.backwards;
+    let skipped = |drive: &Drive| drive.trace.repeated + drive.trace.backwards;
     let mut most: Vec<&Drive> = drives.iter().filter(|drive| skipped(drive) > 0).collect();
     most.sort_by_key(|drive| std::cmp::Reverse(skipped(drive)));
     let named = most.iter().take(NAMED);

@@ -8,7 +8,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Instant;
 
-use wayfix::matching::{MatchError, MatchMemory, MatchedDrive, Matcher};
+use wayfix::matching::{MatchError, MatchedDrive, Matcher};
 
 use super::files::{Lines, Output};
 use super::roads::measures::{Forecasts, Lengths, edges_of, is_among};
@@ -46,12 +46,11 @@ pub(crate) fn run(
         for _ in 0..threads {
             let (sender, next) = (sender.clone(), &next);
             scope.spawn(move || {
-                let mut memory = MatchMemory::default();
                 loop {
                     let number = next.fetch_add(1, Ordering::Relaxed);
                     let Some(drive) = drives.get(number) else { return };
                     let wanted = drive.trace.name == picture;
-                    let matched = matched(matcher, drive, late, wanted, &mut memory);
+                    let matched = matched(matcher, drive, late, wanted);
                     // The receiver is gone after an error.
                     if sender.send((number, matched)).is_err() {
                         return;
@@ -104,12 +103,11 @@ fn matched(
     drive: &Drive,
     late: usize,
     is_drawn: bool,
-    memory: &mut MatchMemory,
 ) -> Result<Matched, String> {
     let message = |error: MatchError| error.to_string();
     let points = &drive.trace.points;
     let start = Instant::now();
-    let found = matcher.match_drive(points, memory).map_err(message)?;
+    let found = matcher.match_drive(points).map_err(message)?;
     let seconds = start.elapsed().as_secs_f64();
     let lines = Lines::of(&drive.trace.name, matcher, &found, late).map_err(|e| e.to_string())?;
     let network = matcher.network();

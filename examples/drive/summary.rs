@@ -3,6 +3,8 @@
 use std::error::Error;
 use std::path::Path;
 
+use wayfix::evaluate::expected_calibration_error;
+
 use super::roads::measures::{ESTIMATORS, Forecasts, Lengths};
 use super::roads::{self, cannot_write};
 
@@ -72,7 +74,7 @@ pub(crate) fn report(total: &Total, out: &Path) -> Result<(), Box<dyn Error>> {
         let right = total.forecasts.right();
         rows.extend((0..ESTIMATORS.len()).map(|n| (RIGHT[n], format!("{:.4}", right[n]))));
         let diagrams = total.forecasts.reliability()?;
-        let error = |n: usize| format!("{:.4}", diagrams[n].expected_calibration_error());
+        let error = |n: usize| format!("{:.4}", expected_calibration_error(&diagrams[n]));
         rows.extend((0..ESTIMATORS.len()).map(|n| (ERROR[n], error(n))));
         let mut worst: Vec<&(f64, String)> = total.worst.iter().collect();
         worst.sort_by(|a, b| b.0.total_cmp(&a.0));

@@ -2,7 +2,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use wayfix::evaluate::{EvaluationError, ReliabilityDiagram};
+use wayfix::evaluate::{EvaluationError, ReliabilityBin, reliability};
 use wayfix::map::RoadNetwork;
 use wayfix::matching::{RoadAnswer, Stretch};
 
@@ -124,8 +124,8 @@ impl Forecasts {
     }
 
     /// Reliability of each estimator, in ten bins.
-    pub(crate) fn reliability(&self) -> Result<[ReliabilityDiagram; 3], EvaluationError> {
-        let [live, late, smoothed] = self.0.each_ref().map(|all| ReliabilityDiagram::new(all, 10));
+    pub(crate) fn reliability(&self) -> Result<[Vec<ReliabilityBin>; 3], EvaluationError> {
+        let [live, late, smoothed] = self.0.each_ref().map(|all| reliability(all, 10));
         Ok([live?, late?, smoothed?])
     }
 
@@ -140,12 +140,10 @@ impl Forecasts {
             text += &format!("{low:.1} to {:.1}  ", low + 0.1);
             for diagram in &diagrams {
                 let near = |lower: f64| (lower - low).abs() < 0.01;
-                text += &match diagram.bins().iter().find(|bin| near(bin.lower())) {
+                text += &match diagram.iter().find(|bin| near(bin.lower)) {
                     Some(bin) => format!(
                         "          {:.3}   {:.3} {:7}",
-                        bin.mean_probability(),
-                        bin.fraction_true(),
-                        bin.count()
+                        bin.mean_probability, bin.fraction_true, bin.count
                     ),
                     None => format!("              -       - {:7}", 0),
                 };
@@ -261,7 +259,10 @@ mod tests {
             forecasts.push(answers, |answer| is_among(&network, &edges, answer));
         }
         assert_eq!(forecasts.right(), [0.25, 0.75, 1.0]);
-        let errors = forecasts.reliability().unwrap().map(|d| d.expected_calibration_error());
+        let errors = forecasts
+            .reliability()
+            .unwrap()
+            .map(|bins| wayfix::evaluate::expected_calibration_error(&bins));
         assert_eq!(errors, [0.5, 0.0, 0.0]);
         assert_eq!(forecasts.table().unwrap().lines().count(), 11);
         assert!(Forecasts::default().reliability().is_err());

@@ -1,6 +1,6 @@
 //! Measures of the quality of answers, computed by the library.
 
-use wayfix::evaluate::{self, PrecisionRecallCurve, ReliabilityDiagram, RocCurve};
+use wayfix::evaluate::{self, ReliabilityBin, ThresholdCurve};
 
 use super::{Fallible, Method, Recording, Task};
 
@@ -12,8 +12,8 @@ pub(crate) struct Measured {
     pub(crate) recall: f64,
     /// Lowest recall of 60 consecutive reported steps; of all, if there are fewer.
     pub(crate) worst_minute: f64,
-    pub(crate) curve: PrecisionRecallCurve,
-    pub(crate) reliability: Option<ReliabilityDiagram>,
+    pub(crate) curve: ThresholdCurve,
+    pub(crate) reliability: Option<Vec<ReliabilityBin>>,
     /// Mean log score of the true places, that of the worst step, and that step.
     pub(crate) log_score: Option<(f64, f64, usize)>,
     /// Area under the ROC curve for being on the map.
@@ -28,7 +28,7 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
     let mut roc_area = None;
     if let Some(off) = method.off_map.as_ref().filter(|_| (1..steps.len()).contains(&on_map)) {
         let samples: Vec<_> = steps.iter().map(|&at| (-off[at], truth[at].is_some())).collect();
-        roc_area = Some(RocCurve::new(&samples)?.area());
+        roc_area = Some(ThresholdCurve::roc(&samples)?.area());
     }
     let scores = task.common.tolerance.iter().enumerate().map(|(at, &tolerance)| {
         let right = |step: usize| recording.is_right(&truth[step], method.places[step], tolerance);
@@ -36,7 +36,7 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
         let given: Vec<_> = given.map(|&step| (method.confidence[step], right(step))).collect();
         let reliability = method.probability.get(at).map(|p| {
             let forecasts: Vec<_> = steps.iter().map(|&step| (p[step], right(step))).collect();
-            ReliabilityDiagram::new(&forecasts, 10)
+            evaluate::reliability(&forecasts, 10)
         });
         let log_score = method.truth_mass.get(at).map(|masses| {
             let of_steps: Vec<_> = steps.iter().map(|&step| masses[step]).collect();
@@ -52,7 +52,7 @@ pub(crate) fn measure(task: Task<'_>, method: &Method) -> Fallible<Vec<Measured>
             recall: recall(steps),
             // A minute off the map has a recall of NaN, which `min` ignores.
             worst_minute: minutes.fold(f64::NAN, f64::min),
-            curve: PrecisionRecallCurve::new(&given, on_map)?,
+            curve: ThresholdCurve::precision_recall(&given, on_map)?,
             reliability: reliability.transpose()?,
             log_score: log_score.transpose()?,
             roc_area,

@@ -105,8 +105,8 @@ pub(crate) fn precision_recall(file: &Path, name: &str, first: &[&Measured]) -> 
     for score in first {
         let (mut points, mut recall) = (Vec::new(), 0.0);
         for point in score.curve.points() {
-            points.extend([(recall, point.precision()), (point.recall(), point.precision())]);
-            recall = point.recall();
+            points.extend([(recall, point.precision), (point.recall, point.precision)]);
+            recall = point.recall;
         }
         curves.push((score.name, points));
     }
@@ -119,8 +119,8 @@ pub(crate) fn reliability(file: &Path, name: &str, first: &[&Measured]) -> Falli
     let mut curves: Vec<Curve> = vec![("as it says", vec![(0.0, 0.0), (1.0, 1.0)])];
     for (score, diagram) in first.iter().flat_map(|of| of.reliability.iter().map(move |d| (of, d)))
     {
-        let points = diagram.bins().iter().filter(|bin| bin.count() >= FEW);
-        let points = points.map(|bin| (bin.mean_probability(), bin.fraction_true()));
+        let points = diagram.iter().filter(|bin| bin.count >= FEW);
+        let points = points.map(|bin| (bin.mean_probability, bin.fraction_true));
         curves.push((score.name, points.collect()));
     }
     let title = format!("within {} of the truth, bins of at least {FEW} steps", first[0].tolerance);

@@ -2,7 +2,7 @@
 
 use std::{ops::Range, path::Path};
 
-use wayfix::evaluate::ReliabilityDiagram;
+use wayfix::evaluate::expected_calibration_error;
 use wayfix::recognition::Answer;
 
 use super::{Measured, Recording, Task, number};
@@ -50,7 +50,7 @@ pub(crate) fn cells(score: &Measured) -> Vec<String> {
         score.tolerance.to_string(),
         number(score.recall),
         number(score.worst_minute),
-        optional(score.reliability.as_ref().map(ReliabilityDiagram::expected_calibration_error)),
+        optional(score.reliability.as_deref().map(expected_calibration_error)),
         optional(score.log_score.map(|score| score.0)),
         optional(score.log_score.map(|score| score.1)),
         score.log_score.map_or(String::new(), |score| score.2.to_string()),

@@ -7,15 +7,15 @@
 //! - **States** against true ones: [`accuracy`], [`mean_error`], and
 //!   [`illegal_moves`] of a path.
 //! - **Places** recognised: [`recall_within`] a tolerance. With a confidence for each
-//!   answer, a [`PrecisionRecallCurve`] shows the recall at each precision; a [`RocCurve`],
-//!   how well a score tells places on the map from others.
-//! - **Probabilities** against outcomes: [`ReliabilityDiagram`] with the
+//!   answer, a [`ThresholdCurve`] shows the recall at each precision, or how well a score
+//!   tells places on the map from others.
+//! - **Probabilities** against outcomes: [`reliability`] by bins, with the
 //!   calibration errors, [`brier_score`], [`binary_log_score`], and
 //!   [`log_score`] for beliefs over places.
 //! - **Localisation**: [`steps_to_localize`], [`steps_to_localize_correctly`].
 //!
 //! ```
-//! use wayfix::evaluate::{PrecisionRecallCurve, self};
+//! use wayfix::evaluate::{ThresholdCurve, self};
 //!
 //! // The true places of four pictures, of which the third shows a new place; and a
 //! // recogniser's answers, each with its confidence.
@@ -33,29 +33,54 @@
 //!     };
 //!     judged.push((confidence, right));
 //! }
-//! let curve = PrecisionRecallCurve::new(&judged, 3)?; // 3 have a right answer
+//! let curve = ThresholdCurve::precision_recall(&judged, 3)?; // 3 have a right answer
 //! assert_eq!(curve.recall_at_precision(1.0)?, 2.0 / 3.0);
 //! # Ok::<(), evaluate::EvaluationError>(())
 //! ```
 
-mod check;
+mod calibration;
+mod curves;
 mod error;
-mod illegal_moves;
-mod localisation;
-mod precision_recall;
-mod ranking;
-mod recall;
-mod reliability;
-mod roc;
+mod places;
 mod scores;
 mod states;
 
+pub use calibration::{
+    ReliabilityBin, expected_calibration_error, maximum_calibration_error, reliability,
+};
+pub use curves::{ThresholdCurve, ThresholdPoint};
 pub use error::EvaluationError;
-pub use illegal_moves::{illegal_moves, illegal_moves_with};
-pub use localisation::{steps_to_localize, steps_to_localize_correctly};
-pub use precision_recall::{PrecisionRecallCurve, PrecisionRecallPoint};
-pub use recall::{is_within, recall_within};
-pub use reliability::{ReliabilityBin, ReliabilityDiagram};
-pub use roc::{RocCurve, RocPoint};
+pub use places::{is_within, recall_within, steps_to_localize, steps_to_localize_correctly};
 pub use scores::{binary_log_score, brier_score, log_score};
-pub use states::{accuracy, mean_error};
+pub use states::{accuracy, illegal_moves, illegal_moves_with, mean_error};
+
+use crate::belief::SUM_TOLERANCE;
+use crate::error::Parameter;
+
+fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), EvaluationError> {
+    let (truth, estimated) = (truth.len(), estimates.len());
+    if truth == estimated { Ok(()) } else { Err(EvaluationError::Length { truth, estimated }) }
+}
+
+fn check_level(level: f64) -> Result<(), EvaluationError> {
+    if (0.0..=1.0).contains(&level) {
+        Ok(())
+    } else {
+        Err(Parameter::new("the level", level, "a value from 0 to 1").into())
+    }
+}
+
+/// Checks probabilities. As in beliefs, a sum may lie above one by rounding.
+fn check_probabilities(
+    what: &'static str,
+    values: impl IntoIterator<Item = f64>,
+) -> Result<(), EvaluationError> {
+    let valid = 0.0..=1.0 + SUM_TOLERANCE;
+    match values.into_iter().enumerate().find(|(_, p)| !valid.contains(p)) {
+        Some((index, value)) => {
+            let expected = "a value from 0 to 1";
+            Err(EvaluationError::Value { what, index, value, expected })
+        }
+        None => Ok(()),
+    }
+}

@@ -1,7 +1,6 @@
 //! Proper scores of probabilities: best, in the long run, for the true probabilities.
 
-use super::EvaluationError;
-use super::check::check_probabilities;
+use super::{EvaluationError, check_probabilities};
 
 /// The Brier score: the mean of (p − o)², where p is the probability of an event and o is 1
 /// if it happened, else 0. From 0 to 1, lower is better. O(N).

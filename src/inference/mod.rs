@@ -70,3 +70,5 @@ pub(crate) use step::log_sum::LogSum;
 pub(crate) use streams::filter_snapshot::MOST_STEPS;
 #[cfg(feature = "serde")]
 pub(crate) use streams::online_viterbi_snapshot::Node;
+#[cfg(feature = "matching")]
+pub(crate) use trellis::{Scale, TrellisForward};

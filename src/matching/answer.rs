@@ -1,9 +1,9 @@
-//! Answers for one point of a drive.
+//! Answers: the road at a point of a drive, and stretches of roads with a probability.
 
 use super::MatchError;
 use super::candidates::{Candidate, OFF_ROAD};
 use crate::error::Parameter;
-use crate::map::RoadNetwork;
+use crate::map::{Coordinates, Position, RoadNetwork};
 
 /// The road that a vehicle was on at a point of its drive, with its probability.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,57 +60,61 @@ impl RoadAnswer {
     }
 }
 
-/// Part of an edge where the vehicle may be.
+/// Part of a route: an edge or a part of it, or a stretch off the road.
+///
+/// On the road, those of a route are longer than 0 m, with two exceptions: a vehicle that stood all
+/// the time, whose route is one edge, and an edge with its reverse where going on without them is
+/// forbidden.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CredibleStretch {
-    /// Index of the edge.
-    pub edge: usize,
-    /// Metres from the start of the edge to both ends of the part.
-    pub metres: [f64; 2],
-    /// Probability of the edge.
-    pub probability: f64,
+pub struct Stretch<P = Position> {
+    /// The edge; `None` off the road.
+    pub edge: Option<usize>,
+    /// Metres from the start of the edge where the stretch begins; 0 off the road.
+    pub enter: f64,
+    /// Metres from the start of the edge where it ends; off the road, the straight distance.
+    pub exit: f64,
+    /// Both ends.
+    pub ends: [P; 2],
 }
 
-/// Stretches of roads that hold a vehicle with a probability.
+impl<P> Stretch<P> {
+    /// Length in metres; off the road, that of the straight line.
+    #[must_use]
+    pub fn metres(&self) -> f64 {
+        self.exit - self.enter
+    }
+}
+
+/// Stretches of roads with a probability: a route, or where a vehicle is.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CredibleStretches {
-    stretches: Vec<CredibleStretch>,
-    probability: f64,
-}
-
-impl CredibleStretches {
-    /// Stretches, one an edge, that of the most probable state first.
-    #[must_use]
-    pub fn stretches(&self) -> &[CredibleStretch] {
-        &self.stretches
-    }
-
-    /// Probability that the vehicle is on one of the stretches: at least the mass that was asked
-    /// for, or, if that is less, the probability that it is on a road at all.
-    #[must_use]
-    pub fn probability(&self) -> f64 {
-        self.probability
-    }
+pub struct Stretches<P = Position> {
+    /// Stretches of a route in order; or those that hold a vehicle, one an edge, that of the most
+    /// probable state first.
+    pub stretches: Vec<Stretch<P>>,
+    /// Probability of the route; or that the vehicle is on one of the stretches.
+    pub probability: f64,
 }
 
 /// Stretches of roads that hold the vehicle with a probability of at least `mass`: those of the
 /// most probable states, each as long as the noise along the road asks. Where the roads hold less,
 /// all of their edges.
-pub(super) fn credible<P>(
+pub(super) fn credible<P: Coordinates>(
     network: &RoadNetwork<P>,
     states: &[Candidate],
     probabilities: &[f64],
     sigma: f64,
     mass: f64,
-) -> Result<CredibleStretches, MatchError> {
+) -> Result<Stretches<P>, MatchError> {
     if !(mass > 0.0 && mass <= 1.0) {
         let expected = "a probability above 0 and at most 1";
         return Err(Parameter::new("the mass", mass, expected).into());
     }
-    let is_possible = |&i: &usize| !states[i].is_off_road() && probabilities[i] > 0.0;
-    let mut order: Vec<usize> = (0..states.len()).filter(is_possible).collect();
-    order.sort_by(|&a, &b| probabilities[b].total_cmp(&probabilities[a]));
-    let on_road = order.iter().map(|&i| probabilities[i]).sum::<f64>();
+    let states = states.iter().zip(probabilities);
+    let is_possible = |(state, p): &(&Candidate, &f64)| !state.is_off_road() && **p > 0.0;
+    let mut possible: Vec<(&Candidate, f64)> =
+        states.filter(is_possible).map(|(state, p)| (state, *p)).collect();
+    possible.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let on_road = possible.iter().map(|state| state.1).sum::<f64>();
     let (share, mass_along) = if mass < on_road {
         // Half of the doubt is about the road, half about the place along it.
         ((mass * on_road).sqrt(), (mass / on_road).sqrt())
@@ -118,26 +122,29 @@ pub(super) fn credible<P>(
         (f64::INFINITY, 1.0)
     };
     let half = sigma * ((1.0 + mass_along) / (1.0 - mass_along)).ln() / 1.702;
-    let (mut stretches, mut sum): (Vec<CredibleStretch>, f64) = (Vec::new(), 0.0);
-    for i in order {
+    let (mut stretches, mut sum): (Vec<Stretch<P>>, f64) = (Vec::new(), 0.0);
+    for (state, probability) in possible {
         if sum >= share {
             break;
         }
-        let (edge, probability) = (states[i].edge as usize, probabilities[i]);
         sum += probability;
+        let edge = state.edge as usize;
         let most = network.edges()[edge].metres;
-        let along = states[i].along.min(most);
-        let metres = [(along - half).max(0.0), (along + half).min(most)];
-        match stretches.iter_mut().find(|part| part.edge == edge) {
-            Some(part) => {
-                part.metres = [part.metres[0].min(metres[0]), part.metres[1].max(metres[1])];
-                part.probability += probability;
-            }
-            None => stretches.push(CredibleStretch { edge, metres, probability }),
+        let along = state.along.min(most);
+        let (mut enter, mut exit) = ((along - half).max(0.0), (along + half).min(most));
+        let place = stretches.iter().position(|part| part.edge == Some(edge));
+        if let Some(part) = place.map(|place| &stretches[place]) {
+            (enter, exit) = (part.enter.min(enter), part.exit.max(exit));
+        }
+        let ends = [enter, exit].map(|along| network.position_along(edge, along));
+        let stretch = Stretch { edge: Some(edge), enter, exit, ends };
+        match place {
+            Some(place) => stretches[place] = stretch,
+            None => stretches.push(stretch),
         }
     }
     let probability = (sum * mass_along).max(mass.min(on_road)).min(1.0);
-    Ok(CredibleStretches { stretches, probability })
+    Ok(Stretches { stretches, probability })
 }
 
 /// Edges with their probabilities, the most probable first, without those off the road.

@@ -1,7 +1,19 @@
-//! States of a step: points of roads near a position.
+//! Candidates of a step, its states: points of roads near a position, those where vehicles would be
+//! that go on unseen, and one off the road. Each has the likelihood of the position.
 
 use super::{MatchModel, TracePoint};
-use crate::map::{Coordinates, NearEdge};
+use crate::map::{Coordinates, EdgeIndex, NearEdge, RoadNetwork};
+
+/// Most edges near a point, the nearest: moves grow with their square.
+const MOST_CANDIDATES: usize = 64;
+/// Share of the belief from which on a state goes on where its road leads, even if no position
+/// is near: e^-3.5.
+const CARRIED: f64 = -3.5;
+/// Most ways of a state that goes on, and most states that are added for them.
+const CARRIED_WAYS: usize = 8;
+const MOST_CARRIED: usize = 16;
+/// Most edges that are visited to find where the ways of a state lead.
+const MOST_VISITED: usize = 200;
 
 /// A point of an edge where the vehicle may be, or off the road.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,8 +76,107 @@ pub(super) fn share_below(z: f64) -> f64 {
     1.0 / (1.0 + (-SLOPE * z).exp())
 }
 
-/// State on an edge near a position.
-pub(super) fn on_edge<P: Coordinates>(
+/// Search for the candidates of a point on roads.
+pub(super) struct CandidateSearch<'a, P> {
+    pub(super) network: &'a RoadNetwork<P>,
+    pub(super) model: &'a MatchModel,
+    pub(super) point: &'a TracePoint<P>,
+}
+
+impl<P: Coordinates> CandidateSearch<'_, P> {
+    /// Candidates on the edges near the point, in ascending order of the edges.
+    pub(super) fn near(&self, index: &EdgeIndex, near: &mut Vec<NearEdge>) -> Vec<Candidate> {
+        let reach = 4.0 * deviation(self.model, self.point) + 10.0;
+        index.near(self.network, self.point.position, reach, near);
+        if near.len() > MOST_CANDIDATES {
+            let nearer = |a: &NearEdge, b: &NearEdge| {
+                a.metres_off.total_cmp(&b.metres_off).then(a.edge.cmp(&b.edge))
+            };
+            near.sort_unstable_by(nearer);
+            near.truncate(MOST_CANDIDATES);
+            near.sort_unstable_by_key(|near| near.edge);
+        }
+        let length = |edge: usize| self.network.edges()[edge].metres;
+        near.iter().map(|near| on_edge(near, length(near.edge), self.model, self.point)).collect()
+    }
+
+    /// Adds the places where vehicles would be that went on for so many metres from the states
+    /// before, whose probabilities are given, where no state is near: a position may be far off.
+    pub(super) fn carry(
+        &self,
+        (before, log_filtered): (&[Candidate], &[f64]),
+        metres: f64,
+        jitter: f64,
+        states: &mut Vec<Candidate>,
+    ) {
+        let near_by = states.len();
+        for (from, log) in before.iter().zip(log_filtered) {
+            if from.is_off_road() || *log < CARRIED {
+                continue;
+            }
+            let mut ends = [(0, 0.0); CARRIED_WAYS];
+            let count = self.ends_of_ways(from.edge as usize, from.along + metres, &mut ends);
+            for &(edge, along) in &ends[..count] {
+                let is_near = |state: &Candidate| {
+                    state.edge as usize == edge && (state.along - along).abs() < 3.0 * jitter
+                };
+                if !states.iter().any(is_near) && states.len() < near_by + MOST_CARRIED {
+                    states.push(self.carried(edge, along));
+                }
+            }
+        }
+    }
+
+    /// State at a place of an edge, whatever the position.
+    fn carried(&self, edge: usize, along: f64) -> Candidate {
+        let place = self.network.position_along(edge, along).to_plane();
+        let off = metres_between::<P>(place, self.point.position.to_plane());
+        let near = NearEdge {
+            edge,
+            metres_along: along,
+            metres_off: off,
+            across: off,
+            beyond: 0.0,
+            point: place,
+            direction: [0.0; 2],
+        };
+        let length = self.network.edges()[edge].metres;
+        on_edge(&near, length, self.model, &TracePoint { heading: None, ..*self.point })
+    }
+
+    /// Finds the places so many metres from the start of an edge, along all ways without U-turns,
+    /// as long as there is room. Returns their number.
+    fn ends_of_ways(&self, edge: usize, metres: f64, ends: &mut [(usize, f64)]) -> usize {
+        let mut open = [(0, 0.0); CARRIED_WAYS];
+        (open[0], ends[0]) = ((edge, metres), (edge, 0.0));
+        let (mut waiting, mut found, mut visited) = (1, 0, 0);
+        while waiting > 0 {
+            waiting -= 1;
+            let (edge, metres) = open[waiting];
+            let left = metres - self.network.edges()[edge].metres;
+            visited += 1;
+            let reverse = self.network.reverse(edge);
+            let mut next = self.network.next(edge).filter(|next| Some(*next) != reverse).peekable();
+            if left <= 0.0 || next.peek().is_none() || visited > MOST_VISITED {
+                if found < ends.len() {
+                    ends[found] = (edge, metres.min(self.network.edges()[edge].metres));
+                    found += 1;
+                }
+                continue;
+            }
+            for next in next {
+                if found + waiting < open.len() {
+                    open[waiting] = (next, left);
+                    waiting += 1;
+                }
+            }
+        }
+        found
+    }
+}
+
+/// State on an edge of some length near a position.
+fn on_edge<P: Coordinates>(
     near: &NearEdge,
     metres: f64,
     model: &MatchModel,

@@ -1,12 +1,13 @@
-//! A whole drive: smoothed answers, and the route.
+//! Whole drives: smoothed answers, and the route.
 
-use super::answer::{CredibleStretches, RoadAnswer, credible, edges};
+use std::ops::ControlFlow;
+
+use super::answer::{RoadAnswer, Stretch, Stretches, credible, edges};
 use super::candidates::{Candidate, deviation};
-use super::matcher::Before;
-use super::moves::{Interval, Move, Ways};
-use super::stretches::{Added, Link, Rules};
-use super::vehicle::{mode, speed_after};
-use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
+use super::matcher::DRIVES_AHEAD;
+use super::step::{MatchStep, SmoothedDrive};
+use super::{MatchError, Matcher, TracePoint, routes};
+use crate::inference::engines::parallel;
 use crate::inference::{SmoothedTrellis, Trellis};
 use crate::map::{Coordinates, Position};
 
@@ -23,30 +24,6 @@ pub struct MatchedDrive<P = Position> {
     pub(super) network: u64,
 }
 
-/// Part of a route: an edge, or a stretch off the road.
-///
-/// On a road it is longer than 0 m, with two exceptions: a vehicle that stood all the time, whose
-/// route is one edge, and an edge with its reverse where going on without them is forbidden.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Stretch<P = Position> {
-    /// The edge; `None` off the road.
-    pub edge: Option<usize>,
-    /// Metres from the start of the edge where the vehicle comes onto it; 0 off the road.
-    pub enter: f64,
-    /// Metres from the start of the edge where it leaves it; off the road, the straight distance.
-    pub exit: f64,
-    /// Both ends.
-    pub ends: [P; 2],
-}
-
-impl<P> Stretch<P> {
-    /// Length in metres; off the road, that of the straight line.
-    #[must_use]
-    pub fn metres(&self) -> f64 {
-        self.exit - self.enter
-    }
-}
-
 impl<P: Coordinates> Matcher<P> {
     /// Matches a whole drive. Points must be in the order of time, each later than the one before.
     ///
@@ -56,20 +33,62 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// [`MatchError::Empty`] without points, [`MatchError::Point`] for a number out of range, and
     /// [`MatchError::Time`] for times that do not ascend, each with the index of the point.
-    pub fn match_drive(
-        &self,
-        points: &[TracePoint<P>],
-        memory: &mut MatchMemory,
-    ) -> Result<MatchedDrive<P>, MatchError> {
-        let Built { states, trellis, .. } = self.trellis(&self.model, points, memory)?;
-        let smoothed = trellis.smooth()?;
+    pub fn match_drive(&self, points: &[TracePoint<P>]) -> Result<MatchedDrive<P>, MatchError> {
+        let mut step = MatchStep::new(self, &self.model);
+        let SmoothedDrive { states, trellis, smoothed } = step.smooth(points, |_| ())?;
         let path = trellis.viterbi()?;
         let on_path: Vec<Candidate> =
             path.states().iter().zip(&states).map(|(state, states)| states[*state]).collect();
-        let route = self.route(points, &on_path, memory);
+        let route = routes::route(&self.network, points, &on_path, &mut step);
         let points = points.to_vec();
-        let network = self.fingerprint;
-        Ok(MatchedDrive { points, states, trellis, smoothed, route, network })
+        Ok(MatchedDrive { points, states, trellis, smoothed, route, network: self.fingerprint })
+    }
+
+    /// Matches any number of drives, and passes each with its index, from 0, to a visitor, in
+    /// their order, until it breaks. A drive with an error costs the others nothing.
+    ///
+    /// In parallel with the feature `rayon`, with the same results; source and visitor run on the
+    /// thread of the caller. Memory: four drives for each thread, with their results.
+    ///
+    /// ```
+    /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// # let mut builder = NetworkBuilder::new();
+    /// # builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// # builder.node(2, PlanePosition { x: 2000.0, y: 0.0 })?;
+    /// # builder.both_ways(1, 2, RoadClass::Street)?;
+    /// # let network = builder.build()?;
+    /// use std::ops::ControlFlow;
+    ///
+    /// use wayfix::matching::{Matcher, TracePoint};
+    ///
+    /// let matcher = Matcher::new(network);
+    /// let point = |k: u32| {
+    ///     TracePoint::new(f64::from(k), PlanePosition { x: 10.0 * f64::from(k), y: 3.0 })
+    /// };
+    /// // The second has no points.
+    /// let drives: Vec<Vec<_>> = vec![(0..100).map(point).collect(), Vec::new()];
+    /// let (mut metres, mut failed) = (0.0, Vec::new());
+    /// let _ = matcher.match_map_all(&drives, |index, drive| {
+    ///     match drive {
+    ///         Ok(drive) => metres += drive.metres(),
+    ///         Err(_) => failed.push(index),
+    ///     }
+    ///     ControlFlow::<()>::Continue(())
+    /// });
+    /// assert!((metres - 990.0).abs() < 1.0);
+    /// assert_eq!(failed, [1]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn match_map_all<D: AsRef<[TracePoint<P>]> + Send, T>(
+        &self,
+        drives: impl IntoIterator<Item = D>,
+        mut visit: impl FnMut(usize, Result<MatchedDrive<P>, MatchError>) -> ControlFlow<T>,
+    ) -> ControlFlow<T> {
+        let matched = |drive: D| self.match_drive(drive.as_ref());
+        let mut indices = 0..;
+        parallel::in_order(drives.into_iter(), DRIVES_AHEAD, matched, |drive| {
+            indices.next().map_or(ControlFlow::Continue(()), |index| visit(index, drive))
+        })
     }
 
     /// Line of a stretch of a [route](MatchedDrive::route): its positions with both ends; off the
@@ -83,12 +102,12 @@ impl<P: Coordinates> Matcher<P> {
     /// # builder.both_ways(1, 2, RoadClass::Street)?;
     /// # builder.both_ways(2, 3, RoadClass::Street)?;
     /// # let network = builder.build()?;
-    /// # use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// # use wayfix::matching::{Matcher, TracePoint};
     /// // Along a street of 100 m to the east, and on to the north.
-    /// let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    /// let matcher = Matcher::new(network);
     /// let drive = [(0.0, 20.0, 1.0), (6.0, 80.0, -1.0), (12.0, 101.0, 40.0)]
     ///     .map(|(time, x, y)| TracePoint::new(time, PlanePosition { x, y }));
-    /// let matched = matcher.match_drive(&drive, &mut memory)?;
+    /// let matched = matcher.match_drive(&drive)?;
     /// let lines: Vec<_> = matched.route().iter().map(|stretch| matcher.line(stretch)).collect();
     /// assert_eq!(lines[0], [at(20.0, 0.0), at(100.0, 0.0)]);
     /// assert_eq!(lines[1], [at(100.0, 0.0), at(100.0, 40.0)]);
@@ -106,95 +125,6 @@ impl<P: Coordinates> Matcher<P> {
             None => ends.to_vec(),
         }
     }
-
-    /// Builds the trellis of a drive, with its states.
-    pub(super) fn trellis(
-        &self,
-        model: &MatchModel,
-        points: &[TracePoint<P>],
-        memory: &mut MatchMemory,
-    ) -> Result<Built, MatchError> {
-        let first = points.first().ok_or(MatchError::Empty)?;
-        first.check(0, None)?;
-        for (number, pair) in (1..).zip(points.windows(2)) {
-            pair[1].check(number, Some(&pair[0]))?;
-        }
-        let mut trellis = Trellis::new();
-        let (mut all, mut moves) = (Vec::with_capacity(points.len()), Vec::new());
-        all.push(self.begin(model, first, memory, &mut trellis)?);
-        let (mut log_filtered, mut next) = (Vec::new(), Vec::new());
-        trellis.forward_step(1, &[0.0], &mut log_filtered);
-        let mut speed = first.speed.unwrap_or(0.0);
-        for (step, pair) in points.windows(2).enumerate() {
-            let before =
-                Before { point: &pair[0], states: &all[step], log_filtered: &log_filtered, speed };
-            let states = self.advance(model, &before, &pair[1], memory, &mut trellis)?;
-            moves.extend_from_slice(&memory.moves);
-            trellis.forward_step(step + 2, &log_filtered, &mut next);
-            let modes = mode(&log_filtered).zip(mode(&next));
-            let modes = modes.map(|(a, b)| (all[step][a], states[b]));
-            let seconds = pair[1].time - pair[0].time;
-            speed = pair[1].speed.unwrap_or_else(|| {
-                modes.map_or(speed, |modes| speed_after::<P>(speed, modes, seconds))
-            });
-            std::mem::swap(&mut log_filtered, &mut next);
-            all.push(states);
-        }
-        Ok(Built { states: all, trellis, moves })
-    }
-
-    /// Connected route through one state a point.
-    pub(super) fn route(
-        &self,
-        points: &[TracePoint<P>],
-        path: &[Candidate],
-        memory: &mut MatchMemory,
-    ) -> Vec<Stretch<P>> {
-        let (rules, mut route, mut added) = (Rules(&self.network), Vec::new(), Added::default());
-        let mut mode = Rules::<P>::start(&path[0], &mut added);
-        rules.extend(&mut route, [&points[0]; 2], &added);
-        for (pair, points) in path.windows(2).zip(points.windows(2)) {
-            let (from, to) = (&pair[0], &pair[1]);
-            let mut link = Link::SameEdge;
-            if !from.is_off_road() && !to.is_off_road() {
-                let interval = self.search_from(from, std::slice::from_ref(to), points, memory);
-                link = rules.link(from, to, interval.jitter, &memory.search);
-            }
-            added = Added::default();
-            mode = rules.go(mode, [from, to], &link, &mut added);
-            rules.extend(&mut route, [&points[0], &points[1]], &added);
-        }
-        added = Added::default();
-        Rules::<P>::finish(mode, &path[path.len() - 1], &mut added);
-        let last = &points[points.len() - 1];
-        rules.extend(&mut route, [last; 2], &added);
-        route
-    }
-
-    /// Searches for the ways from a state to those of the next point.
-    pub(super) fn search_from(
-        &self,
-        from: &Candidate,
-        to: &[Candidate],
-        points: &[TracePoint<P>],
-        memory: &mut MatchMemory,
-    ) -> Interval {
-        let (a, b) = (&points[0], &points[1]);
-        let jitter = deviation(&self.model, a).hypot(deviation(&self.model, b));
-        let metres = a.position.metres_to(b.position);
-        let interval = Interval { seconds: b.time - a.time, metres, jitter, speed: None };
-        let Self { network, measures, .. } = self;
-        let mut ways = Ways { network, measures, search: &mut memory.search };
-        ways.from(from, to, &self.model, &interval);
-        interval
-    }
-}
-
-/// Trellis of a drive.
-pub(super) struct Built {
-    pub(super) states: Vec<Vec<Candidate>>,
-    pub(super) trellis: Trellis,
-    pub(super) moves: Vec<Move>,
 }
 
 impl<P: Coordinates> MatchedDrive<P> {
@@ -247,7 +177,7 @@ impl<P: Coordinates> MatchedDrive<P> {
         matcher: &Matcher<P>,
         point: usize,
         mass: f64,
-    ) -> Result<CredibleStretches, MatchError> {
+    ) -> Result<Stretches<P>, MatchError> {
         matcher.check_network(self.network)?;
         let sigma = deviation(&matcher.model, &self.points[point]);
         let probabilities = self.smoothed.smoothed(point + 1);

@@ -20,8 +20,10 @@ pub struct Trace {
     pub name: String,
     /// Points in the order of the file, each later than the one before.
     pub points: Vec<TracePoint>,
-    /// Points of the drive that were left out.
-    pub skipped: SkippedPoints,
+    /// Number of points of the drive that were left out, with the time of the last one taken.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
 }
 
 impl AsRef<[TracePoint]> for Trace {
@@ -34,8 +36,11 @@ impl AsRef<[TracePoint]> for Trace {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct TraceReport {
-    /// Points of all drives that were left out; each [`Trace`] has its own.
-    pub skipped: SkippedPoints,
+    /// Number of points of all drives that were left out, with the time of the last one taken; each
+    /// [`Trace`] has its own.
+    pub repeated: usize,
+    /// Number of points that were left out, earlier than the last one taken.
+    pub backwards: usize,
     /// Lines of the first ten points that were left out.
     pub skipped_lines: Vec<u64>,
     /// Columns that are not known, and were not read.
@@ -48,32 +53,18 @@ const MOST_LINES: usize = 10;
 /// Prints the counts, and a line for each column that is not known.
 impl fmt::Display for TraceReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { skipped, skipped_lines: lines, ignored_columns } = self;
-        write!(f, "{skipped}")?;
+        let Self { repeated, backwards, skipped_lines: lines, ignored_columns } = self;
+        write!(
+            f,
+            "skipped {repeated} points of the same time and {backwards} that go back in time"
+        )?;
         if !lines.is_empty() {
             let named: Vec<String> = lines.iter().map(u64::to_string).collect();
-            let more =
-                if lines.len() < skipped.repeated + skipped.backwards { ", …" } else { "" };
+            let more = if lines.len() < repeated + backwards { ", …" } else { "" };
             let word = if lines.len() == 1 { "line" } else { "lines" };
             write!(f, " ({word} {}{more})", named.join(", "))?;
         }
         ignored_columns.iter().try_for_each(|column| write!(f, "\ncolumn not known: {column}"))
-    }
-}
-
-/// Points of a drive, or of all drives of a file, that were left out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SkippedPoints {
-    /// Points with the time of the last one taken.
-    pub repeated: usize,
-    /// Points that are earlier than the last one taken.
-    pub backwards: usize,
-}
-
-impl fmt::Display for SkippedPoints {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { repeated, backwards } = self;
-        write!(f, "skipped {repeated} points of the same time and {backwards} that go back in time")
     }
 }
 
@@ -129,7 +120,7 @@ pub fn read_traces_from(
 ) -> Result<(Vec<Trace>, TraceReport), MapError> {
     let (mut traces, mut names): (Vec<Trace>, _) = (Vec::new(), HashSet::new());
     let (mut ignored_columns, mut skipped_lines) = (Vec::new(), Vec::new());
-    let mut total = SkippedPoints::default();
+    let (mut all_repeated, mut all_backwards) = (0, 0);
     let find = |header: &StringRecord| {
         let columns = COLUMNS.map(|name| header.iter().position(|found| found == name));
         if let Some(missing) = columns[..4].iter().position(Option::is_none) {
@@ -151,16 +142,18 @@ pub fn read_traces_from(
                 return Err(format!("lines of drive {trace:?} are apart, expected them together"));
             }
             let (name, points) = (trace.to_owned(), Vec::new());
-            traces.push(Trace { name, points, skipped: SkippedPoints::default() });
+            traces.push(Trace { name, points, repeated: 0, backwards: 0 });
         }
-        let Some(Trace { points, skipped, .. }) = traces.last_mut() else { return Ok(()) };
+        let Some(Trace { points, repeated, backwards, .. }) = traces.last_mut() else {
+            return Ok(());
+        };
         // Not the total order, in which -0 is before 0.
         match points.last().and_then(|last| point.time.partial_cmp(&last.time)) {
             Some(Ordering::Equal) => {
-                (skipped.repeated, total.repeated) = (skipped.repeated + 1, total.repeated + 1);
+                (*repeated, all_repeated) = (*repeated + 1, all_repeated + 1);
             }
             Some(Ordering::Less) => {
-                (skipped.backwards, total.backwards) = (skipped.backwards + 1, total.backwards + 1);
+                (*backwards, all_backwards) = (*backwards + 1, all_backwards + 1);
             }
             _ => {
                 points.push(point);
@@ -176,7 +169,8 @@ pub fn read_traces_from(
         let problem = String::from("there are no points, expected at least one");
         return Err(MapError::Line { file: name.to_owned(), line: end, problem });
     }
-    Ok((traces, TraceReport { skipped: total, skipped_lines, ignored_columns }))
+    let (repeated, backwards) = (all_repeated, all_backwards);
+    Ok((traces, TraceReport { repeated, backwards, skipped_lines, ignored_columns }))
 }
 
 fn parse(row: &Row<'_>) -> Result<TracePoint, String> {

@@ -2,10 +2,11 @@
 
 use std::ops::ControlFlow;
 
-use super::drive::Built;
-use super::many::in_order;
+use super::matcher::DRIVES_AHEAD;
 use super::moves::Move;
-use super::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint};
+use super::step::{MatchStep, SmoothedDrive};
+use super::{MatchError, MatchModel, Matcher, TracePoint};
+use crate::inference::engines::parallel;
 use crate::map::Coordinates;
 
 /// A model that was learned from drives.
@@ -47,28 +48,33 @@ impl LearnedMatchModel {
     }
 }
 
-/// Expected counts of drives.
+/// Expected counts of drives: for each parameter in the order of the [`LIMITS`], the sum that it is
+/// the mean of, and the number of terms.
 #[derive(Debug, Clone, Copy, Default)]
 struct Counts {
-    squares: f64,
-    beside: f64,
-    outliers: f64,
-    on_road: f64,
-    moves: f64,
-    stood: f64,
-    detour: f64,
-    left: f64,
-    seconds_on_road: f64,
-    returned: f64,
-    seconds_off_road: f64,
+    ratios: [Ratio; 6],
     log_likelihood: f64,
     points: usize,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Ratio {
+    sum: f64,
+    of: f64,
+}
+
+impl Ratio {
+    fn add(&mut self, sum: f64, of: f64) {
+        self.sum += sum;
+        self.of += of;
+    }
 }
 
 /// Numbers of points, and of seconds, for which the values of the model before count.
 const PRIOR_POINTS: f64 = 10.0;
 const PRIOR_SECONDS: f64 = 20_000.0;
-
+/// Number of returns to the road for which its value counts.
+const PRIOR_RETURNS: f64 = 5.0;
 impl<P: Coordinates> Matcher<P> {
     /// Learns noise, share of outliers, detours, stops, and how often vehicles leave the road and
     /// come back, from drives without labels, and returns them. The model of the matcher is where
@@ -83,7 +89,7 @@ impl<P: Coordinates> Matcher<P> {
     /// Drives may be slices, vectors or traces of a file. Start with more noise than there is: the
     /// search for roads reaches four deviations. At most `iterations` passes over the drives, each
     /// as long as [`match_drive`](Self::match_drive); with the feature `rayon`, drives run in
-    /// parallel, with the same result to the bit, and each thread takes a memory.
+    /// parallel, with the same result to the bit.
     ///
     /// ```
     /// # use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
@@ -92,9 +98,8 @@ impl<P: Coordinates> Matcher<P> {
     /// # builder.node(2, PlanePosition { x: 2000.0, y: 0.0 })?;
     /// # builder.both_ways(1, 2, RoadClass::Street)?;
     /// # let network = builder.build()?;
-    /// use wayfix::matching::{MatchMemory, MatchModel, Matcher, TracePoint};
+    /// use wayfix::matching::{MatchModel, Matcher, TracePoint};
     ///
-    /// let mut memory = MatchMemory::default();
     /// let start = MatchModel { noise: 20.0, ..MatchModel::default() };
     /// let matcher = Matcher::new(network).with_model(start)?;
     /// // East at 10 m/s, 5 m to the left and to the right of the street in turn.
@@ -105,13 +110,13 @@ impl<P: Coordinates> Matcher<P> {
     /// };
     /// let drives: Vec<Vec<_>> = vec![(0..100).map(point).collect(), (50..150).map(point).collect()];
     ///
-    /// let learned = matcher.learn(&drives, 20, &mut memory)?;
+    /// let learned = matcher.learn(&drives, 20)?;
     /// assert!((learned.model.noise - 5.0).abs() < 0.5);
     /// if !learned.at_limits().is_empty() {
     ///     println!("at the limits of their ranges: {:?}", learned.at_limits());
     /// }
     /// let matcher = matcher.with_model(learned.model)?;
-    /// # let matched = matcher.match_drive(&drives[0], &mut memory)?;
+    /// # let matched = matcher.match_drive(&drives[0])?;
     /// # assert_eq!(matched.route().len(), 1);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -124,7 +129,6 @@ impl<P: Coordinates> Matcher<P> {
         &self,
         drives: &[D],
         iterations: usize,
-        memory: &mut MatchMemory,
     ) -> Result<LearnedMatchModel, MatchError> {
         let mut learned = LearnedMatchModel {
             model: self.model,
@@ -135,14 +139,10 @@ impl<P: Coordinates> Matcher<P> {
         };
         while learned.iterations < iterations && !learned.converged {
             let mut counts = Counts::default();
-            let count = |drive: &D, memory: &mut MatchMemory| {
-                let mut counts = Counts::default();
-                let counted = self.count(&learned.model, drive.as_ref(), &mut counts, memory);
-                counted.map(|()| counts)
-            };
-            // Added in the order of the drives, so that threads change no bit.
+            let count = |drive: &D| self.count(&learned.model, drive.as_ref());
+            // RouteExtension in the order of the drives, so that threads change no bit.
             let mut numbers = 0..;
-            let added = in_order(drives.iter(), memory, count, |counted| {
+            let added = parallel::in_order(drives.iter(), DRIVES_AHEAD, count, |counted| {
                 let drive = numbers.next().unwrap_or_default();
                 match counted {
                     Ok(of_drive) => {
@@ -164,18 +164,15 @@ impl<P: Coordinates> Matcher<P> {
         Ok(learned)
     }
 
-    /// Adds up the expected counts of a drive under a model.
-    fn count(
-        &self,
-        model: &MatchModel,
-        points: &[TracePoint<P>],
-        counts: &mut Counts,
-        memory: &mut MatchMemory,
-    ) -> Result<(), MatchError> {
-        let Built { states, trellis, moves } = self.trellis(model, points, memory)?;
-        let smoothed = trellis.smooth()?;
-        counts.log_likelihood += smoothed.log_likelihood();
-        counts.points += points.len();
+    /// Expected counts of a drive under a model.
+    fn count(&self, model: &MatchModel, points: &[TracePoint<P>]) -> Result<Counts, MatchError> {
+        let mut moves = Vec::new();
+        let drive = MatchStep::new(self, model)
+            .smooth(points, |of_step: &[Move]| moves.extend_from_slice(of_step))?;
+        let SmoothedDrive { states, trellis, smoothed } = drive;
+        let log_likelihood = smoothed.log_likelihood();
+        let mut counts = Counts { log_likelihood, points: points.len(), ..Counts::default() };
+        let [noise, outliers, detours, stops, leaves, returns] = &mut counts.ratios;
         let mut moves = moves.iter();
         for (number, (states_now, point)) in states.iter().zip(points).enumerate() {
             let step = number + 1;
@@ -183,13 +180,9 @@ impl<P: Coordinates> Matcher<P> {
                 if state.is_off_road() {
                     continue;
                 }
-                counts.on_road += p;
-                if number == 0 {
-                    counts.outliers += p * (1.0 - state.inlier);
-                }
+                outliers.add(if number == 0 { p * (1.0 - state.inlier) } else { 0.0 }, p);
                 if let Some(across) = state.across.filter(|_| point.accuracy.is_none()) {
-                    counts.beside += p * state.inlier;
-                    counts.squares += p * state.inlier * across * across;
+                    noise.add(p * state.inlier * across * across, p * state.inlier);
                 }
             }
             if number == 0 {
@@ -200,83 +193,50 @@ impl<P: Coordinates> Matcher<P> {
             for (to, state) in states_now.iter().enumerate() {
                 for ((from, p), moved) in pairs.into_state(to).zip(&mut moves) {
                     let off_road = [before[from].is_off_road(), state.is_off_road()];
-                    let seconds = p * seconds;
-                    if off_road[0] {
-                        counts.seconds_off_road += seconds;
-                        counts.returned += if off_road[1] { 0.0 } else { p };
-                    } else {
-                        counts.seconds_on_road += seconds;
-                        counts.left += if off_road[1] { p } else { 0.0 };
-                    }
+                    let events = if off_road[0] == off_road[1] { 0.0 } else { p };
+                    let left = if off_road[0] { &mut *returns } else { &mut *leaves };
+                    left.add(events, p * seconds);
                     if off_road == [true, false] {
-                        counts.outliers += p * (1.0 - state.inlier);
+                        outliers.sum += p * (1.0 - state.inlier);
                     }
-                    if let Move::Along { stood, outlier, detour, .. } = moved {
-                        counts.moves += p;
-                        counts.outliers += p * outlier;
-                        counts.stood += p * stood;
-                        counts.detour += p * detour;
+                    if let Move::Along { stood, outlier, detour } = moved {
+                        outliers.sum += p * outlier;
+                        stops.add(p * stood, p);
+                        detours.add(p * detour, p);
                     }
                 }
             }
         }
-        Ok(())
+        Ok(counts)
     }
 }
 
 impl Counts {
     fn add(&mut self, other: &Self) {
-        let Self {
-            squares,
-            beside,
-            outliers,
-            on_road,
-            moves,
-            stood,
-            detour,
-            left,
-            seconds_on_road,
-            returned,
-            seconds_off_road,
-            log_likelihood,
-            points,
-        } = *other;
-        self.squares += squares;
-        self.beside += beside;
-        self.outliers += outliers;
-        self.on_road += on_road;
-        self.moves += moves;
-        self.stood += stood;
-        self.detour += detour;
-        self.left += left;
-        self.seconds_on_road += seconds_on_road;
-        self.returned += returned;
-        self.seconds_off_road += seconds_off_road;
-        self.log_likelihood += log_likelihood;
-        self.points += points;
+        let ratios = self.ratios.iter_mut().zip(&other.ratios);
+        ratios.for_each(|(ratio, other)| ratio.add(other.sum, other.of));
+        self.log_likelihood += other.log_likelihood;
+        self.points += other.points;
     }
 
     /// Model under which the counts are most probable, with the prior.
     fn maximize(&self, now: &MatchModel, prior: &MatchModel) -> MatchModel {
-        let n = PRIOR_POINTS;
-        // The first few points change the noise little.
-        let variance = (self.squares + n * now.noise * now.noise) / (self.beside + n);
-        let rate = |events: f64, seconds: f64, prior: f64| {
-            let seconds = seconds + PRIOR_SECONDS;
-            (events + prior * PRIOR_SECONDS) / seconds
-        };
-        let mut model = MatchModel {
-            noise: variance.sqrt(),
-            outliers: (self.outliers + n * prior.outliers) / (self.on_road + n),
-            deviation: (self.detour + n * prior.deviation) / (self.moves + n),
-            stop: (self.stood + n * prior.stop) / (self.moves + n),
-            leave_road: rate(self.left, self.seconds_on_road, prior.leave_road),
-            return_to_road: {
-                let seconds = self.seconds_off_road + 5.0 / prior.return_to_road;
-                (self.returned + 5.0) / seconds
-            },
-            ..*now
-        };
+        let mean = |value: f64, of: f64| Ratio { sum: value * of, of };
+        let points = |value: f64| mean(value, PRIOR_POINTS);
+        let priors = [
+            // The first few points change the noise little.
+            Ratio { sum: PRIOR_POINTS * now.noise * now.noise, of: PRIOR_POINTS },
+            points(prior.outliers),
+            points(prior.deviation),
+            points(prior.stop),
+            mean(prior.leave_road, PRIOR_SECONDS),
+            Ratio { sum: PRIOR_RETURNS, of: PRIOR_RETURNS / prior.return_to_road },
+        ];
+        let mut model = *now;
+        for ((ratio, prior), (_, value, _)) in self.ratios.iter().zip(priors).zip(LIMITS) {
+            *value(&mut model) = (ratio.sum + prior.sum) / (ratio.of + prior.of);
+        }
+        model.noise = model.noise.sqrt();
         for (_, value, [least, most]) in LIMITS {
             let value = value(&mut model);
             *value = value.clamp(least, most);
@@ -302,24 +262,12 @@ mod tests {
     fn limits() {
         let prior = MatchModel::default();
         let many = 1e15;
-        let none = Counts {
-            beside: many,
-            on_road: many,
-            moves: many,
-            seconds_on_road: many,
-            seconds_off_road: many,
-            ..Counts::default()
-        };
-        let all = Counts {
-            squares: 1e30,
-            outliers: many,
-            stood: many,
-            detour: 1e30,
-            left: many,
-            returned: many,
-            seconds_off_road: 1.0,
-            ..none
-        };
+        let none = Counts { ratios: [Ratio { sum: 0.0, of: many }; 6], ..Counts::default() };
+        let mut all = none;
+        for (ratio, sum) in all.ratios.iter_mut().zip([1e30, many, 1e30, many, many, many]) {
+            ratio.sum = sum;
+        }
+        all.ratios[5].of = 1.0;
         for (limit, counts) in [none, all].into_iter().enumerate() {
             let mut model = counts.maximize(&prior, &prior);
             for (name, value, limits) in LIMITS {

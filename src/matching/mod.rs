@@ -12,7 +12,7 @@
 //!
 //! ```
 //! use wayfix::map::{NetworkBuilder, Position, RoadClass};
-//! use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+//! use wayfix::matching::{Matcher, TracePoint};
 //!
 //! // Two streets, 55 m apart, joined at both ends.
 //! let at = |latitude, longitude| Position { latitude, longitude };
@@ -30,17 +30,16 @@
 //! let point = |k: f64, off: f64| TracePoint::new(10.0 * k, at(-35.2805 + off, 149.131 + 0.001 * k));
 //! let drive = [point(0.0, 5e-5), point(1.0, 1e-4), point(2.0, -5e-5), point(3.0, 0.0)];
 //!
-//! let mut memory = MatchMemory::default();
-//! let matched = matcher.match_drive(&drive, &mut memory)?;
+//! let matched = matcher.match_drive(&drive)?;
 //! let road = matched.smoothed(1);
 //! let edge = matcher.network().edges()[road.edge.expect("on a road")];
 //! assert_eq!([edge.from, edge.to], [2, 3]); // nodes 3 and 4
 //! assert!(road.probability > 0.9);
 //!
 //! // The same live, point by point.
-//! let mut vehicle = matcher.start(&drive[0], 3, &mut memory)?;
+//! let mut vehicle = matcher.start(&drive[0], 3)?;
 //! for point in &drive[1..] {
-//!     matcher.step(&mut vehicle, point, &mut memory)?;
+//!     matcher.step(&mut vehicle, point)?;
 //! }
 //! assert_eq!(vehicle.live(), matched.live(3));
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -67,6 +66,11 @@
 //! as nearly independent (their squares for four fifths): receivers that smooth, at several points a
 //! second, make answers too sure. States
 //! below 1e-6 of the belief have no successors.
+//!
+//! **The layers**, each on those before: the model and the points; the candidates of a point with
+//! their likelihoods, and the weights of the moves between them; one step of a matcher, which adds
+//! its candidates and moves to a trellis; and on the step the verbs, which don't know each other:
+//! vehicles live, whole drives, their distinct routes, and learning.
 
 mod answer;
 mod candidates;
@@ -74,37 +78,30 @@ mod drive;
 mod error;
 #[cfg(feature = "csv")]
 mod files;
-mod fingerprint;
 #[cfg(feature = "geojson")]
 mod geojson;
-mod lattice;
 mod learn;
-mod many;
 mod matcher;
 mod model;
 mod moves;
 mod point;
-mod route_bounds;
-mod route_search;
-#[cfg(test)]
-mod route_tests;
 mod routes;
 mod snapshot;
-mod stretches;
+mod step;
 mod vehicle;
 #[cfg(feature = "csv")]
-mod writers;
+mod writer;
 
-pub use answer::{CredibleStretch, CredibleStretches, RoadAnswer};
-pub use drive::{MatchedDrive, Stretch};
+pub use answer::{RoadAnswer, Stretch, Stretches};
+pub use drive::MatchedDrive;
 pub use error::MatchError;
 #[cfg(feature = "csv")]
-pub use files::{SkippedPoints, Trace, TraceReport, read_traces, read_traces_from};
+pub use files::{Trace, TraceReport, read_traces, read_traces_from};
 pub use learn::LearnedMatchModel;
-pub use matcher::{MatchMemory, Matcher};
+pub use matcher::Matcher;
 pub use model::MatchModel;
 pub use point::TracePoint;
-pub use routes::{RankedRoute, RankedRoutes};
+pub use routes::RankedRoutes;
 pub use vehicle::Vehicle;
 #[cfg(feature = "csv")]
-pub use writers::{PointWriter, RouteWriter};
+pub use writer::AnswerWriter;

@@ -1,7 +1,7 @@
 //! Weights of moves between states of two steps.
 
-use super::MatchModel;
-use super::candidates::{Candidate, OUTLIER_SPREAD, far, metres_between, share_below};
+use super::candidates::{Candidate, OUTLIER_SPREAD, deviation, far, metres_between, share_below};
+use super::{MatchModel, TracePoint};
 use crate::map::{Coordinates, Reached, RoadClass, RoadNetwork, RouteMeasures, RouteSearch};
 
 /// Fastest speed in metres per second that a density of distances spreads over.
@@ -48,6 +48,16 @@ pub(super) struct Way {
     log_choices: f64,
 }
 
+/// Kind of a way between two states on roads.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum WayKind {
+    SameEdge,
+    /// A U-turn from an edge onto its reverse, between their ends.
+    Turn,
+    /// Over the end of the first edge, and others between as a rule.
+    Edges(Reached),
+}
+
 /// Kind of a move, beside its weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Move {
@@ -55,7 +65,6 @@ pub(super) enum Move {
     OffRoad,
     /// Along roads.
     Along {
-        metres: f64,
         /// Probability that the vehicle stood.
         stood: f64,
         /// Probability that the position after the move says nothing.
@@ -66,8 +75,19 @@ pub(super) enum Move {
 }
 
 impl Interval {
+    pub(super) fn new<P: Coordinates>(
+        model: &MatchModel,
+        before: &TracePoint<P>,
+        point: &TracePoint<P>,
+    ) -> Self {
+        let jitter = deviation(model, before).hypot(deviation(model, point));
+        let speed = before.speed.zip(point.speed).map(|(a, b)| 0.5 * (a + b));
+        let metres = before.position.metres_to(point.position);
+        Self { seconds: point.time - before.time, metres, jitter, speed }
+    }
+
     /// Longest route worth looking for.
-    pub(super) fn longest(&self) -> f64 {
+    fn longest(&self) -> f64 {
         let by_time = 1.2 * FASTEST * self.seconds + 100.0;
         let by_detour = 1.3 * self.metres + 10.0 * self.seconds.min(60.0) + 50.0;
         by_time.min(by_detour) + 4.0 * self.jitter
@@ -93,7 +113,7 @@ impl Interval {
     }
 
     /// Scale of detours.
-    pub(super) fn detour_scale(&self, model: &MatchModel) -> f64 {
+    fn detour_scale(&self, model: &MatchModel) -> f64 {
         model.deviation * self.seconds.max(LEAST_SECONDS)
     }
 
@@ -147,7 +167,7 @@ impl Interval {
         let share = (short + 0.1 * long) / (short + long);
         let detour = share * way.detour / self.seconds.max(LEAST_SECONDS);
         let [stood, outlier] = [stands, unseen].map(|part| part / (stands + moves));
-        (log, Move::Along { metres: way.metres, stood, outlier, detour })
+        (log, Move::Along { stood, outlier, detour })
     }
 
     /// Relative density of the distance of a vehicle that moves, up to a limit. Few go slowly: the
@@ -172,6 +192,12 @@ pub(super) fn speed_of(class: RoadClass) -> f64 {
     }
 }
 
+/// True if a state is so far behind another on its edge that a vehicle drove around the block; less
+/// than that, positions jitter.
+fn is_behind(from: &Candidate, to: &Candidate, jitter: f64) -> bool {
+    to.along - from.along < -6.0 * jitter
+}
+
 /// Finds the ways from one state to others.
 pub(super) struct Ways<'a, P> {
     pub(super) network: &'a RoadNetwork<P>,
@@ -180,11 +206,6 @@ pub(super) struct Ways<'a, P> {
 }
 
 impl<P: Coordinates> Ways<'_, P> {
-    /// Metres that a U-turn counts as in a search for routes.
-    pub(super) fn u_turn(model: &MatchModel, interval: &Interval) -> f64 {
-        -model.u_turn.ln() * interval.detour_scale(model)
-    }
-
     /// Searches from a state on a road for the edges of the next states.
     pub(super) fn from(
         &mut self,
@@ -194,44 +215,47 @@ impl<P: Coordinates> Ways<'_, P> {
         interval: &Interval,
     ) {
         let left = self.network.edges()[from.edge as usize].metres - from.along;
-        // Far behind on the same edge: around the block.
-        let behind = |to: &Candidate| to.along - from.along < -6.0 * interval.jitter;
         let others = to.iter().filter(|to| !to.is_off_road());
-        let others = others.filter(|to| to.edge != from.edge || behind(to));
+        let others =
+            others.filter(|to| to.edge != from.edge || is_behind(from, to, interval.jitter));
         let others = others.map(|to| to.edge as usize);
         let most = interval.longest() - left;
-        let u_turn = Self::u_turn(model, interval);
+        // Metres that a U-turn counts as in a search for routes.
+        let u_turn = -model.u_turn.ln() * interval.detour_scale(model);
         self.search.run(self.network, self.measures, from.edge as usize, others, most, u_turn);
     }
 
-    /// Way between two states on roads after [`from`](Self::from); `None` if there is none.
-    pub(super) fn way(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<Way> {
+    /// Kind of the way between two states on roads after [`from`](Self::from); `None` if there is
+    /// none.
+    pub(super) fn kind(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<WayKind> {
         let [edge, next] = [from.edge as usize, to.edge as usize];
-        let length = |edge: usize| self.network.edges()[edge].metres;
-        let straight = metres_between::<P>(from.point, to.point);
-        if edge == next {
-            let metres = to.along - from.along;
-            // Behind: positions that jitter, or a drive around the block.
-            if metres >= -6.0 * jitter {
-                return Some(Way { metres, detour: 0.0, u_turns: 0, log_choices: 0.0 });
-            }
+        if edge == next && !is_behind(from, to, jitter) {
+            return Some(WayKind::SameEdge);
         }
-        if self.network.reverse(edge) == Some(next) {
-            // A U-turn on the way, unless the end is nearer.
-            let here = length(edge) - from.along;
-            let metres = (to.along - here).abs();
-            if let Some(reached) = self.search.reached(next)
-                && reached.u_turns == 0
-            {
-                return Some(self.along(from, to, reached, straight));
-            }
-            return Some(Way { metres, detour: 0.0, u_turns: 1, log_choices: 0.0 });
+        let reached = self.search.reached(next);
+        // A U-turn on the way, unless the route by the ends of the edges has none.
+        let is_turn = reached.is_none_or(|reached| reached.u_turns > 0);
+        if is_turn && self.network.reverse(edge) == Some(next) {
+            return Some(WayKind::Turn);
         }
-        let reached = self.search.reached(next)?;
-        Some(self.along(from, to, reached, straight))
+        reached.map(WayKind::Edges)
     }
 
-    fn along(&self, from: &Candidate, to: &Candidate, reached: Reached, straight: f64) -> Way {
+    /// Way between two states on roads; `None` if there is none.
+    pub(super) fn way(&self, from: &Candidate, to: &Candidate, jitter: f64) -> Option<Way> {
+        let short = |metres, u_turns| Way { metres, detour: 0.0, u_turns, log_choices: 0.0 };
+        Some(match self.kind(from, to, jitter)? {
+            WayKind::SameEdge => short(to.along - from.along, 0),
+            WayKind::Turn => {
+                let here = self.network.edges()[from.edge as usize].metres - from.along;
+                short((to.along - here).abs(), 1)
+            }
+            WayKind::Edges(reached) => self.along(from, to, reached),
+        })
+    }
+
+    fn along(&self, from: &Candidate, to: &Candidate, reached: Reached) -> Way {
+        let straight = metres_between::<P>(from.point, to.point);
         let [edge, next] = [from.edge as usize, to.edge as usize];
         let length = |edge: usize| self.network.edges()[edge].metres;
         let left = 1.0 - from.along / length(edge);

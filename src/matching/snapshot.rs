@@ -1,65 +1,99 @@
-//! Vehicles as bytes.
+//! Vehicles as bytes: their fields one after the other, in the order in which they are declared.
 
-use super::candidates::{Candidate, OFF_ROAD};
+use super::candidates::Candidate;
+use super::vehicle::{Progress, Window};
 use super::{TracePoint, Vehicle};
 use crate::error::SnapshotError;
-use crate::inference::Trellis;
 use crate::inference::streams::bytes::{Kind, Reader, Writer, contents};
+use crate::inference::{LogSum, Trellis};
 use crate::map::Coordinates;
 
 /// Types of vehicles, by the units of their coordinates.
 const UNITS: [(&str, &str); 2] =
     [("degrees", "Vehicle<Position>"), ("metres", "Vehicle<PlanePosition>")];
 
-impl<P: Coordinates> Vehicle<P> {
-    /// Returns the state as bytes, in the format of
-    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 80 for each state of
-    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
-    /// which it was started: its fingerprint is among the bytes.
-    ///
-    /// ```
-    /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
-    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint, Vehicle};
-    ///
-    /// let mut builder = NetworkBuilder::new();
-    /// builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
-    /// builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
-    /// builder.both_ways(1, 2, RoadClass::Street)?;
-    /// let (matcher, mut memory) = (Matcher::new(builder.build()?), MatchMemory::default());
-    /// let point = |k: f64| TracePoint::new(5.0 * k, PlanePosition { x: 50.0 * k, y: 3.0 });
-    ///
-    /// let vehicle = matcher.start(&point(0.0), 2, &mut memory)?;
-    /// let bytes = vehicle.to_bytes(); // into a file or a database
-    /// let mut read = Vehicle::from_bytes(&bytes)?;
-    /// assert_eq!(read, vehicle);
-    /// matcher.step(&mut read, &point(1.0), &mut memory)?;
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    #[must_use]
-    pub fn to_bytes(&self) -> Vec<u8> {
-        let mut writer = Writer::new(Kind::Vehicle);
-        writer.word(unit(P::UNIT));
-        writer.word(self.network);
-        writer.integer(self.lag);
-        writer.integer(self.points);
-        let TracePoint { time, position, accuracy, heading, speed } = self.point;
-        writer.double(time);
-        position.values().into_iter().for_each(|value| writer.double(value));
-        [accuracy, heading, speed].into_iter().for_each(|value| optional(&mut writer, value));
-        writer.double(self.speed);
-        writer.log_sum(self.log_likelihood);
-        writer.double(self.last);
-        writer.integer(self.window.len());
-        for (step, states) in (1..).zip(&self.window) {
+/// A value with a form in bytes.
+trait Stored: Sized {
+    fn write(&self, writer: &mut Writer);
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError>;
+}
+
+/// Stores numbers, in eight bytes each.
+macro_rules! stored_numbers {
+    ($($type:ty: |$value:ident, $out:ident| $write:expr, |$from:ident| $read:expr;)*) => {$(
+        impl Stored for $type {
+            fn write(&self, $out: &mut Writer) {
+                let $value = self;
+                $write
+            }
+
+            fn read($from: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+                $read
+            }
+        }
+    )*};
+}
+
+/// Stores structs by their fields.
+macro_rules! stored_fields {
+    ($name:ident $(<$p:ident>)? { $($field:ident),* }) => {
+        impl$(<$p: Coordinates>)? Stored for $name$(<$p>)? {
+            fn write(&self, writer: &mut Writer) {
+                let Self { $($field),* } = self;
+                $($field.write(writer);)*
+            }
+
+            fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+                $(let $field = Stored::read(reader)?;)*
+                Ok(Self { $($field),* })
+            }
+        }
+    };
+}
+
+stored_numbers! {
+    u64: |value, out| out.word(*value), |from| from.word();
+    usize: |value, out| out.integer(*value), |from| from.integer();
+    f64: |value, out| out.double(*value), |from| from.double();
+    LogSum: |value, out| out.log_sum(*value), |from| from.log_sum();
+    [f64; 2]: |value, out| value.iter().for_each(|value| out.double(*value)),
+        |from| Ok([from.double()?, from.double()?]);
+    // A number that is missing is NaN.
+    Option<f64>: |value, out| out.double(value.unwrap_or(f64::NAN)),
+        |from| from.double().map(|value| (!value.is_nan()).then_some(value));
+    // Index of an edge.
+    u32: |value, out| out.integer(*value as usize),
+        |from| Self::try_from(from.integer()?)
+            .map_err(|_| contents(String::from("the number of an edge is too large")));
+}
+stored_fields!(Progress<P> { network, lag, points, point, speed, log_likelihood, last });
+stored_fields!(Candidate { edge, along, point, across, inlier, log_likelihood });
+
+impl<P: Coordinates> Stored for TracePoint<P> {
+    fn write(&self, writer: &mut Writer) {
+        let Self { time, position, accuracy, heading, speed } = self;
+        time.write(writer);
+        position.values().write(writer);
+        [accuracy, heading, speed].into_iter().for_each(|value| value.write(writer));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+        let (time, position) = (reader.double()?, P::from_values(Stored::read(reader)?));
+        let [accuracy, heading, speed] =
+            [Stored::read(reader)?, Stored::read(reader)?, Stored::read(reader)?];
+        let point = Self { time, position, accuracy, heading, speed };
+        point.numbers().map_err(|error| contents(error.to_string()))?;
+        Ok(point)
+    }
+}
+
+impl Stored for Window {
+    fn write(&self, writer: &mut Writer) {
+        writer.integer(self.states.len());
+        for (step, states) in (1..).zip(&self.states) {
             writer.integer(states.len());
             for (number, state) in states.iter().enumerate() {
-                let Candidate { edge, along, point, across, inlier, log_likelihood } = *state;
-                writer.integer(edge as usize);
-                writer.double(along);
-                point.into_iter().for_each(|value| writer.double(value));
-                optional(&mut writer, across);
-                writer.double(inlier);
-                writer.double(log_likelihood);
+                state.write(writer);
                 writer.double(self.trellis.log_likelihood(step, number));
                 writer.integer(self.trellis.moves(step, number).count());
                 for (from, weight) in self.trellis.moves(step, number) {
@@ -69,6 +103,71 @@ impl<P: Coordinates> Vehicle<P> {
             }
         }
         self.log_filtered.iter().for_each(|log| writer.double(*log));
+    }
+
+    fn read(reader: &mut Reader<'_>) -> Result<Self, SnapshotError> {
+        let (mut trellis, mut window) = (Trellis::new(), Vec::new());
+        for _ in 0..reader.integer()? {
+            trellis.begin_step();
+            let mut states = Vec::new();
+            let count = reader.integer()?;
+            for number in 0..count {
+                let state = Candidate::read(reader)?;
+                if state.is_off_road() != (number + 1 == count) {
+                    return Err(contents(String::from("the last state must be off the road")));
+                }
+                states.push(state);
+                let log_likelihood = reader.double()?;
+                let mut moves = Vec::new();
+                for _ in 0..reader.integer()? {
+                    moves.push((reader.integer()?, reader.double()?));
+                }
+                let added = trellis.state(log_likelihood, moves);
+                added.map_err(|error| contents(error.to_string()))?;
+            }
+            if states.is_empty() {
+                return Err(contents(String::from("a point without states")));
+            }
+            window.push(states);
+        }
+        let mut log_filtered = Vec::new();
+        for _ in 0..window.last().map_or(0, Vec::len) {
+            log_filtered.push(reader.double()?);
+        }
+        Ok(Self { trellis, states: window, log_filtered })
+    }
+}
+
+impl<P: Coordinates> Vehicle<P> {
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 80 for each state of
+    /// the window, and 16 for each move. Read back, a vehicle goes on to the bit, on the network on
+    /// which it was started: its fingerprint is among the bytes.
+    ///
+    /// ```
+    /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
+    /// use wayfix::matching::{Matcher, TracePoint, Vehicle};
+    ///
+    /// let mut builder = NetworkBuilder::new();
+    /// builder.node(1, PlanePosition { x: 0.0, y: 0.0 })?;
+    /// builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
+    /// builder.both_ways(1, 2, RoadClass::Street)?;
+    /// let matcher = Matcher::new(builder.build()?);
+    /// let point = |k: f64| TracePoint::new(5.0 * k, PlanePosition { x: 50.0 * k, y: 3.0 });
+    ///
+    /// let vehicle = matcher.start(&point(0.0), 2)?;
+    /// let bytes = vehicle.to_bytes(); // into a file or a database
+    /// let mut read = Vehicle::from_bytes(&bytes)?;
+    /// assert_eq!(read, vehicle);
+    /// matcher.step(&mut read, &point(1.0))?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut writer = Writer::new(Kind::Vehicle);
+        writer.word(unit(P::UNIT));
+        self.progress.write(&mut writer);
+        self.window.write(&mut writer);
         writer.finish()
     }
 
@@ -88,26 +187,18 @@ impl<P: Coordinates> Vehicle<P> {
             let expected = name(unit(P::UNIT)).unwrap_or("unknown");
             return Err(SnapshotError::Kind { found, expected });
         }
-        let network = reader.word()?;
-        let (lag, points) = (reader.integer()?, reader.integer()?);
-        let time = reader.double()?;
-        let position = P::from_values([reader.double()?, reader.double()?]);
-        let accuracy = read_optional(&mut reader)?;
-        let heading = read_optional(&mut reader)?;
-        let speed = read_optional(&mut reader)?;
-        let point = TracePoint { time, position, accuracy, heading, speed };
-        point.numbers().map_err(|error| contents(error.to_string()))?;
-        let speed = reader.double()?;
+        let progress = Progress::read(&mut reader)?;
+        let Progress { lag, points, speed, log_likelihood, last, .. } = progress;
         if !(0.0..=1e9).contains(&speed) {
             return Err(contents(format!("the speed is {speed}, expected 0 to 1e9")));
         }
-        let (log_likelihood, last) = (reader.log_sum()?, reader.double()?);
         if let Some(value) = [log_likelihood.value(), last].iter().find(|v| !v.is_finite()) {
             let problem = format!("a log-likelihood is {value}, expected a finite number");
             return Err(contents(problem));
         }
-        let (mut trellis, mut window) = (Trellis::new(), Vec::new());
-        let steps = reader.integer()?;
+        let window = Window::read(&mut reader)?;
+        reader.finish()?;
+        let steps = window.states.len();
         if steps == 0 || lag.checked_add(1).is_none_or(|most| steps > most) {
             return Err(contents(format!(
                 "{steps} points in the window, expected up to {lag} + 1"
@@ -116,60 +207,13 @@ impl<P: Coordinates> Vehicle<P> {
         if points < steps {
             return Err(contents(format!("{points} points, but {steps} in the window")));
         }
-        for _ in 0..steps {
-            trellis.begin_step();
-            let mut states = Vec::new();
-            let count = reader.integer()?;
-            for number in 0..count {
-                let edge = u32::try_from(reader.integer()?)
-                    .map_err(|_| contents(String::from("the number of an edge is too large")))?;
-                if (edge == OFF_ROAD) != (number + 1 == count) {
-                    return Err(contents(String::from("the last state must be off the road")));
-                }
-                states.push(Candidate {
-                    edge,
-                    along: reader.double()?,
-                    point: [reader.double()?, reader.double()?],
-                    across: read_optional(&mut reader)?,
-                    inlier: reader.double()?,
-                    log_likelihood: reader.double()?,
-                });
-                let log_likelihood = reader.double()?;
-                let mut moves = Vec::new();
-                for _ in 0..reader.integer()? {
-                    moves.push((reader.integer()?, reader.double()?));
-                }
-                let added = trellis.state(log_likelihood, moves);
-                added.map_err(|error| contents(error.to_string()))?;
-            }
-            if states.is_empty() {
-                return Err(contents(String::from("a point without states")));
-            }
-            window.push(states);
-        }
-        let mut log_filtered = Vec::new();
-        for _ in 0..window.last().map_or(0, Vec::len) {
-            log_filtered.push(reader.double()?);
-        }
-        reader.finish()?;
-        let sum: f64 = log_filtered.iter().map(|log| log.exp()).sum();
+        let sum: f64 = window.log_filtered.iter().map(|log| log.exp()).sum();
         if !(1.0 - 1e-9..=1.0 + 1e-9).contains(&sum) {
             return Err(contents(format!("probabilities sum to {sum}, expected 1")));
         }
-        window.iter().flatten().try_for_each(check)?;
-        trellis.smooth().map_err(|error| contents(error.to_string()))?;
-        Ok(Self {
-            lag,
-            points,
-            point,
-            speed,
-            log_likelihood,
-            last,
-            trellis,
-            window,
-            log_filtered,
-            network,
-        })
+        window.states.iter().flatten().try_for_each(check)?;
+        window.trellis.smooth().map_err(|error| contents(error.to_string()))?;
+        Ok(Self { progress, window })
     }
 }
 
@@ -199,14 +243,4 @@ fn check(state: &Candidate) -> Result<(), SnapshotError> {
         }
     }
     Ok(())
-}
-
-/// Writes a number that may be missing, which is NaN.
-fn optional(writer: &mut Writer, value: Option<f64>) {
-    writer.double(value.unwrap_or(f64::NAN));
-}
-
-fn read_optional(reader: &mut Reader<'_>) -> Result<Option<f64>, SnapshotError> {
-    let value = reader.double()?;
-    Ok((!value.is_nan()).then_some(value))
 }

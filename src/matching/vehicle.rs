@@ -1,9 +1,9 @@
 //! Live matching: the state of a vehicle, point by point.
 
-use super::answer::{CredibleStretches, RoadAnswer, credible, edges};
-use super::candidates::{Candidate, deviation, metres_between};
-use super::matcher::Before;
-use super::{MatchError, MatchMemory, Matcher, TracePoint};
+use super::answer::{RoadAnswer, Stretches, credible, edges};
+use super::candidates::{Candidate, deviation};
+use super::step::{ForwardStep, MatchStep, PreviousStep};
+use super::{MatchError, Matcher, TracePoint};
 use crate::inference::{LogSum, Trellis};
 use crate::map::{Coordinates, Position};
 
@@ -11,18 +11,33 @@ use crate::map::{Coordinates, Position};
 /// that may come late. Plain data, apart from the [`Matcher`] that moves it; a few kilobytes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle<P = Position> {
+    pub(super) progress: Progress<P>,
+    pub(super) window: Window,
+}
+
+/// Progress of a vehicle: all of its state but the window.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Progress<P> {
+    /// Fingerprint of the network.
+    pub(super) network: u64,
+    /// Number of points that the window keeps beside the last.
     pub(super) lag: usize,
     pub(super) points: usize,
+    /// The last point.
     pub(super) point: TracePoint<P>,
     pub(super) speed: f64,
     pub(super) log_likelihood: LogSum,
+    /// ln p(last point | all before).
     pub(super) last: f64,
-    /// Steps of the window, the oldest first, whose first has its filtered distribution as prior.
+}
+
+/// Last steps of a vehicle, the oldest first, with the filtered distribution of the last.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    /// The first step has its filtered distribution as prior.
     pub(super) trellis: Trellis,
-    pub(super) window: Vec<Vec<Candidate>>,
+    pub(super) states: Vec<Vec<Candidate>>,
     pub(super) log_filtered: Vec<f64>,
-    /// Fingerprint of the network.
-    pub(super) network: u64,
 }
 
 impl<P: Coordinates> Matcher<P> {
@@ -32,34 +47,17 @@ impl<P: Coordinates> Matcher<P> {
     /// # Errors
     ///
     /// [`MatchError::Point`] for a number out of range.
-    pub fn start(
-        &self,
-        point: &TracePoint<P>,
-        lag: usize,
-        memory: &mut MatchMemory,
-    ) -> Result<Vehicle<P>, MatchError> {
+    pub fn start(&self, point: &TracePoint<P>, lag: usize) -> Result<Vehicle<P>, MatchError> {
         point.check(0, None)?;
         let mut trellis = Trellis::new();
-        let states = self.begin(&self.model, point, memory, &mut trellis)?;
-        let mut log_filtered = Vec::new();
-        let scale = trellis.forward_step(1, &[0.0], &mut log_filtered);
+        let taken = MatchStep::new(self, &self.model).first(point, &mut trellis)?;
+        let ForwardStep { states, log_filtered, scale, speed } = taken;
         let mut log_likelihood = LogSum::default();
         scale.add_to(&mut log_likelihood);
-        let (point, window) = (*point, vec![states]);
-        let speed = point.speed.unwrap_or(0.0);
-        let points = 1;
-        Ok(Vehicle {
-            lag,
-            points,
-            point,
-            speed,
-            log_likelihood,
-            last: scale.log(),
-            trellis,
-            window,
-            log_filtered,
-            network: self.fingerprint,
-        })
+        let (network, point, last) = (self.fingerprint, *point, scale.log());
+        let progress = Progress { network, lag, points: 1, point, speed, log_likelihood, last };
+        let window = Window { trellis, states: vec![states], log_filtered };
+        Ok(Vehicle { progress, window })
     }
 
     /// Takes the next point of a vehicle. Returns ln p(point | all before). After an error the
@@ -70,114 +68,83 @@ impl<P: Coordinates> Matcher<P> {
     /// [`MatchError::Point`] for a number out of range, [`MatchError::Time`] for a point that is not
     /// later than the last, each with the number of points so far as its index, and
     /// [`MatchError::Network`] for a vehicle that a matcher of another network started.
-    pub fn step(
-        &self,
-        vehicle: &mut Vehicle<P>,
-        point: &TracePoint<P>,
-        memory: &mut MatchMemory,
-    ) -> Result<f64, MatchError> {
-        self.check_network(vehicle.network)?;
-        point.check(vehicle.points, Some(&vehicle.point))?;
-        let states = vehicle.window.last().map_or(&[][..], |states| states);
-        self.check(states)?;
-        let before = Before {
-            point: &vehicle.point,
-            states,
-            log_filtered: &vehicle.log_filtered,
-            speed: vehicle.speed,
-        };
-        let states = self.advance(&self.model, &before, point, memory, &mut vehicle.trellis)?;
-        let seconds = point.time - vehicle.point.time;
-        let step = vehicle.trellis.steps();
-        let mut filtered = Vec::with_capacity(states.len());
-        let scale = vehicle.trellis.forward_step(step, &vehicle.log_filtered, &mut filtered);
-        vehicle.last = scale.log();
-        scale.add_to(&mut vehicle.log_likelihood);
-        let before = mode(&vehicle.log_filtered).map(|mode| vehicle.window[step - 2][mode]);
-        vehicle.log_filtered = filtered;
-        let now = mode(&vehicle.log_filtered).map(|mode| states[mode]);
-        vehicle.window.push(states);
-        vehicle.window.last_mut().into_iter().for_each(Vec::shrink_to_fit);
-        if vehicle.window.len() - 1 > vehicle.lag {
-            vehicle.forget();
+    pub fn step(&self, vehicle: &mut Vehicle<P>, point: &TracePoint<P>) -> Result<f64, MatchError> {
+        let Vehicle { progress, window } = vehicle;
+        self.check_network(progress.network)?;
+        point.check(progress.points, Some(&progress.point))?;
+        self.check(window.last())?;
+        let states = window.states.last().map_or(&[][..], |states| states);
+        let (log_filtered, speed) = (&window.log_filtered[..], progress.speed);
+        let before = PreviousStep { point: &progress.point, states, log_filtered, speed };
+        let mut step = MatchStep::new(self, &self.model);
+        let ForwardStep { mut states, log_filtered, scale, speed } =
+            step.next(&before, point, &mut window.trellis)?;
+        states.shrink_to_fit();
+        window.states.push(states);
+        window.log_filtered = log_filtered;
+        if window.states.len() - 1 > progress.lag {
+            window.forget();
         }
-        vehicle.speed = point.speed.unwrap_or_else(|| {
-            before
-                .zip(now)
-                .map_or(vehicle.speed, |modes| speed_after::<P>(vehicle.speed, modes, seconds))
-        });
-        vehicle.point = *point;
-        vehicle.points = vehicle.points.saturating_add(1);
-        Ok(vehicle.last)
+        scale.add_to(&mut progress.log_likelihood);
+        progress.last = scale.log();
+        (progress.point, progress.speed) = (*point, speed);
+        progress.points = progress.points.saturating_add(1);
+        Ok(progress.last)
     }
 }
 
 impl<P> Matcher<P> {
     /// Checks that states are on edges of the network, or off the road.
-    pub(super) fn check<'a>(
-        &self,
-        states: impl IntoIterator<Item = &'a Candidate>,
-    ) -> Result<(), MatchError> {
+    fn check(&self, states: &[Candidate]) -> Result<(), MatchError> {
         let edges = self.network.edges().len();
         let unknown = |state: &&Candidate| !state.is_off_road() && state.edge as usize >= edges;
-        match states.into_iter().find(unknown) {
+        match states.iter().find(unknown) {
             Some(state) => Err(MatchError::Vehicle { edge: state.edge as usize, edges }),
             None => Ok(()),
         }
     }
 }
 
-/// Speed by which a vehicle goes on unseen, from the most probable states before and after a step;
-/// that of before, if a position says nothing of it.
-pub(super) fn speed_after<P: Coordinates>(
-    speed: f64,
-    (before, now): (Candidate, Candidate),
-    seconds: f64,
-) -> f64 {
-    /// Largest speed in metres per second that two positions may show.
-    const LARGEST: f64 = 50.0;
-    if before.is_off_road() || now.is_off_road() || now.inlier <= 0.5 {
-        return speed;
+impl Window {
+    /// States of the last step.
+    fn last(&self) -> &[Candidate] {
+        self.states.last().map_or(&[], |states| states)
     }
-    let shown = metres_between::<P>(before.point, now.point) / seconds;
-    0.5 * (speed + shown.min(LARGEST))
-}
 
-/// Most probable state.
-pub(super) fn mode(logs: &[f64]) -> Option<usize> {
-    (0..logs.len()).rev().max_by(|&a, &b| logs[a].total_cmp(&logs[b]))
-}
+    /// Filtered distribution of the last step.
+    fn filtered(&self) -> Vec<f64> {
+        self.log_filtered.iter().map(|log| log.exp()).collect()
+    }
 
-impl<P: Coordinates> Vehicle<P> {
-    /// Removes the oldest step of the window.
+    /// Removes the oldest step. The next has its filtered distribution as prior.
     fn forget(&mut self) {
         let (mut before, mut filtered) = (Vec::new(), Vec::new());
         self.trellis.forward_step(1, &[0.0], &mut before);
         self.trellis.forward_step(2, &before, &mut filtered);
         self.trellis.remove_first(&filtered);
         self.trellis.shrink();
-        self.window.remove(0);
-        self.window.shrink_to_fit();
+        self.states.remove(0);
+        self.states.shrink_to_fit();
     }
+}
 
+impl<P: Coordinates> Vehicle<P> {
     /// Number of points so far.
     #[must_use]
     pub fn points(&self) -> usize {
-        self.points
+        self.progress.points
     }
 
     /// The last point.
     #[must_use]
     pub fn last_point(&self) -> &TracePoint<P> {
-        &self.point
+        &self.progress.point
     }
 
     /// Answer for the last point, from all points so far.
     #[must_use]
     pub fn live(&self) -> RoadAnswer {
-        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
-        let states = self.window.last().map_or(&[][..], |states| states);
-        RoadAnswer::new(states, &probabilities)
+        RoadAnswer::new(self.window.last(), &self.window.filtered())
     }
 
     /// Answer for the point `lag` points ago, from all points so far; for the first point until
@@ -195,13 +162,13 @@ impl<P: Coordinates> Vehicle<P> {
         if points == 0 {
             return Some(self.live());
         }
-        let smoothed = self.trellis.smooth().ok()?;
-        Some(RoadAnswer::new(&self.window[index], smoothed.smoothed(index + 1)))
+        let smoothed = self.window.trellis.smooth().ok()?;
+        Some(RoadAnswer::new(&self.window.states[index], smoothed.smoothed(index + 1)))
     }
 
     /// Stretches of roads that hold the vehicle now with a probability of at least `mass`, above 0
     /// and at most 1. If the roads hold less in all, since the vehicle may be off the road, they are
-    /// all the edges that are possible, and [`probability`](CredibleStretches::probability) says
+    /// all the edges that are possible, and [`probability`](Stretches::probability) says
     /// what they hold.
     ///
     /// ```
@@ -211,22 +178,22 @@ impl<P: Coordinates> Vehicle<P> {
     /// # builder.node(2, PlanePosition { x: 500.0, y: 0.0 })?;
     /// # builder.one_way(1, 2, RoadClass::Street)?;
     /// # let network = builder.build()?;
-    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// use wayfix::matching::{Matcher, TracePoint};
     ///
     /// // A street of 500 m.
-    /// let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    /// let matcher = Matcher::new(network);
     /// let point = TracePoint::new(0.0, PlanePosition { x: 200.0, y: 3.0 });
-    /// let vehicle = matcher.start(&point, 0, &mut memory)?;
+    /// let vehicle = matcher.start(&point, 0)?;
     ///
     /// let around = vehicle.credible(&matcher, 0.9)?;
-    /// assert!(around.probability() >= 0.9);
-    /// let [start, end] = around.stretches()[0].metres;
-    /// assert!(150.0 < start && start < 200.0 && 200.0 < end && end < 250.0);
+    /// assert!(around.probability >= 0.9);
+    /// let part = &around.stretches[0];
+    /// assert!(150.0 < part.enter && part.enter < 200.0 && 200.0 < part.exit && part.exit < 250.0);
     ///
     /// // It may be off the road: nothing holds it for sure.
     /// let all = vehicle.credible(&matcher, 1.0)?;
-    /// assert_eq!(all.stretches()[0].metres, [0.0, 500.0]);
-    /// assert!(all.probability() < 1.0);
+    /// assert_eq!([all.stretches[0].enter, all.stretches[0].exit], [0.0, 500.0]);
+    /// assert!(all.probability < 1.0);
     /// assert!(vehicle.credible(&matcher, 1.5).is_err());
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -235,53 +202,46 @@ impl<P: Coordinates> Vehicle<P> {
     ///
     /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher of
     /// another network.
-    pub fn credible(
-        &self,
-        matcher: &Matcher<P>,
-        mass: f64,
-    ) -> Result<CredibleStretches, MatchError> {
-        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
-        let states = self.window.last().map_or(&[][..], |states| states);
-        matcher.check_network(self.network)?;
+    pub fn credible(&self, matcher: &Matcher<P>, mass: f64) -> Result<Stretches<P>, MatchError> {
+        let states = self.window.last();
+        matcher.check_network(self.progress.network)?;
         matcher.check(states)?;
-        let sigma = deviation(&matcher.model, &self.point);
-        credible(&matcher.network, states, &probabilities, sigma, mass)
+        let sigma = deviation(&matcher.model, &self.progress.point);
+        credible(&matcher.network, states, &self.window.filtered(), sigma, mass)
     }
 
     /// Number of points that the late answer is behind the last point.
     #[must_use]
     pub fn points_late(&self) -> usize {
-        self.window.len() - 1
+        self.window.states.len() - 1
     }
 
     /// ln p(last point | all before).
     #[must_use]
     pub fn log_normalizer(&self) -> f64 {
-        self.last
+        self.progress.last
     }
 
     /// ln p(all points so far), as densities in metres.
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
+        self.progress.log_likelihood.value()
     }
 
     /// Edges with their probabilities, the most probable first; those off the road are missing.
     #[must_use]
     pub fn edges(&self) -> Vec<(usize, f64)> {
-        let probabilities: Vec<f64> = self.log_filtered.iter().map(|log| log.exp()).collect();
-        let states = self.window.last().map_or(&[][..], |states| states);
-        edges(states, &probabilities)
+        edges(self.window.last(), &self.window.filtered())
     }
 
     /// Bytes of memory.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let states: usize = self.window.iter().map(Vec::capacity).sum();
+        let Window { trellis, states, log_filtered } = &self.window;
         size_of::<Self>()
-            + self.trellis.bytes()
-            + states * size_of::<Candidate>()
-            + self.window.capacity() * size_of::<Vec<Candidate>>()
-            + self.log_filtered.capacity() * size_of::<f64>()
+            + trellis.bytes()
+            + states.iter().map(Vec::capacity).sum::<usize>() * size_of::<Candidate>()
+            + states.capacity() * size_of::<Vec<Candidate>>()
+            + log_filtered.capacity() * size_of::<f64>()
     }
 }

@@ -4,8 +4,9 @@ use std::ops::RangeInclusive;
 
 use proptest::prelude::*;
 use wayfix::evaluate::{
-    PrecisionRecallCurve, ReliabilityDiagram, RocCurve, binary_log_score, brier_score, is_within,
-    log_score, recall_within, steps_to_localize, steps_to_localize_correctly,
+    ReliabilityBin, ThresholdCurve, binary_log_score, brier_score, expected_calibration_error,
+    is_within, log_score, maximum_calibration_error, recall_within, reliability, steps_to_localize,
+    steps_to_localize_correctly,
 };
 
 use crate::kit::{cases, says};
@@ -49,19 +50,18 @@ fn reach(samples: &[(f64, bool)], threshold: f64, label: bool) -> f64 {
     samples.iter().filter(|sample| sample.0 >= threshold && sample.1 == label).count() as f64
 }
 
-fn points_of(curve: &PrecisionRecallCurve) -> Vec<(f64, f64, f64)> {
-    curve.points().iter().map(|p| (p.threshold(), p.precision(), p.recall())).collect()
+fn points_of(curve: &ThresholdCurve) -> Vec<(f64, f64, f64)> {
+    curve.points().iter().map(|p| (p.threshold, p.precision, p.recall)).collect()
 }
 
-fn roc_points_of(curve: &RocCurve) -> Vec<(f64, f64, f64)> {
+fn roc_points_of(curve: &ThresholdCurve) -> Vec<(f64, f64, f64)> {
     let points = curve.points().iter();
-    points.map(|p| (p.threshold(), p.false_positive_rate(), p.true_positive_rate())).collect()
+    points.map(|p| (p.threshold, p.false_positive_rate, p.recall)).collect()
 }
 
-fn bins_of(diagram: &ReliabilityDiagram) -> Vec<(f64, f64, usize, f64, f64)> {
-    let bins = diagram.bins().iter();
-    bins.map(|b| (b.lower(), b.upper(), b.count(), b.mean_probability(), b.fraction_true()))
-        .collect()
+fn bins_of(diagram: &[ReliabilityBin]) -> Vec<(f64, f64, usize, f64, f64)> {
+    let bins = diagram.iter();
+    bins.map(|b| (b.lower, b.upper, b.count, b.mean_probability, b.fraction_true)).collect()
 }
 
 #[test]
@@ -124,7 +124,7 @@ fn precision_and_recall_by_hand() {
         (0.5, true),
         (0.1, false),
     ];
-    let curve = PrecisionRecallCurve::new(&answers, 6).unwrap();
+    let curve = ThresholdCurve::precision_recall(&answers, 6).unwrap();
     let expected = [
         (0.9, 1.0, 1.0 / 6.0),
         (0.8, 1.0, 2.0 / 6.0),
@@ -145,19 +145,20 @@ fn precision_and_recall_by_hand() {
 
 #[test]
 fn curves_without_answers_or_without_right_ones() {
-    let none = PrecisionRecallCurve::new(&[], 3).unwrap();
+    let none = ThresholdCurve::precision_recall(&[], 3).unwrap();
     assert_eq!((none.points(), none.average_precision()), (&[][..], 0.0));
     assert_eq!(none.recall_at_precision(0.0), Ok(0.0));
-    let wrong = PrecisionRecallCurve::new(&[(1.0, false), (2.0, false)], 3).unwrap();
+    let wrong = ThresholdCurve::precision_recall(&[(1.0, false), (2.0, false)], 3).unwrap();
     assert_eq!(points_of(&wrong), [(2.0, 0.0, 0.0), (1.0, 0.0, 0.0)]);
     assert_eq!(wrong.average_precision(), 0.0);
     assert_eq!(wrong.recall_at_precision(0.5), Ok(0.0));
-    let tied = PrecisionRecallCurve::new(&[(0.0, true), (-0.0, false), (0.0, true)], 2).unwrap();
+    let tied =
+        ThresholdCurve::precision_recall(&[(0.0, true), (-0.0, false), (0.0, true)], 2).unwrap();
     assert_eq!(points_of(&tied), [(0.0, 2.0 / 3.0, 1.0)]);
     assert_eq!(tied.recall_at_precision(1.0), Ok(0.0));
     let (best, worst) = (f64::INFINITY, f64::NEG_INFINITY);
     let infinite = [(worst, false), (best, true), (best, true)];
-    let infinite = PrecisionRecallCurve::new(&infinite, 2).unwrap();
+    let infinite = ThresholdCurve::precision_recall(&infinite, 2).unwrap();
     assert_eq!(points_of(&infinite), [(best, 1.0, 1.0), (worst, 2.0 / 3.0, 1.0)]);
     assert_eq!(infinite.average_precision(), 1.0);
 }
@@ -165,33 +166,33 @@ fn curves_without_answers_or_without_right_ones() {
 #[test]
 fn what_is_no_curve_is_an_error() {
     says(
-        PrecisionRecallCurve::new(&[(0.5, true), (f64::NAN, false)], 1),
+        ThresholdCurve::precision_recall(&[(0.5, true), (f64::NAN, false)], 1),
         "confidence 1 is NaN, expected a number",
     );
     says(
-        PrecisionRecallCurve::new(&[(0.5, false)], 0),
+        ThresholdCurve::precision_recall(&[(0.5, false)], 0),
         "no queries that have a right answer to score, expected at least one",
     );
     says(
-        PrecisionRecallCurve::new(&[(0.5, true), (0.1, true), (0.2, false)], 1),
+        ThresholdCurve::precision_recall(&[(0.5, true), (0.1, true), (0.2, false)], 1),
         "2 right answers for 1 queries that have one, expected one each",
     );
-    let curve = PrecisionRecallCurve::new(&[(0.5, true)], 1).unwrap();
+    let curve = ThresholdCurve::precision_recall(&[(0.5, true)], 1).unwrap();
     says(curve.recall_at_precision(99.0), "the level is 99, expected a value from 0 to 1");
     says(curve.recall_at_precision(f64::NAN), "the level is NaN, expected a value from 0 to 1");
     says(
-        RocCurve::new(&[(0.5, true), (0.1, false), (f64::NAN, false)]),
+        ThresholdCurve::roc(&[(0.5, true), (0.1, false), (f64::NAN, false)]),
         "score 2 is NaN, expected a number",
     );
-    says(RocCurve::new(&[]), "no positives to score, expected at least one");
-    says(RocCurve::new(&[(0.5, false)]), "no positives to score, expected at least one");
-    says(RocCurve::new(&[(0.5, true)]), "no negatives to score, expected at least one");
+    says(ThresholdCurve::roc(&[]), "no positives to score, expected at least one");
+    says(ThresholdCurve::roc(&[(0.5, false)]), "no positives to score, expected at least one");
+    says(ThresholdCurve::roc(&[(0.5, true)]), "no negatives to score, expected at least one");
 }
 
 #[test]
 fn roc_by_hand() {
     let samples = [(0.8, true), (0.6, false), (0.6, true), (0.4, true), (0.4, false), (0.1, false)];
-    let curve = RocCurve::new(&samples).unwrap();
+    let curve = ThresholdCurve::roc(&samples).unwrap();
     let third = 1.0 / 3.0;
     let expected =
         [(0.8, 0.0, third), (0.6, third, 2.0 / 3.0), (0.4, 2.0 / 3.0, 1.0), (0.1, 1.0, 1.0)];
@@ -199,11 +200,24 @@ fn roc_by_hand() {
     // Of nine pairs, 0.4 loses to 0.6, and two are ties.
     assert_eq!(curve.area(), 7.0 / 9.0);
 
-    let area = |samples: &[_]| RocCurve::new(samples).unwrap().area();
+    let area = |samples: &[_]| ThresholdCurve::roc(samples).unwrap().area();
     assert_eq!(area(&[(1.0, true), (1.0, false), (1.0, false)]), 0.5);
     assert_eq!(area(&[(f64::INFINITY, true), (f64::NEG_INFINITY, false)]), 1.0);
     assert_eq!(area(&[(1.0, true), (2.0, false)]), 0.0);
     assert_eq!(area(&[(0.0, true), (-0.0, false)]), 0.5);
+}
+
+#[test]
+fn precision_recall_and_roc_are_one_curve() {
+    let samples = [(0.9, true), (0.6, false), (0.6, true), (0.2, false)];
+    let curve = ThresholdCurve::precision_recall(&samples, 2).unwrap();
+    assert_eq!(curve, ThresholdCurve::roc(&samples).unwrap());
+    // A query without an answer loses against the wrong answer.
+    let curve = ThresholdCurve::precision_recall(&[(0.9, true), (0.5, false)], 2).unwrap();
+    assert_eq!(curve.area(), 0.5);
+    // Nothing is wrong.
+    let curve = ThresholdCurve::precision_recall(&[(0.9, true)], 2).unwrap();
+    assert_eq!((curve.area(), curve.points()[0].false_positive_rate), (1.0, 0.0));
 }
 
 #[test]
@@ -218,7 +232,7 @@ fn reliability_by_hand() {
         (0.75, true),
         (1.0, false),
     ];
-    let diagram = ReliabilityDiagram::new(&forecasts, 4).unwrap();
+    let diagram = reliability(&forecasts, 4).unwrap();
     let expected = [
         (0.0, 0.25, 2, 0.0625, 0.0),
         (0.25, 0.5, 1, 0.25, 1.0),
@@ -227,8 +241,8 @@ fn reliability_by_hand() {
     ];
     assert_eq!(bins_of(&diagram), expected);
     // (2 × 0.0625 + 0.75 + 2 × 0.0625 + 0.75) / 8
-    near(diagram.expected_calibration_error(), 0.21875);
-    assert_eq!(diagram.maximum_calibration_error(), 0.75);
+    near(expected_calibration_error(&diagram), 0.21875);
+    assert_eq!(maximum_calibration_error(&diagram), 0.75);
     // In sixty-fourths: 36 + 1 + 0 + 16 + 25 + 0 + 4 + 64.
     assert_eq!(brier_score(&forecasts), Ok(146.0 / 64.0 / 8.0));
     assert_eq!(binary_log_score(&forecasts), Ok(f64::NEG_INFINITY));
@@ -237,14 +251,14 @@ fn reliability_by_hand() {
 #[test]
 fn bins_that_hold_nothing_are_left_out() {
     let forecasts = [(0.05, true), (1.0, true), (0.99, true)];
-    let diagram = ReliabilityDiagram::new(&forecasts, 10).unwrap();
-    let edges: Vec<_> = diagram.bins().iter().map(|bin| (bin.lower(), bin.upper())).collect();
+    let diagram = reliability(&forecasts, 10).unwrap();
+    let edges: Vec<_> = diagram.iter().map(|bin| (bin.lower, bin.upper)).collect();
     assert_eq!(edges, [(0.0, 0.1), (0.9, 1.0)]);
     // As many bins as there can be.
-    let diagram = ReliabilityDiagram::new(&forecasts, usize::MAX).unwrap();
-    assert_eq!(diagram.bins().len(), 3);
-    assert!(diagram.bins().iter().all(|bin| bin.count() == 1));
-    near(diagram.expected_calibration_error(), 0.96 / 3.0);
+    let diagram = reliability(&forecasts, usize::MAX).unwrap();
+    assert_eq!(diagram.len(), 3);
+    assert!(diagram.iter().all(|bin| bin.count == 1));
+    near(expected_calibration_error(&diagram), 0.96 / 3.0);
 }
 
 #[test]
@@ -252,10 +266,10 @@ fn an_edge_belongs_to_the_bin_above() {
     for bins in 1..=100_usize {
         for edge in 0..=bins {
             let p = edge as f64 / bins as f64;
-            let diagram = ReliabilityDiagram::new(&[(p, true)], bins).unwrap();
+            let diagram = reliability(&[(p, true)], bins).unwrap();
             let bin = edge.min(bins - 1);
-            assert_eq!(diagram.bins()[0].lower(), bin as f64 / bins as f64, "{edge} / {bins}");
-            assert_eq!(diagram.bins()[0].upper(), (bin + 1) as f64 / bins as f64);
+            assert_eq!(diagram[0].lower, bin as f64 / bins as f64, "{edge} / {bins}");
+            assert_eq!(diagram[0].upper, (bin + 1) as f64 / bins as f64);
         }
     }
 }
@@ -281,8 +295,8 @@ fn log_scores_by_hand() {
 #[test]
 fn a_sum_of_a_belief_may_be_rounded_above_one() {
     let p = 1.0 + 4.0 * f64::EPSILON;
-    let diagram = ReliabilityDiagram::new(&[(p, true), (0.95, true)], 10).unwrap();
-    assert_eq!((diagram.bins().len(), diagram.bins()[0].upper()), (1, 1.0));
+    let diagram = reliability(&[(p, true), (0.95, true)], 10).unwrap();
+    assert_eq!((diagram.len(), diagram[0].upper), (1, 1.0));
     assert_eq!(binary_log_score(&[(p, false)]), Ok(f64::NEG_INFINITY));
     near(binary_log_score(&[(p, true)]).unwrap(), 0.0);
     near(log_score(&[p]).unwrap(), 0.0);
@@ -294,15 +308,15 @@ fn a_sum_of_a_belief_may_be_rounded_above_one() {
 #[test]
 fn what_is_no_probability_is_an_error() {
     let nothing = "no probabilities to score, expected at least one";
-    says(ReliabilityDiagram::new(&[], 3), nothing);
+    says(reliability(&[], 3), nothing);
     says(brier_score(&[]), nothing);
     says(binary_log_score(&[]), nothing);
     says(log_score(&[]), nothing);
-    says(ReliabilityDiagram::new(&[(0.5, true)], 0), "0 bins, expected at least one");
+    says(reliability(&[(0.5, true)], 0), "0 bins, expected at least one");
     for bad in [f64::NAN, -0.25, 1.5, f64::INFINITY, f64::NEG_INFINITY] {
         let pairs = [(0.5, true), (bad, false)];
         let expected = format!("probability 1 is {bad}, expected a value from 0 to 1");
-        says(ReliabilityDiagram::new(&pairs, 3), &expected);
+        says(reliability(&pairs, 3), &expected);
         says(brier_score(&pairs), &expected);
         says(binary_log_score(&pairs), &expected);
         says(log_score(&[0.5, bad]), &expected);
@@ -362,7 +376,7 @@ proptest! {
         let right = answers.iter().filter(|answer| answer.1).count();
         let positives = right + unanswered;
         prop_assume!(positives > 0);
-        let curve = PrecisionRecallCurve::new(&answers, positives).unwrap();
+        let curve = ThresholdCurve::precision_recall(&answers, positives).unwrap();
         let point = |threshold| {
             let (right, wrong) =
                 (reach(&answers, threshold, true), reach(&answers, threshold, false));
@@ -378,7 +392,7 @@ proptest! {
         }
         near(curve.average_precision(), area);
         prop_assert!((0.0..=1.0).contains(&curve.average_precision()));
-        prop_assert!(curve.points().is_sorted_by(|a, b| a.recall() <= b.recall()));
+        prop_assert!(curve.points().is_sorted_by(|a, b| a.recall <= b.recall));
         for level in [0.0, 0.3, 0.5, 2.0 / 3.0, 0.75, 0.99, 1.0] {
             let enough = expected.iter().filter(|point| point.1 >= level);
             let largest = enough.map(|point| point.2).fold(0.0, f64::max);
@@ -390,7 +404,7 @@ proptest! {
     fn the_area_under_the_roc_counts_pairs(samples in samples()) {
         let of = |label| samples.iter().filter(move |s| s.1 == label).map(|s| s.0);
         let (positives, negatives) = (of(true).count(), of(false).count());
-        let curve = RocCurve::new(&samples);
+        let curve = ThresholdCurve::roc(&samples);
         prop_assert_eq!(curve.is_ok(), positives > 0 && negatives > 0);
         let Ok(curve) = curve else { return Ok(()) };
         let mut won = 0.0;
@@ -416,7 +430,7 @@ proptest! {
 
         // The other way round, what was won is lost.
         let negated: Vec<_> = samples.iter().map(|&(score, label)| (-score, label)).collect();
-        near(RocCurve::new(&negated).unwrap().area(), 1.0 - curve.area());
+        near(ThresholdCurve::roc(&negated).unwrap().area(), 1.0 - curve.area());
     }
 
     /// Only the order of the scores matters, and not that of the samples.
@@ -427,18 +441,18 @@ proptest! {
         let scores = thresholds(&samples);
         let rank = |score| scores.iter().rev().position(|s| *s == score).unwrap() as f64;
         let ranked: Vec<_> = samples.iter().rev().map(|&(s, label)| (rank(s).exp(), label)).collect();
-        let curves = [&samples, &ranked].map(|s| PrecisionRecallCurve::new(s, right + 1).unwrap());
+        let curves = [&samples, &ranked].map(|s| ThresholdCurve::precision_recall(s, right + 1).unwrap());
         let [a, b] = &curves;
         prop_assert_eq!(a.average_precision(), b.average_precision());
         let rest = |curve| points_of(curve).into_iter().map(|p| (p.1, p.2)).collect::<Vec<_>>();
         prop_assert_eq!(rest(a), rest(b));
-        let [a, b] = [&samples, &ranked].map(|s| RocCurve::new(s).unwrap());
+        let [a, b] = [&samples, &ranked].map(|s| ThresholdCurve::roc(s).unwrap());
         prop_assert_eq!(a.area(), b.area());
     }
 
     #[test]
     fn calibration_by_naive_loops(forecasts in forecasts(), bins in 1..=25_usize) {
-        let diagram = ReliabilityDiagram::new(&forecasts, bins).unwrap();
+        let diagram = reliability(&forecasts, bins).unwrap();
         let (mut filled, mut ece, mut mce) = (vec![], 0.0, 0.0_f64);
         for m in 0..bins {
             let (lower, upper) = (m as f64 / bins as f64, (m + 1) as f64 / bins as f64);
@@ -464,8 +478,8 @@ proptest! {
             near(found.3, expected.3);
             prop_assert_eq!(found.4, expected.4);
         }
-        near(diagram.expected_calibration_error(), ece);
-        near(diagram.maximum_calibration_error(), mce);
+        near(expected_calibration_error(&diagram), ece);
+        near(maximum_calibration_error(&diagram), mce);
 
         let (mut squares, mut distance) = (0.0, 0.0);
         for &(p, outcome) in &forecasts {
@@ -474,7 +488,7 @@ proptest! {
             distance += miss / forecasts.len() as f64;
         }
         near(brier_score(&forecasts).unwrap(), squares);
-        let (ece, mce) = (diagram.expected_calibration_error(), diagram.maximum_calibration_error());
+        let (ece, mce) = (expected_calibration_error(&diagram), maximum_calibration_error(&diagram));
         prop_assert!(0.0 <= ece && ece <= mce + 1e-12 && mce <= 1.0);
         // Bins only hide what is off.
         prop_assert!(ece <= distance + 1e-12 && distance <= squares.sqrt() + 1e-12);
@@ -489,9 +503,9 @@ proptest! {
             forecasts.extend(four.cycle().take(4 * times));
         }
         for bins in [1, 2, 4, 5, 10, 1000] {
-            let diagram = ReliabilityDiagram::new(&forecasts, bins).unwrap();
-            prop_assert_eq!(diagram.expected_calibration_error(), 0.0);
-            prop_assert_eq!(diagram.maximum_calibration_error(), 0.0);
+            let diagram = reliability(&forecasts, bins).unwrap();
+            prop_assert_eq!(expected_calibration_error(&diagram), 0.0);
+            prop_assert_eq!(maximum_calibration_error(&diagram), 0.0);
         }
     }
 

@@ -154,7 +154,7 @@ fn filter_fixed_lag_smoother_and_viterbi_tell_places_that_are_not_on_the_map() {
         ] {
             let samples: Vec<(f64, bool)> =
                 scores.iter().zip(&drive).map(|(p, place)| (*p, place.is_none())).collect();
-            let area = evaluate::RocCurve::new(&samples).unwrap().area();
+            let area = evaluate::ThresholdCurve::roc(&samples).unwrap().area();
             assert!(area >= least, "{name}, seed {seed}: {area}");
         }
         // A query infinitely far from all references is off the map.

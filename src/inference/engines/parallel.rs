@@ -51,6 +51,13 @@ impl<T> Default for MemoryPool<T> {
     }
 }
 
+/// Memory is not copied: a clone begins with none.
+impl<T> Clone for MemoryPool<T> {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 impl<T> MemoryPool<T> {
     /// Takes some memory out, if there is any.
     pub(crate) fn pop(&self) -> Option<T> {

@@ -7,6 +7,8 @@ mod viterbi;
 #[cfg(feature = "matching")]
 mod window;
 
+#[cfg(feature = "matching")]
+pub(crate) use smooth::TrellisForward;
 pub use smooth::{SmoothedTrellis, TrellisPairs};
 
 use crate::error::InferenceError;

@@ -17,6 +17,30 @@ pub struct SmoothedTrellis {
     scales: Vec<Scale>,
 }
 
+/// Forward pass over a trellis: filtered logarithms of all its states, and what was taken out of
+/// each step. Who grows a trellis by the filtered distribution of its last step has it already.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct TrellisForward {
+    log_filtered: Vec<f64>,
+    scales: Vec<Scale>,
+}
+
+impl TrellisForward {
+    /// Adds the result of [`Trellis::forward_step`] for the next step.
+    pub(crate) fn push(
+        &mut self,
+        log_filtered: &[f64],
+        scale: Scale,
+    ) -> Result<(), InferenceError> {
+        self.scales.push(scale);
+        if scale.sum == f64::NEG_INFINITY {
+            return Err(InferenceError::Impossible { step: self.scales.len() });
+        }
+        self.log_filtered.extend_from_slice(log_filtered);
+        Ok(())
+    }
+}
+
 impl Trellis {
     /// Computes the filtered and smoothed distributions of all steps. O(moves) time; 32 bytes a
     /// state.
@@ -25,20 +49,21 @@ impl Trellis {
     ///
     /// [`InferenceError::Impossible`] with the first step at which no state is possible.
     pub fn smooth(&self) -> Result<SmoothedTrellis, InferenceError> {
-        let mut steps = self.steps.clone();
-        steps.push(self.log_likelihoods.len());
-        let mut log_filtered: Vec<f64> = Vec::with_capacity(self.log_likelihoods.len());
-        let mut scales = Vec::with_capacity(self.steps());
+        let mut forward = TrellisForward::default();
         let (mut before, mut now) = (vec![0.0], Vec::new());
         for step in 1..=self.steps() {
             let scale = self.forward_step(step, &before, &mut now);
-            if scale.sum == f64::NEG_INFINITY {
-                return Err(InferenceError::Impossible { step });
-            }
-            scales.push(scale);
-            log_filtered.extend_from_slice(&now);
+            forward.push(&now, scale)?;
             std::mem::swap(&mut before, &mut now);
         }
+        Ok(self.smooth_after(forward))
+    }
+
+    /// Computes the smoothed distributions after a forward pass over all steps.
+    pub(crate) fn smooth_after(&self, forward: TrellisForward) -> SmoothedTrellis {
+        let TrellisForward { log_filtered, scales } = forward;
+        let mut steps = self.steps.clone();
+        steps.push(self.log_likelihoods.len());
         let mut log_backward = vec![0.0; log_filtered.len()];
         for step in (2..=self.steps()).rev() {
             let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
@@ -53,7 +78,7 @@ impl Trellis {
             let sum = log_sum(log.clone());
             smoothed.extend(log.map(|log| (log - sum).exp()));
         }
-        Ok(SmoothedTrellis { steps, log_filtered, filtered, smoothed, log_backward, scales })
+        SmoothedTrellis { steps, log_filtered, filtered, smoothed, log_backward, scales }
     }
 }
 

@@ -56,21 +56,32 @@ impl<P: Coordinates> RoadNetwork<P> {
     /// If there is no such edge.
     #[must_use]
     pub fn position_along(&self, edge: usize, metres: f64) -> P {
-        let points: Vec<[f64; 2]> = self.shape(edge).iter().map(|p| p.to_plane()).collect();
-        let length = |pair: &[[f64; 2]]| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
-        let total: f64 = points.windows(2).map(length).sum();
         let share = (metres / self.edges()[edge].metres).clamp(0.0, 1.0);
+        let length = |a: [f64; 2], b: [f64; 2]| (b[0] - a[0]).hypot(b[1] - a[1]);
+        let between = |a: [f64; 2], b: [f64; 2], share: f64| {
+            P::from_plane([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])])
+        };
+        let end = || self.nodes()[self.edges()[edge].to].position;
+        // Most lines have two points: no memory for these, and one length.
+        if let [a, b] = self.shape(edge) {
+            let (a, b) = (a.to_plane(), b.to_plane());
+            let total = length(a, b);
+            let left = share * total;
+            // False for metres that are no number.
+            let is_on = total > 0.0 && left <= total;
+            return if is_on { between(a, b, left / total) } else { end() };
+        }
+        let points: Vec<[f64; 2]> = self.shape(edge).iter().map(|p| p.to_plane()).collect();
+        let total: f64 = points.windows(2).map(|pair| length(pair[0], pair[1])).sum();
         let mut left = share * total;
         for pair in points.windows(2) {
-            let piece = length(pair);
+            let piece = length(pair[0], pair[1]);
             if left <= piece && piece > 0.0 {
-                let share = left / piece;
-                let [a, b] = [pair[0], pair[1]];
-                return P::from_plane([a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]);
+                return between(pair[0], pair[1], left / piece);
             }
             left -= piece;
         }
-        self.nodes()[self.edges()[edge].to].position
+        end()
     }
 
     /// Points of the line of an edge from one distance along it to another, with both ends, in

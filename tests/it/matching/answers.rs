@@ -5,11 +5,11 @@ use std::error::Error;
 use wayfix::error::At;
 use wayfix::inference::SnapshotError;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadClass};
-use wayfix::matching::{
-    LearnedMatchModel, MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle,
-};
+use wayfix::matching::{LearnedMatchModel, MatchError, MatchModel, Matcher, TracePoint, Vehicle};
 
 use super::city::{Drive, Habits, Point, at, city, drive};
+
+type Part = wayfix::matching::Stretch<PlanePosition>;
 
 fn town() -> Matcher<PlanePosition> {
     Matcher::new(city(8, 8, 120.0, |_, _| false))
@@ -23,23 +23,23 @@ fn drives(count: u64) -> Vec<Drive> {
 
 #[test]
 fn errors_name_the_point_and_the_drive() {
-    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let matcher = town();
     let good: Vec<Point> = drives(1).remove(0).points;
     let mut bad = good.clone();
     bad[7].position.y = f64::NAN;
-    let error = matcher.match_drive(&bad, &mut memory).unwrap_err();
+    let error = matcher.match_drive(&bad).unwrap_err();
     let text = "point 7 has y NaN, expected metres from -1e9 to 1e9";
     assert_eq!(error.to_string(), text);
-    let error = matcher.learn(&[&good, &good, &bad], 3, &mut memory).unwrap_err();
+    let error = matcher.learn(&[&good, &good, &bad], 3).unwrap_err();
     assert!(matches!(error, MatchError::Drive(At { number: 2, .. })));
     assert_eq!(error.to_string(), format!("drive 2: {text}"));
     assert!(error.source().is_none());
-    let error = matcher.learn(&[&good[..], &[]], 3, &mut memory).unwrap_err();
+    let error = matcher.learn(&[&good[..], &[]], 3).unwrap_err();
     assert_eq!(error.to_string(), "drive 1: the drive has no points");
     bad[7] = good[6];
-    let error = matcher.match_drive(&bad, &mut memory).unwrap_err();
+    let error = matcher.match_drive(&bad).unwrap_err();
     assert!(error.to_string().starts_with("point 7 has time "), "{error}");
-    let error = matcher.match_drive(&bad[7..], &mut memory).err();
+    let error = matcher.match_drive(&bad[7..]).err();
     assert!(error.is_none(), "{error:?}");
 
     let mut builder = NetworkBuilder::new();
@@ -47,7 +47,7 @@ fn errors_name_the_point_and_the_drive() {
     let matcher = Matcher::new(builder.build().unwrap());
     let point = |latitude, longitude| {
         let point = TracePoint::new(0.0, Position { latitude, longitude });
-        let error = matcher.start(&point, 0, &mut MatchMemory::default()).unwrap_err();
+        let error = matcher.start(&point, 0).unwrap_err();
         error.to_string()
     };
     let latitude = "expected a latitude from -90 to 90 degrees";
@@ -67,10 +67,10 @@ fn errors_name_the_point_and_the_drive() {
 fn fits_are_the_same_to_the_bit() {
     let (matcher, drives) = (town(), drives(9));
     let vectors: Vec<Vec<Point>> = drives.iter().map(|drive| drive.points.clone()).collect();
-    let fit = || matcher.learn(&vectors, 4, &mut MatchMemory::default()).unwrap();
+    let fit = || matcher.learn(&vectors, 4).unwrap();
     let expected: LearnedMatchModel = fit();
     let slices: Vec<&[Point]> = vectors.iter().map(|points| &points[..]).collect();
-    assert_eq!(matcher.learn(&slices, 4, &mut MatchMemory::default()).unwrap(), expected);
+    assert_eq!(matcher.learn(&slices, 4).unwrap(), expected);
     assert_eq!(expected.points, vectors.iter().map(Vec::len).sum::<usize>());
     #[cfg(feature = "rayon")]
     for threads in [1, 2, 5] {
@@ -84,7 +84,6 @@ fn fits_are_the_same_to_the_bit() {
 
 #[test]
 fn vehicles_stay_on_their_network() {
-    let mut memory = MatchMemory::default();
     let matcher = town();
     // Of the same size, but for a part of a road.
     let mut builder = NetworkBuilder::new();
@@ -101,11 +100,11 @@ fn vehicles_stay_on_their_network() {
     assert_eq!(other.network().edges().len(), matcher.network().edges().len());
 
     let points = drives(1).remove(0).points;
-    let vehicle = matcher.start(&points[0], 2, &mut memory).unwrap();
+    let vehicle = matcher.start(&points[0], 2).unwrap();
     let bytes = vehicle.to_bytes();
     for mut vehicle in [vehicle.clone(), Vehicle::from_bytes(&bytes).unwrap()] {
         let before = vehicle.clone();
-        let error = other.step(&mut vehicle, &points[1], &mut memory).unwrap_err();
+        let error = other.step(&mut vehicle, &points[1]).unwrap_err();
         let MatchError::Network { found, expected } = error else { panic!("{error}") };
         assert_ne!(found, expected);
         assert!(error.to_string().starts_with("the network is another one: "), "{error}");
@@ -114,10 +113,10 @@ fn vehicles_stay_on_their_network() {
         // With another model, or built again, the network is the same.
         let model = MatchModel { noise: 12.0, ..MatchModel::default() };
         let again = town().with_model(model).unwrap();
-        again.step(&mut vehicle, &points[1], &mut memory).unwrap();
+        again.step(&mut vehicle, &points[1]).unwrap();
     }
-    let drive = matcher.match_drive(&points, &mut memory).unwrap();
-    assert!(matches!(other.routes(&drive, 1, &mut memory), Err(MatchError::Network { .. })));
+    let drive = matcher.match_drive(&points).unwrap();
+    assert!(matches!(other.routes(&drive, 1), Err(MatchError::Network { .. })));
     assert!(matches!(drive.credible(&other, 3, 0.5), Err(MatchError::Network { .. })));
 
     let error = Vehicle::<Position>::from_bytes(&bytes).unwrap_err();
@@ -127,42 +126,43 @@ fn vehicles_stay_on_their_network() {
 
 #[test]
 fn credible_stretches_say_what_they_hold() {
-    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let matcher = town();
     let length = |edge: usize| matcher.network().edges()[edge].metres;
     let mut off_road = 0;
     for drive in drives(4) {
         let mut points = drive.points;
         // Off the road for a while.
         points[20..30].iter_mut().for_each(|point| point.position.x += 4000.0);
-        let found = matcher.match_drive(&points, &mut memory).unwrap();
+        let found = matcher.match_drive(&points).unwrap();
         for point in 0..points.len() {
             let on_road = 1.0 - found.smoothed(point).off_road;
             let mut last = 0.0;
             for mass in [1e-9, 0.1, 0.5, 0.9, 0.99, 1.0] {
                 let around = found.credible(&matcher, point, mass).unwrap();
-                let probability = around.probability();
+                let probability = around.probability;
                 assert!(probability <= on_road + 1e-9, "{mass}: {probability} of {on_road}");
                 assert!(probability >= mass.min(on_road) - 1e-9);
-                let sum: f64 = around.stretches().iter().map(|part| part.probability).sum();
+                let edges = found.edges(point);
+                let p =
+                    |part: &Part| edges.iter().find(|edge| Some(edge.0) == part.edge).unwrap().1;
+                let sum: f64 = around.stretches.iter().map(p).sum();
                 assert!(sum >= probability - 1e-9);
                 // More is held by as much or more.
-                let metres =
-                    |part: &wayfix::matching::CredibleStretch| part.metres[1] - part.metres[0];
-                let total: f64 = around.stretches().iter().map(metres).sum();
+                let total: f64 = around.stretches.iter().map(Part::metres).sum();
                 assert!(total >= last - 1e-9, "{mass}: {total} after {last}");
                 last = total;
                 if mass > on_road {
                     off_road += 1;
                     assert!((probability - on_road).abs() < 1e-9);
-                    for part in around.stretches() {
-                        assert_eq!(part.metres, [0.0, length(part.edge)]);
+                    for part in &around.stretches {
+                        assert_eq!([part.enter, part.exit], [0.0, length(part.edge.unwrap())]);
                     }
-                    let edges = found.edges(point).iter().filter(|edge| edge.1 > 0.0).count();
-                    assert_eq!(around.stretches().len(), edges);
+                    let edges = edges.iter().filter(|edge| edge.1 > 0.0).count();
+                    assert_eq!(around.stretches.len(), edges);
                 }
             }
         }
-        let vehicle = matcher.start(&points[0], 0, &mut memory).unwrap();
+        let vehicle = matcher.start(&points[0], 0).unwrap();
         for bad in [0.0, -0.5, 1.0 + 1e-12, f64::NAN, f64::INFINITY] {
             for result in [vehicle.credible(&matcher, bad), found.credible(&matcher, 0, bad)] {
                 let error = result.unwrap_err();
@@ -178,9 +178,9 @@ fn credible_stretches_say_what_they_hold() {
 
 #[test]
 fn edges_at_points_of_a_drive() {
-    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let matcher = town();
     let points = drives(1).remove(0).points;
-    let found = matcher.match_drive(&points, &mut memory).unwrap();
+    let found = matcher.match_drive(&points).unwrap();
     for point in 0..points.len() {
         let (edges, answer) = (found.edges(point), found.smoothed(point));
         let sum: f64 = edges.iter().map(|edge| edge.1).sum();
@@ -188,9 +188,9 @@ fn edges_at_points_of_a_drive() {
         assert!(edges.windows(2).all(|pair| pair[0].1 >= pair[1].1));
         assert_eq!(answer.edge.map(|_| edges[0].1), answer.edge.map(|_| answer.probability));
     }
-    let mut vehicle = matcher.start(&points[0], 0, &mut memory).unwrap();
+    let mut vehicle = matcher.start(&points[0], 0).unwrap();
     for point in &points[1..] {
-        matcher.step(&mut vehicle, point, &mut memory).unwrap();
+        matcher.step(&mut vehicle, point).unwrap();
     }
     let last = found.edges(points.len() - 1);
     for (edge, p) in vehicle.edges() {
@@ -202,12 +202,12 @@ fn edges_at_points_of_a_drive() {
 /// The line of a route is as long as it, and each part begins where the one before ends.
 #[test]
 fn lines_of_routes() {
-    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let matcher = town();
     let mut off_road = 0;
     for drive in drives(6) {
         let mut points = drive.points;
         points[10..].iter_mut().for_each(|point| point.position.x += 4000.0);
-        let found = matcher.match_drive(&points, &mut memory).unwrap();
+        let found = matcher.match_drive(&points).unwrap();
         let mut on_road = 0.0;
         for stretch in found.route() {
             let line = matcher.line(stretch);
@@ -230,7 +230,7 @@ fn lines_of_routes() {
     let matcher = Matcher::new(builder.build().unwrap());
     let drive = [(0.0, at(1.0, 20.0)), (10.0, at(99.0, 30.0))];
     let drive = drive.map(|(time, position)| TracePoint::new(time, position));
-    let found = matcher.match_drive(&drive, &mut memory).unwrap();
+    let found = matcher.match_drive(&drive).unwrap();
     let lines: Vec<_> = found.route().iter().flat_map(|s| matcher.line(s)).collect();
     assert_eq!(lines, [at(0.0, 20.0), at(0.0, 50.0), at(100.0, 50.0), at(100.0, 30.0)]);
 }

@@ -1,16 +1,15 @@
 //! An edge with probability 0.9 is right nine times of ten.
 
 use wayfix::map::PlanePosition;
-use wayfix::matching::{MatchMemory, MatchModel, Matcher, RoadAnswer};
+use wayfix::matching::{MatchModel, Matcher, RoadAnswer};
 
 use super::city::{Drive, Habits, Network, city, drive};
 
 /// Expected calibration error and accuracy of live, late and smoothed answers.
 fn calibration(matcher: &Matcher<PlanePosition>, drives: &[Drive]) -> [(f64, f64); 3] {
-    let mut memory = MatchMemory::default();
     let mut answers: [Vec<(f64, bool)>; 3] = Default::default();
     for drive in drives {
-        let found = matcher.match_drive(&drive.points, &mut memory).unwrap();
+        let found = matcher.match_drive(&drive.points).unwrap();
         for (number, &edge) in drive.edges.iter().enumerate() {
             let of = |answer: RoadAnswer| (answer.probability, answer.edge == Some(edge));
             answers[0].push(of(found.live(number)));
@@ -70,7 +69,7 @@ fn of_twice_the_noise_after_learning() {
     let matcher = Matcher::new(network);
     let before = calibration(&matcher, &others);
     let points: Vec<_> = known.iter().map(|drive| &drive.points[..]).collect();
-    let fitted = matcher.learn(&points, 20, &mut MatchMemory::default()).unwrap();
+    let fitted = matcher.learn(&points, 20).unwrap();
     let after = calibration(&matcher.with_model(fitted.model).unwrap(), &others);
     assert!(after.iter().all(|(error, _)| *error <= 0.05), "{before:?} {after:?}");
 }
@@ -83,32 +82,30 @@ fn credible_stretches_hold_the_vehicle() {
         let habits = Habits { seconds, sigma, ..Habits::default() };
         let model = MatchModel { noise: sigma, ..MatchModel::default() };
         let matcher = Matcher::new(network.clone()).with_model(model).unwrap();
-        let mut memory = MatchMemory::default();
         for mass in [0.5, 0.9, 0.99] {
             let (mut held, mut given, mut points) = ([0_u32; 2], [0_u32; 2], 0_u32);
             for drive in &drives(&network, &habits, 400)[..8] {
-                let found = matcher.match_drive(&drive.points, &mut memory).unwrap();
-                let mut vehicle = matcher.start(&drive.points[0], 0, &mut memory).unwrap();
+                let found = matcher.match_drive(&drive.points).unwrap();
+                let mut vehicle = matcher.start(&drive.points[0], 0).unwrap();
                 for (number, point) in drive.points.iter().enumerate() {
                     if number > 0 {
-                        matcher.step(&mut vehicle, point, &mut memory).unwrap();
+                        matcher.step(&mut vehicle, point).unwrap();
                     }
                     let (edge, along) = (drive.edges[number], drive.along[number]);
                     let around =
                         [vehicle.credible(&matcher, mass), found.credible(&matcher, number, mass)];
                     for ((held, given), around) in held.iter_mut().zip(&mut given).zip(around) {
                         let around = around.unwrap();
-                        if around.probability() < mass {
+                        if around.probability < mass {
                             continue;
                         }
                         *given += 1;
-                        *held += u32::from(around.stretches().iter().any(|part| {
-                            let [start, end] = part.metres;
-                            part.edge == edge && (start..=end).contains(&along)
+                        *held += u32::from(around.stretches.iter().any(|part| {
+                            part.edge == Some(edge) && (part.enter..=part.exit).contains(&along)
                         }));
-                        for part in around.stretches() {
-                            let [start, end] = part.metres;
-                            let length = network.edges()[part.edge].metres;
+                        for part in &around.stretches {
+                            let (start, end) = (part.enter, part.exit);
+                            let length = network.edges()[part.edge.unwrap()].metres;
                             assert!(0.0 <= start && start <= end && end <= length, "{part:?}");
                         }
                     }

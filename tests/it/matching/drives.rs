@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
-use wayfix::matching::{MatchMemory, MatchedDrive, Matcher, TracePoint};
+use wayfix::matching::{MatchedDrive, Matcher, TracePoint};
 
 use super::city::{Habits, Network, Point, at, city, drive, id, normal};
 use crate::kit::{cases_of, rng};
@@ -59,7 +59,7 @@ fn u_turns(network: &Network, drive: &MatchedDrive<PlanePosition>) -> usize {
 }
 
 fn matched(matcher: &Matcher<PlanePosition>, points: &[Point]) -> MatchedDrive<PlanePosition> {
-    let drive = matcher.match_drive(points, &mut MatchMemory::default()).unwrap();
+    let drive = matcher.match_drive(points).unwrap();
     is_connected(matcher.network(), &drive);
     drive
 }

@@ -3,10 +3,7 @@
 use std::io::{Error, Read, Write};
 
 use wayfix::map::{MapError, NetworkBuilder, Position, RoadClass};
-use wayfix::matching::{
-    MatchMemory, Matcher, PointWriter, RouteWriter, SkippedPoints, TracePoint, read_traces,
-    read_traces_from,
-};
+use wayfix::matching::{AnswerWriter, Matcher, Trace, TracePoint, read_traces, read_traces_from};
 
 const HEADER: &str = "trace,time,longitude,latitude";
 
@@ -24,19 +21,17 @@ fn points_left_out_are_counted_for_each_drive() {
          B,0,149,-35\nB,1,149,-35\nC,7,149,-35\nC,6,149,-35\n"
     );
     let (traces, report) = read_traces_from("drives", text.as_bytes()).unwrap();
-    let of = |repeated, backwards| SkippedPoints { repeated, backwards };
-    let found: Vec<_> =
-        traces.iter().map(|t| (t.name.as_str(), t.points.len(), t.skipped)).collect();
-    assert_eq!(found, [("A", 2, of(2, 1)), ("B", 2, of(1, 0)), ("C", 1, of(0, 1))]);
-    assert_eq!(report.skipped, of(3, 2));
+    let of = |t: &Trace| (t.points.len(), t.repeated, t.backwards);
+    let found: Vec<_> = traces.iter().map(|t| (t.name.as_str(), of(t))).collect();
+    assert_eq!(found, [("A", (2, 2, 1)), ("B", (2, 1, 0)), ("C", (1, 0, 1))]);
+    assert_eq!((report.repeated, report.backwards), (3, 2));
     assert_eq!(report.skipped_lines, [3, 5, 6, 8, 11]);
     let counts = "skipped 3 points of the same time and 2 that go back in time";
-    assert_eq!(report.skipped.to_string(), counts);
     assert_eq!(report.to_string(), format!("{counts} (lines 3, 5, 6, 8, 11)"));
 
     let text = format!("{HEADER}\n{}", "A,7,149,-35\n".repeat(30));
     let (_, report) = read_traces_from("drives", text.as_bytes()).unwrap();
-    assert_eq!(report.skipped, of(29, 0));
+    assert_eq!((report.repeated, report.backwards), (29, 0));
     assert_eq!(report.skipped_lines, [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]);
     assert!(report.to_string().ends_with("(lines 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, …)"));
 }
@@ -69,7 +64,7 @@ fn drives_of_a_file_can_be_matched() {
         let lines = times.split(',').map(|time| format!("A,{time},149.13,-35.28\n"));
         let text = format!("{HEADER}\n{}", lines.collect::<String>());
         let (traces, _) = read_traces_from("drives", text.as_bytes()).unwrap();
-        matcher.match_drive(&traces[0].points, &mut MatchMemory::default()).unwrap();
+        matcher.match_drive(&traces[0].points).unwrap();
     }
 }
 
@@ -181,10 +176,10 @@ fn writers_with_and_without_a_header() {
     let matcher = matcher();
     let at = |longitude| Position { latitude: -35.28, longitude };
     let points = [TracePoint::new(0.0, at(149.131)), TracePoint::new(20.0, at(149.133))];
-    let drive = matcher.match_drive(&points, &mut MatchMemory::default()).unwrap();
+    let drive = matcher.match_drive(&points).unwrap();
     let (mut routes, mut route_lines) = (Vec::new(), Vec::new());
-    RouteWriter::new(&mut routes).unwrap().write("A", &matcher, &drive).unwrap();
-    let mut writer = RouteWriter::without_header(&mut route_lines);
+    AnswerWriter::routes(&mut routes).with_header().unwrap().write("A", &matcher, &drive).unwrap();
+    let mut writer = AnswerWriter::routes(&mut route_lines);
     writer.write("A", &matcher, &drive).unwrap();
     drop(writer);
     let header = b"trace,seq,from,to,enter_m,exit_m,off_road\n";
@@ -192,33 +187,38 @@ fn writers_with_and_without_a_header() {
     assert!(route_lines.starts_with(b"A,0,1,2,"));
 
     let (mut points, mut point_lines) = (Vec::new(), Vec::new());
-    PointWriter::new(&mut points).unwrap().write("A", &matcher, &drive, 1).unwrap();
-    let mut writer = PointWriter::without_header(&mut point_lines);
-    writer.write("A", &matcher, &drive, 1).unwrap();
+    AnswerWriter::points(&mut points, 1)
+        .with_header()
+        .unwrap()
+        .write("A", &matcher, &drive)
+        .unwrap();
+    let mut writer = AnswerWriter::points(&mut point_lines, 1);
+    writer.write("A", &matcher, &drive).unwrap();
     drop(writer);
     let header = points.iter().position(|&byte| byte == b'\n').unwrap() + 1;
     assert!(points.starts_with(b"trace,point,time,estimator,"));
     assert_eq!(points[header..], point_lines);
 
     // What does not arrive is an error, however short it is.
-    assert!(RouteWriter::new(Failing).is_err() && PointWriter::new(Failing).is_err());
-    assert!(RouteWriter::without_header(Failing).write("A", &matcher, &drive).is_err());
-    assert!(PointWriter::without_header(Failing).write("A", &matcher, &drive, 1).is_err());
+    assert!(AnswerWriter::routes(Failing).with_header().is_err());
+    assert!(AnswerWriter::points(Failing, 1).with_header().is_err());
+    assert!(AnswerWriter::routes(Failing).write("A", &matcher, &drive).is_err());
+    assert!(AnswerWriter::points(Failing, 1).write("A", &matcher, &drive).is_err());
 
     // The writer comes back, and with it what it holds.
-    let mut writer = RouteWriter::without_header(Vec::new());
+    let mut writer = AnswerWriter::routes(Vec::new());
     writer.write("A", &matcher, &drive).unwrap();
     assert_eq!(writer.into_inner().unwrap(), route_lines);
-    let mut writer = PointWriter::without_header(Vec::new());
-    writer.write("A", &matcher, &drive, 1).unwrap();
+    let mut writer = AnswerWriter::points(Vec::new(), 1);
+    writer.write("A", &matcher, &drive).unwrap();
     assert_eq!(writer.into_inner().unwrap(), point_lines);
 
     // A disk that is full when a buffer is passed on.
     let late = || std::io::BufWriter::new(Lazy);
-    let mut writer = RouteWriter::without_header(late());
+    let mut writer = AnswerWriter::routes(late());
     assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive).is_err());
-    let mut writer = PointWriter::without_header(late());
-    assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive, 1).is_err());
+    let mut writer = AnswerWriter::points(late(), 1);
+    assert!(writer.flush().is_err() && writer.write("A", &matcher, &drive).is_err());
 }
 
 /// A disk that takes all, and is full in the end.

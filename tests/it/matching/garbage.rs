@@ -3,7 +3,7 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use wayfix::map::{Coordinates, NetworkBuilder, Position, RoadClass, RoadNetwork};
-use wayfix::matching::{MatchError, MatchMemory, Matcher, RoadAnswer, TracePoint};
+use wayfix::matching::{MatchError, Matcher, RoadAnswer, TracePoint};
 
 use crate::kit::cases;
 
@@ -90,8 +90,7 @@ fn points(latitude: f64, longitude: f64) -> impl Strategy<Value = Vec<TracePoint
 }
 
 fn check<P: Coordinates>(matcher: &Matcher<P>, points: &[TracePoint<P>]) {
-    let mut memory = MatchMemory::default();
-    match matcher.match_drive(points, &mut memory) {
+    match matcher.match_drive(points) {
         Ok(drive) => {
             for number in 0..points.len() {
                 is_sane(&drive.live(number));
@@ -109,14 +108,14 @@ fn check<P: Coordinates>(matcher: &Matcher<P>, points: &[TracePoint<P>]) {
         Err(MatchError::Point { what: "time", value, .. }) => assert!(value.abs() > 1e20),
         Err(other) => panic!("{other}"),
     }
-    let Ok(mut vehicle) = matcher.start(&points[0], 2, &mut memory) else {
+    let Ok(mut vehicle) = matcher.start(&points[0], 2) else {
         assert!(points[0].time.abs() > 1e20);
         return;
     };
     is_sane(&vehicle.live());
     for point in &points[1..] {
         let before = vehicle.clone();
-        match matcher.step(&mut vehicle, point, &mut memory) {
+        match matcher.step(&mut vehicle, point) {
             Ok(log) => assert!(log.is_finite()),
             Err(_) => assert_eq!(vehicle, before),
         }
@@ -142,8 +141,7 @@ proptest! {
     #[test]
     fn learning_from_garbage_stays_in_range(points in points(-35.3, 149.1)) {
         let matcher = Matcher::new(town(-35.3, 149.1));
-        let mut memory = MatchMemory::default();
-        if let Ok(fitted) = matcher.learn(&[&points], 3, &mut memory) {
+        if let Ok(fitted) = matcher.learn(&[&points], 3) {
             assert!(fitted.log_likelihood.is_finite());
             // It may be used.
             let matcher = matcher.with_model(fitted.model).unwrap();

@@ -1,7 +1,7 @@
 //! Settings, points and bytes that nobody should give, but somebody will.
 
 use wayfix::map::{EdgeOptions, NetworkBuilder, PlanePosition, RoadClass};
-use wayfix::matching::{MatchError, MatchMemory, MatchModel, Matcher, TracePoint, Vehicle};
+use wayfix::matching::{MatchError, MatchModel, Matcher, TracePoint, Vehicle};
 
 use super::city::{Network, Point, at, city};
 
@@ -16,34 +16,34 @@ fn points() -> Vec<Point> {
 
 #[test]
 fn any_lag_and_any_number_of_routes() {
-    let (matcher, points, mut memory) = (town(), points(), MatchMemory::default());
-    let mut vehicle = matcher.start(&points[0], usize::MAX, &mut memory).unwrap();
+    let (matcher, points) = (town(), points());
+    let mut vehicle = matcher.start(&points[0], usize::MAX).unwrap();
     for point in &points[1..] {
-        matcher.step(&mut vehicle, point, &mut memory).unwrap();
+        matcher.step(&mut vehicle, point).unwrap();
     }
     assert_eq!(vehicle.points_late(), 5);
-    let drive = matcher.match_drive(&points[..2], &mut memory).unwrap();
-    assert!(matcher.routes(&drive, 0, &mut memory).unwrap().routes.is_empty());
-    let all = matcher.routes(&drive, usize::MAX, &mut memory).unwrap();
-    let few = matcher.routes(&drive, 1, &mut memory).unwrap();
+    let drive = matcher.match_drive(&points[..2]).unwrap();
+    assert!(matcher.routes(&drive, 0).unwrap().routes.is_empty());
+    let all = matcher.routes(&drive, usize::MAX).unwrap();
+    let few = matcher.routes(&drive, 1).unwrap();
     assert_eq!(all.routes[0], few.routes[0]);
 }
 
 #[test]
 fn drives_and_vehicles_of_another_network() {
-    let (large, mut memory) = (town(), MatchMemory::default());
+    let large = town();
     let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
     let points = points();
-    let drive = large.match_drive(&points, &mut memory).unwrap();
-    let result = small.routes(&drive, 2, &mut memory);
+    let drive = large.match_drive(&points).unwrap();
+    let result = small.routes(&drive, 2);
     assert!(matches!(result, Err(MatchError::Network { .. })));
-    let mut vehicle = large.start(&points[5], 2, &mut memory).unwrap();
+    let mut vehicle = large.start(&points[5], 2).unwrap();
     let edge = vehicle.live().edge.unwrap();
     assert!(edge >= small.network().edges().len());
     for result in [vehicle.credible(&small, 0.9), drive.credible(&small, 5, 0.9)] {
         assert!(matches!(result, Err(MatchError::Network { .. })));
     }
-    let result = small.step(&mut vehicle, &TracePoint { time: 99.0, ..points[5] }, &mut memory);
+    let result = small.step(&mut vehicle, &TracePoint { time: 99.0, ..points[5] });
     assert!(matches!(result, Err(MatchError::Network { .. })));
 }
 
@@ -53,10 +53,10 @@ fn next_to_no_outliers() {
     points[3].position = at(150.0, 900.0);
     for outliers in [5e-324, 1e-320, 1e-300, 1e-12, 1.0 - f64::EPSILON / 2.0] {
         let model = MatchModel { outliers, ..MatchModel::default() };
-        let (matcher, mut memory) = (town().with_model(model).unwrap(), MatchMemory::default());
-        let drive = matcher.match_drive(&points, &mut memory).unwrap();
+        let matcher = town().with_model(model).unwrap();
+        let drive = matcher.match_drive(&points).unwrap();
         assert!(drive.log_likelihood().is_finite(), "{outliers}");
-        let fitted = matcher.learn(&[&points], 3, &mut memory).unwrap();
+        let fitted = matcher.learn(&[&points], 3).unwrap();
         assert!(fitted.log_likelihood.is_finite(), "{outliers}");
         matcher.with_model(fitted.model).unwrap();
     }
@@ -69,20 +69,20 @@ fn rates_off_the_road_near_0_and_1() {
     let ends = [f64::from_bits(1), 1e-300, 0.5, 1.0 - f64::EPSILON / 2.0];
     for (leave_road, return_to_road) in ends.into_iter().flat_map(|a| ends.map(|b| (a, b))) {
         let model = MatchModel { leave_road, return_to_road, ..MatchModel::default() };
-        let (matcher, mut memory) = (town().with_model(model).unwrap(), MatchMemory::default());
+        let matcher = town().with_model(model).unwrap();
         for seconds in [1e-300, 1e-6, 1.0, 86_400.0] {
             let mut points = points();
             points.iter_mut().enumerate().for_each(|(k, point)| point.time = k as f64 * seconds);
             points[3].position = at(150.0, 900.0);
             let case = format!("{leave_road} {return_to_road} {seconds}");
-            let Ok(drive) = matcher.match_drive(&points, &mut memory) else { continue };
+            let Ok(drive) = matcher.match_drive(&points) else { continue };
             assert!(drive.log_likelihood().is_finite(), "{case}");
-            let mut vehicle = matcher.start(&points[0], 2, &mut memory).unwrap();
+            let mut vehicle = matcher.start(&points[0], 2).unwrap();
             for point in &points[1..] {
-                matcher.step(&mut vehicle, point, &mut memory).unwrap();
+                matcher.step(&mut vehicle, point).unwrap();
                 assert!(vehicle.log_likelihood().is_finite(), "{case}");
             }
-            let fitted = matcher.learn(&[&points], 2, &mut memory).unwrap();
+            let fitted = matcher.learn(&[&points], 2).unwrap();
             assert!(fitted.log_likelihood.is_finite(), "{case}");
             matcher.clone().with_model(fitted.model).unwrap();
         }
@@ -91,12 +91,12 @@ fn rates_off_the_road_near_0_and_1() {
 
 #[test]
 fn a_point_a_thousand_kilometres_off() {
-    let (matcher, mut memory) = (town(), MatchMemory::default());
+    let matcher = town();
     let good = points();
     let mut points = good.clone();
     points[3].position = at(1e6, -3e5);
-    let drive = matcher.match_drive(&points, &mut memory).unwrap();
-    let expected = matcher.match_drive(&good, &mut memory).unwrap();
+    let drive = matcher.match_drive(&points).unwrap();
+    let expected = matcher.match_drive(&good).unwrap();
     for point in [0, 1, 2, 4, 5] {
         assert_eq!(drive.smoothed(point).edge, expected.smoothed(point).edge, "{point}");
     }
@@ -169,9 +169,9 @@ fn with_word(bytes: &[u8], word: usize, value: u64) -> Vec<u8> {
 
 #[test]
 fn vehicles_of_any_bytes_give_sane_answers() {
-    let (matcher, points, mut memory) = (town(), points(), MatchMemory::default());
-    let mut vehicle = matcher.start(&points[0], 2, &mut memory).unwrap();
-    matcher.step(&mut vehicle, &points[1], &mut memory).unwrap();
+    let (matcher, points) = (town(), points());
+    let mut vehicle = matcher.start(&points[0], 2).unwrap();
+    matcher.step(&mut vehicle, &points[1]).unwrap();
     let bytes = vehicle.to_bytes();
     let special = [0.0, -0.0, -1.0, 1e300, -1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
     let words = special.map(f64::to_bits).into_iter().chain([1, 2, u64::MAX, u64::MAX - 1]);
@@ -194,11 +194,11 @@ fn vehicles_of_any_bytes_give_sane_answers() {
                 let logs = [vehicle.log_likelihood(), vehicle.log_normalizer()];
                 assert!(logs.iter().all(|log| log.is_finite()), "word {word}, {value:x}: {logs:?}");
                 let around = vehicle.credible(&matcher, 0.5);
-                let around = around.as_ref().map_or(&[][..], |around| around.stretches());
+                let around = around.as_ref().map_or(&[][..], |around| &around.stretches);
                 for part in around {
-                    assert!(part.metres[0] <= part.metres[1], "word {word}, {value:x}: {part:?}");
+                    assert!(part.enter <= part.exit, "word {word}, {value:x}: {part:?}");
                 }
-                let _ = matcher.step(&mut vehicle, point, &mut memory);
+                let _ = matcher.step(&mut vehicle, point);
             }
         }
     }

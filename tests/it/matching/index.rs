@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use wayfix::map::{
     Coordinates, EdgeIndex, EdgeOptions, NearEdge, NetworkBuilder, Position, RoadClass, RoadNetwork,
 };
-use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+use wayfix::matching::{Matcher, TracePoint};
 
 use super::city::at;
 use crate::kit::cases;
@@ -189,9 +189,9 @@ fn a_network_without_edges() {
     let mut near = Vec::new();
     EdgeIndex::new(&network).near(&network, at(0.0, 0.0), 1e6, &mut near);
     assert!(near.is_empty());
-    let (matcher, mut memory) = (Matcher::new(network), MatchMemory::default());
+    let matcher = Matcher::new(network);
     let points = [0.0, 1.0, 2.0].map(|time| TracePoint::new(time, at(5.0 * time, 0.0)));
-    let drive = matcher.match_drive(&points, &mut memory).unwrap();
+    let drive = matcher.match_drive(&points).unwrap();
     assert_eq!(drive.smoothed(1).edge, None);
     assert_eq!(drive.smoothed(1).off_road, 1.0);
     assert_eq!(drive.metres(), 0.0);

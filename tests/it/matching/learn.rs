@@ -1,7 +1,7 @@
 //! Learning finds back what drives were simulated with.
 
 use wayfix::map::PlanePosition;
-use wayfix::matching::{LearnedMatchModel, MatchMemory, MatchModel, Matcher};
+use wayfix::matching::{LearnedMatchModel, MatchModel, Matcher};
 
 use super::city::{Drive, Habits, city, drive};
 
@@ -10,7 +10,7 @@ fn fit(noise: f64, drives: &[Drive]) -> LearnedMatchModel {
     let model = MatchModel { noise, ..MatchModel::default() };
     let matcher: Matcher<PlanePosition> = Matcher::new(network).with_model(model).unwrap();
     let points: Vec<_> = drives.iter().map(|drive| &drive.points[..]).collect();
-    matcher.learn(&points, 30, &mut MatchMemory::default()).unwrap()
+    matcher.learn(&points, 30).unwrap()
 }
 
 fn drives(habits: &Habits) -> Vec<Drive> {
@@ -51,11 +51,10 @@ fn iterations_improve() {
     let drives = drives(&Habits { points: 60, sigma: 12.0, ..Habits::default() });
     let matcher: Matcher<PlanePosition> = Matcher::new(network);
     let points: Vec<_> = drives.iter().map(|drive| &drive.points[..]).collect();
-    let mut memory = MatchMemory::default();
     let logs: Vec<f64> = (1..6)
-        .map(|iterations| matcher.learn(&points, iterations, &mut memory).unwrap().log_likelihood)
+        .map(|iterations| matcher.learn(&points, iterations).unwrap().log_likelihood)
         .collect();
     assert!(logs[4] > logs[0], "{logs:?}");
-    let none = matcher.learn(&points, 0, &mut memory).unwrap();
+    let none = matcher.learn(&points, 0).unwrap();
     assert_eq!((none.model, none.iterations), (*matcher.model(), 0));
 }

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use wayfix::map::PlanePosition;
-use wayfix::matching::{MatchMemory, Matcher, TracePoint, Vehicle};
+use wayfix::matching::{Matcher, TracePoint, Vehicle};
 
 use super::city::{Habits, at, city, drive};
 use crate::kit::cases_of;
@@ -19,17 +19,16 @@ proptest! {
         let habits = Habits { points, seconds, sigma, ..Habits::default() };
         let points = drive(&network, &habits, seed).points;
         let matcher = Matcher::new(network);
-        let mut memory = MatchMemory::default();
-        let matched = matcher.match_drive(&points, &mut memory).unwrap();
-        let all = matcher.routes(&matched, 2000, &mut memory).unwrap();
+        let matched = matcher.match_drive(&points).unwrap();
+        let all = matcher.routes(&matched, 2000).unwrap();
         prop_assert!(all.is_exact);
         let sum: f64 = all.routes.iter().map(|route| route.probability).sum();
         prop_assert!((sum + all.remaining - 1.0).abs() < 1e-9, "{sum}: {all:?}");
         prop_assert!(all.remaining < 1e-6, "{}", all.remaining);
-        let few = matcher.routes(&matched, 3, &mut memory).unwrap();
+        let few = matcher.routes(&matched, 3).unwrap();
         prop_assert!(few.is_exact);
         prop_assert_eq!(few.routes.len(), all.routes.len().min(3));
-        let none = matcher.routes(&matched, 0, &mut memory).unwrap();
+        let none = matcher.routes(&matched, 0).unwrap();
         prop_assert_eq!((none.routes.len(), none.remaining), (0, 1.0));
     }
 
@@ -40,9 +39,8 @@ proptest! {
         let habits = Habits { points: 60, seconds, sigma, ..Habits::default() };
         let points = drive(&network, &habits, seed).points;
         let matcher = Matcher::new(network);
-        let mut memory = MatchMemory::default();
-        let matched = matcher.match_drive(&points, &mut memory).unwrap();
-        let found = matcher.routes(&matched, 5, &mut memory).unwrap();
+        let matched = matcher.match_drive(&points).unwrap();
+        let found = matcher.routes(&matched, 5).unwrap();
         prop_assert!(found.is_exact);
         prop_assert_eq!(found.routes.len(), 5);
         prop_assert!(found.routes.is_sorted_by(|a, b| a.probability >= b.probability));
@@ -68,17 +66,16 @@ proptest! {
         let habits = Habits { points: 25, outliers: 0.1, ..Habits::default() };
         let points = drive(&network, &habits, seed).points;
         let matcher = Matcher::new(network);
-        let mut memory = MatchMemory::default();
-        let mut vehicle = matcher.start(&points[0], lag, &mut memory).unwrap();
+        let mut vehicle = matcher.start(&points[0], lag).unwrap();
         for point in &points[1..=stored_at] {
-            matcher.step(&mut vehicle, point, &mut memory).unwrap();
+            matcher.step(&mut vehicle, point).unwrap();
         }
         let bytes = vehicle.to_bytes();
         let mut other: Vehicle<PlanePosition> = Vehicle::from_bytes(&bytes).unwrap();
         prop_assert_eq!(other.to_bytes(), bytes.clone());
         for point in &points[stored_at + 1..] {
             let logs = [&mut vehicle, &mut other]
-                .map(|vehicle| matcher.step(vehicle, point, &mut memory).unwrap());
+                .map(|vehicle| matcher.step(vehicle, point).unwrap());
             prop_assert_eq!(logs[0], logs[1]);
             prop_assert_eq!(vehicle.live(), other.live());
             prop_assert_eq!(vehicle.late(), other.late());
@@ -90,7 +87,7 @@ proptest! {
         }
         if let Ok(mut vehicle) = Vehicle::from_bytes(&damaged) {
             let next = TracePoint::new(1e6, at(100.0, 100.0));
-            if let Ok(log) = matcher.step(&mut vehicle, &next, &mut memory) {
+            if let Ok(log) = matcher.step(&mut vehicle, &next) {
                 prop_assert!(log.is_finite());
             }
         }

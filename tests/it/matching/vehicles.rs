@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use wayfix::error::Parameter;
-use wayfix::matching::{MatchError, MatchMemory, Matcher, RoadAnswer, TracePoint};
+use wayfix::matching::{MatchError, Matcher, RoadAnswer, TracePoint};
 
 use super::city::{Habits, at, city, drive};
 use crate::kit::cases_of;
@@ -41,12 +41,11 @@ proptest! {
             }
         }
         let matcher = Matcher::new(network);
-        let mut memory = MatchMemory::default();
-        let whole = matcher.match_drive(&points, &mut memory).unwrap();
-        let mut vehicle = matcher.start(&points[0], lag, &mut memory).unwrap();
+        let whole = matcher.match_drive(&points).unwrap();
+        let mut vehicle = matcher.start(&points[0], lag).unwrap();
         for (number, point) in points.iter().enumerate() {
             if number > 0 {
-                let log = matcher.step(&mut vehicle, point, &mut memory).unwrap();
+                let log = matcher.step(&mut vehicle, point).unwrap();
                 prop_assert_eq!(log, vehicle.log_normalizer());
             }
             prop_assert_eq!(vehicle.points(), number + 1);
@@ -76,7 +75,7 @@ proptest! {
             prop_assert!(is_near(&whole.late(number, usize::MAX), &whole.smoothed(number)));
         }
         // Another memory changes nothing.
-        let again = matcher.match_drive(&points, &mut MatchMemory::default()).unwrap();
+        let again = matcher.match_drive(&points).unwrap();
         prop_assert_eq!(again.route(), whole.route());
         prop_assert_eq!(again.log_likelihood(), whole.log_likelihood());
     }
@@ -86,11 +85,10 @@ proptest! {
 fn errors_leave_the_vehicle_as_it_was() {
     let network = city(4, 4, 100.0, |_, _| false);
     let matcher = Matcher::new(network);
-    let mut memory = MatchMemory::default();
     let good = |time: f64| TracePoint::new(time, at(12.0 * time, 3.0));
-    let mut vehicle = matcher.start(&good(0.0), 3, &mut memory).unwrap();
+    let mut vehicle = matcher.start(&good(0.0), 3).unwrap();
     (1..6).for_each(|time| {
-        matcher.step(&mut vehicle, &good(f64::from(time)), &mut memory).unwrap();
+        matcher.step(&mut vehicle, &good(f64::from(time))).unwrap();
     });
     let before = vehicle.clone();
     let next = good(6.0);
@@ -112,44 +110,43 @@ fn errors_leave_the_vehicle_as_it_was() {
         ("speed", TracePoint { speed: Some(f64::INFINITY), ..next }),
     ];
     for (name, point) in bad {
-        match matcher.step(&mut vehicle, &point, &mut memory) {
+        match matcher.step(&mut vehicle, &point) {
             Err(MatchError::Point { point: 6, what, .. }) => assert_eq!(what, name),
             other => panic!("{name}: {other:?}"),
         }
         assert_eq!(vehicle, before, "{name}");
         if name != "time" {
-            assert!(matcher.start(&point, 0, &mut memory).is_err());
+            assert!(matcher.start(&point, 0).is_err());
         }
         let drive = [good(5.0), point];
         assert!(matches!(
-            matcher.match_drive(&drive, &mut memory),
+            matcher.match_drive(&drive),
             Err(MatchError::Point { point: 1, what, .. }) if what == name
         ));
     }
     for time in [5.0, 4.0, -1e9] {
-        let error =
-            matcher.step(&mut vehicle, &TracePoint { time, ..next }, &mut memory).unwrap_err();
+        let error = matcher.step(&mut vehicle, &TracePoint { time, ..next }).unwrap_err();
         assert!(matches!(error, MatchError::Time { point: 6, time: t, before: 5.0 } if t == time));
         assert!(error.to_string().contains(&format!("{time}")) && error.to_string().contains('5'));
         assert_eq!(vehicle, before);
         let drive = [good(0.0), good(5.0), TracePoint { time, ..next }];
-        let result = matcher.match_drive(&drive, &mut memory);
+        let result = matcher.match_drive(&drive);
         assert!(
             matches!(result, Err(MatchError::Time { point: 2, time: t, before: 5.0 }) if t == time)
         );
     }
-    assert!(matches!(matcher.match_drive(&[], &mut memory), Err(MatchError::Empty)));
+    assert!(matches!(matcher.match_drive(&[]), Err(MatchError::Empty)));
 
     // It goes on as one that never saw them.
     let mut other = before;
-    let found = matcher.step(&mut vehicle, &next, &mut memory).unwrap();
-    assert_eq!(found, matcher.step(&mut other, &next, &mut MatchMemory::default()).unwrap());
+    let found = matcher.step(&mut vehicle, &next).unwrap();
+    assert_eq!(found, matcher.step(&mut other, &next).unwrap());
     assert_eq!(vehicle, other);
 
     // A vehicle of another network.
     let small = Matcher::new(city(2, 1, 100.0, |_, _| false));
     let state = vehicle.clone();
-    let result = small.step(&mut vehicle, &good(7.0), &mut memory);
+    let result = small.step(&mut vehicle, &good(7.0));
     assert!(matches!(result, Err(MatchError::Network { .. })));
     assert_eq!(vehicle, state);
 }

@@ -1,7 +1,7 @@
 //! Drives of any points.
 
 use wayfix::map::{NetworkBuilder, Position, RoadClass};
-use wayfix::matching::{MatchError, MatchMemory, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
+use wayfix::matching::{MatchError, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
 
 use super::super::check_message;
 use super::{CORNERS, place};
@@ -30,7 +30,7 @@ pub(super) fn town(corner: [f64; 2]) -> Matcher {
 pub(super) fn along(matcher: &Matcher, positions: impl Iterator<Item = Position>) {
     let point = |(number, position)| TracePoint::new(10.0 * f64::from(number), position);
     let points: Vec<TracePoint> = (0_i32..).zip(positions).map(point).collect();
-    check(&matcher.match_drive(&points, &mut MatchMemory::default()).expect("points in order"));
+    check(&matcher.match_drive(&points).expect("points in order"));
 }
 
 pub(super) fn is_sane(answer: &RoadAnswer) {
@@ -127,16 +127,16 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
             town(corner)
         }
     };
-    let (mut memory, mut before) = (MatchMemory::default(), 0.0);
+    let mut before = 0.0;
     let mut points =
         vec![TracePoint::new(0.0, Position { latitude: corner[0], longitude: corner[1] })];
     let lag = draw.pick(&[0, 2, usize::MAX]);
-    let mut vehicle = matcher.start(&points[0], lag, &mut memory).expect("a good point");
+    let mut vehicle = matcher.start(&points[0], lag).expect("a good point");
     for _ in 0..=draw.below(10) {
         let point = point(draw, corner, before);
         counts.note(|| format!("{point:?} {:?}", matcher.model()));
         let (was, drive) = (vehicle.clone(), [points[points.len() - 1], point]);
-        match matcher.step(&mut vehicle, &point, &mut memory) {
+        match matcher.step(&mut vehicle, &point) {
             Ok(log) => {
                 assert!(log.is_finite(), "{log}");
                 before = point.time;
@@ -148,17 +148,17 @@ pub(super) fn any_points(draw: &mut Draw<'_>, counts: &mut Counts) {
                 check_message(&error);
                 assert_eq!(vehicle, was);
                 assert!(matches!(error, MatchError::Point { .. } | MatchError::Time { .. }));
-                assert!(matcher.match_drive(&drive, &mut memory).is_err());
+                assert!(matcher.match_drive(&drive).is_err());
             }
         }
         super::vehicles::check(&vehicle, &matcher);
     }
-    let drive = matcher.match_drive(&points, &mut memory).expect("points that were accepted");
+    let drive = matcher.match_drive(&points).expect("points that were accepted");
     check(&drive);
-    for route in matcher.routes(&drive, 2, &mut memory).expect("its drive").routes {
+    for route in matcher.routes(&drive, 2).expect("its drive").routes {
         assert!((0.0..=1.0).contains(&route.probability));
     }
-    let fitted = matcher.learn(&[&points], 2, &mut memory).expect("points that were accepted");
+    let fitted = matcher.learn(&[&points], 2).expect("points that were accepted");
     assert!(fitted.log_likelihood.is_finite());
     matcher.with_model(fitted.model).expect("a model that was learned");
     counts.add("drives of any points");

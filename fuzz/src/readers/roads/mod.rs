@@ -9,7 +9,7 @@ mod vehicles;
 use std::io::Cursor;
 
 use wayfix::map::{ImportOptions, ImportReport, MapError, RoadNetwork};
-use wayfix::matching::{MatchMemory, read_traces_from};
+use wayfix::matching::read_traces_from;
 
 use super::{check_message, damage::damaged};
 use crate::counts::Counts;
@@ -59,14 +59,14 @@ fn traces(draw: &mut Draw<'_>, counts: &mut Counts) {
     show(counts, "traces", &file);
     match read_traces_from("traces", &file[..]) {
         Ok((traces, report)) => {
-            let skipped = report.skipped;
             counts.add("files of drives accepted");
-            let of_traces = traces.iter().map(|trace| trace.skipped);
-            let sums = of_traces.fold([0; 2], |sum, s| [sum[0] + s.repeated, sum[1] + s.backwards]);
-            assert_eq!(sums, [skipped.repeated, skipped.backwards]);
+            let sums = traces.iter().fold([0; 2], |sum, trace| {
+                [sum[0] + trace.repeated, sum[1] + trace.backwards]
+            });
+            assert_eq!(sums, [report.repeated, report.backwards]);
             let matcher = drives::town(corner);
             for trace in &traces {
-                let matched = matcher.match_drive(&trace.points, &mut MatchMemory::default());
+                let matched = matcher.match_drive(&trace.points);
                 drives::check(&matched.expect("points that a file may have"));
                 counts.add("drives of files");
             }

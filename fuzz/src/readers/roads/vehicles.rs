@@ -1,7 +1,7 @@
 //! Vehicles from bytes.
 
 use wayfix::map::Position;
-use wayfix::matching::{MatchMemory, Matcher, TracePoint, Vehicle};
+use wayfix::matching::{Matcher, TracePoint, Vehicle};
 
 use super::super::check_message;
 use super::{CORNERS, drives, place};
@@ -54,16 +54,16 @@ pub(super) fn check(vehicle: &Vehicle, matcher: &Matcher) {
 /// The bytes of a vehicle, damaged, with a checksum that says they are not.
 pub(super) fn vehicle(draw: &mut Draw<'_>, counts: &mut Counts) {
     let corner = draw.pick(&CORNERS);
-    let (matcher, mut memory) = (drives::town(corner), MatchMemory::default());
+    let matcher = drives::town(corner);
     let mut time = 0.0;
     let mut next = |draw: &mut Draw<'_>| {
         time += 10.0;
         let [latitude, longitude] = place(corner, draw.below(9));
         TracePoint::new(time, Position { latitude, longitude })
     };
-    let mut vehicle = matcher.start(&next(draw), draw.below(4), &mut memory).expect("a point");
+    let mut vehicle = matcher.start(&next(draw), draw.below(4)).expect("a point");
     for _ in 0..draw.below(5) {
-        matcher.step(&mut vehicle, &next(draw), &mut memory).expect("a point");
+        matcher.step(&mut vehicle, &next(draw)).expect("a point");
     }
     let mut bytes = vehicle.to_bytes();
     assert_eq!(Vehicle::from_bytes(&bytes).expect("its own bytes"), vehicle);
@@ -96,7 +96,7 @@ pub(super) fn vehicle(draw: &mut Draw<'_>, counts: &mut Counts) {
             check(&vehicle, &matcher);
             for _ in 0..5 {
                 let point = TracePoint { time: vehicle.last_point().time + 10.0, ..next(draw) };
-                match matcher.step(&mut vehicle, &point, &mut memory) {
+                match matcher.step(&mut vehicle, &point) {
                     Ok(log) => assert!(log.is_finite(), "{log}"),
                     Err(error) => check_message(&error),
                 }

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::candidates::{Candidate, OFF_ROAD};
-use super::drive::MatchedDrive;
-use super::stretches::{Added, Link, Mode, Rules};
-use super::{MatchError, MatchMemory, Matcher};
-use crate::map::Coordinates;
+use super::rules::{Link, Mode, RouteExtension, RouteRules, links};
+use crate::map::{Coordinates, RoadNetwork};
+use crate::matching::MatchedDrive;
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::step::MatchStep;
 
 /// Probability at and below which a move is left out.
 const LEAST_MOVE: f64 = 1e-30;
@@ -63,17 +63,16 @@ type Nodes = Vec<BTreeMap<Mode, u32>>;
 impl Lattice {
     /// Builds the lattice of a drive. O(moves) time, and that of the searches for their ways.
     pub(super) fn new<P: Coordinates>(
-        matcher: &Matcher<P>,
+        network: &RoadNetwork<P>,
         drive: &MatchedDrive<P>,
-        memory: &mut MatchMemory,
-    ) -> Result<Self, MatchError> {
-        matcher.check_network(drive.network)?;
+        search: &mut MatchStep<'_, P>,
+    ) -> Self {
         let mut lattice = Self::default();
         let start = lattice.node(0);
         let mut nodes: Nodes = vec![BTreeMap::new(); drive.states[0].len()];
         for (state, probability) in drive.smoothed.smoothed(1).iter().enumerate() {
-            let mut added = Added::default();
-            let mode = Rules::<P>::start(&drive.states[0][state], &mut added);
+            let mut added = RouteExtension::default();
+            let mode = RouteRules::<P>::start(&drive.states[0][state], &mut added);
             if *probability > LEAST_MOVE {
                 let to = lattice.node_of(&mut nodes, state, mode);
                 lattice.arc(to, *probability, &added);
@@ -81,14 +80,14 @@ impl Lattice {
         }
         lattice.close(start, 0);
         for step in 1..drive.states.len() {
-            nodes = lattice.step(matcher, drive, step, &nodes, memory);
+            nodes = lattice.step(network, drive, step, &nodes, search);
         }
         let end = lattice.node(0);
         let last = &drive.states[drive.states.len() - 1];
         for (state, modes) in last.iter().zip(&nodes) {
             for (mode, node) in modes {
-                let (mut added, first) = (Added::default(), lattice.arcs.len());
-                Rules::<P>::finish(*mode, state, &mut added);
+                let (mut added, first) = (RouteExtension::default(), lattice.arcs.len());
+                RouteRules::<P>::finish(*mode, state, &mut added);
                 lattice.arc(end, 1.0, &added);
                 // The end is the last word of the last arc.
                 lattice.words.push(END);
@@ -96,17 +95,17 @@ impl Lattice {
                 lattice.close(*node, first);
             }
         }
-        Ok(lattice)
+        lattice
     }
 
     /// Adds the arcs from the nodes of a step, from 1, to the next. Returns the nodes of the next.
     fn step<P: Coordinates>(
         &mut self,
-        matcher: &Matcher<P>,
+        network: &RoadNetwork<P>,
         drive: &MatchedDrive<P>,
         step: usize,
         nodes: &Nodes,
-        memory: &mut MatchMemory,
+        search: &mut MatchStep<'_, P>,
     ) -> Nodes {
         let [before, states] = [&drive.states[step - 1], &drive.states[step]];
         // Moves out of each state.
@@ -119,25 +118,20 @@ impl Lattice {
                 }
             }
         }
-        let rules = Rules(&matcher.network);
+        let rules = RouteRules(network);
+        let points = [&drive.points[step - 1], &drive.points[step]];
         let mut next: Nodes = vec![BTreeMap::new(); states.len()];
         let mut targets: Vec<Candidate> = Vec::new();
         for (number, (from, moves)) in before.iter().zip(&moves).enumerate() {
             let sum: f64 = moves.iter().map(|to| to.1).sum();
             targets.clear();
             targets.extend(moves.iter().map(|to| states[to.0]).filter(|to| !to.is_off_road()));
-            let mut links = Vec::new();
-            if !from.is_off_road() && !targets.is_empty() {
-                let points = &drive.points[step - 1..=step];
-                let jitter = matcher.search_from(from, &targets, points, memory).jitter;
-                let link = |to| rules.link(from, to, jitter, &memory.search);
-                links.extend(targets.iter().map(link));
-            }
+            let ways = links(from, &targets, points, search);
             for (mode, node) in &nodes[number] {
                 let first = self.arcs.len();
-                let mut links = links.iter();
+                let mut links = ways.iter();
                 for &(state, probability) in moves {
-                    let (to, mut added) = (&states[state], Added::default());
+                    let (to, mut added) = (&states[state], RouteExtension::default());
                     let link = if to.is_off_road() { None } else { links.next() };
                     let link = link.unwrap_or(&Link::SameEdge);
                     let mode = rules.go(*mode, [from, to], link, &mut added);
@@ -160,7 +154,7 @@ impl Lattice {
         *nodes[state].entry(mode).or_insert_with(|| self.node(state))
     }
 
-    fn arc(&mut self, to: u32, probability: f64, added: &Added) {
+    fn arc(&mut self, to: u32, probability: f64, added: &RouteExtension) {
         let first = self.words.len() as u32;
         self.words.extend(added.parts.iter().map(|part| part.edge));
         self.arcs.push(Arc { to, words: [first, self.words.len() as u32], probability });

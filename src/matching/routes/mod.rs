@@ -1,29 +1,34 @@
 //! Distinct routes of a drive, with their probabilities.
+//!
+//! Rules say which stretches a move adds to a route; by them, a path of states becomes a route, and
+//! the posterior of a drive a lattice whose arcs spell out edges. A best-first search finds the most
+//! probable sequences of edges in it, led by bounds.
+
+mod bounds;
+mod lattice;
+mod path;
+mod rules;
+mod search;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 
 use super::candidates::Candidate;
-use super::drive::{MatchedDrive, Stretch};
-use super::lattice::{END, Lattice};
-use super::route_search::RouteSearcher;
-use super::{MatchError, MatchMemory, Matcher};
+use super::step::MatchStep;
+use super::{MatchError, MatchedDrive, Matcher, Stretches};
 use crate::map::Coordinates;
-
-/// A route of a whole drive, with its probability.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RankedRoute<P> {
-    /// Edges in order, and stretches off the road. They begin and end where the most probable
-    /// points along these edges do.
-    pub stretches: Vec<Stretch<P>>,
-    /// Probability of this sequence of edges, whatever the points along them.
-    pub probability: f64,
-}
+use lattice::{END, Lattice};
+pub(super) use path::route;
+use search::RouteSearcher;
 
 /// Most probable routes of a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RankedRoutes<P> {
-    /// Distinct routes, the most probable first.
-    pub routes: Vec<RankedRoute<P>>,
+    /// Distinct routes, the most probable first: edges in order, and stretches off the road, with
+    /// the probability of this sequence of edges, whatever the points along them. They begin and
+    /// end where the most probable points along these edges do.
+    pub routes: Vec<Stretches<P>>,
     /// Probability of all other routes together.
     pub remaining: f64,
     /// True if these are the most probable routes, proven: as many as were asked for, or all there
@@ -52,7 +57,7 @@ impl<P: Coordinates> Matcher<P> {
     ///
     /// ```
     /// use wayfix::map::{NetworkBuilder, PlanePosition, RoadClass};
-    /// use wayfix::matching::{MatchMemory, Matcher, TracePoint};
+    /// use wayfix::matching::{Matcher, TracePoint};
     ///
     /// // Two ways around a block, and a point on either side of it.
     /// let at = |x, y| PlanePosition { x, y };
@@ -68,9 +73,8 @@ impl<P: Coordinates> Matcher<P> {
     /// let points = [(0.0, 50.0, 0.0), (15.0, 200.0, 3.0), (30.0, 350.0, 0.0)]
     ///     .map(|(time, x, y)| TracePoint::new(time, at(x, y)));
     ///
-    /// let mut memory = MatchMemory::default();
-    /// let drive = matcher.match_drive(&points, &mut memory)?;
-    /// let found = matcher.routes(&drive, 2, &mut memory)?;
+    /// let drive = matcher.match_drive(&points)?;
+    /// let found = matcher.routes(&drive, 2)?;
     /// let edges = |route: usize| -> Vec<_> {
     ///     found.routes[route].stretches.iter().map(|stretch| stretch.edge).collect()
     /// };
@@ -88,9 +92,10 @@ impl<P: Coordinates> Matcher<P> {
         &self,
         drive: &MatchedDrive<P>,
         count: usize,
-        memory: &mut MatchMemory,
     ) -> Result<RankedRoutes<P>, MatchError> {
-        let lattice = Lattice::new(self, drive, memory)?;
+        self.check_network(drive.network)?;
+        let mut step = MatchStep::new(self, &self.model);
+        let lattice = Lattice::new(&self.network, drive, &mut step);
         let most = MOVES_A_ROUTE.saturating_mul(count).saturating_add(MOST_MOVES);
         let found = RouteSearcher::new(&lattice).find(count, most);
         let sum: f64 = found.routes.iter().map(|route| route.1).sum();
@@ -99,8 +104,8 @@ impl<P: Coordinates> Matcher<P> {
                 .zip(&drive.states)
                 .map(|(state, states)| states[*state as usize])
                 .collect();
-            let stretches = self.route(&drive.points, &states, memory);
-            RankedRoute { stretches, probability: probability.min(1.0) }
+            let stretches = route(&self.network, &drive.points, &states, &mut step);
+            Stretches { stretches, probability: probability.min(1.0) }
         };
         let routes = found.routes.into_iter().map(ranked).collect();
         Ok(RankedRoutes { routes, remaining: (1.0 - sum).max(0.0), is_exact: found.is_exact })

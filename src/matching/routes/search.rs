@@ -3,8 +3,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::bounds::RouteBounds;
 use super::lattice::{END, Lattice, Share};
-use super::route_bounds::RouteBounds;
 
 /// Routes as their words, and their probabilities.
 pub(super) struct Found {

@@ -1,14 +1,16 @@
-//! Stretches that a move adds to a route, so that none of them has no length.
+//! Rules by which moves add stretches to a route, so that none of them has no length.
 //!
 //! A state does not put its edge into the route; the first metre driven there does. A position at
 //! the very end of an edge, or at the place of a U-turn, thus leaves no stretch of 0 m.
 
-use super::candidates::{Candidate, OFF_ROAD};
-use super::{Stretch, TracePoint};
-use crate::map::{Coordinates, RoadNetwork, RouteSearch};
+use crate::map::{Coordinates, RoadNetwork};
+use crate::matching::TracePoint;
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::moves::WayKind;
+use crate::matching::step::MatchStep;
 
 /// Metres below which a stretch has no length.
-const LEAST: f64 = 1e-3;
+pub(super) const LEAST: f64 = 1e-3;
 
 /// Edge of a state in the route that leads to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -36,20 +38,20 @@ pub(super) enum Link {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Part {
     pub(super) edge: u32,
-    enter: f64,
-    exit: f64,
+    pub(super) enter: f64,
+    pub(super) exit: f64,
 }
 
 /// A move's parts, and the least exit from the stretch before them.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Added {
-    extend: Option<f64>,
+pub(super) struct RouteExtension {
+    pub(super) extend: Option<f64>,
     /// True if the last stretch is off the road, and ends at the second point.
-    from_off_road: bool,
+    pub(super) from_off_road: bool,
     pub(super) parts: Vec<Part>,
 }
 
-impl Added {
+impl RouteExtension {
     fn push(&mut self, edge: usize, enter: f64, exit: f64) {
         self.parts.push(Part { edge: edge as u32, enter, exit });
     }
@@ -59,32 +61,32 @@ impl Added {
     }
 }
 
+/// Ways from a state to others on roads at the next point; none off the road.
+pub(super) fn links<P: Coordinates>(
+    from: &Candidate,
+    to: &[Candidate],
+    points: [&TracePoint<P>; 2],
+    step: &mut MatchStep<'_, P>,
+) -> Vec<Link> {
+    if from.is_off_road() || to.is_empty() {
+        return Vec::new();
+    }
+    let (ways, jitter) = step.ways(from, to, points);
+    let link = |to: &Candidate| match ways.kind(from, to, jitter) {
+        Some(WayKind::SameEdge) => Link::SameEdge,
+        Some(WayKind::Turn) => Link::Turn,
+        _ => Link::Edges(ways.search.route(from.edge as usize, to.edge as usize)),
+    };
+    to.iter().map(link).collect()
+}
+
 /// Rules by which moves add stretches.
 #[derive(Debug)]
-pub(super) struct Rules<'a, P>(pub(super) &'a RoadNetwork<P>);
+pub(super) struct RouteRules<'a, P>(pub(super) &'a RoadNetwork<P>);
 
-impl<P: Coordinates> Rules<'_, P> {
-    /// Way of a move, after the search from its first state.
-    pub(super) fn link(
-        &self,
-        from: &Candidate,
-        to: &Candidate,
-        jitter: f64,
-        search: &RouteSearch,
-    ) -> Link {
-        let [edge, next] = [from.edge as usize, to.edge as usize];
-        if edge == next && to.along - from.along >= -6.0 * jitter {
-            return Link::SameEdge;
-        }
-        let reached = search.reached(next);
-        if self.0.reverse(edge) == Some(next) && reached.is_none_or(|reached| reached.u_turns > 0) {
-            return Link::Turn;
-        }
-        Link::Edges(search.route(edge, next))
-    }
-
+impl<P: Coordinates> RouteRules<'_, P> {
     /// Begins a route.
-    pub(super) fn start(state: &Candidate, added: &mut Added) -> Mode {
+    pub(super) fn start(state: &Candidate, added: &mut RouteExtension) -> Mode {
         if !state.is_off_road() {
             return Mode::Fresh { after_off_road: false };
         }
@@ -93,7 +95,7 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// Ends a route. That of a vehicle that stood all the time has a stretch without length.
-    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut Added) {
+    pub(super) fn finish(mode: Mode, state: &Candidate, added: &mut RouteExtension) {
         if mode == (Mode::Fresh { after_off_road: false }) {
             added.push(state.edge as usize, state.along, state.along);
         }
@@ -105,7 +107,7 @@ impl<P: Coordinates> Rules<'_, P> {
         mode: Mode,
         [from, to]: [&Candidate; 2],
         link: &Link,
-        added: &mut Added,
+        added: &mut RouteExtension,
     ) -> Mode {
         added.from_off_road = from.is_off_road();
         match (from.is_off_road(), to.is_off_road()) {
@@ -128,7 +130,7 @@ impl<P: Coordinates> Rules<'_, P> {
         }
     }
 
-    fn length(&self, edge: usize) -> f64 {
+    pub(super) fn length(&self, edge: usize) -> f64 {
         self.0.edges()[edge].metres
     }
 
@@ -137,7 +139,13 @@ impl<P: Coordinates> Rules<'_, P> {
         self.0.reverse(edge) == Some(after as usize)
     }
 
-    fn same_edge(&self, mode: Mode, from: &Candidate, to: &Candidate, added: &mut Added) -> Mode {
+    fn same_edge(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
         let edge = from.edge as usize;
         match mode {
             Mode::Driven => added.extend = Some(to.along),
@@ -161,13 +169,19 @@ impl<P: Coordinates> Rules<'_, P> {
     }
 
     /// The vehicle went some way into the reverse edge of a state, and turned.
-    fn turned_later(&self, to: &Candidate, added: &mut Added) -> Mode {
+    fn turned_later(&self, to: &Candidate, added: &mut RouteExtension) -> Mode {
         let Some(reverse) = self.0.reverse(to.edge as usize) else { return Mode::Driven };
         added.push(reverse, 0.0, (self.length(reverse) - to.along).max(0.0));
         Mode::Waiting { after: reverse as u32, turned: false }
     }
 
-    fn turn(&self, mode: Mode, from: &Candidate, to: &Candidate, added: &mut Added) -> Mode {
+    fn turn(
+        &self,
+        mode: Mode,
+        from: &Candidate,
+        to: &Candidate,
+        added: &mut RouteExtension,
+    ) -> Mode {
         let [edge, next] = [from.edge as usize, to.edge as usize];
         let here = (self.length(next) - from.along).max(0.0);
         let moves = to.along > here + LEAST;
@@ -199,7 +213,7 @@ impl<P: Coordinates> Rules<'_, P> {
         from: &Candidate,
         to: &Candidate,
         edges: &[usize],
-        added: &mut Added,
+        added: &mut RouteExtension,
     ) -> Mode {
         let [_, between @ .., next] = edges else { return mode };
         let (edge, first) = (from.edge as usize, *between.first().unwrap_or(next));
@@ -239,56 +253,5 @@ impl<P: Coordinates> Rules<'_, P> {
     fn connects(&self, edge: usize, next: usize) -> bool {
         let edges = self.0.edges();
         edges[edge].to == edges[next].from && self.0.may_turn(edge, next)
-    }
-
-    /// Place on an edge; its end, if that is as near as makes no stretch.
-    fn up_to_end(&self, edge: usize, along: f64) -> f64 {
-        let length = self.length(edge);
-        if along >= length - LEAST { length } else { along }
-    }
-
-    /// Adds to a route what a move between two points adds.
-    pub(super) fn extend(
-        &self,
-        route: &mut Vec<Stretch<P>>,
-        [from, to]: [&TracePoint<P>; 2],
-        added: &Added,
-    ) {
-        if let Some(last) = route.last_mut() {
-            match (last.edge, added.extend) {
-                (None, _) if added.from_off_road => {
-                    last.ends[1] = to.position;
-                    last.exit = last.ends[0].metres_to(to.position);
-                }
-                (Some(edge), Some(exit)) => {
-                    last.exit = last.exit.max(self.up_to_end(edge, exit));
-                    last.ends[1] = self.0.position_along(edge, last.exit);
-                }
-                _ => {}
-            }
-        }
-        for &Part { edge, mut enter, mut exit } in &added.parts {
-            if edge == OFF_ROAD {
-                let metres = from.position.metres_to(to.position);
-                let ends = [from.position, to.position];
-                route.push(Stretch { edge: None, enter: 0.0, exit: metres, ends });
-                continue;
-            }
-            let edge = edge as usize;
-            if exit > enter {
-                exit = self.up_to_end(edge, exit);
-            }
-            // Back from where the stretch before ends.
-            if let Some((before, end)) =
-                route.last().and_then(|last| last.edge.zip(Some(last.exit)))
-                && self.0.reverse(edge) == Some(before)
-            {
-                let at_end = end >= self.length(before);
-                let turn = if at_end { 0.0 } else { (self.length(edge) - end).max(0.0) };
-                enter = turn.min(exit);
-            }
-            let ends = [enter, exit].map(|along| self.0.position_along(edge, along));
-            route.push(Stretch { edge: Some(edge), enter, exit, ends });
-        }
     }
 }

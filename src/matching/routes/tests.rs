@@ -5,11 +5,12 @@ use std::collections::BTreeMap;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
-use super::candidates::Candidate;
 use super::lattice::Lattice;
-use super::route_search::RouteSearcher;
-use super::{MatchMemory, MatchModel, MatchedDrive, Matcher, Stretch, TracePoint};
+use super::search::RouteSearcher;
 use crate::map::{EdgeOptions, NetworkBuilder, PlanePosition, RoadClass, RoadNetwork};
+use crate::matching::candidates::{Candidate, OFF_ROAD};
+use crate::matching::step::MatchStep;
+use crate::matching::{MatchModel, MatchedDrive, Matcher, Stretch, TracePoint};
 
 type Words = Vec<Option<usize>>;
 
@@ -88,16 +89,16 @@ fn is_connected(network: &RoadNetwork<PlanePosition>, route: &[Stretch<PlanePosi
 fn enumerate(
     matcher: &Matcher<PlanePosition>,
     drive: &MatchedDrive<PlanePosition>,
-    memory: &mut MatchMemory,
+    step: &mut MatchStep<'_, PlanePosition>,
 ) -> BTreeMap<Words, f64> {
     let mut paths: Vec<(Vec<usize>, f64)> = vec![(Vec::new(), -drive.log_likelihood())];
-    for step in 1..=drive.states.len() {
+    for number in 1..=drive.states.len() {
         let mut longer = Vec::new();
-        for to in 0..drive.states[step - 1].len() {
-            let log_likelihood = drive.trellis.log_likelihood(step, to);
-            for (from, weight) in drive.trellis.moves(step, to) {
+        for to in 0..drive.states[number - 1].len() {
+            let log_likelihood = drive.trellis.log_likelihood(number, to);
+            for (from, weight) in drive.trellis.moves(number, to) {
                 for (path, log) in &paths {
-                    if step == 1 || path[step - 2] == from {
+                    if number == 1 || path[number - 2] == from {
                         let path = path.iter().copied().chain([to]).collect();
                         longer.push((path, log + weight + log_likelihood));
                     }
@@ -110,7 +111,7 @@ fn enumerate(
     for (path, log) in paths {
         let states: Vec<Candidate> =
             path.iter().zip(&drive.states).map(|(state, states)| states[*state]).collect();
-        let route = matcher.route(&drive.points, &states, memory);
+        let route = super::route(&matcher.network, &drive.points, &states, step);
         is_connected(&matcher.network, &route);
         *all.entry(words(&route)).or_default() += log.exp();
     }
@@ -144,12 +145,12 @@ proptest! {
         }).collect();
         let model = MatchModel { noise: 5.0, leave_road, u_turn, ..MatchModel::default() };
         let matcher = Matcher::new(network).with_model(model).unwrap();
-        let mut memory = MatchMemory::default();
-        let drive = matcher.match_drive(&points, &mut memory).unwrap();
+        let drive = matcher.match_drive(&points).unwrap();
+        let mut step = MatchStep::new(&matcher, &matcher.model);
         is_connected(&matcher.network, drive.route());
-        let expected = enumerate(&matcher, &drive, &mut memory);
+        let expected = enumerate(&matcher, &drive, &mut step);
 
-        let found = matcher.routes(&drive, usize::MAX, &mut memory).unwrap();
+        let found = matcher.routes(&drive, usize::MAX).unwrap();
         prop_assert!(found.is_exact && found.remaining < 1e-9, "{}", found.remaining);
         let mut likely = expected.clone();
         likely.retain(|_, probability| *probability > 1e-20);
@@ -168,7 +169,7 @@ proptest! {
         prop_assert!(found.routes.is_sorted_by(|a, b| a.probability >= b.probability));
 
         // Few are the first of all, but for the order of equal ones.
-        let few = matcher.routes(&drive, count, &mut memory).unwrap();
+        let few = matcher.routes(&drive, count).unwrap();
         prop_assert!(few.is_exact);
         prop_assert_eq!(few.routes.len(), count.min(found.routes.len()));
         for (route, best) in few.routes.iter().zip(&found.routes) {
@@ -178,12 +179,12 @@ proptest! {
         prop_assert!((sum + few.remaining - 1.0).abs() < 1e-9);
 
         // Cut at once: as many, with their probabilities, and said to be cut.
-        let lattice = Lattice::new(&matcher, &drive, &mut memory).unwrap();
+        let lattice = Lattice::new(&matcher.network, &drive, &mut step);
         let cut = RouteSearcher::new(&lattice).find(count, 0);
         prop_assert!(!cut.is_exact);
         prop_assert_eq!(cut.routes.len(), few.routes.len());
         for (route, probability) in cut.routes {
-            let edge = |word: u32| (word != super::candidates::OFF_ROAD).then_some(word as usize);
+            let edge = |word: u32| (word != OFF_ROAD).then_some(word as usize);
             let expected = expected[&route.into_iter().map(edge).collect::<Words>()];
             prop_assert!((probability - expected).abs() < 1e-9 * expected);
         }
