@@ -63,10 +63,10 @@ pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
 pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
 
 #[cfg(feature = "serde")]
-pub(crate) use decoding::scores::TakenOut;
-#[cfg(feature = "serde")]
 pub(crate) use pruned::Envelope;
 pub(crate) use step::log_sum::LogSum;
+#[cfg(feature = "serde")]
+pub(crate) use step::scores::TakenOut;
 pub(crate) use streams::filter_snapshot::MOST_STEPS;
 #[cfg(feature = "serde")]
 pub(crate) use streams::online_viterbi_snapshot::Node;

@@ -211,7 +211,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             sum.add(score * LN_2);
             sum.value()
         };
-        let at = crate::inference::decoding::scores::best(&beam.scores);
+        let at = crate::inference::step::scores::best(&beam.scores);
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),

@@ -2,8 +2,8 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::inference::decoding::scores::unlifted_log2;
 use crate::inference::pruned::active_set::ActiveSet;
+use crate::inference::step::scores::unlifted_log2;
 use crate::kernels;
 use crate::limits::LIFT;
 use crate::transition::TransitionEntries;

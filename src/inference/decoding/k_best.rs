@@ -1,10 +1,10 @@
 //! The k most probable paths: Viterbi with a list for each state (Seshadri and
 //! Sundberg 1994).
 
-use super::scores::TakenOut;
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::inference::step::scores::TakenOut;
 use crate::inference::step::{Step, Workspace};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;

@@ -1,5 +1,4 @@
 //! Most probable paths: Viterbi, the k best, and their scores.
 
 pub(crate) mod k_best;
-pub(crate) mod scores;
 pub(crate) mod viterbi;

@@ -1,9 +1,9 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 
-use super::scores::{TakenOut, best};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::engines::few_states;
+use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{Aligned, in_large_pages};
 use crate::likelihood::Likelihood;

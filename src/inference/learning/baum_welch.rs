@@ -302,7 +302,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     {
         learning.check()?;
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        let (expected, left_out) = self.expect(&all);
+        let (expected, left_out) = self.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
         let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         let observations = kept.iter().map(|(_, sequence)| sequence.steps()).sum();
@@ -331,7 +331,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
                 Err(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),
             };
             let failed;
-            (expected, failed) = model.expect(&kept);
+            (expected, failed) = model.expectations_of(&kept);
             match failed.into_iter().next().map(LearnError::Sequence) {
                 Some(error) if iteration == 1 => return Err(error),
                 Some(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),

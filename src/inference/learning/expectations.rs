@@ -4,11 +4,11 @@ use std::fmt;
 
 use super::baum_welch::LearningOptions;
 use crate::belief::Belief;
-use crate::error::{InferenceError, LearnError, SequenceError};
+use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
 use crate::inference::LogSum;
-use crate::inference::engines::choice::{self, Engine};
-use crate::inference::engines::lanes::{self, BatchMemory, BatchModel, Group};
+use crate::inference::engines::choice;
+use crate::inference::engines::lanes::{Group, LaneMemory, LaneModel};
 use crate::inference::engines::parallel;
 use crate::inference::sequences::smooth_each::Order;
 use crate::kernels::LANES;
@@ -141,7 +141,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        self.expect(&all)
+        self.expectations_of(&all)
     }
 
     /// Expectations of no sequence, to start a sum with.
@@ -194,9 +194,12 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         self.maximize_checked(expectations, learning)
     }
 
-    /// Returns the expectations of all sequences, added up in order, and the errors of those that
-    /// have none.
-    pub(crate) fn expect<S>(
+    /// Returns the expectations of sequences with their indices, added up, and the errors of those
+    /// that have none.
+    ///
+    /// Parts are added up in an order that does not depend on the threads: the same bits on any
+    /// machine.
+    pub(crate) fn expectations_of<S>(
         &self,
         sequences: &[(usize, &S)],
     ) -> (Expectations<B>, Vec<SequenceError>)
@@ -205,32 +208,32 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        let together = choice::for_learning(sequences.len()) == Engine::Lanes
+        // Lanes count the moves of one matrix.
+        let lanes = choice::learns_in_lanes(self.states(), sequences.len(), 0)
             && self.transition().families() <= 1;
-        let batch = if together { BatchModel::new(self) } else { None };
-        let order = if batch.is_some() {
+        let model = if lanes { LaneModel::new(self) } else { None };
+        let order = if model.is_some() {
             let steps: Vec<usize> = sequences.iter().map(|(_, s)| s.steps()).collect();
             by_length(&steps).into_iter().map(|i| sequences[i]).collect()
         } else {
             sequences.to_vec()
         };
+        // No more statistics of the sensor at a time than those of 64 sequences.
         for some in order.chunks(64) {
-            let results = match &batch {
-                Some(batch) => {
+            let results = match &model {
+                Some(model) => {
                     let groups = some.chunks(LANES).collect();
-                    parallel::map(groups, |group, memory: &mut BatchMemory| {
-                        self.expect_together(batch, group, memory)
+                    parallel::map(groups, |group, memory: &mut LaneMemory| {
+                        self.expectations_in_lanes(model, group, memory)
                     })
                 }
                 None => parallel::map(some.to_vec(), |(sequence, s), (): &mut ()| {
-                    vec![self.expect_one(s).map_err(|source| SequenceError { sequence, source })]
+                    vec![self.expectations_of_one(sequence, s)]
                 }),
             };
             for result in results.into_iter().flatten() {
                 match result {
-                    Ok(expected) => {
-                        self.merge_expectations(&mut sum, &expected);
-                    }
+                    Ok(expected) => self.merge_expectations(&mut sum, &expected),
                     Err(error) => failed.push(error),
                 }
             }
@@ -239,57 +242,67 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         (sum, failed)
     }
 
-    /// Returns the expectations of a group in lanes, and of each sequence that has to be
-    /// processed by itself.
-    fn expect_together<S>(
+    /// Returns the expectations of a group in lanes, and of each sequence that has to be taken by
+    /// itself.
+    fn expectations_in_lanes<S>(
         &self,
-        model: &BatchModel<'_, A, B>,
+        model: &LaneModel<'_, A, B>,
         sequences: &[(usize, &S)],
-        memory: &mut BatchMemory,
+        memory: &mut LaneMemory,
     ) -> Vec<Result<Expectations<B>, SequenceError>>
     where
         S: Sequence<A::Control, B::Observation>,
     {
-        let group = Group::new(sequences);
+        let states = self.states();
+        let learns = |count, longest| choice::learns_in_lanes(states, count, longest);
+        let group = Group::new(sequences, learns);
         let mut results = Vec::new();
-        let mut held = [false; LANES];
-        if group.is_in_lanes(self.states(), |sequences, _| choice::for_learning(sequences)) {
-            let expected;
-            (expected, held) = lanes::expect(model, &group, memory);
+        let mut lanes = [None; LANES];
+        if group.in_lanes {
+            let found = model.expectations(&group, memory);
+            let mut expected = self.no_expectations();
+            (expected.first, expected.sensor) = (found.first, found.sensor);
+            found.moves.into_iter().for_each(|moves| expected.moves = vec![moves]);
+            lanes = found.log_likelihoods;
+            lanes.iter().flatten().for_each(|log| expected.log_likelihood.add(*log));
             results.push(Ok(expected));
         }
-        let alone = sequences.iter().zip(held).filter(|(_, held)| !held);
-        results.extend(alone.map(|(&(sequence, s), _)| {
-            self.expect_one(s).map_err(|source| SequenceError { sequence, source })
-        }));
+        let single = sequences.iter().zip(lanes).filter(|(_, lane)| lane.is_none());
+        results.extend(single.map(|(&(sequence, s), _)| self.expectations_of_one(sequence, s)));
         results
     }
 
-    fn expect_one<S>(&self, sequence: &S) -> Result<Expectations<B>, InferenceError>
+    fn expectations_of_one<S>(
+        &self,
+        sequence: usize,
+        observed: &S,
+    ) -> Result<Expectations<B>, SequenceError>
     where
         S: Sequence<A::Control, B::Observation>,
     {
+        let wrap = |source| SequenceError { sequence, source };
         let mut expected = self.no_expectations();
-        if sequence.steps() == 0 {
-            return Ok(expected); // no observations
+        if observed.steps() == 0 {
+            return Ok(expected); // X_0 without an observation tells nothing about the prior
         }
         let mut result = Ok(());
-        let log = self.smooth_each(sequence, Order::Backward, |step| {
+        let log = self.smooth_each(observed, Order::Backward, |step| {
             let (number, posterior) = (step.step(), step.smoothed().as_slice());
             if number == 0 {
                 expected.first.copy_from_slice(posterior);
                 return;
             }
-            let observation = sequence.observation(number);
+            let observation = observed.observation(number);
             self.likelihood().add(&mut expected.sensor, observation, posterior);
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                let family = self.transition().family(sequence.control(number));
+                let family = self.transition().family(observed.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {
                     result = pairs.count_to(moves, number);
                 }
             }
-        })?;
-        result?;
+        });
+        let log = log.map_err(wrap)?;
+        result.map_err(wrap)?;
         expected.log_likelihood.add(log);
         Ok(expected)
     }

@@ -92,7 +92,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             return Err(LearnError::Groups { groups, sequences: sequences.len() });
         }
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        if let Some(error) = self.expect(&all).1.into_iter().next() {
+        if let Some(error) = self.expectations_of(&all).1.into_iter().next() {
             return Err(error.into());
         }
         let without = |group: usize, (): &mut ()| {

@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use super::likelihoods::LikelihoodRows;
 use super::segments::{SegmentProducts, pack_segments};
-use super::{FewModel, rescale};
+use super::{FewStatesModel, rescale};
 use crate::inference::LogSum;
 use crate::kernels::{ChainState, Eight, Few, LANES, Packed, chain_forward};
 
 /// The vector, and what was taken out of likelihoods.
 pub(crate) struct Forward<'m> {
-    model: &'m FewModel,
+    model: &'m FewStatesModel,
     source: &'m mut dyn LikelihoodRows,
     pub(crate) x: ChainState,
     logs: LogSum,
@@ -22,7 +22,7 @@ impl<'m> Forward<'m> {
     /// Begins with the prior. If nothing moves before the first observation, it is updated by that,
     /// and the first step is done. Returns the first step that is left, too.
     pub(crate) fn start(
-        model: &'m FewModel,
+        model: &'m FewStatesModel,
         source: &'m mut dyn LikelihoodRows,
     ) -> Option<(Self, usize)> {
         let (x, logs) = (model.prior, LogSum::default());
@@ -72,7 +72,7 @@ impl<'m> Forward<'m> {
         // Scales take time, and are seldom needed.
         for scaled in [false, true] {
             let any = self.gather(steps.clone(), scaled, likelihoods)?;
-            let FewModel { columns, states, .. } = self.model;
+            let FewStatesModel { columns, states, .. } = self.model;
             self.x = before;
             if chain_forward(columns, &mut self.x, *states, likelihoods, rows, normalizers) {
                 self.take_out(any);
@@ -89,7 +89,7 @@ impl<'m> Forward<'m> {
     /// products, and x at the start of each.
     pub(crate) fn segments<const N: usize>(
         &mut self,
-        few: &Few<N>,
+        model: &Few<N>,
         steps: Range<usize>,
         likelihoods: &mut [f64],
         packed: &mut Vec<[Packed; N]>,
@@ -97,7 +97,7 @@ impl<'m> Forward<'m> {
         let any = self.gather(steps, false, likelihoods)?;
         self.take_out(any);
         pack_segments(likelihoods, packed);
-        let products = SegmentProducts::new(few, packed)?;
+        let products = SegmentProducts::new(model, packed)?;
         let starts = products.forward(&mut self.x)?;
         Some((products, starts))
     }

@@ -4,7 +4,7 @@ use std::f64::consts::{LN_2, LOG2_E};
 use std::ops::Range;
 
 use crate::hmm::Hmm;
-use crate::inference::decoding::scores::{TakenOut, likelihood_scores};
+use crate::inference::step::scores::{TakenOut, likelihood_scores};
 use crate::kernels::{self, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::limits::{LARGEST_LOG, LEAST_FACTOR, NEAR, UNSCALED, exponent, power};
@@ -37,13 +37,13 @@ pub(crate) trait LikelihoodRows {
 }
 
 /// Likelihoods of a model's sensor.
-pub(crate) struct Sensed<'m, A, B, S: ?Sized> {
+pub(crate) struct SensorRows<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     scratch: Scratch,
 }
 
-impl<'m, A, B, S> Sensed<'m, A, B, S>
+impl<'m, A, B, S> SensorRows<'m, A, B, S>
 where
     A: Transition,
     B: Likelihood,
@@ -89,7 +89,7 @@ where
     }
 }
 
-impl<A, B, S> LikelihoodRows for Sensed<'_, A, B, S>
+impl<A, B, S> LikelihoodRows for SensorRows<'_, A, B, S>
 where
     A: Transition,
     B: Likelihood,

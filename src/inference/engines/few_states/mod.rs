@@ -25,7 +25,7 @@ use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, 
 use crate::transition::Transition;
 
 /// A model in arrays; states beyond the last are never possible.
-struct FewModel {
+struct FewStatesModel {
     states: usize,
     columns: [Packed; LANES],
     rows: [Packed; LANES],
@@ -34,7 +34,7 @@ struct FewModel {
     moves: bool,
 }
 
-impl FewModel {
+impl FewStatesModel {
     /// Reads the matrix of an operator by a product for each state. `None` if an entry is too
     /// small, or the columns do not sum to one.
     fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, control: &A::Control) -> Option<Self> {
@@ -63,7 +63,7 @@ impl FewModel {
     }
 
     /// The first N states, for segments.
-    fn few<const N: usize>(&self) -> Few<N> {
+    fn segment_model<const N: usize>(&self) -> Few<N> {
         let first =
             |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
         let columns: [[f64; N]; N] = first(&self.columns);
@@ -72,7 +72,11 @@ impl FewModel {
     }
 
     /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
-    fn attempt(&self, steps: usize, mut take: impl FnMut(bool) -> Option<f64>) -> Option<f64> {
+    fn in_segments_or_steps(
+        &self,
+        steps: usize,
+        mut take: impl FnMut(bool) -> Option<f64>,
+    ) -> Option<f64> {
         let in_segments = choice::for_sequence(self.states, steps) == Engine::Segments;
         in_segments.then(|| take(true)).flatten().or_else(|| take(false))
     }

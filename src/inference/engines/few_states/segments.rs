@@ -13,8 +13,8 @@ pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
 
 impl<const N: usize> SegmentProducts<N> {
     /// `None` if the range of a column is too wide.
-    pub(crate) fn new(few: &Few<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
-        multiply_segments(SumProduct, few, likelihoods).map(Self)
+    pub(crate) fn new(model: &Few<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
+        multiply_segments(SumProduct, model, likelihoods).map(Self)
     }
 
     /// Takes x through all of them. Returns x at the start of each.

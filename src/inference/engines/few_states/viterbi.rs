@@ -3,11 +3,11 @@
 //! associative.
 
 use super::control_of;
-use super::likelihoods::{LikelihoodRows, Sensed};
+use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::pack_segments;
 use crate::hmm::Hmm;
-use crate::inference::decoding::scores::{TakenOut, best};
 use crate::inference::engines::choice::{self, Engine, GATHERED};
+use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{
     Backpointers, ChainPointers, ChainState, Eight, Few, LANES, MaxPlus, Packed, Scaled,
@@ -43,7 +43,7 @@ where
     step.settle(&mut first, &mut taken_out).ok()?;
     let mut scores = ChainState::new(f64::NEG_INFINITY);
     scores.values[..n].copy_from_slice(&first);
-    let source: &mut dyn LikelihoodRows = &mut Sensed::new(hmm, sequence);
+    let source: &mut dyn LikelihoodRows = &mut SensorRows::new(hmm, sequence);
     let mut decoder = Decoder { states: n, columns, scores, taken_out, steps };
     let states = decoder.path(source)?;
     let Decoder { scores, mut taken_out, .. } = decoder;
@@ -93,20 +93,20 @@ impl Decoder {
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
         let least = CALM.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
-        let few = Few { columns, rows: columns, least };
-        let (mut blocks, mut left) = (Vec::new(), 2..self.steps + 1);
+        let model = Few { columns, rows: columns, least };
+        let (mut blocks, mut remaining) = (Vec::new(), 2..self.steps + 1);
         let (mut gathered, mut packed) = (Vec::new(), Vec::new());
-        while let Some(steps) = choice::next_segments(&mut left) {
+        while let Some(steps) = choice::next_segments(&mut remaining) {
             gathered.resize(N * steps.len(), 0.0);
             source.scores(steps, &mut gathered, &mut self.taken_out)?;
             pack_segments(&gathered, &mut packed);
-            let products = multiply_segments(MaxPlus, &few, &packed)?;
+            let products = multiply_segments(MaxPlus, &model, &packed)?;
             let starts = self.through(&products)?;
             let mut block: ForwardPass<N> = vec![[[0; 2]; N]; packed.len()];
-            decode_segments(&few, &starts, &packed, &mut block)?;
+            decode_segments(&model, &starts, &packed, &mut block)?;
             blocks.push(block);
         }
-        self.path_in_blocks(source, left.start, blocks)
+        self.path_in_blocks(source, remaining.start, blocks)
     }
 
     /// Takes the scores through eight segments. Returns them at the start of each.
@@ -154,9 +154,9 @@ impl Decoder {
         let n = self.states;
         let mut from: Vec<ChainPointers> = vec![[0; 3]; (self.steps + 1).saturating_sub(first)];
         let mut gathered = vec![0.0; n * GATHERED.min(from.len())];
-        let mut left = first..self.steps + 1;
+        let mut remaining = first..self.steps + 1;
         for from in from.chunks_mut(GATHERED) {
-            let steps = choice::next_steps(&mut left)?;
+            let steps = choice::next_steps(&mut remaining)?;
             let gathered = &mut gathered[..n * from.len()];
             source.scores(steps, gathered, &mut self.taken_out)?;
             chain_decode(&self.columns, &mut self.scores, n, gathered, from).then_some(())?;

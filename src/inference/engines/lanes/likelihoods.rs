@@ -1,56 +1,62 @@
 //! Likelihoods of a step of eight sequences, side by side.
+//!
+//! The largest of each lane is within `UNSCALED`, and the others are at least `TINY`, or the lane
+//! becomes invalid: with entries of at least `LEAST_ENTRY`, no lifted product then becomes 0
+//! unseen. In a model with rounded tails, small ones may.
 
-use super::{BatchModel, Group, Lane};
+use super::{Group, LaneModel};
+use crate::inference::step::Workspace;
 use crate::kernels::{self, Eight, LANES, Packed};
 use crate::likelihood::{Likelihood, Values};
 use crate::limits::{TINY, UNSCALED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// Stands for a likelihood below the range of exp: the lane is marked.
+/// Stands for a likelihood below the range of exp: it is tiny, so that the lane becomes invalid.
 const LOST: f64 = f64::from_bits(1);
 
 /// Largest likelihood of each lane, and ln of what was taken out.
-pub(crate) struct Taken {
+pub(crate) struct LaneScales {
     pub(crate) largest: Eight,
     pub(crate) logs: Eight,
 }
 
-impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
-    /// Packs the likelihoods of a step, 1 in lanes that have ended. Marks lanes that do not hold.
+impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
+    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not valid, or too small beside the largest, become invalid.
     pub(crate) fn likelihoods<S>(
         &self,
         group: &Group<'_, S>,
         step: usize,
-        lanes: &mut [Lane; LANES],
-        held: &mut [bool; LANES],
+        lanes: &mut [Workspace; LANES],
+        valid: &mut [bool; LANES],
         out: &mut [Packed],
-    ) -> Taken
+    ) -> LaneScales
     where
         S: Sequence<A::Control, B::Observation>,
     {
         let mut rows = [&self.ones[..]; LANES];
         let rounded = self.hmm.rounds_tails();
-        let mut taken = Taken { largest: [1.0; LANES], logs: [0.0; LANES] };
+        let mut scales = LaneScales { largest: [1.0; LANES], logs: [0.0; LANES] };
         for (l, ((_, sequence), lane)) in group.sequences.iter().zip(lanes).enumerate() {
-            if held[l] && step <= group.steps[l] {
+            if valid[l] && step <= group.steps[l] {
                 match self.row(sequence.observation(step), lane) {
-                    Some(row) => (rows[l], taken.logs[l]) = row,
-                    None => held[l] = false,
+                    Some(row) => (rows[l], scales.logs[l]) = row,
+                    None => valid[l] = false,
                 }
             }
         }
+        // Rows as the sensors gave them: checked by their range, while they are packed.
         let range = kernels::pack(rows, out);
-        for (l, held) in held.iter_mut().enumerate() {
+        for (l, valid) in valid.iter_mut().enumerate() {
             let mut tiny = range.tiny[l];
-            taken.largest[l] = range.largest[l];
-            *held &= range.least[l] >= 0.0;
-            if *held && !UNSCALED.contains(&range.largest[l]) {
-                *held = scale(out, l, &mut taken, &mut tiny).is_some();
+            scales.largest[l] = range.largest[l];
+            *valid &= range.least[l] >= 0.0;
+            if *valid && !UNSCALED.contains(&range.largest[l]) {
+                *valid = scale(out, l, &mut scales, &mut tiny).is_some();
             }
-            *held &= !tiny || rounded;
+            *valid &= !tiny || rounded;
         }
-        taken
+        scales
     }
 
     /// Returns the likelihoods of an observation, and ln of what was taken out; `None` if they are
@@ -58,10 +64,10 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
     fn row<'a>(
         &'a self,
         observation: &'a B::Observation,
-        lane: &'a mut Lane,
+        lane: &'a mut Workspace,
     ) -> Option<(&'a [f64], f64)> {
-        let n = self.ones.len();
-        let Lane { scratch, values } = lane;
+        let n = self.states();
+        let Workspace { scratch, values } = lane;
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
         diagonal.check_shape(n).ok()?;
         let logs = match diagonal.values {
@@ -87,8 +93,8 @@ impl<A: Transition, B: Likelihood> BatchModel<'_, A, B> {
 /// Brings the largest likelihood of a lane near one, by a power of two. `None` if it is 0 or
 /// infinite.
 #[cold]
-fn scale(out: &mut [Packed], lane: usize, taken: &mut Taken, tiny: &mut bool) -> Option<()> {
-    let largest = taken.largest[lane];
+fn scale(out: &mut [Packed], lane: usize, scales: &mut LaneScales, tiny: &mut bool) -> Option<()> {
+    let largest = scales.largest[lane];
     if !(largest > 0.0 && largest.is_finite()) {
         return None;
     }
@@ -100,7 +106,7 @@ fn scale(out: &mut [Packed], lane: usize, taken: &mut Taken, tiny: &mut bool) ->
         *tiny |= *b > 0.0 && *b * factor < TINY;
         *b *= factor;
     }
-    taken.largest[lane] = largest * factor;
-    taken.logs[lane] += by as f64 * std::f64::consts::LN_2;
+    scales.largest[lane] = largest * factor;
+    scales.logs[lane] += by as f64 * std::f64::consts::LN_2;
     Some(())
 }

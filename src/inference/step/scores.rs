@@ -4,9 +4,9 @@
 
 use std::f64::consts::{LN_2, LOG2_E};
 
+use super::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use crate::inference::step::{Step, Workspace};
 use crate::kernels::{self, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
 use crate::limits::{self, LIFT};
