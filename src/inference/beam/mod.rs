@@ -1,17 +1,20 @@
-//! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the
-//! path. Scores are logarithms throughout, so that the policy of [`range`](crate::range) does not
-//! apply.
+//! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the path
+//! (section 7 of the [formulas](crate::guide::formulas)).
+//!
+//! Beside the score of the best path to each state that never left the beam, an upper bound on
+//! those of all other paths is carried along: where it ends below the score of the path found, no
+//! path is better. Scores are logarithms throughout, so that the forms of `limits` do not apply.
 
 mod scores;
 
-use std::f64::consts::{LN_2, LOG2_E};
+use std::f64::consts::LOG2_E;
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::LogSum;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::pruned::active_set::ActiveSet;
 use crate::inference::step::Step;
+use crate::inference::step::scores::{TakenOut, best};
 use crate::likelihood::{LocalLikelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -133,7 +136,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let mut pointers = Pointers::default();
         let (mut from, mut wanted, mut values) = (Vec::new(), Vec::new(), Vec::new());
         let mut scratch = Scratch::default();
-        let (mut whole, mut factors) = (0.0, LogSum::default());
+        let mut taken_out = TakenOut::default();
         let mut most_active = 0;
         for step in 1..=steps {
             let observation = sequence.observation(step);
@@ -177,13 +180,13 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 self.likelihood().local(observation, &next.states, &mut values, &mut scratch);
             let others = local.map_err(wrap)?;
             let largest = others.check(&next.states, &values).map_err(wrap)?;
-            let taken_out = if others.is_log() {
+            let factor = if others.is_log() {
                 next.weigh_with_logs(&values, others.largest(), largest)
             } else {
-                whole += next.weigh(&values, others.largest(), largest);
+                taken_out.whole += next.weigh(&values, others.largest(), largest);
                 0.0
             };
-            factors.add(taken_out + others.log_factor() + evidence.unwrap_or(0.0));
+            taken_out.factors.add(factor + others.log_factor() + evidence.unwrap_or(0.0));
             if nothing && others.is_possible(largest) {
                 return Err(InferenceError::ImpossibleMove { step });
             }
@@ -196,7 +199,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                     InferenceError::Pruned { step }
                 });
             }
-            whole += best.floor();
+            taken_out.whole += best.floor();
             next.prune(best, width, &mut from);
             pointers.starts.push(pointers.entries.len());
             let entries = next.states.iter().zip(&from);
@@ -205,18 +208,12 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             active_set.follow(&beam.states, &next.states);
             std::mem::swap(&mut beam, &mut next);
         }
-        let log_probability = |score: f64| {
-            let mut sum = factors;
-            sum.add(whole * LN_2);
-            sum.add(score * LN_2);
-            sum.value()
-        };
-        let at = crate::inference::step::scores::best(&beam.scores);
+        let at = best(&beam.scores);
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),
-            log_probability: log_probability(beam.scores[at]),
+            log_probability: taken_out.log_probability(beam.scores[at]),
         };
-        Ok(BeamPath { path, pruned: log_probability(pruned), most_active })
+        Ok(BeamPath { path, pruned: taken_out.log_probability(pruned), most_active })
     }
 }

@@ -1,6 +1,6 @@
 //! Standard errors of learned parameters.
 
-use super::baum_welch::LearningOptions;
+use super::learned_model::LearningOptions;
 use crate::error::LearnError;
 use crate::hmm::Hmm;
 use crate::inference::engines::parallel;

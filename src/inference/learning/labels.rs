@@ -1,24 +1,13 @@
 //! Estimation by counting, from drives whose states are known.
 
-use super::baum_welch::LearningOptions;
+use super::learned_model::LearningOptions;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
+use crate::inference::LabelledSequence;
 use crate::inference::step::Step;
 use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::{self, LearnTransition, Move, Transition};
-
-/// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
-#[derive(Debug, Clone, Copy)]
-pub struct LabelledSequence<'a, S: ?Sized> {
-    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
-    /// prior. Ignored under [`Prior::AtFirstObservation`], where no move leads to X_1.
-    pub initial: Option<usize>,
-    /// X_1 … X_T.
-    pub states: &'a [usize],
-    /// Observations, with controls if there are any.
-    pub sequence: &'a S,
-}
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
@@ -97,7 +86,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             transition::sort(&mut moves);
             counts.add(moves);
         }
-        self.maximize_checked(&expected, learning)
+        self.maximize_unchecked(&expected, learning)
     }
 }
 

@@ -1,4 +1,7 @@
-//! Step of the pruned filter, and the share of the tolerance that it may drop.
+//! Verbs of the pruned filter, and the step that they share: prediction, update, pruning.
+//!
+//! Each part of the step keeps the bounds of the [`Envelope`](super::Envelope) true: a step that drops
+//! states moves their upper bounds to those of all other states.
 
 use std::mem;
 use std::ops::Deref;
@@ -11,9 +14,10 @@ use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
+use crate::inference::streams::filter_snapshot::next_step;
 use crate::likelihood::{LocalLikelihood, Unlisted};
 use crate::limits;
-use crate::transition::TransitionEntries;
+use crate::transition::{NoControl, TransitionEntries};
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because
 /// an observation that contradicts the belief multiplies the dropped mass, and because ten times
@@ -35,6 +39,86 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
+    /// Takes one time step: prediction under `control`, then update with `observation`. Returns
+    /// the certificate of the belief.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
+    /// no transition, and its control is ignored.
+    ///
+    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
+    /// has been dropped, for bounds on its entries; from then on it is no faster than that of a
+    /// [`Filter`](crate::Filter).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step; the filter is then unchanged.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules the observation out,
+    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
+    /// not in one that was dropped.
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, Some(observation))
+    }
+
+    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
+    /// stays, except for evidence on the move.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the operator does not give a distribution, or if the control
+    /// is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, None)
+    }
+
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
+    /// belief.
+    ///
+    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+        let at_first = !self.model.prior().moves_at(1);
+        let number = self.steps.max(usize::from(at_first));
+        self.advance(number, None, Some(observation))
+    }
+
+    /// Takes one time step: prediction, then update with `observation`. Returns the certificate
+    /// of the belief.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
+    }
+
+    /// Predicts alone: one time step without an observation. The log-likelihood stays.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict_with`](Self::predict_with).
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
+    }
+
     /// Takes a step. Only its last part changes the filter, so that an error leaves it unchanged.
     pub(crate) fn advance(
         &mut self,
@@ -51,6 +135,7 @@ where
         }
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
+        // Candidates before likelihoods: the sensor is only asked about states that can matter.
         match operator {
             Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
             _ => active_set.list(&belief.states, operator, wanted),
@@ -103,6 +188,8 @@ where
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
+        // Scaled by the likely states, not by all: those that the belief leads to must keep their
+        // digits, and the others have bounds.
         let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
         let none = if unlisted.is_log() { f64::NEG_INFINITY } else { 0.0 };
@@ -116,7 +203,7 @@ where
                 InferenceError::Pruned { step: number }
             });
         }
-        // Below the mean of the candidates, so that the largest is kept.
+        // A threshold below the mean of the candidates, so that the largest is kept.
         let count = candidates.len() as f64;
         let each = self.pruning.tolerance.max(0.0) * self.share / count;
         let each = each.clamp(LEAST_KEPT, 0.5 / count);

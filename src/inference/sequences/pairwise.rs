@@ -12,9 +12,7 @@ use crate::transition::{LearnTransition, Move, MoveCounts, Transition, Transitio
 
 /// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
 /// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
-///
-/// Handed out by [`SmoothedStep::pairs`](crate::inference::SmoothedStep::pairs).
-pub struct Pairs<'a, A: Transition> {
+pub(crate) struct Pairs<'a, A: Transition> {
     pub(crate) transition: &'a A,
     pub(crate) control: &'a A::Control,
     pub(crate) alpha: BeliefRef<'a>,
@@ -31,11 +29,8 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 }
 
 impl<A: TransitionEntries> Pairs<'_, A> {
-    /// Returns the moves that the operator of this step allows, out of state 0 first, in
-    /// ascending order; they sum to one, up to rounding (and up to entries below 1e-323 that an
-    /// operator does not list as logarithms either). Moves out of a state of probability 0 may be
-    /// left out. O(E) in all.
-    pub fn moves(&self) -> impl Iterator<Item = Move> {
+    /// Returns the moves, as [`SmoothedStep::moves`](crate::inference::SmoothedStep::moves) does.
+    pub(crate) fn moves(&self) -> impl Iterator<Item = Move> {
         let states = 0..self.ratio.len();
         let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
         let linear = linear

@@ -108,7 +108,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
 
     /// Returns an error if evidence on the move leaves no path with a probability above 0, or is
     /// not valid; `best` is the score of the best path.
-    pub(crate) fn check_best_way(&self, best: f64) -> Result<(), InferenceError> {
+    pub(crate) fn check_best_path(&self, best: f64) -> Result<(), InferenceError> {
         let step = self.number;
         if best.is_finite() {
             Ok(())
@@ -147,7 +147,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         } else {
             transition.max_product(control, scores, next, from);
             if evidence {
-                self.check_best_way(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
+                self.check_best_path(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
             }
             kernels::add_scores(next, likelihoods)
         };

@@ -7,7 +7,7 @@ mod viterbi;
 #[cfg(feature = "matching")]
 mod window;
 
-pub use smooth::{SmoothedTrellis, TrellisPairs};
+pub use smooth::SmoothedTrellis;
 
 use crate::error::InferenceError;
 use crate::inference::LogSum;

@@ -130,41 +130,31 @@ impl SmoothedTrellis {
         sum.value()
     }
 
-    /// Moves into the states of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T),
-    /// which sum to one. `trellis` is the one that was smoothed.
-    #[must_use]
-    pub fn pairs<'a>(&'a self, trellis: &'a Trellis, step: usize) -> TrellisPairs<'a> {
-        TrellisPairs { smoothed: self, trellis, step }
+    /// Moves into a state of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), in the
+    /// order in which they were added: pairs (from, probability), which sum to one over the states
+    /// of the step. `trellis` is the one that was smoothed.
+    pub fn moves<'a>(
+        &'a self,
+        trellis: &'a Trellis,
+        step: usize,
+        state: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + 'a {
+        let number = self.range(step).start + state;
+        let scale = self.scales[step - 1];
+        // What was taken out of each term comes off it before they are added: the terms may be
+        // as large as 1e300, and their sum is at most 0.
+        let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
+        let later = likelihood + self.log_backward[number] - scale.sum;
+        trellis.moves_into(number).map(move |(from, weight)| {
+            let before = match step {
+                1 => 0.0,
+                _ => self.log_filtered[self.range(step - 1).start + from],
+            };
+            (from, (before + (weight - scale.weight) + later).exp())
+        })
     }
 
     fn range(&self, step: usize) -> std::ops::Range<usize> {
         self.steps[step - 1]..self.steps[step]
-    }
-}
-
-/// Probabilities of the moves into the states of one step.
-#[derive(Debug, Clone, Copy)]
-pub struct TrellisPairs<'a> {
-    smoothed: &'a SmoothedTrellis,
-    trellis: &'a Trellis,
-    step: usize,
-}
-
-impl<'a> TrellisPairs<'a> {
-    /// Moves into a state of the step, in the order in which they were added: pairs (from,
-    /// probability).
-    pub fn into_state(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
-        let Self { smoothed, trellis, step } = *self;
-        let number = smoothed.range(step).start + state;
-        let scale = smoothed.scales[step - 1];
-        let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
-        let later = likelihood + smoothed.log_backward[number] - scale.sum;
-        trellis.moves_into(number).map(move |(from, weight)| {
-            let before = match step {
-                1 => 0.0,
-                _ => smoothed.log_filtered[smoothed.range(step - 1).start + from],
-            };
-            (from, (before + (weight - scale.weight) + later).exp())
-        })
     }
 }
