@@ -130,6 +130,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let prior = self.prior().belief().as_slice();
         let mut active_set = ActiveSet::new(self.states());
         let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
+        // All states that the prior allows: nothing has left the beam yet, so that the bound on
+        // others is −∞.
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
         active_set.follow(&[], &beam.states);
         let mut next = Beam::default();
@@ -149,6 +151,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 None
             };
             wanted.clear();
+            // The sensor names the states that it likes. A path from outside may come to them, so
+            // that each gets a bound of its own instead of the one for all.
             if beam.elsewhere > f64::NEG_INFINITY {
                 self.likelihood().listed_states(observation, &mut wanted);
             }
@@ -166,12 +170,15 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                     &mut from,
                 );
                 next.elsewhere = beam.elsewhere;
+                // An entry of a stochastic operator is at most one; evidence has no such bound, and
+                // its largest entry has to be looked for.
                 if evidence.is_none() {
                     next.elsewhere += ENTRY;
                 } else if beam.elsewhere > f64::NEG_INFINITY {
                     next.elsewhere += largest_log2(transition, control);
                 }
             }
+            // Known before the likelihoods are added: it decides which error an impossible step is.
             let nothing = evidence.is_some() && next.is_nowhere();
             values.clear();
             values.resize(next.states.len(), 0.0);
@@ -193,6 +200,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             // Take out a whole number, then drop states too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
+                // A bound above −∞ on other paths: one of them may be possible.
                 return Err(if next.is_nowhere() {
                     InferenceError::Impossible { step }
                 } else {
@@ -209,6 +217,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             std::mem::swap(&mut beam, &mut next);
         }
         let at = best(&beam.scores);
+        // Every path that left the beam ended below one of the ceilings, or elsewhere.
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),

@@ -67,6 +67,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             let mut best: Vec<f64> = (list.iter().zip(&added))
                 .map(|(paths, added)| paths.first().map_or(f64::NEG_INFINITY, |p| p.score + added))
                 .collect();
+            // Only the best path to each state says how much may come out: the same number as in
+            // Viterbi.
             let floor = step.settle(&mut best, &mut taken_out)?;
             for ((paths, best), added) in list.iter_mut().zip(&best).zip(&added) {
                 if *best == f64::NEG_INFINITY {
@@ -121,6 +123,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         };
         let lists: Vec<Vec<RankedPath>> = (0..before.len()).map(into).collect();
         if evidence {
+            // Only then can all paths have gone, or an entry be infinite.
             let first = lists.iter().filter_map(|paths| Some(paths.first()?.score));
             self.check_best_path(first.fold(f64::NEG_INFINITY, f64::max))?;
         }

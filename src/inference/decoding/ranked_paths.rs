@@ -45,6 +45,7 @@ pub(crate) fn keep_best(paths: &mut Vec<RankedPath>, count: usize) {
             tie || above(path)
         });
     }
+    // A stable sort: those that tie stay in the order of the states before, as they were added.
     paths.sort_by(|a, b| descending(a.score, b.score));
     paths.shrink_to_fit();
 }

@@ -100,6 +100,7 @@ pub(crate) fn is_long(steps: usize) -> bool {
 
 /// Takes eight segments of equal length off the steps that remain, if these are enough.
 pub(crate) fn next_segments(remaining: &mut Range<usize>) -> Option<Range<usize>> {
+    // What is left over by the last eight segments goes through a chain.
     let length = (remaining.len() / LANES).min(SEGMENT);
     (length >= SHORTEST_SEGMENT).then(|| take_first(remaining, LANES * length))
 }
@@ -141,6 +142,8 @@ impl ManyPlan {
     /// Returns true if a group of so many sequences, the longest of so many steps, runs in lanes.
     pub(crate) fn runs_in_lanes(self, sequences: usize, longest: usize) -> bool {
         let Some(entries) = self.entries else { return false };
+        // A step goes over three vectors of eight doubles a state; two a step are stored, beliefs
+        // and likelihoods. Rows that are not stored stay in the cache whatever the length.
         let eights = |vectors: usize| self.states.saturating_mul(vectors * size_of::<Packed>());
         let cached = eights(3) <= MOST_IN_STEP
             && (!self.has_rows || eights(2).saturating_mul(longest) <= MOST_CACHED);
@@ -153,6 +156,7 @@ impl ManyPlan {
     /// that no lane is empty but at the end.
     pub(crate) fn is_full(self, chunk: ChunkSize) -> bool {
         let numbers = self.states.saturating_mul(chunk.steps);
+        // Asked for a whole group: sequences that are still to come may fill it.
         if !self.runs_in_lanes(LANES, chunk.longest) {
             return chunk.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
         }
@@ -186,6 +190,7 @@ pub(crate) fn learns_in_lanes(states: usize, sequences: usize, longest: usize) -
 
 /// Returns true if beliefs and likelihoods of all steps of a group are not too many to keep.
 fn fits_in_lanes(states: usize, longest: usize) -> bool {
+    // Saturating: a caller may ask for more than an address space.
     let kept = states.saturating_mul(2 * size_of::<Packed>()).saturating_mul(longest);
     kept <= MOST_KEPT
 }

@@ -114,6 +114,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
         let (mut expected, left_out) = self.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
+        // A sequence that this model rules out has likelihood 0 whatever is learned from the
+        // others.
         let remaining: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
         let observations = remaining.iter().map(|(_, sequence)| sequence.steps()).sum();
         if observations == 0 {
@@ -155,6 +157,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let objective = log_likelihood + log_prior;
             let before = best.objective();
             let fall = (before - objective) / objective.abs().max(1.0);
+            // In exact arithmetic no iteration lowers the objective; sums over long sequences
+            // round.
             if fall.is_nan() || fall > ROUNDING {
                 let fell = LearnError::Fell { iteration, before, after: objective };
                 // A NaN is no small fall.
@@ -181,6 +185,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {
+            // The Dirichlet density over the states that are possible; one that is 0 stays 0, and
+            // is no parameter.
             let possible = self.prior().belief().as_slice().iter().filter(|p| **p > 0.0);
             learning.prior_pseudo_count * possible.map(|p| p.ln()).sum::<f64>()
         };

@@ -86,6 +86,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let mut sum = LogSum::default();
+        // Compensated: differences of a few nats decide, beside sums of millions.
         for log in self.log_likelihood_all(sequences) {
             sum.add(log?);
         }

@@ -72,7 +72,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + Sync,
     {
         let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        // Lanes count the moves of one matrix.
+        // Lanes count the moves of one matrix. Lengths are not looked at yet: a group asks again.
         let lanes = choice::learns_in_lanes(self.states(), sequences.len(), 0)
             && self.transition().families() <= 1;
         let model = if lanes { LaneModel::new(self) } else { None };
@@ -87,6 +87,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let results = match &model {
                 Some(model) => {
                     let groups = some.chunks(LANES).collect();
+                    // Each group gives one sum: as much memory for statistics as one sequence
+                    // takes.
                     parallel::map(groups, |group, memory: &mut LaneMemory| {
                         self.expectations_in_lanes(model, group, memory)
                     })
@@ -126,6 +128,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let found = model.expectations(&group, memory);
             let mut expected = self.no_expectations();
             (expected.first, expected.sensor) = (found.first, found.sensor);
+            // Without counted moves, such as those of a fixed operator, the families stay empty.
             found.moves.into_iter().for_each(|moves| expected.moves = vec![moves]);
             lanes = found.log_likelihoods;
             lanes.iter().flatten().for_each(|log| expected.log_likelihood.add(*log));
@@ -158,6 +161,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             let observation = observed.observation(number);
             self.likelihood().add(&mut expected.sensor, observation, posterior);
+            // After an error the visitor can only look away; the result is not used then.
             if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
                 let family = self.transition().family(observed.control(number));
                 if let Some(moves) = expected.moves.get_mut(family) {

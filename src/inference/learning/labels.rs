@@ -59,10 +59,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             return Err(LearnError::Nothing { sequences: drives.len(), first: None });
         }
         let mut expected = self.no_expectations();
+        // The counts of learning with posteriors that are certain: one state has 1 at each step.
         let mut certain = vec![0.0; self.states()];
         let mut moves = vec![Vec::new(); expected.moves.len()];
         for (number, drive) in drives.iter().enumerate() {
             self.check_drive(number, drive)?;
+            // The prior is that of X_0, or of X_1 where nothing moves before it.
             let (mut before, first) = match self.prior() {
                 Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
                 Prior::AtFirstObservation(_) => (None, drive.states.first().copied()),
@@ -83,6 +85,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
+            // Counts are merged in the order of the entries; all drives at once, since each merge
+            // walks all of them.
             transition::sort(&mut moves);
             counts.add(moves);
         }
@@ -109,6 +113,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let initial = initial.filter(|_| self.prior().moves_at(1));
         let all =
             initial.map(|state| (0, state)).into_iter().chain((1..).zip(path.iter().copied()));
+        // Before any state indexes a vector.
         for (step, state) in all.clone() {
             if state >= states {
                 return Err(LearnError::State { drive, step, state, states });
@@ -127,6 +132,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let wrap = |source| SequenceError { sequence: drive, source };
             let (diagonal, _) =
                 step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            // A likelihood of 0 for the state that is known: no model that keeps this zero could
+            // have made the drive.
             if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
                 return Err(LearnError::Sighting { drive, step: number, state: to });
             }

@@ -56,6 +56,7 @@ impl LearningOptions {
             ("pseudo-count of the transitions", self.transition_pseudo_count),
             ("pseudo-count of the sensor", self.likelihood_pseudo_count),
         ] {
+            // Negated, so that a NaN is refused.
             if !(value >= 0.0 && value.is_finite()) {
                 return Err(LearnError::Parameter { what, value });
             }

@@ -37,6 +37,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
                 return Err(LearnError::Expectations { what, found, expected });
             }
         }
+        // Every sequence with an observation starts somewhere.
         if expectations.first.iter().all(|p| *p == 0.0) {
             return Err(LearnError::Nothing { sequences: 0, first: None });
         }
@@ -50,12 +51,15 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         learning: &LearningOptions,
     ) -> Result<Self, LearnError> {
         let belief = self.prior().belief();
+        // Labelled drives may begin at unknown states: nothing is learned of the prior, which
+        // stays.
         let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
         let prior = if learning.keep_prior || unseen {
             belief.clone()
         } else {
             let known = belief.as_slice().iter().zip(&expected.first);
             let weight = |(&old, &seen): (&f64, &f64)| {
+                // A pseudo-count must not make a state possible that the model rules out.
                 if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
             };
             Belief::from_weights(known.map(weight).collect())?

@@ -114,6 +114,8 @@ impl<C> ModelSelection<C> {
             let all: Vec<&S> = sequences.iter().collect();
             let learned = learn(&candidate, &all)?;
             let parameters = learned.free_parameters();
+            // All sequences count, so that one that learning left out is an error; the parameters
+            // are those of the start.
             let criteria = Criteria { parameters, ..learned.model().criteria(&all)? };
             let folds = if folds < 2 { 0 } else { folds };
             let without = |fold, (): &mut ()| {
@@ -141,6 +143,7 @@ impl<C> ModelSelection<C> {
     /// The lowest value, of candidates of which no model failed before any others.
     fn best_by(&self, value: impl Fn(&Candidate<C>) -> f64) -> &C {
         let rank = |row: &Candidate<C>| (row.failed > 0, value(row));
+        // Failed ones last, then the lowest value; equal ones stay, the first of them.
         let better = |best, row| if rank(row) < rank(best) { row } else { best };
         &self.rows.iter().skip(1).fold(&self.rows[0], better).candidate
     }
@@ -214,6 +217,7 @@ where
     S: Sequence<A::Control, B::Observation>,
 {
     let (held, others): (Vec<_>, Vec<_>) =
+        // Interleaved, so that each fold has sequences of all times.
         sequences.iter().enumerate().partition(|(sequence, _)| sequence % folds == fold);
     let learned = learn(&others.into_iter().map(|(_, s)| s).collect::<Vec<_>>())?;
     let mut sum = LogSum::default();

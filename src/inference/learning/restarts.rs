@@ -65,8 +65,10 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             done(index, &learned);
             learned
         });
+        // A failed attempt comes last, then the objective decides; a NaN is never greater.
         let rank = |learned: &LearnedModel<A, B>| (!learned.failed(), learned.objective());
         let better = |best, learned| match (best, learned) {
+            // Strictly greater: of equal ones the first stays, whatever the threads did.
             (Ok(best), Ok(learned)) if rank(&learned) > rank(&best) => Ok(learned),
             (Err(_), Ok(learned)) => Ok(learned),
             (best, _) => best,

@@ -170,6 +170,7 @@ where
     pub fn restart(&mut self) {
         let Self { model, belief, next, active_set, .. } = self;
         next.start(model.prior().belief().as_slice());
+        // The places of the old states are cleared one by one, not all n.
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
@@ -188,6 +189,7 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
+        // The likelihood so far keeps the uncertainty of the belief that is replaced.
         self.log_excess.add(self.belief.deficit().ln_1p());
         self.next.start(belief.as_slice());
         self.active_set.follow(&self.belief.states, &self.next.states);
@@ -219,6 +221,7 @@ where
     pub fn mode(&self) -> usize {
         let mut best = (0, f64::NEG_INFINITY);
         for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
+            // Only a greater one replaces, so that ties go to the lowest state.
             if p > best.1 {
                 best = (state, p);
             }
@@ -239,6 +242,8 @@ where
         if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
+        // s absorbs one factor for all states; what is missing of Σ s α beside the lower bounds is
+        // the deficit.
         let low = self.log.value();
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }

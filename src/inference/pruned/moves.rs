@@ -59,6 +59,7 @@ impl Bounds {
         }
         let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN, terms: 0, smallest: 1.0 };
         for i in 0..transition.states() {
+            // A sum of m numbers above 0 is off by m roundings at most, relative to itself.
             let (mut sum, mut terms) = (0.0, 0_u32);
             for (_, a) in transition.incoming(control, i) {
                 largest.entry = f64::max(largest.entry, a);
@@ -88,6 +89,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
         let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
         let mut moves = Self { transition, control, bounds, evidence, form: EntryForm::Linear };
+        // Without evidence entries are probabilities, and their products with a lifted belief keep
+        // their digits.
         if evidence.is_some() {
             if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);
@@ -109,6 +112,8 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
             let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
             entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
         };
+        // Near the largest entry out of an active state: what the belief leads to must keep its
+        // digits, and of all others only bounds are needed.
         let likely = largest(&mut followed.iter().copied());
         let all = if is_open { largest(&mut (0..self.transition.states())) } else { likely };
         let near = all.min(if likely.is_finite() { likely + SPREAD } else { all });
@@ -182,6 +187,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 fn add_power(log2: f64, taken_out: f64, mut add: impl FnMut(f64, f64)) {
     let difference = log2 - taken_out;
     let a = difference.exp2();
+    // A subnormal power has lost digits; as 0 it has the bound that its caller adds.
     let a = if a < f64::MIN_POSITIVE { 0.0 } else { a };
     // The logarithm itself was rounded as a number of its size, which evidence of 1e5 nats makes
     // large; the difference and the power round once more each.

@@ -130,6 +130,7 @@ where
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
+        // If nothing was ever dropped, no other state can have any mass.
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().listed_states(observation, wanted);
         }
@@ -176,6 +177,7 @@ where
             next.predict(belief, moves.as_ref(), active_set)
         };
         if evidence.is_none() {
+            // A candidate that the operator did not list would be missing: it breaks its contract.
             if !limits::is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
@@ -209,6 +211,7 @@ where
         let each = each.clamp(LEAST_KEPT, 0.5 / count);
         let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
+        // From here on nothing fails.
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         self.steps = number;
@@ -224,6 +227,8 @@ where
     /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
+        // Fast down and slowly up: one observation that contradicts the belief may multiply what
+        // was dropped.
         let factor = if used > NEAR { LESS } else { MORE };
         self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }

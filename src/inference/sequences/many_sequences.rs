@@ -13,6 +13,7 @@ use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::engines::lanes::{self, LaneRoutine};
+use crate::kernels::LANES;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
@@ -83,7 +84,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        lanes::visit_all(self, sequences.into_iter(), &forward(), visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &forward(), visit)
     }
 
     /// Runs [`smooth`](Self::smooth) on each sequence, and visits the results in order, each
@@ -96,7 +97,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        lanes::visit_all(self, sequences.into_iter(), &smooth(), visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &smooth(), visit)
     }
 
     /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence, and visits the results in
@@ -109,7 +110,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        lanes::visit_all(self, sequences.into_iter(), &log_likelihood(), visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &log_likelihood(), visit)
     }
 
     /// Runs [`viterbi`](Self::viterbi) on each sequence, and visits the results in order, each
@@ -123,7 +124,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        lanes::visit_all(self, sequences.into_iter(), &viterbi(), visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &viterbi(), visit)
     }
 
     /// Runs [`forward`](Self::forward) on each sequence. The result at index i is that of
@@ -165,57 +166,53 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
 }
 
 /// [`Hmm::forward`]: log-likelihoods of each step and of all, beside the rows.
-fn forward<A, B, S>() -> LaneRoutine<A, B, S, (Vec<f64>, f64), FilteredSequence>
-where
-    A: Transition,
-    B: Likelihood,
-    S: Sequence<A::Control, B::Observation>,
-{
+fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, (Vec<f64>, f64), FilteredSequence> {
     LaneRoutine {
         has_rows: true,
         single: Hmm::forward,
-        group: |model, group, memory| model.filter(group, memory),
+        group: |model, group, memory| {
+            let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
+            let forward = model.forward(group, memory, true, |lane, log| logs[lane].push(log));
+            let mut sums = forward.log_likelihoods().into_iter();
+            logs.map(|logs| sums.next().flatten().map(|sum| (logs, sum)))
+        },
         result: |(logs, log), rows| FilteredSequence::new(Posteriors::from_shared(rows), logs, log),
     }
 }
 
 /// [`Hmm::smooth`]: log-likelihoods, beside the rows.
-fn smooth<A, B, S>() -> LaneRoutine<A, B, S, f64, SmoothedSequence>
-where
-    A: Transition,
-    B: Likelihood,
-    S: Sequence<A::Control, B::Observation>,
-{
+fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, f64, SmoothedSequence> {
     LaneRoutine {
         has_rows: true,
         single: Hmm::smooth,
-        group: |model, group, memory| model.smooth(group, memory),
+        group: |model, group, memory| {
+            // The backward pass finds further lanes that do not hold.
+            let mut forward = model.forward(group, memory, true, |_, _| ());
+            model.backward(group, memory, &mut forward.valid, None);
+            forward.log_likelihoods()
+        },
         result: |log, rows| SmoothedSequence::new(Posteriors::from_shared(rows), log),
     }
 }
 
-/// [`Hmm::log_likelihood`].
-fn log_likelihood<A, B, S>() -> LaneRoutine<A, B, S, f64, f64>
-where
-    A: Transition,
-    B: Likelihood,
-    S: Sequence<A::Control, B::Observation>,
-{
+/// [`Hmm::log_likelihood`], without anything stored for each step.
+fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, f64, f64> {
     LaneRoutine {
         has_rows: false,
         single: Hmm::log_likelihood,
-        group: |model, group, memory| model.log_likelihood(group, memory),
+        group: |model, group, memory| {
+            model.forward(group, memory, false, |_, _| ()).log_likelihoods()
+        },
         result: |log, _| log,
     }
 }
 
 /// [`Hmm::viterbi`]: paths and their log-probabilities.
-fn viterbi<A, B, S>() -> LaneRoutine<A, B, S, (Vec<usize>, f64), ViterbiPath>
-where
-    A: TransitionEntries,
-    B: Likelihood,
-    S: Sequence<A::Control, B::Observation>,
-{
+fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, (Vec<usize>, f64), ViterbiPath> {
     LaneRoutine {
         has_rows: false,
         single: Hmm::viterbi,

@@ -49,6 +49,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         entries: impl Iterator<Item = (usize, f64)>,
     ) -> impl Iterator<Item = Move> {
         entries.map(move |(to, p)| {
+            // A small belief with a large ratio: p times the ratio is taken first, and the common
+            // scale last.
             let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
             Move { from, to, weight }
         })
@@ -91,9 +93,12 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         others: f64,
     ) -> Result<(), InferenceError> {
         let logs = || self.log_moves(0..self.ratio.len(), &list);
+        // Relative to the largest, which the sum is near: what underflows beside it does not
+        // matter.
         let largest = logs().fold(others, |most, (_, _, log)| most.max(log));
         let sum: f64 = logs().map(|(_, _, log)| (log - largest).exp()).sum();
         let sum = largest + (sum + (others - largest).exp()).ln();
+        // The rounding of a sum of logarithms is that of the largest of its terms.
         let terms = (0..self.ratio.len())
             .map(|state| self.alpha.log(state))
             .chain(self.ratio.iter().copied());
@@ -128,6 +133,8 @@ impl<A: LearnTransition> Pairs<'_, A> {
                 f64::NEG_INFINITY => 0.0,
                 log2 => log2.exp2() * self.ratio[to],
             };
+            // A restart comes from any state alike, so that its mass is a product of two sums,
+            // without n² moves.
             let restarts: f64 = states.map(into).sum();
             let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
             return one(sum + before * restarts * self.scale, step);

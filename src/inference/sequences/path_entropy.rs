@@ -42,6 +42,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut next = entropy.clone();
         let mut ways = Vec::new();
         for number in 1..=sequence.steps() {
+            // By the chain rule backwards: the entropy of the path up to k - 1 given x_k, which
+            // needs the belief before the observation of k.
             if number > 1 {
                 let step = Step::of(self, sequence, number);
                 step.entropies(filter.held(), &entropy, &mut next, &mut ways)?;
@@ -65,6 +67,7 @@ where
     let held = filter.held();
     let mut sum = 0.0;
     for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
+        // 0 ln 0 is 0.
         if p > 0.0 {
             sum += p * (entropy - held.log(i));
         }
@@ -89,6 +92,8 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
             let total: f64 = ways.iter().map(|way| way.1).sum();
             *after = 0.0;
             for &(j, weight) in &*ways {
+                // An unreached state has weights that are all 0 or none: q is NaN there, and adds
+                // nothing.
                 let q = weight / total;
                 if q > 0.0 {
                     *after += q * (before[j] - q.ln());

@@ -70,6 +70,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
+            // Asked once for each step here, and not again at every draw.
             if step.evidence()?.is_some() && step.entries_need_logs() {
                 in_logs.push(number);
             }
@@ -107,6 +108,7 @@ where
                     alpha.ways(self.hmm.transition(), control, to, in_logs, &mut ways);
                 }
             }
+            // Weights are in proportion to p(x_k | x_{k+1}, y_1 … y_k): they need not sum to one.
             let total: f64 = ways.iter().map(|way| way.1).sum();
             if total.is_nan() || total <= 0.0 {
                 return Err(InferenceError::PredictedSum { step: row + 1, sum: 0.0 });

@@ -120,6 +120,8 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         for (number, control) in (taken + 1..).zip(controls) {
             if self.prior().moves_at(number) {
                 let step = Step { hmm: self, number, control: Some(control) };
+                // Evidence was measured on a move that has been made: it says nothing about which
+                // move to draw.
                 if step.evidence()?.is_some() {
                     return Err(InferenceError::SimulatedEvidence { step: number });
                 }
@@ -198,6 +200,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
         rng: &mut R,
     ) -> Result<Simulation<B::Sample>, InferenceError> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
+            // The observation before the first is the one that was given.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
             drawn.map_err(|source| InferenceError::Likelihood { step, source })
@@ -218,6 +221,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         sample: impl Fn(usize, usize, Option<&Y>, &mut R) -> Result<Y, E>,
     ) -> Result<Simulation<Y>, E> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
+        // Without a move to the first step, the state that was drawn is that of the step itself.
         let initial = self.prior().moves_at(taken + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
         let mut observations = Vec::with_capacity(controls.len());
@@ -225,6 +229,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             if self.prior().moves_at(step) {
                 let ways = || self.transition().outgoing(control, state);
                 let evidence = self.transition().evidence(control).is_some();
+                // Columns sum to one, unless an operator without a control has evidence.
                 let total = if evidence { ways().map(|way| way.1).sum() } else { 1.0 };
                 state = index(ways(), total, rng);
             }

@@ -45,11 +45,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
         let prior = self.hmm.prior().belief().as_slice();
+        // Lifted, so that a small prior times a small entry is not lost before its logarithm is
+        // taken.
         let mut lifted = vec![0.0; prior.len()];
         kernels::lift(prior, &mut lifted);
         let evidence = self.evidence()?;
         if let Some(log_factor) = evidence {
             taken_out.factors.add(log_factor);
+            // The evidence says itself that its factors leave the range of doubles.
             if self.needs_logs() {
                 return self.first_scores_in_logs(scores, &mut lifted);
             }
@@ -142,6 +145,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
         let transition = self.hmm.transition();
+        // A stored matrix adds the likelihoods and finds the best on its way, in one pass.
         let largest = if let Some(matrix) = self.stored(control) {
             matrix.maximize(scores, likelihoods, next, from)
         } else {
@@ -189,9 +193,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         best: f64,
         taken_out: &mut TakenOut,
     ) -> Result<f64, InferenceError> {
+        // No path is left.
         if best == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
+        // The best stays from 0 to 1: scores keep the digits of their grid over any number of
+        // steps.
         let floor = taken_out.whole_of(best);
         scores.iter_mut().for_each(|score| *score -= floor);
         Ok(floor)

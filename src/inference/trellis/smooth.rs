@@ -41,12 +41,15 @@ impl Trellis {
         }
         let mut log_backward = vec![0.0; log_filtered.len()];
         for step in (2..=self.steps()).rev() {
+            // Backward logarithms of a step come from those of the next alone.
             let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
             let earlier = &mut earlier[self.range(step - 1).start..];
             self.backward_step(step, scales[step - 1], later, earlier);
         }
         let filtered = log_filtered.iter().map(|log| log.exp()).collect();
         let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
+        // Filtered times backward, normalised in each step: constants that a step has taken out
+        // cancel.
         for bounds in steps.windows(2) {
             let logs = bounds[0]..bounds[1];
             let log = logs.map(|s| log_filtered[s] + log_backward[s]);
@@ -68,10 +71,13 @@ impl Trellis {
             self.moves_into(state)
                 .for_each(|(j, weight)| earlier[j] = earlier[j].max((weight - scale.weight) + log));
         }
+        // Two passes, the largest and then the sum relative to it: moves come by the later state,
+        // and the terms of an earlier one are spread over all of them.
         let mut sums = vec![0.0; earlier.len()];
         for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
                 let below = (weight - scale.weight) + log - earlier[j];
+                // e^-45 is below the last digit of the sum.
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }

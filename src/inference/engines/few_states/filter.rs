@@ -1,9 +1,9 @@
 //! The filter over a whole sequence: beliefs and log-likelihoods, or the total alone.
 
+use super::FewStatesModel;
 use super::forward::Forward;
 use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::unpack_segments;
-use super::{FewStatesModel, control_of};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
 use crate::kernels::{LANES, Packed, filter_segments, in_large_pages};
@@ -23,8 +23,7 @@ where
     if !choice::is_long(steps) {
         return None; // the beliefs of a stream, to the bit
     }
-    let control = control_of(hmm, steps)?;
-    let model = FewStatesModel::new(hmm, control)?;
+    let model = FewStatesModel::new(hmm, steps)?;
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let mut logs = vec![0.0; steps];
     let mut source = SensorRows::new(hmm, sequence);
@@ -39,8 +38,7 @@ where
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    let control = control_of(hmm, sequence.steps())?;
-    let model = FewStatesModel::new(hmm, control)?;
+    let model = FewStatesModel::new(hmm, sequence.steps())?;
     model.filter(&mut SensorRows::new(hmm, sequence), sequence.steps(), None)
 }
 
@@ -77,6 +75,8 @@ impl FewStatesModel {
         let (mut forward, first) = Forward::start(self, source)?;
         if let Some((rows, logs)) = &mut out {
             rows[..n].copy_from_slice(&self.prior.values[..n]);
+            // Nothing moves before step 1: its belief is the prior times the likelihoods, which
+            // `start` has multiplied already.
             if first > 1 {
                 let sum: f64 = forward.x.values.iter().sum();
                 rows[n..2 * n].iter_mut().zip(forward.x.values).for_each(|(row, x)| *row = x / sum);
@@ -87,15 +87,19 @@ impl FewStatesModel {
         let model = self.segment_model::<N>();
         let (mut packed, mut beliefs, mut normalizers) = (Vec::new(), Vec::new(), Vec::new());
         let mut likelihoods = Vec::new();
+        // Two passes over eight segments: a vector through the product of each gives the starts of
+        // all, and from these all eight run at once, none waiting for the one before.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             likelihoods.resize(N * steps.len(), 0.0);
             let (_, starts) =
                 forward.segments(&model, steps.clone(), &mut likelihoods, &mut packed)?;
+            // For the log-likelihood alone the products are enough.
             let Some((rows, logs)) = &mut out else { continue };
             beliefs.resize(packed.len(), [Packed::default(); N]);
             normalizers.resize(steps.len() / LANES, Packed::default());
             filter_segments(&model, &starts, &packed, &mut beliefs, &mut normalizers)?;
             unpack_segments(beliefs.as_flattened(), &mut rows[n * steps.start..n * steps.end]);
+            // ln N, with what was taken out of the likelihoods of the step.
             let logs = &mut logs[steps.start - 1..steps.end - 1];
             unpack_segments(&normalizers, logs);
             logs.iter_mut().zip(&forward.scales).for_each(|(log, scale)| *log = log.ln() + scale);

@@ -31,6 +31,7 @@ impl<'m> Forward<'m> {
             return Some((start, 1));
         }
         let mut b = [0.0; LANES];
+        // Step 1 has no move: its likelihoods multiply the prior.
         let any = start.gather(1..2, true, &mut b[..model.states])?;
         start.take_out(any);
         start.x.values.iter_mut().zip(b).for_each(|(x, b)| *x *= b);
@@ -54,6 +55,8 @@ impl<'m> Forward<'m> {
 
     /// Returns ln Σ x, with the scales that were taken out of likelihoods.
     pub(crate) fn log_likelihood(&self) -> f64 {
+        // x is never divided by its sum on the way: times its power of two it is p(x_k, y_1 … y_k),
+        // up to what was taken out.
         let mut sum = self.logs;
         sum.add(self.x.values.iter().sum::<f64>().ln());
         sum.add(self.x.exponent as f64 * std::f64::consts::LN_2);
@@ -68,6 +71,7 @@ impl<'m> Forward<'m> {
         rows: &mut [f64],
         normalizers: &mut [f64],
     ) -> Option<()> {
+        // The kernel may fail after some steps: the second attempt starts from the same vector.
         let before = self.x;
         // Scales take time, and are seldom needed.
         for scaled in [false, true] {
@@ -78,6 +82,7 @@ impl<'m> Forward<'m> {
                 self.take_out(any);
                 return Some(());
             }
+            // Scaled already: these likelihoods have too wide a range.
             if any {
                 break;
             }

@@ -35,12 +35,13 @@ struct FewStatesModel {
 }
 
 impl FewStatesModel {
-    /// Reads the matrix of an operator by a product for each state. `None` if an entry is too
-    /// small, or the columns do not sum to one.
-    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, control: &A::Control) -> Option<Self> {
-        let states = hmm.states();
+    /// Reads the matrix of an operator by a product for each state. `None` if model and steps are
+    /// not for this engine, an entry is too small, or the columns do not sum to one.
+    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Option<Self> {
+        let (control, states) = (control_of(hmm, steps)?, hmm.states());
         let mut columns = [Packed::default(); LANES];
         let mut rows = columns;
+        // Any operator is read by its product, also one without entries to list.
         let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
         for from in 0..states {
             // Lifted, so that an entry that is a product of small ones is not lost.
@@ -77,6 +78,8 @@ impl FewStatesModel {
         steps: usize,
         mut take: impl FnMut(bool) -> Option<f64>,
     ) -> Option<f64> {
+        // Segments are looked at after every four steps only, and need a narrower range: what fails
+        // there may go through a chain.
         let in_segments = choice::for_sequence(self.states, steps) == Engine::Segments;
         in_segments.then(|| take(true)).flatten().or_else(|| take(false))
     }
@@ -87,6 +90,7 @@ impl FewStatesModel {
 fn rescale(x: &mut ChainState) -> Option<()> {
     let sum: f64 = x.values.iter().sum();
     if !(SCALES[0]..=SCALES[1]).contains(&sum) {
+        // Nothing is left, or a NaN or an infinity has come in.
         if !sum.is_normal() {
             return None;
         }
@@ -107,5 +111,6 @@ fn control_of<A: Transition, B: Likelihood>(
     }
     let control = hmm.transition().no_control()?;
     hmm.transition().check_control(control).ok()?;
+    // With evidence columns do not sum to one, and the general routine checks them.
     hmm.transition().evidence(control).is_none().then_some(control)
 }

@@ -1,10 +1,10 @@
 //! The smoother over a whole sequence: x forward, r backward; p(X_k | y_1 … y_T) is in proportion
 //! to x_k ∘ r_k.
 
+use super::FewStatesModel;
 use super::forward::Forward;
 use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::{pack_segments, unpack_segments};
-use super::{FewStatesModel, control_of};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
 use crate::kernels::{ChainState, Packed, chain_backward, in_large_pages, smooth_segments};
@@ -21,8 +21,7 @@ where
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
     let (states, steps) = (hmm.states(), sequence.steps());
-    let control = control_of(hmm, steps)?;
-    let model = FewStatesModel::new(hmm, control)?;
+    let model = FewStatesModel::new(hmm, steps)?;
     let source: &mut dyn LikelihoodRows = &mut SensorRows::new(hmm, sequence);
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let log_likelihood = model.in_segments_or_steps(steps, |segments| match states {
@@ -49,6 +48,7 @@ impl FewStatesModel {
         let before = forward.x.values;
         let mut remaining = first..steps + 1;
         let (mut packed, mut kept) = (Vec::new(), Vec::new());
+        // The products of the segments serve twice: x goes through them forward, r backward.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             // Likelihoods wait for the backward pass where results will be.
             let place = &mut rows[n * steps.start..n * steps.end];
@@ -65,6 +65,8 @@ impl FewStatesModel {
         }
         let log_likelihood = forward.log_likelihood();
 
+        // Nothing is observed after T: r is one in all states, and the last posterior the filtered
+        // one.
         let mut r = ChainState::new(1.0);
         chain_backward(&self.rows, &mut r, n, &likelihoods, &mut rows[chained]).then_some(())?;
         let mut smoothed = Vec::new();
@@ -76,6 +78,8 @@ impl FewStatesModel {
             smooth_segments(&segment_model, &starts, &ends, &packed, &mut smoothed)?;
             unpack_segments(smoothed.as_flattened(), place);
         }
+        // The rows before the first step that was taken hold one state, X_0, which is X_1 where
+        // nothing moves before it.
         let mut posterior = before;
         posterior.iter_mut().zip(r.values).for_each(|(x, r)| *x *= r);
         let sum: f64 = posterior.iter().sum();

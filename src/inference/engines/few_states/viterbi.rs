@@ -31,6 +31,8 @@ where
     let mut columns = [Packed([f64::NEG_INFINITY; LANES]); LANES];
     let (mut one, mut from) = (vec![f64::NEG_INFINITY; n], vec![0; n]);
     for (j, column) in columns.iter_mut().enumerate().take(n) {
+        // A score of 0 in one state alone: the max-product is a column, in the very logarithms that
+        // the operator adds.
         one[j] = 0.0;
         hmm.transition().max_product(control, &one, &mut column[..n], &mut from);
         one[j] = f64::NEG_INFINITY;
@@ -67,6 +69,7 @@ type ForwardPass<const N: usize> = Vec<Backpointers<N>>;
 
 impl Decoder {
     fn path(&mut self, source: &mut dyn LikelihoodRows) -> Option<Vec<usize>> {
+        // What a failed attempt has taken out of the scores must not count twice.
         let start = (self.scores, self.taken_out.clone());
         if choice::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
@@ -92,6 +95,7 @@ impl Decoder {
         let columns: [[f64; N]; N] =
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
+        // An entry and a likelihood together fall by 50 at most in a step (`limits`, "Few states").
         let least = CALM.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
         let model = Few { columns, rows: columns, least };
         let (mut blocks, mut remaining) = (Vec::new(), 2..self.steps + 1);
@@ -101,6 +105,8 @@ impl Decoder {
             source.scores(steps, &mut gathered, &mut self.taken_out)?;
             pack_segments(&gathered, &mut packed);
             let products = multiply_segments(MaxPlus, &model, &packed)?;
+            // As in the filter: the starts of all segments by their products, then all eight at
+            // once.
             let starts = self.through(&products)?;
             let mut block: ForwardPass<N> = vec![[[0; 2]; N]; packed.len()];
             decode_segments(&model, &starts, &packed, &mut block)?;
@@ -120,9 +126,11 @@ impl Decoder {
             let largest = used.map(|j| exponents[j]).fold(f64::NEG_INFINITY, f64::max);
             let mut out = [f64::NEG_INFINITY; LANES];
             for (j, column) in products.iter().enumerate() {
+                // Exponents are whole numbers, so that these sums are exact.
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
+                    // Lower sums are rounded, and might break a tie otherwise than step by step.
                     if score > f64::NEG_INFINITY && score < EXACT_SCORE {
                         return None;
                     }
@@ -165,6 +173,8 @@ impl Decoder {
         let mut states = in_large_pages(vec![state; self.steps]);
         let mut out = states[..self.steps - 1].iter_mut().rev();
         for (bits, out) in from.iter().rev().zip(&mut out) {
+            // A pointer of three bits for each of eight states, in three bytes: byte b has bit b of
+            // all.
             state = bits.iter().rev().fold(0, |s, bit| s << 1 | usize::from(bit >> state & 1));
             *out = state;
         }

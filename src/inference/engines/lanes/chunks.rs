@@ -51,26 +51,6 @@ impl Deref for SharedRows {
     }
 }
 
-/// Runs a routine on all sequences, and visits the results in order, each with the index of its
-/// sequence, until the visitor breaks.
-pub(crate) fn visit_all<A, B, S, P, R, Stop>(
-    hmm: &Hmm<A, B>,
-    sequences: impl Iterator<Item = S>,
-    routine: &LaneRoutine<A, B, S, P, R>,
-    mut visit: impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Stop>,
-) -> ControlFlow<Stop>
-where
-    A: Transition + Sync,
-    B: Likelihood + Sync,
-    S: Sequence<A::Control, B::Observation> + Send + Sync,
-    P: Send,
-    R: Send,
-{
-    run(hmm, sequences, false, routine, |sequence, result| {
-        visit(sequence, result.map_err(|source| SequenceError { sequence, source }))
-    })
-}
-
 /// Runs a routine on all sequences. The result at index i is that of sequence i.
 pub(crate) fn collect_all<'s, A, B, S, P, R>(
     hmm: &Hmm<A, B>,
@@ -89,21 +69,22 @@ where
     let order = by_length(&steps);
     let mut results: Vec<_> = order.iter().map(|_| None).collect();
     let sorted = order.iter().map(|&sequence| &sequences[sequence]);
-    let ControlFlow::Continue(()) = run(hmm, sorted, true, routine, |position, result| {
+    let ControlFlow::Continue(()) = visit_all(hmm, sorted, true, routine, |position, result| {
         let sequence = order[position];
-        results[sequence] = Some(result.map_err(|source| SequenceError { sequence, source }));
+        results[sequence] = Some(result.map_err(|error| SequenceError { sequence, ..error }));
         ControlFlow::<Infallible>::Continue(())
     });
     results.into_iter().flatten().collect()
 }
 
-/// Runs a routine on all sequences, `sorted` by length if all results are collected.
-fn run<A, B, S, P, R, Stop>(
+/// Runs a routine on all sequences, `sorted` by length if all results are collected, and visits
+/// the results in order, each with the index of its sequence, until the visitor breaks.
+pub(crate) fn visit_all<A, B, S, P, R, Stop>(
     hmm: &Hmm<A, B>,
     sequences: impl Iterator<Item = S>,
     sorted: bool,
     routine: &LaneRoutine<A, B, S, P, R>,
-    mut visit: impl FnMut(usize, Result<R, InferenceError>) -> ControlFlow<Stop>,
+    mut visit: impl FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Stop>,
 ) -> ControlFlow<Stop>
 where
     A: Transition + Sync,
@@ -112,6 +93,7 @@ where
     P: Send,
     R: Send,
 {
+    // An iterator that does not know its length may be long.
     let most = sequences.size_hint().1.unwrap_or(usize::MAX);
     let mut plan = ManyPlan::new(hmm.states(), routine.has_rows, sorted);
     let model = plan.may_use_lanes(most).then(|| LaneModel::new(hmm)).flatten();
@@ -119,6 +101,7 @@ where
     let (memories, blocks) = (MemoryPool::default(), MemoryPool::default());
     let work = |sequences: Vec<S>| match &model {
         Some(model) => in_groups(model, &sequences, routine, plan, &memories, blocks.pop()),
+        // Without lanes a chunk is the work of one thread: its sequences share nothing.
         None => Chunk {
             results: sequences.iter().map(|sequence| (routine.single)(hmm, sequence)).collect(),
             block: Arc::new(Aligned::new(0, 0.0)),
@@ -127,7 +110,7 @@ where
     let mut sequence = 0;
     let take = |Chunk { results, block }| {
         for result in results {
-            visit(sequence, result)?;
+            visit(sequence, result.map_err(|source| SequenceError { sequence, source }))?;
             sequence += 1;
         }
         // The block serves again, unless the visitor has kept a result.
@@ -151,6 +134,7 @@ fn chunks<S: Sequence<U, Y>, U, Y: ?Sized>(
     let mut sequences = sequences.fuse();
     iter::from_fn(move || {
         let (mut chunk, mut size) = (Vec::new(), ChunkSize::default());
+        // Asked before a sequence is taken, so that none has to wait for the next chunk.
         while !plan.is_full(size)
             && let Some(sequence) = sequences.next()
         {
@@ -178,6 +162,7 @@ where
     P: Send,
     R: Send,
 {
+    // Neighbours in length share a group, so that few lanes idle at its end.
     let order: Vec<usize> = if plan.sorted {
         (0..sequences.len()).collect()
     } else {
@@ -195,9 +180,12 @@ where
     };
     let numbers = groups.iter().map(eights_of).sum::<usize>() * LANES;
     let mut block = match block {
+        // What an earlier chunk left is not cleared: a lane either writes all of its rows, or they
+        // belong to no result.
         Some(block) if block.len() >= numbers => block,
         _ => Aligned::new(numbers, 0.0),
     };
+    // Split before the threads start: each group writes a part of its own.
     let mut free = block.as_chunks_mut().0;
     let mut items = Vec::with_capacity(groups.len());
     for group in groups.iter().filter(|group| group.in_lanes) {
@@ -226,10 +214,13 @@ where
                 false => 0..0,
             };
             start += if routine.has_rows { eights(steps) * LANES } else { 0 };
+            // The rows of an invalid lane stay unused.
             let rows = SharedRows { states: plan.states, block: block.clone(), range };
             results[sequence] = lane.map(|numbers| Ok((routine.result)(numbers, rows)));
         }
     }
+    // Sequences that ran in no lane, or whose lane became invalid: each an item of its own, since
+    // one in logarithms takes many times as long.
     let left = (0..sequences.len()).filter(|sequence| results[*sequence].is_none()).collect();
     let single = |i: usize, (): &mut ()| (i, (routine.single)(model.hmm, &sequences[i]));
     for (sequence, result) in parallel::map(left, single) {
@@ -249,6 +240,8 @@ fn unpack_rows<S>(
 ) {
     let mut rows: [&mut [Eight]; LANES] = std::array::from_fn(|_| &mut [][..]);
     for (l, row) in rows.iter_mut().enumerate().take(group.sequences.len()) {
+        // Every lane has its part, valid or not, so that the ranges of results are known
+        // beforehand.
         let (own, others) = free.split_at_mut(eights(group.steps[l]));
         free = others;
         if valid[l] {

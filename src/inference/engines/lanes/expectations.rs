@@ -43,6 +43,7 @@ impl<A: LearnTransition, B: LearnLikelihood> LaneModel<'_, A, B> {
         let valid = forward.valid;
         let mut first = vec![0.0; n];
         for l in (0..LANES).filter(|l| valid[*l]) {
+            // The first n beliefs are those of step 0.
             first.iter_mut().zip(&memory.beliefs).for_each(|(sum, gamma)| *sum += gamma[l]);
         }
         // The sensor's statistics take a second walk over the steps: a lane may become invalid at
@@ -86,6 +87,8 @@ fn move_counts(
         }
         Lines::Dense { values } | Lines::DenseTransposed { values } => {
             let stride = values.len() / n;
+            // Entries that are 0, and the padding of lines, are no moves: they would be listed as
+            // such.
             let entries = values.iter().zip(counts).enumerate().filter(|entry| *entry.1.0 > 0.0);
             moves.add(entries.map(|(at, (p, counts))| Move {
                 from: at / stride,

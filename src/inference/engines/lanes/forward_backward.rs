@@ -2,21 +2,24 @@
 //! γ = α ∘ q (sections 2 and 3 of the [formulas](crate::guide::formulas)).
 //!
 //! Beliefs are lifted at all steps, as those of one sequence are where they must be, so that both
-//! have the same digits.
+//! have the same digits. The largest likelihood of each lane is within `UNSCALED`, and the others are
+//! at least `TINY`, or the lane becomes invalid: with entries of at least `LEAST_ENTRY`, no lifted
+//! product then becomes 0 unseen. In a model with rounded tails, small ones may.
 
 use super::{Group, LaneMemory, LaneModel};
 use crate::inference::LogSum;
-use crate::kernels::{self, LANES, Packed};
-use crate::likelihood::Likelihood;
-use crate::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT};
+use crate::inference::step::Workspace;
+use crate::kernels::{self, Eight, LANES, Packed};
+use crate::likelihood::{Likelihood, Values};
+use crate::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
 /// Results of the passes for each lane.
 pub(crate) struct LaneForward {
     /// True while linear space holds the sequence of a lane, and there is no error.
-    pub(super) valid: [bool; LANES],
-    pub(super) log_likelihoods: [LogSum; LANES],
+    pub(crate) valid: [bool; LANES],
+    log_likelihoods: [LogSum; LANES],
 }
 
 impl LaneForward {
@@ -27,48 +30,6 @@ impl LaneForward {
 }
 
 impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
-    /// Filters a group: leaves beliefs in the memory, and returns the log-likelihoods of each step
-    /// and of all.
-    pub(crate) fn filter<S>(
-        &self,
-        group: &Group<'_, S>,
-        memory: &mut LaneMemory,
-    ) -> [Option<(Vec<f64>, f64)>; LANES]
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
-        let forward = self.forward(group, memory, true, |lane, log| logs[lane].push(log));
-        let mut sums = forward.log_likelihoods().into_iter();
-        logs.map(|logs| sums.next().flatten().map(|sum| (logs, sum)))
-    }
-
-    /// Computes the log-likelihoods of a group.
-    pub(crate) fn log_likelihood<S>(
-        &self,
-        group: &Group<'_, S>,
-        memory: &mut LaneMemory,
-    ) -> [Option<f64>; LANES]
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        self.forward(group, memory, false, |_, _| ()).log_likelihoods()
-    }
-
-    /// Smooths a group: leaves beliefs in the memory, and returns the log-likelihoods.
-    pub(crate) fn smooth<S>(
-        &self,
-        group: &Group<'_, S>,
-        memory: &mut LaneMemory,
-    ) -> [Option<f64>; LANES]
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let mut forward = self.forward(group, memory, true, |_, _| ());
-        self.backward(group, memory, &mut forward.valid, None);
-        forward.log_likelihoods()
-    }
-
     /// Filters a group, and stores beliefs and likelihoods of all steps if `stores`. Passes
     /// ln p(y_k | y_1 … y_{k-1}) of each lane and step to `visit`.
     pub(crate) fn forward<S>(
@@ -183,4 +144,108 @@ impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
             }
         }
     }
+}
+
+/// Stands for a likelihood below the range of exp: it is tiny, so that the lane becomes invalid.
+const LOST: f64 = f64::from_bits(1);
+
+/// Largest likelihood of each lane, and ln of what was taken out.
+pub(crate) struct LaneScales {
+    pub(crate) largest: Eight,
+    pub(crate) logs: Eight,
+}
+
+impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
+    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not valid, or too small beside the largest, become invalid.
+    pub(crate) fn likelihoods<S>(
+        &self,
+        group: &Group<'_, S>,
+        step: usize,
+        lanes: &mut [Workspace; LANES],
+        valid: &mut [bool; LANES],
+        out: &mut [Packed],
+    ) -> LaneScales
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let mut rows = [&self.ones[..]; LANES];
+        let rounded = self.hmm.rounds_tails();
+        let mut scales = LaneScales { largest: [1.0; LANES], logs: [0.0; LANES] };
+        for (l, ((_, sequence), lane)) in group.sequences.iter().zip(lanes).enumerate() {
+            if valid[l] && step <= group.steps[l] {
+                match self.row(sequence.observation(step), lane) {
+                    Some(row) => (rows[l], scales.logs[l]) = row,
+                    // The routine for one sequence finds the error again, with its step.
+                    None => valid[l] = false,
+                }
+            }
+        }
+        // Rows as the sensors gave them: checked by their range, while they are packed.
+        let range = kernels::pack(rows, out);
+        for (l, valid) in valid.iter_mut().enumerate() {
+            let mut tiny = range.tiny[l];
+            scales.largest[l] = range.largest[l];
+            // A negative likelihood shows here, and a NaN in the sum of the step, even times a
+            // belief of 0.
+            *valid &= range.least[l] >= 0.0;
+            if *valid && !UNSCALED.contains(&range.largest[l]) {
+                *valid = scale(out, l, &mut scales, &mut tiny).is_some();
+            }
+            *valid &= !tiny || rounded;
+        }
+        scales
+    }
+
+    /// Returns the likelihoods of an observation, and ln of what was taken out; `None` if they are
+    /// not valid, or nothing is possible.
+    fn row<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        lane: &'a mut Workspace,
+    ) -> Option<(&'a [f64], f64)> {
+        let n = self.states();
+        let Workspace { scratch, values } = lane;
+        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
+        diagonal.check_shape(n).ok()?;
+        let logs = match diagonal.values {
+            Values::Linear(values) | Values::Checked { linear: values, .. } => {
+                return Some((values, diagonal.log_factor));
+            }
+            Values::Log(logs) => logs,
+        };
+        // Checked before exp, which makes valid likelihoods of wrong logarithms.
+        let largest = diagonal.check(n).ok()?;
+        if largest == f64::NEG_INFINITY {
+            return None;
+        }
+        let lost = if self.hmm.rounds_tails() { 0.0 } else { LOST };
+        values.clear();
+        values.extend(logs.iter().map(|log| match (log - largest).exp() {
+            b if b >= f64::MIN_POSITIVE || *log == f64::NEG_INFINITY => b,
+            _ => lost,
+        }));
+        Some((values, diagonal.log_factor + largest))
+    }
+}
+
+/// Brings the largest likelihood of a lane near one, by a power of two. `None` if it is 0 or
+/// infinite.
+#[cold]
+fn scale(out: &mut [Packed], lane: usize, scales: &mut LaneScales, tiny: &mut bool) -> Option<()> {
+    let largest = scales.largest[lane];
+    if !(largest > 0.0 && largest.is_finite()) {
+        return None;
+    }
+    // A power of two is exact; clamped, since 2^-by has to be a double itself.
+    let by = exponent(largest).clamp(-1000, 1000);
+    let factor = power(-by);
+    *tiny = false;
+    for eight in out {
+        let b = &mut eight[lane];
+        *tiny |= *b > 0.0 && *b * factor < TINY;
+        *b *= factor;
+    }
+    scales.largest[lane] = largest * factor;
+    scales.logs[lane] += by as f64 * std::f64::consts::LN_2;
+    Some(())
 }

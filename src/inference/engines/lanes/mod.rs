@@ -11,7 +11,6 @@
 mod chunks;
 mod expectations;
 mod forward_backward;
-mod likelihoods;
 mod viterbi;
 
 use std::sync::OnceLock;
@@ -48,6 +47,7 @@ impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
         // No entry is below `LEAST_ENTRY`: with normal beliefs and likelihoods of at least `TINY`,
         // no product then becomes 0 unseen.
         let (rows, columns) = hmm.transition().stored(control)?.plain_lines()?;
+        // A prior that is not normal could make a lifted product 0 unseen.
         let prior = hmm.prior().belief().as_slice();
         if prior.iter().any(|p| 0.0 < *p && *p < f64::MIN_POSITIVE) {
             return None;
@@ -65,7 +65,7 @@ impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
 pub(crate) struct Group<'s, S> {
     pub(crate) sequences: &'s [(usize, &'s S)],
     /// Number of steps; 0 for lanes without a sequence.
-    steps: [usize; LANES],
+    pub(crate) steps: [usize; LANES],
     longest: usize,
     /// True if the group runs in lanes, as the plan says; otherwise its sequences run one by one.
     pub(crate) in_lanes: bool,

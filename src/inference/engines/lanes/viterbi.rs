@@ -25,6 +25,7 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         let mut first = vec![0.0; n];
         let control = self.hmm.transition().no_control().filter(|_| self.hmm.prior().moves_at(1));
         let step = Step { hmm: self.hmm, number: 1, control };
+        // No observation is in them: they are the same for all lanes, and so is an error.
         if step.first_scores(&mut first, &mut TakenOut::default()).is_err() {
             return [const { None }; LANES];
         }
@@ -36,12 +37,14 @@ impl<A: TransitionEntries, B: Likelihood> LaneModel<'_, A, B> {
         memory.fit(n, 0, 0);
         let LaneMemory { likelihoods, x, next, backpointers, lanes, .. } = memory;
         x.iter_mut().zip(&first).for_each(|(x, score)| *x = Packed([*score; LANES]));
+        // Not cleared: the pointers of a step are all written before any is read.
         backpointers.resize(n * group.longest, [0; LANES]);
         let mut valid = group.lanes();
         let mut taken_out: [TakenOut; LANES] = Default::default();
         let mut paths = [const { None }; LANES];
         for step in 1..=group.longest {
             let mut shifts = [0.0; LANES];
+            // A sequence that has ended goes on with scores of 0; its path has been read already.
             let mut rows = [&self.zeros[..]; LANES];
             for (l, ((_, sequence), lane)) in group.sequences.iter().zip(&mut *lanes).enumerate() {
                 if valid[l] && step <= group.steps[l] {
