@@ -55,16 +55,16 @@ impl Beam {
             let lifted = match moves {
                 Some(_) if in_logs => 0.0,
                 Some((transition, control)) => {
-                    let ways = transition.incoming(control, i);
-                    ways.map(|(j, a)| a * (prior[j] * LIFT)).sum()
+                    let entries = transition.incoming(control, i);
+                    entries.map(|(j, a)| a * (prior[j] * LIFT)).sum()
                 }
                 None => prior[i] * LIFT,
             };
             self.scores.push(match moves {
                 // A product of two such numbers may leave the range of `f64`.
                 Some((transition, control)) if !(1.0..=f64::MAX).contains(&lifted) => {
-                    let ways = || transition.incoming_log2(control, i);
-                    log2_sum(|| ways().map(|(j, log2)| log2 + kernels::log2(prior[j])))
+                    let entries = || transition.incoming_log2(control, i);
+                    log2_sum(|| entries().map(|(j, log2)| log2 + kernels::log2(prior[j])))
                 }
                 _ => unlifted_log2(lifted),
             });

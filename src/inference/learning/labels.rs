@@ -139,7 +139,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             }
             if let (Some(control), Some(from)) = (step.control, before) {
                 step.check_control(control).map_err(wrap)?;
-                if !self.transition().outgoing(control, from).any(|way| way.0 == to) {
+                if !self.transition().outgoing(control, from).any(|entry| entry.0 == to) {
                     return Err(LearnError::Forbidden { drive, step: number, from, to });
                 }
             }

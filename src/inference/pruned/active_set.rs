@@ -56,8 +56,8 @@ impl ActiveSet {
         match moves {
             // Entries that are listed in linear form would miss those below the range of doubles.
             Some((a, control)) if a.evidence(control).is_some() && a.entries_need_logs(control) => {
-                let ways = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
-                ways.for_each(|(i, _)| list(i));
+                let entries = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
+                entries.for_each(|(i, _)| list(i));
             }
             Some((a, control)) => {
                 followed.iter().for_each(|&j| a.outgoing(control, j).for_each(|(i, _)| list(i)));

@@ -56,7 +56,7 @@ impl Envelope {
         // it is multiplied, since bounds on entries may be as small as evidence: what then still
         // underflows is below the 1e-290 that are added.
         let (elsewhere, outside) = (before.elsewhere * LIFT, before.outside * LIFT);
-        let (each, all) = match moves {
+        let (one, all) = match moves {
             Some(Moves { bounds, .. }) => {
                 let by_row = times(bounds.row, elsewhere);
                 (by_row.min(times(bounds.entry, outside)), times(bounds.column, outside))
@@ -64,7 +64,7 @@ impl Envelope {
             None => (elsewhere, outside),
         };
         let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
-        (self.elsewhere, self.outside) = (round_up(each), round_up(all));
+        (self.elsewhere, self.outside) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
             // A candidate that only the sensor names: nothing active leads to it, so that it has
             // the bound of all inactive states, and no estimate.

@@ -207,9 +207,9 @@ where
         }
         // A threshold below the mean of the candidates, so that the largest is kept.
         let count = candidates.len() as f64;
-        let each = self.pruning.tolerance.max(0.0) * self.share / count;
-        let each = each.clamp(LEAST_KEPT, 0.5 / count);
-        let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
+        let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
+        let threshold = threshold.clamp(LEAST_KEPT, 0.5 / count);
+        let log = next.settle(&raw, threshold, self.pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         // From here on nothing fails.
         active_set.follow(&belief.states, &next.states);

@@ -84,9 +84,9 @@ impl<const N: usize> SegmentProducts<N> {
 
 /// Packs eight segments, one after another in `values`.
 pub(crate) fn pack_segments<const N: usize>(values: &[f64], out: &mut Vec<[Packed; N]>) {
-    let each = values.len() / LANES;
-    out.resize(each / N, [Packed::default(); N]);
-    pack(std::array::from_fn(|l| &values[l * each..][..each]), out.as_flattened_mut());
+    let length = values.len() / LANES;
+    out.resize(length / N, [Packed::default(); N]);
+    pack(std::array::from_fn(|l| &values[l * length..][..length]), out.as_flattened_mut());
 }
 
 /// Unpacks eight segments, one after another.

@@ -47,14 +47,14 @@ impl FewStatesModel {
         let (mut forward, first) = Forward::start(self, source)?;
         let before = forward.x.values;
         let mut remaining = first..steps + 1;
-        let (mut packed, mut kept) = (Vec::new(), Vec::new());
+        let (mut packed, mut passed) = (Vec::new(), Vec::new());
         // The products of the segments serve twice: x goes through them forward, r backward.
         while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             // Likelihoods wait for the backward pass where results will be.
             let place = &mut rows[n * steps.start..n * steps.end];
             let (products, starts) =
                 forward.segments(&segment_model, steps.clone(), place, &mut packed)?;
-            kept.push((steps, products, starts));
+            passed.push((steps, products, starts));
         }
         let chained = n * remaining.start..n * remaining.end;
         let mut likelihoods = in_large_pages(vec![0.0; chained.len()]);
@@ -70,7 +70,7 @@ impl FewStatesModel {
         let mut r = ChainState::new(1.0);
         chain_backward(&self.rows, &mut r, n, &likelihoods, &mut rows[chained]).then_some(())?;
         let mut smoothed = Vec::new();
-        while let Some((steps, products, starts)) = kept.pop() {
+        while let Some((steps, products, starts)) = passed.pop() {
             let ends = products.backward(&mut r)?;
             let place = &mut rows[n * steps.start..n * steps.end];
             pack_segments(place, &mut packed);

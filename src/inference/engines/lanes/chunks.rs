@@ -221,9 +221,9 @@ where
     }
     // Sequences that ran in no lane, or whose lane became invalid: each an item of its own, since
     // one in logarithms takes many times as long.
-    let left = (0..sequences.len()).filter(|sequence| results[*sequence].is_none()).collect();
+    let remaining = (0..sequences.len()).filter(|sequence| results[*sequence].is_none()).collect();
     let single = |i: usize, (): &mut ()| (i, (routine.single)(model.hmm, &sequences[i]));
-    for (sequence, result) in parallel::map(left, single) {
+    for (sequence, result) in parallel::map(remaining, single) {
         results[sequence] = Some(result);
     }
     Chunk { results: results.into_iter().flatten().collect(), block }
