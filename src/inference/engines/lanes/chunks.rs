@@ -174,9 +174,9 @@ where
 
     // Rows of each lane begin on a cache line, so that whole vectors of eight can be written.
     let eights = |steps: usize| (plan.states * (steps + 1)).div_ceil(LANES);
-    let eights_of = |group: &Group<'_, S>| match routine.has_rows && group.in_lanes {
-        true => group.steps[..group.sequences.len()].iter().map(|steps| eights(*steps)).sum(),
-        false => 0,
+    let eights_of = |group: &Group<'_, S>| -> usize {
+        let lanes = if routine.has_rows && group.in_lanes { group.sequences.len() } else { 0 };
+        group.steps[..lanes].iter().map(|steps| eights(*steps)).sum()
     };
     let numbers = groups.iter().map(eights_of).sum::<usize>() * LANES;
     let mut block = match block {
@@ -209,11 +209,10 @@ where
     let mut start = 0;
     for (group, lanes) in groups.iter().filter(|group| group.in_lanes).zip(lanes) {
         for ((&(sequence, _), lane), steps) in group.sequences.iter().zip(lanes).zip(group.steps) {
-            let range = match routine.has_rows {
-                true => start..start + plan.states * (steps + 1),
-                false => 0..0,
-            };
-            start += if routine.has_rows { eights(steps) * LANES } else { 0 };
+            let (rows, next) =
+                if routine.has_rows { (steps + 1, eights(steps) * LANES) } else { (0, 0) };
+            let range = start..start + plan.states * rows;
+            start += next;
             // The rows of an invalid lane stay unused.
             let rows = SharedRows { states: plan.states, block: block.clone(), range };
             results[sequence] = lane.map(|numbers| Ok((routine.result)(numbers, rows)));
