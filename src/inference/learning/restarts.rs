@@ -10,7 +10,7 @@ use crate::sequence::Sequence;
 use crate::transition::LearnTransition;
 
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Learns from each of several starts, and returns the model with the highest objective, of the
+    /// Learns from each of several starts, and returns the model with the highest objective, the
     /// first of several: expectation–maximisation ends at a local maximum, which depends on the
     /// start. Models of which learning [failed](LearnedModel::failed) come after all others, since
     /// their likelihood may have no bound; if one of them is returned, all others failed too.
