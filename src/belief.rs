@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::error::BeliefError;
+use crate::error::{BeliefError, Parameter};
 
 /// Tolerance of the sum of probabilities, around one.
 ///
@@ -262,10 +262,10 @@ impl<S: AsRef<[f64]>> Belief<S> {
     ///
     /// # Errors
     ///
-    /// [`BeliefError::Level`] if `level` is outside 0 to 1.
+    /// [`BeliefError::Parameter`] if `level` is outside 0 to 1.
     pub fn credible_set(&self, level: f64) -> Result<Vec<usize>, BeliefError> {
         if !(0.0..=1.0).contains(&level) {
-            return Err(BeliefError::Level { level });
+            return Err(Parameter::new("the level", level, "a value from 0 to 1").into());
         }
         let p = self.values();
         let mut order: Vec<usize> = (0..p.len()).filter(|&i| p[i] > 0.0).collect();

@@ -1,70 +1,9 @@
 //! Groups of states.
 
-use std::error::Error;
-use std::fmt;
 use std::ops::Range;
 
 use crate::belief::Belief;
-
-/// An invalid grouping of states, or an argument that does not fit it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum GroupError {
-    /// There are no states.
-    Empty,
-    /// A group has no states, though a higher number is used.
-    Gap {
-        /// Number of the empty group, from 0.
-        group: usize,
-        /// Highest group number given.
-        last: usize,
-    },
-    /// The state does not exist.
-    State {
-        /// The state asked for, from 0.
-        state: usize,
-        /// Number of states.
-        states: usize,
-    },
-    /// A belief has a different number of states.
-    Belief {
-        /// Number of states of the belief.
-        found: usize,
-        /// Number of states, or of groups where a belief over groups is expected.
-        expected: usize,
-    },
-    /// An output slice does not have one value per group.
-    Output {
-        /// Length of the slice.
-        found: usize,
-        /// Number of groups.
-        expected: usize,
-    },
-}
-
-impl fmt::Display for GroupError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty => write!(f, "groups need at least one state, found none"),
-            Self::Gap { group, last } => {
-                write!(f, "no state is in group {group}, though groups are numbered up to {last}")
-            }
-            Self::State { state, states } => write!(
-                f,
-                "state {state} does not exist, {states} states are grouped (0 to {})",
-                states.saturating_sub(1)
-            ),
-            Self::Belief { found, expected } => {
-                write!(f, "the belief has {found} states, expected {expected}")
-            }
-            Self::Output { found, expected } => {
-                write!(f, "there is room for {found} groups, expected {expected}")
-            }
-        }
-    }
-}
-
-impl Error for GroupError {}
+use crate::error::BeliefError;
 
 /// Partition of the states into groups: the states of one place, where places were expanded by
 /// age ([`DwellTransition`](crate::transition::DwellTransition)) or by weather
@@ -129,9 +68,9 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`GroupError`] if there are no states, or a group has none.
-    pub fn new(of: Vec<usize>) -> Result<Self, GroupError> {
-        let last = *of.iter().max().ok_or(GroupError::Empty)?;
+    /// [`BeliefError`] if there are no states, or a group has none.
+    pub fn new(of: Vec<usize>) -> Result<Self, BeliefError> {
+        let last = *of.iter().max().ok_or(BeliefError::NoGroups)?;
         // If there are more groups than states, one of the first n is empty.
         let mut seen = vec![false; of.len().min(last.saturating_add(1))];
         for &group in &of {
@@ -140,7 +79,7 @@ impl Groups {
             }
         }
         match seen.iter().position(|seen| !seen) {
-            Some(group) => Err(GroupError::Gap { group, last }),
+            Some(group) => Err(BeliefError::Gap { group, last }),
             None => Ok(Self::numbered(of, last + 1)),
         }
     }
@@ -192,8 +131,8 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if the belief has a different number of states.
-    pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, GroupError> {
+    /// [`BeliefError::StateCount`] if the belief has a different number of states.
+    pub fn marginal<S: AsRef<[f64]>>(&self, belief: &Belief<S>) -> Result<Belief, BeliefError> {
         let mut sums = vec![0.0; self.count()];
         self.marginal_into(belief, &mut sums)?;
         Ok(Belief::known(sums))
@@ -216,20 +155,20 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if the belief has a different number of states, or
-    /// [`GroupError::Output`] if the slice has another length. The slice is then unchanged.
+    /// [`BeliefError::StateCount`] if the belief has a different number of states, or
+    /// [`BeliefError::Room`] if the slice has another length. The slice is then unchanged.
     pub fn marginal_into<S: AsRef<[f64]>>(
         &self,
         belief: &Belief<S>,
         out: &mut [f64],
-    ) -> Result<(), GroupError> {
+    ) -> Result<(), BeliefError> {
         let (found, expected) = (belief.states(), self.of.len());
         if found != expected {
-            return Err(GroupError::Belief { found, expected });
+            return Err(BeliefError::StateCount { found, expected });
         }
         let (found, expected) = (out.len(), self.count());
         if found != expected {
-            return Err(GroupError::Output { found, expected });
+            return Err(BeliefError::Room { found, expected });
         }
         out.fill(0.0);
         self.add_up(belief.values(), out);
@@ -280,11 +219,11 @@ impl Groups {
     ///
     /// # Errors
     ///
-    /// [`GroupError::State`] for a state that does not exist.
-    pub fn map_path(&self, path: &[usize]) -> Result<Vec<usize>, GroupError> {
+    /// [`BeliefError::Ungrouped`] for a state that does not exist.
+    pub fn map_path(&self, path: &[usize]) -> Result<Vec<usize>, BeliefError> {
         let states = self.of.len();
         let group =
-            |&state: &usize| self.group_of(state).ok_or(GroupError::State { state, states });
+            |&state: &usize| self.group_of(state).ok_or(BeliefError::Ungrouped { state, states });
         path.iter().map(group).collect()
     }
 }

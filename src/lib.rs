@@ -175,7 +175,6 @@
 #![cfg_attr(not(feature = "places"), allow(rustdoc::broken_intra_doc_links))]
 
 mod belief;
-mod error;
 mod fixed;
 mod groups;
 mod hmm;
@@ -189,6 +188,7 @@ mod sequence;
 pub mod canberra;
 #[cfg(feature = "emission")]
 pub mod emission;
+pub mod error;
 #[cfg(feature = "places")]
 pub mod evaluate;
 pub mod guide;

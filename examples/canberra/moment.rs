@@ -142,7 +142,7 @@ impl Moment {
             let at = (x + (away * dx).round() as i32, y + (away * dy).round() as i32);
             let bold = TextStyle::from(("sans-serif", 24, FontStyle::Bold).into_font());
             let style = anchored(&bold.color(&BLACK), HPos::Center);
-            let half = 7 * label.len() as i32;
+            let half = 7 * label.chars().map(|_| 1).sum::<i32>();
             let back = [(at.0 - half, at.1 - 12), (at.0 + half, at.1 + 12)];
             area.draw(&Rectangle::new(back, WHITE.mix(0.8).filled()))?;
             area.draw(&Text::new(label, at, style))?;

@@ -1,5 +1,6 @@
 //! Expectations of drives, which learning adds up.
 
+use wayfix::error::At;
 use wayfix::inference::{Expectations, LearningOptions};
 use wayfix::transition::LearnTransition;
 use wayfix::{Hmm, InferenceError};
@@ -56,9 +57,9 @@ impl Expected {
             drives.offsets.windows(2).map(|drive| &all[drive[0]..drive[1]]).collect();
         let (sum, failed) = hmm.expectations(&each);
         for error in &failed {
-            if let InferenceError::Likelihood { step, source } = &error.source {
+            if let InferenceError::Likelihood(At { number: step, cause, .. }) = &error.source {
                 let element = drives.offsets[error.sequence] + step - 1;
-                return Err(drives.refuse(element, &source.to_string()));
+                return Err(drives.refuse(element, &cause.to_string()));
             }
         }
         Ok(Self { sum, drives: each.len() as u64, left_out: failed.len() as u64 })

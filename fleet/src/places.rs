@@ -1,7 +1,6 @@
 //! A sensor of positions: each state is a place on Earth.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use wayfix::map::Position;
@@ -115,7 +114,7 @@ impl Likelihood for Places {
         fix: &'a Fix,
         scratch: &'a mut Scratch,
     ) -> Result<Diagonal<'a>, LikelihoodError> {
-        let sensor = |error: PlaceError| LikelihoodError::Sensor(Arc::new(error));
+        let sensor = |error: PlaceError| LikelihoodError::sensor(error);
         check_position(fix.latitude, fix.longitude).map_err(sensor)?;
         if !(1e-6..=1e9).contains(&fix.deviation) {
             let what = "the deviation".to_owned();

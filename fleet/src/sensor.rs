@@ -6,10 +6,7 @@ use arrow::buffer::ScalarBuffer;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use serde_json::Value;
 use wayfix::likelihood::{LearnLikelihood, SparseObservation, SparseTableLikelihood};
-use wayfix::{
-    Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood,
-    TableLikelihood,
-};
+use wayfix::{Diagonal, Likelihood, LikelihoodError, LikelihoodVector, Scratch, SparseLikelihood, TableLikelihood};
 
 use crate::places::{Fix, Places};
 
@@ -122,7 +119,7 @@ impl Likelihood for Sensor {
             (Kind::Sparse(sparse), Observation::Sparse(listed)) => sparse.diagonal(listed, scratch),
             (Kind::Places(places), Observation::Fix(fix)) => places.diagonal(fix, scratch),
             (_, Observation::Missing) if self.optional => Ok(Diagonal::linear(&self.ones)),
-            _ => Err(LikelihoodError::Sensor(std::sync::Arc::new(OtherKind))),
+            _ => Err(LikelihoodError::sensor(OtherKind)),
         }
     }
 

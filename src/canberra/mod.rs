@@ -25,11 +25,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use std::error::Error;
-use std::fmt;
-
 use crate::belief::Belief;
-use crate::error::HmmError;
+use crate::error::Parameter;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::TableLikelihood;
 use crate::map::{Place, Position, Road, RoadMap, TurningProbabilities, TurningRule};
@@ -49,50 +46,6 @@ const ROADS_CSV: &str = include_str!("roads.csv");
 
 /// The model of the paper's experiments, with [rounded tails](Hmm::with_rounded_tails).
 pub type Model = Hmm<SparseTransition, TableLikelihood>;
-
-/// Arguments for which there is no model.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum CanberraError {
-    /// There is no such place.
-    Place(u64),
-    /// The sensor cannot be built.
-    Observation(ObservationError),
-    /// The parts do not fit together.
-    Hmm(HmmError),
-}
-
-impl fmt::Display for CanberraError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Place(value) => write!(f, "the initial place is {value}, expected 1 to {PLACES}"),
-            Self::Observation(error) => fmt::Display::fmt(error, f),
-            Self::Hmm(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for CanberraError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Observation(error) => error.source(),
-            Self::Hmm(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<ObservationError> for CanberraError {
-    fn from(source: ObservationError) -> Self {
-        Self::Observation(source)
-    }
-}
-
-impl From<HmmError> for CanberraError {
-    fn from(source: HmmError) -> Self {
-        Self::Hmm(source)
-    }
-}
 
 /// The 105 places and 315 directed roads.
 ///
@@ -142,10 +95,12 @@ pub fn sensor(sigma: f64) -> Result<TableLikelihood, ObservationError> {
 ///
 /// # Errors
 ///
-/// [`CanberraError`] if there is no such place, or `sigma` is not above 0.
-pub fn hmm(initial: u64, sigma: f64) -> Result<Model, CanberraError> {
-    let state = map().index_of_id(initial).ok_or(CanberraError::Place(initial))?;
-    let certain = Belief::certain(PLACES, state).map_err(|_| CanberraError::Place(initial))?;
-    let prior = Prior::BeforeFirstTransition(certain);
-    Ok(Hmm::new(prior, turning().into_transition(), sensor(sigma)?)?.with_rounded_tails())
+/// [`ObservationError::Parameter`] if there is no such place, or `sigma` is not above 0.
+#[expect(clippy::missing_panics_doc, reason = "the parts are all of the same map")]
+pub fn hmm(initial: u64, sigma: f64) -> Result<Model, ObservationError> {
+    let certain = map().index_of_id(initial).and_then(|i| Belief::certain(PLACES, i).ok());
+    let place = || Parameter::new("the initial place", initial as f64, "1 to 105");
+    let prior = Prior::BeforeFirstTransition(certain.ok_or_else(place)?);
+    let hmm = Hmm::new(prior, turning().into_transition(), sensor(sigma)?);
+    Ok(hmm.expect("all parts have the same places").with_rounded_tails())
 }

@@ -97,9 +97,9 @@ fn rows<S: Sequence<(), [f64]>>(sequences: &[S]) -> Result<Vec<&[f64]>, Emission
     for (at, sequence) in sequences.iter().enumerate() {
         for step in 1..=sequence.steps() {
             let row = sequence.observation(step);
-            let wrong = |source: EmissionError| {
-                let source = Box::new(source);
-                Err(EmissionError::Step { sequence: at, step, source })
+            let wrong = |cause: EmissionError| {
+                let cause = Box::new(cause);
+                Err(EmissionError::Step { sequence: at, step, cause })
             };
             let (found, expected) = (row.len(), rows.first().map_or(row.len(), |row| row.len()));
             if found != expected {

@@ -1,17 +1,18 @@
 //! Errors of families.
 
-use std::error::Error;
-use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
 
 use crate::error::{LearnError, LikelihoodError};
 
-/// An invalid parameter or observation of a family, or statistics that determine no parameter.
-#[derive(Debug, Clone, PartialEq)]
+/// An invalid parameter or observation of a family, statistics that determine no parameter, or
+/// numbers that are no series of observations.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EmissionError {
     /// There are no states, or observations have no components.
+    #[error(
+        "a family needs at least one state and one component, found {states} states and {components} components"
+    )]
     Empty {
         /// Number of states.
         states: usize,
@@ -19,6 +20,7 @@ pub enum EmissionError {
         components: usize,
     },
     /// A list of parameters has a wrong length.
+    #[error("the {what}{} has {found} values, expected {expected}", of_state(*.state))]
     Length {
         /// Name of the parameter.
         what: &'static str,
@@ -30,6 +32,7 @@ pub enum EmissionError {
         expected: usize,
     },
     /// A parameter is out of its range.
+    #[error("the {what}{}{} is {value}, expected {expected}", of_state(*.state), at(*.component))]
     Parameter {
         /// Name of the parameter.
         what: &'static str,
@@ -43,6 +46,7 @@ pub enum EmissionError {
         expected: &'static str,
     },
     /// A covariance is not positive definite.
+    #[error("the covariance{} is not positive definite, at component {component}", of_state(*.state))]
     NotPositiveDefinite {
         /// The state, from 0, unless the covariance is common to all.
         state: Option<usize>,
@@ -50,6 +54,7 @@ pub enum EmissionError {
         component: usize,
     },
     /// The observations behind a state do not determine its parameters.
+    #[error("the {what}{}{} cannot be estimated from {} expected observations: {reason}", of_state(*.state), at(*.component), rounded(*.weight))]
     TooFew {
         /// The state, from 0, unless the parameter is common to all.
         state: Option<usize>,
@@ -63,6 +68,7 @@ pub enum EmissionError {
         reason: &'static str,
     },
     /// An observation has a wrong number of components.
+    #[error("the observation has {found} components, expected {expected}")]
     Components {
         /// Number of components found.
         found: usize,
@@ -70,11 +76,13 @@ pub enum EmissionError {
         expected: usize,
     },
     /// An observation that is a direction does not have length one.
+    #[error("the observation has length {value}, expected 1 within 1e-6")]
     Norm {
         /// Length found.
         value: f64,
     },
     /// A component of an observation is out of its range.
+    #[error("component {component} of the observation is {value}, expected {expected}")]
     Observation {
         /// The component, from 0.
         component: usize,
@@ -84,13 +92,16 @@ pub enum EmissionError {
         expected: &'static str,
     },
     /// There are no observations.
+    #[error("there are no observations")]
     NoObservations,
     /// A component is missing in all observations, so that nothing can be learned of it.
+    #[error("component {component} is missing in all observations")]
     AllMissing {
         /// The component, from 0.
         component: usize,
     },
     /// There are fewer different observations than clusters.
+    #[error("{found} different observations cannot start {expected} {what}")]
     TooFewDifferent {
         /// Number of observations that differ in known components.
         found: usize,
@@ -100,38 +111,79 @@ pub enum EmissionError {
         what: &'static str,
     },
     /// A component has the same value in all observations, so that a family is not determined.
+    #[error("component {component} is always {value}; leave it out, or give a prior: {cause}")]
     Constant {
         /// The component of the observation, from 0.
         component: usize,
         /// The value.
         value: f64,
         /// Error of the family, which names the parameter.
-        source: Box<EmissionError>,
+        cause: Box<EmissionError>,
     },
     /// An observation of several sequences is invalid.
+    #[error("sequence {sequence}, step {step}: {cause}")]
     Step {
         /// The sequence, from 0.
         sequence: usize,
         /// The step, from 1.
         step: usize,
         /// Error of the observation.
-        source: Box<EmissionError>,
+        cause: Box<EmissionError>,
     },
     /// A part of a state's mixture has an error.
+    #[error("part {part} of a mixture: {cause}")]
     Part {
         /// The part, from 0.
         part: usize,
         /// Error of the part, with the state.
-        source: Box<EmissionError>,
+        cause: Box<EmissionError>,
     },
     /// A factor of a [`Product`](super::Product) has an error that is about its own components.
+    #[error("{} of the row: {cause}", components(*.from, *.to))]
     Factor {
         /// First component of a row that belongs to the factor, from 0.
         from: usize,
         /// Component after the last that does.
         to: usize,
         /// Error of the factor, which counts its components from 0.
-        source: Box<EmissionError>,
+        cause: Box<EmissionError>,
+    },
+    /// Observations must have at least one component.
+    #[error("observations have 0 components, expected at least 1")]
+    NoComponents,
+    /// The last row is not complete.
+    #[error("{values} values are no whole number of observations with {components} components")]
+    Incomplete {
+        /// Number of values.
+        values: usize,
+        /// Number of components of an observation.
+        components: usize,
+    },
+    /// There are fewer rows than an observation with its predecessors needs.
+    #[error("{rows} rows are too few for observations with {order} predecessors")]
+    TooFewRows {
+        /// Number of rows.
+        rows: usize,
+        /// Number of predecessors.
+        order: usize,
+    },
+    /// A file cannot be opened or read.
+    #[error("{file} cannot be read: {reason}")]
+    Read {
+        /// Name of the file.
+        file: String,
+        /// Cause, in words.
+        reason: String,
+    },
+    /// A line is not valid.
+    #[error("{file}, line {line}: {problem}")]
+    Line {
+        /// Name of the file.
+        file: String,
+        /// The line, from 1.
+        line: u64,
+        /// Defect, in words.
+        problem: String,
     },
 }
 
@@ -143,10 +195,10 @@ impl EmissionError {
             Self::Observation { component, value, expected } => {
                 Self::Observation { component: from + component, value, expected }
             }
-            Self::Factor { from: inner, to, source } => {
-                Self::Factor { from: from + inner, to: from + to, source }
+            Self::Factor { from: inner, to, cause } => {
+                Self::Factor { from: from + inner, to: from + to, cause }
             }
-            other => Self::Factor { from, to, source: Box::new(other) },
+            other => Self::Factor { from, to, cause: Box::new(other) },
         }
     }
 
@@ -165,7 +217,7 @@ impl EmissionError {
             return self;
         };
         *state = Some(known.unwrap_or(at / m));
-        Self::Part { part: at % m, source: Box::new(self) }
+        Self::Part { part: at % m, cause: Box::new(self) }
     }
 
     /// Components of the family whose parameters observations do not determine, and among them
@@ -176,9 +228,9 @@ impl EmissionError {
                 let component = component.map(|component| all.start + component);
                 Some((all, component))
             }
-            Self::Part { source, .. } => source.undetermined(all),
-            Self::Factor { from, to, source } => {
-                source.undetermined(all.start + from..all.start + to)
+            Self::Part { cause, .. } => cause.undetermined(all),
+            Self::Factor { from, to, cause } => {
+                cause.undetermined(all.start + from..all.start + to)
             }
             _ => None,
         }
@@ -190,85 +242,33 @@ fn of_state(state: Option<usize>) -> String {
     state.map_or_else(String::new, |state| format!(" of state {state}"))
 }
 
+/// ", component 2,", or nothing.
+fn at(component: Option<usize>) -> String {
+    component.map_or_else(String::new, |component| format!(", component {component},"))
+}
+
+/// "component 2", or "components 2 to 4".
+fn components(from: usize, to: usize) -> String {
+    if from + 1 >= to {
+        format!("component {from}")
+    } else {
+        format!("components {from} to {}", to - 1)
+    }
+}
+
 /// A weight without the digits that rounding leaves.
 fn rounded(weight: f64) -> f64 {
     if weight < 1e-3 { weight } else { (weight * 1e6).round() / 1e6 }
 }
 
-impl fmt::Display for EmissionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty { states, components } => write!(
-                f,
-                "a family needs at least one state and one component, found {states} states and {components} components"
-            ),
-            Self::Length { what, state, found, expected } => {
-                let of = of_state(*state);
-                write!(f, "the {what}{of} has {found} values, expected {expected}")
-            }
-            Self::Parameter { what, state, component, value, expected } => {
-                write!(f, "the {what}{}", of_state(*state))?;
-                component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
-                write!(f, " is {value}, expected {expected}")
-            }
-            Self::NotPositiveDefinite { state, component } => write!(
-                f,
-                "the covariance{} is not positive definite, at component {component}",
-                of_state(*state)
-            ),
-            Self::TooFew { state, component, what, weight, reason } => {
-                write!(f, "the {what}{}", of_state(*state))?;
-                component.iter().try_for_each(|c| write!(f, ", component {c},"))?;
-                let weight = rounded(*weight);
-                write!(f, " cannot be estimated from {weight} expected observations: {reason}")
-            }
-            Self::Components { found, expected } => {
-                write!(f, "the observation has {found} components, expected {expected}")
-            }
-            Self::Norm { value } => {
-                write!(f, "the observation has length {value}, expected 1 within 1e-6")
-            }
-            Self::Observation { component, value, expected } => {
-                write!(
-                    f,
-                    "component {component} of the observation is {value}, expected {expected}"
-                )
-            }
-            Self::NoObservations => write!(f, "there are no observations"),
-            Self::AllMissing { component } => {
-                write!(f, "component {component} is missing in all observations")
-            }
-            Self::TooFewDifferent { found, expected, what } => {
-                write!(f, "{found} different observations cannot start {expected} {what}")
-            }
-            Self::Constant { component, value, source } => write!(
-                f,
-                "component {component} is always {value}; leave it out, or give a prior: {source}"
-            ),
-            Self::Step { sequence, step, source } => {
-                write!(f, "sequence {sequence}, step {step}: {source}")
-            }
-            Self::Part { part, source } => write!(f, "part {part} of a mixture: {source}"),
-            Self::Factor { from, to, source } if from + 1 >= *to => {
-                write!(f, "component {from} of the row: {source}")
-            }
-            Self::Factor { from, to, source } => {
-                write!(f, "components {from} to {} of the row: {source}", to - 1)
-            }
-        }
-    }
-}
-
-impl Error for EmissionError {}
-
 impl From<EmissionError> for LikelihoodError {
     fn from(source: EmissionError) -> Self {
-        Self::Sensor(Arc::new(source))
+        Self::sensor(source)
     }
 }
 
 impl From<EmissionError> for LearnError {
     fn from(source: EmissionError) -> Self {
-        Self::Likelihood(source.into())
+        Self::likelihood(source)
     }
 }

@@ -70,9 +70,9 @@ pub use multinomial::Multinomial;
 pub use normal::{CovarianceType, GaussianPrior};
 pub use poisson::Poisson;
 pub use product::Product;
-pub use rows::{Rows, RowsError};
+pub use rows::Rows;
 #[cfg(feature = "csv")]
-pub use series::{Series, SeriesError};
+pub use series::Series;
 #[cfg(feature = "csv")]
 pub use series_reader::SeriesReader;
 pub use start::starts;

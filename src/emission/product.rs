@@ -145,8 +145,8 @@ impl<A: Family, B: Family> Likelihood for Product<A, B> {
 
 /// Returns an error of the family of components `from` to `to` as that of the whole row.
 fn in_factor(error: LikelihoodError, from: usize, to: usize) -> LikelihoodError {
-    if let LikelihoodError::Sensor(source) = &error
-        && let Some(source) = source.downcast_ref::<EmissionError>()
+    if let LikelihoodError::Sensor(failed) = &error
+        && let Some(source) = failed.cause.downcast_ref::<EmissionError>()
     {
         return source.clone().in_factor(from, to).into();
     }

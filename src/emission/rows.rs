@@ -1,8 +1,6 @@
 //! Matrices of observations as sequences.
 
-use std::error::Error;
-use std::fmt;
-
+use super::EmissionError;
 use crate::sequence::Sequence;
 
 /// A T × d matrix, row after row, as a sequence of T observations of d numbers.
@@ -20,7 +18,7 @@ use crate::sequence::Sequence;
 /// assert_eq!(rows.steps(), 3);
 /// assert_eq!(rows.observation(2), [2.0, 20.0]);
 /// assert_eq!(rows.lagged(1)?.observation(1), [1.0, 10.0, 2.0, 20.0]);
-/// # Ok::<(), wayfix::emission::RowsError>(())
+/// # Ok::<(), wayfix::emission::EmissionError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rows<'a> {
@@ -30,56 +28,17 @@ pub struct Rows<'a> {
     stride: usize,
 }
 
-/// Values that are no matrix of observations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum RowsError {
-    /// Observations must have at least one component.
-    NoComponents,
-    /// The last row is not complete.
-    Incomplete {
-        /// Number of values.
-        values: usize,
-        /// Number of components of an observation.
-        components: usize,
-    },
-    /// There are fewer rows than an observation with its predecessors needs.
-    TooFew {
-        /// Number of rows.
-        rows: usize,
-        /// Number of predecessors.
-        order: usize,
-    },
-}
-
-impl fmt::Display for RowsError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoComponents => write!(f, "observations have 0 components, expected at least 1"),
-            Self::Incomplete { values, components } => write!(
-                f,
-                "{values} values are no whole number of observations with {components} components"
-            ),
-            Self::TooFew { rows, order } => {
-                write!(f, "{rows} rows are too few for observations with {order} predecessors")
-            }
-        }
-    }
-}
-
-impl Error for RowsError {}
-
 impl<'a> Rows<'a> {
     /// Divides values into observations of so many components. O(1).
     ///
     /// # Errors
     ///
-    /// [`RowsError`] if `components` is 0 or does not divide the number of values.
-    pub fn new(values: &'a [f64], components: usize) -> Result<Self, RowsError> {
+    /// [`EmissionError`] if `components` is 0 or does not divide the number of values.
+    pub fn new(values: &'a [f64], components: usize) -> Result<Self, EmissionError> {
         match values.len().checked_rem(components) {
-            None => Err(RowsError::NoComponents),
+            None => Err(EmissionError::NoComponents),
             Some(0) => Ok(Self { values, width: components, stride: components }),
-            Some(_) => Err(RowsError::Incomplete { values: values.len(), components }),
+            Some(_) => Err(EmissionError::Incomplete { values: values.len(), components }),
         }
     }
 
@@ -94,11 +53,11 @@ impl<'a> Rows<'a> {
     ///
     /// # Errors
     ///
-    /// [`RowsError::TooFew`] unless there are more than `order` rows.
-    pub fn lagged(self, order: usize) -> Result<Self, RowsError> {
+    /// [`EmissionError::TooFewRows`] unless there are more than `order` rows.
+    pub fn lagged(self, order: usize) -> Result<Self, EmissionError> {
         let rows = self.steps();
         if rows <= order {
-            return Err(RowsError::TooFew { rows, order });
+            return Err(EmissionError::TooFewRows { rows, order });
         }
         Ok(Self { width: self.width + order * self.stride, ..self })
     }

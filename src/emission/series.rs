@@ -1,11 +1,9 @@
 //! Series of numbers from CSV files.
 
-use std::error::Error;
-use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
-use super::{Rows, SeriesReader};
+use super::{EmissionError, Rows, SeriesReader};
 
 /// Numbers from some columns of a CSV file, a row for each observation (feature `csv`). A
 /// [`SeriesReader`] reads files that write missing values as a text, such as `NA`.
@@ -22,46 +20,13 @@ use super::{Rows, SeriesReader};
 /// let error = Series::from_csv("a\nx\n".as_bytes(), &["a"]).unwrap_err();
 /// let expected = "the input, line 2: a is \"x\", expected a finite number or nothing";
 /// assert_eq!(error.to_string(), expected);
-/// # Ok::<(), wayfix::emission::SeriesError>(())
+/// # Ok::<(), wayfix::emission::EmissionError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     pub(super) values: Vec<f64>,
     pub(super) components: usize,
 }
-
-/// A file that is no series.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum SeriesError {
-    /// A file cannot be opened or read.
-    Read {
-        /// Name of the file.
-        file: String,
-        /// Cause, in words.
-        reason: String,
-    },
-    /// A line is not valid.
-    Line {
-        /// Name of the file.
-        file: String,
-        /// The line, from 1.
-        line: u64,
-        /// Defect, in words.
-        problem: String,
-    },
-}
-
-impl fmt::Display for SeriesError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Read { file, reason } => write!(f, "{file} cannot be read: {reason}"),
-            Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),
-        }
-    }
-}
-
-impl Error for SeriesError {}
 
 impl Series {
     /// Reads the named columns of a CSV file with a header, in the order of the names. An empty
@@ -70,10 +35,10 @@ impl Series {
     ///
     /// # Errors
     ///
-    /// [`SeriesError`] with the line if a column is missing or there twice, a field is not a finite
+    /// [`EmissionError`] with the line if a column is missing or there twice, a field is not a finite
     /// number, or a line has another number of fields than the header; or if the file cannot be
     /// read.
-    pub fn from_csv_file(path: impl AsRef<Path>, columns: &[&str]) -> Result<Self, SeriesError> {
+    pub fn from_csv_file(path: impl AsRef<Path>, columns: &[&str]) -> Result<Self, EmissionError> {
         SeriesReader::new(columns).read_file(path)
     }
 
@@ -82,7 +47,7 @@ impl Series {
     /// # Errors
     ///
     /// As [`from_csv_file`](Self::from_csv_file).
-    pub fn from_csv(input: impl Read, columns: &[&str]) -> Result<Self, SeriesError> {
+    pub fn from_csv(input: impl Read, columns: &[&str]) -> Result<Self, EmissionError> {
         SeriesReader::new(columns).read(input)
     }
 

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use csv::{ByteRecord, ErrorKind, ReaderBuilder};
 
-use super::{Series, SeriesError};
+use super::{EmissionError, Series};
 
 /// Most characters of a field that an error message quotes.
 const FIELD: usize = 60;
@@ -24,7 +24,7 @@ const HEADER: usize = 600;
 /// let series = reader.read(text.as_bytes())?;
 /// assert!(series.values()[0].is_nan() && series.values()[3].is_nan());
 /// assert_eq!(series.values()[1..3], [3.5, 7.25]);
-/// # Ok::<(), wayfix::emission::SeriesError>(())
+/// # Ok::<(), wayfix::emission::EmissionError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SeriesReader {
@@ -57,11 +57,11 @@ impl SeriesReader {
     /// # Errors
     ///
     /// As [`Series::from_csv_file`].
-    pub fn read_file(&self, path: impl AsRef<Path>) -> Result<Series, SeriesError> {
+    pub fn read_file(&self, path: impl AsRef<Path>) -> Result<Series, EmissionError> {
         let file = path.as_ref().display().to_string();
         match File::open(path) {
             Ok(open) => self.rows(&file, open),
-            Err(error) => Err(SeriesError::Read { file, reason: error.to_string() }),
+            Err(error) => Err(EmissionError::Read { file, reason: error.to_string() }),
         }
     }
 
@@ -70,16 +70,19 @@ impl SeriesReader {
     /// # Errors
     ///
     /// As [`Series::from_csv_file`].
-    pub fn read(&self, input: impl Read) -> Result<Series, SeriesError> {
+    pub fn read(&self, input: impl Read) -> Result<Series, EmissionError> {
         self.rows("the input", input)
     }
 
-    fn rows(&self, file: &str, input: impl Read) -> Result<Series, SeriesError> {
-        let at =
-            |line: u64, problem: String| SeriesError::Line { file: file.to_owned(), line, problem };
+    fn rows(&self, file: &str, input: impl Read) -> Result<Series, EmissionError> {
+        let at = |line: u64, problem: String| EmissionError::Line {
+            file: file.to_owned(),
+            line,
+            problem,
+        };
         let failed = |error: csv::Error| match error.kind() {
             ErrorKind::Io(error) => {
-                SeriesError::Read { file: file.to_owned(), reason: error.to_string() }
+                EmissionError::Read { file: file.to_owned(), reason: error.to_string() }
             }
             _ => at(error.position().map_or(1, csv::Position::line), error.to_string()),
         };

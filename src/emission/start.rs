@@ -115,7 +115,7 @@ where
         for step in 1..=observations.steps() {
             let row = observations.observation(step);
             if let Err(source) = family.diagonal(row, &mut scratch) {
-                let source = InferenceError::Likelihood { step, source };
+                let source = InferenceError::likelihood(step, source);
                 return Err(SequenceError { sequence, source }.into());
             }
             is_missing.resize(row.len(), true);
@@ -124,9 +124,7 @@ where
     }
     match is_missing.iter().position(|is_missing| *is_missing) {
         None => Ok(()),
-        Some(component) => {
-            Err(LearnError::Likelihood(EmissionError::AllMissing { component }.into()))
-        }
+        Some(component) => Err(LearnError::likelihood(EmissionError::AllMissing { component })),
     }
 }
 
@@ -141,7 +139,7 @@ where
     R: Rng + ?Sized,
 {
     let n = family.states();
-    let wrong = |error: EmissionError| LearnError::Likelihood(error.into());
+    let wrong = |error: EmissionError| LearnError::likelihood(error);
     let clusters = Clusters::new(sequences, n, rng).map_err(|error| match error {
         EmissionError::TooFewDifferent { found, expected, .. } => {
             wrong(EmissionError::TooFewDifferent { found, expected, what: "states" })
@@ -155,7 +153,7 @@ where
     let observations = ClusteredObservations::new(n, observations);
     let likelihood = family
         .start(&observations, rng)
-        .map_err(|error| LearnError::Likelihood(observations.explain(error)))?;
+        .map_err(|error| LearnError::likelihood(observations.explain(error)))?;
     let mut moves = vec![1.0; n * n];
     for (sequence, labels) in sequences.iter().zip(labels) {
         // An observation without a known component tells nothing of its state.

@@ -1,20 +1,18 @@
 //! Errors of inference on sequences.
 
-use std::error::Error;
-use std::fmt;
-
-use super::{LikelihoodError, TransitionError};
+use super::{At, LikelihoodError, TransitionError};
 
 /// A failure of inference at a step.
 ///
 /// Steps are counted from 1: step k is about observation `y_k`, which is
 /// `ys[k - 1]` of a batch.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum InferenceError {
     /// The observation has probability 0 given all earlier ones. In a model with
     /// [rounded tails](crate::Hmm::with_rounded_tails) this includes probabilities that were
     /// rounded to 0, being below 2.2e-308 of the whole.
+    #[error("the observation of step {step} is impossible under the model")]
     Impossible {
         /// The step, from 1.
         step: usize,
@@ -22,32 +20,29 @@ pub enum InferenceError {
     /// The [likelihood](crate::Transition::evidence) of what was measured on the way to the step
     /// is 0 for all moves from the states that the belief allows. If the observation of the step is
     /// impossible or invalid, too, some routines name that instead: they look at it first.
+    #[error("what was measured on the way to step {step} is impossible under the model")]
     ImpossibleMove {
         /// The step, from 1.
         step: usize,
     },
     /// The observation is impossible in all states that a pruned algorithm still tracks, though
     /// perhaps not in a state that was pruned.
+    #[error("the observation of step {step} is impossible in all states that were not pruned")]
     Pruned {
         /// The step, from 1.
         step: usize,
     },
     /// The likelihood could not be computed, or is invalid.
-    Likelihood {
-        /// The step, from 1.
-        step: usize,
-        /// Cause.
-        source: LikelihoodError,
-    },
+    #[error(transparent)]
+    Likelihood(At<LikelihoodError>),
     /// The transition operator does not accept the control.
-    Control {
-        /// The step, from 1.
-        step: usize,
-        /// Cause.
-        source: TransitionError,
-    },
+    #[error(transparent)]
+    Control(At<TransitionError>),
     /// The transition operator returned a value that is not a probability, so it violates its
     /// contract.
+    #[error(
+        "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
+    )]
     Predicted {
         /// The step, from 1.
         step: usize,
@@ -58,6 +53,9 @@ pub enum InferenceError {
     },
     /// The log factor of [evidence on a move](crate::Transition::evidence) is NaN, or above 1e300
     /// in magnitude.
+    #[error(
+        "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300"
+    )]
     EvidenceFactor {
         /// The step, from 1.
         step: usize,
@@ -67,12 +65,18 @@ pub enum InferenceError {
     /// The control of a step to be simulated is [evidence on the
     /// move](crate::Transition::evidence): a measurement depends on the states, and cannot be
     /// given before they are drawn.
+    #[error(
+        "the control of step {step} is evidence on the move, which a simulation cannot be given"
+    )]
     SimulatedEvidence {
         /// The step, from 1.
         step: usize,
     },
     /// The predicted probabilities do not sum to one: the transition operator violates its
     /// contract, or its products and entries are not those of one matrix.
+    #[error(
+        "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
+    )]
     PredictedSum {
         /// The step, from 1.
         step: usize,
@@ -81,11 +85,13 @@ pub enum InferenceError {
     },
     /// The filter has taken as many steps as a snapshot can count: 2^53, or fewer where a `usize`
     /// has 32 bits.
+    #[error("{steps} steps have been taken, the most that can be counted")]
     TooMany {
         /// Number of steps taken.
         steps: usize,
     },
     /// A batch has a different number of controls than of observations.
+    #[error("{controls} controls for {observations} observations, expected one each")]
     ControlCount {
         /// Number of controls.
         controls: usize,
@@ -93,6 +99,7 @@ pub enum InferenceError {
         observations: usize,
     },
     /// A snapshot or a belief has another number of states than the model.
+    #[error("the {what} has {found} states, expected {expected} as the model")]
     StateCount {
         /// "snapshot" or "belief".
         what: &'static str,
@@ -103,6 +110,9 @@ pub enum InferenceError {
     },
     /// A log-likelihood, or the log weight of a move, of a [`Trellis`](crate::inference::Trellis)
     /// is NaN, or finite and beyond ±1e300, or +∞.
+    #[error(
+        "step {step} of the trellis has the logarithm {value}, expected a value from -1e300 to 1e300, or -inf"
+    )]
     TrellisValue {
         /// The step, from 1.
         step: usize,
@@ -110,6 +120,9 @@ pub enum InferenceError {
         value: f64,
     },
     /// A move of a [`Trellis`](crate::inference::Trellis) comes from a state that does not exist.
+    #[error(
+        "step {step} of the trellis has a move from state {from}, expected one of the {states} of the step before"
+    )]
     TrellisState {
         /// The step to which the move leads, from 1.
         step: usize,
@@ -119,77 +132,18 @@ pub enum InferenceError {
         states: usize,
     },
     /// A state was added to a [`Trellis`](crate::inference::Trellis) before its first step.
+    #[error("the trellis has no step yet, expected one before the first state")]
     TrellisStep,
 }
 
-impl fmt::Display for InferenceError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Impossible { step } => {
-                write!(f, "the observation of step {step} is impossible under the model")
-            }
-            Self::ImpossibleMove { step } => {
-                write!(
-                    f,
-                    "what was measured on the way to step {step} is impossible under the model"
-                )
-            }
-            Self::EvidenceFactor { step, value } => write!(
-                f,
-                "at step {step} the transition operator gives the log factor {value} for the evidence on the move, expected a value from -1e300 to 1e300"
-            ),
-            Self::SimulatedEvidence { step } => write!(
-                f,
-                "the control of step {step} is evidence on the move, which a simulation cannot be given"
-            ),
-            Self::Pruned { step } => write!(
-                f,
-                "the observation of step {step} is impossible in all states that were not pruned"
-            ),
-            Self::Likelihood { step, source } => {
-                write!(f, "step {step} has no valid likelihood: {source}")
-            }
-            Self::Control { step, source } => {
-                write!(f, "step {step} has no valid control: {source}")
-            }
-            Self::Predicted { step, state, value } => write!(
-                f,
-                "at step {step} the transition operator predicts {value} for state {state}, expected a probability"
-            ),
-            Self::PredictedSum { step, sum } => write!(
-                f,
-                "at step {step} the transition operator gives probabilities that sum to {sum}, expected 1; do its products and entries belong together?"
-            ),
-            Self::TooMany { steps } => {
-                write!(f, "{steps} steps have been taken, the most that can be counted")
-            }
-            Self::ControlCount { controls, observations } => {
-                write!(f, "{controls} controls for {observations} observations, expected one each")
-            }
-            Self::StateCount { what, found, expected } => {
-                write!(f, "the {what} has {found} states, expected {expected} as the model")
-            }
-            Self::TrellisValue { step, value } => write!(
-                f,
-                "step {step} of the trellis has the logarithm {value}, expected a value from -1e300 to 1e300, or -inf"
-            ),
-            Self::TrellisState { step, from, states } => write!(
-                f,
-                "step {step} of the trellis has a move from state {from}, expected one of the {states} of the step before"
-            ),
-            Self::TrellisStep => {
-                write!(f, "the trellis has no step yet, expected one before the first state")
-            }
-        }
+impl InferenceError {
+    /// A step whose likelihood could not be computed, or is invalid.
+    pub(crate) fn likelihood(step: usize, cause: LikelihoodError) -> Self {
+        Self::Likelihood(At::new(&["step ", " has no valid likelihood"], step, cause))
     }
-}
 
-impl Error for InferenceError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Likelihood { source, .. } => source.source(),
-            Self::Control { source, .. } => source.source(),
-            _ => None,
-        }
+    /// A step whose control the transition operator does not accept.
+    pub(crate) fn control(step: usize, cause: TransitionError) -> Self {
+        Self::Control(At::new(&["step ", " has no valid control"], step, cause))
     }
 }

@@ -2,8 +2,11 @@
 
 use std::error::Error;
 use std::fmt;
+use std::sync::Arc;
 
-use super::{BeliefError, HmmError, InferenceError, TableError, TransitionError};
+use super::{
+    At, BeliefError, Failed, HmmError, InferenceError, Parameter, TableError, TransitionError,
+};
 
 /// A failed sequence among several, with the cause.
 #[derive(Debug, Clone)]
@@ -28,28 +31,30 @@ impl Error for SequenceError {
 }
 
 /// A failure of learning.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LearnError {
-    /// There is no observation to learn from: no sequence was given, all are empty, or
-    /// those that are not have all failed.
+    /// There is no observation to learn from: no sequence was given, or all are empty.
+    #[error("there is no observation to learn from, in {sequences} sequences given")]
     Nothing {
         /// Number of sequences given.
         sequences: usize,
-        /// The first failure, if any.
-        first: Option<SequenceError>,
     },
+    /// There is no observation to learn from, since the sequences that have one have all failed.
+    /// The number is that of the sequences given, the cause the first failure.
+    #[error(transparent)]
+    AllFailed(At<SequenceError>),
     /// A sequence (or labelled drive) is invalid.
-    Sequence(SequenceError),
+    #[error(transparent)]
+    Sequence(#[from] SequenceError),
     /// A number in [`LearningOptions`](crate::inference::LearningOptions) is NaN, negative or
     /// infinite.
-    Parameter {
-        /// Name of the number.
-        what: &'static str,
-        /// Value found.
-        value: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// There are fewer sequences than groups (folds, say) to divide them into, or one group.
+    #[error(
+        "{sequences} sequences cannot be divided into {groups} groups, expected 2 groups or more, of at least a sequence each: cut long sequences into pieces"
+    )]
     Groups {
         /// Number of groups asked for.
         groups: usize,
@@ -57,6 +62,7 @@ pub enum LearnError {
         sequences: usize,
     },
     /// A labelled drive does not have one state per observation.
+    #[error("drive {drive} has {states} states for {observations} observations, expected one each")]
     Length {
         /// The drive, from 0.
         drive: usize,
@@ -66,6 +72,7 @@ pub enum LearnError {
         observations: usize,
     },
     /// A labelled drive is in a state that does not exist.
+    #[error("drive {drive} is in state {state} at step {step}, expected 0 to {}", .states - 1)]
     State {
         /// The drive, from 0.
         drive: usize,
@@ -77,6 +84,7 @@ pub enum LearnError {
         states: usize,
     },
     /// A labelled drive starts in a state with prior probability 0.
+    #[error("drive {drive} starts in state {state}, which the prior rules out")]
     Start {
         /// The drive, from 0.
         drive: usize,
@@ -84,6 +92,9 @@ pub enum LearnError {
         state: usize,
     },
     /// A labelled drive makes a move that the transition operator forbids.
+    #[error(
+        "drive {drive} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
+    )]
     Forbidden {
         /// The drive, from 0.
         drive: usize,
@@ -95,6 +106,9 @@ pub enum LearnError {
         to: usize,
     },
     /// A labelled drive has an observation that is impossible in its state.
+    #[error(
+        "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
+    )]
     Sighting {
         /// The drive, from 0.
         drive: usize,
@@ -104,6 +118,7 @@ pub enum LearnError {
         state: usize,
     },
     /// Expectations are those of another model.
+    #[error("the expectations are of {found} {what}, the model has {expected}")]
     Expectations {
         /// Name of the things that are counted.
         what: &'static str,
@@ -113,15 +128,22 @@ pub enum LearnError {
         expected: usize,
     },
     /// The prior could not be estimated.
+    #[error("the prior cannot be estimated: {0}")]
     Prior(BeliefError),
     /// The transition operator could not be estimated.
+    #[error("the transition operator cannot be estimated: {0}")]
     Transition(TransitionError),
     /// The sensor could not be estimated.
-    Likelihood(Box<dyn Error + Send + Sync>),
+    #[error(transparent)]
+    Likelihood(Failed<Arc<dyn Error + Send + Sync>>),
     /// The estimated parts do not fit together.
-    Hmm(HmmError),
+    #[error(transparent)]
+    Hmm(#[from] HmmError),
     /// The log-density of the priors is not finite at parameters that were learned: a prior rules
     /// out what it led to, or its numbers are too large or too small.
+    #[error(
+        "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?"
+    )]
     LogPrior {
         /// Number of the iteration, from 1.
         iteration: usize,
@@ -130,6 +152,9 @@ pub enum LearnError {
     },
     /// The objective decreased by more than rounding explains: a part's re-estimation does not
     /// maximise it.
+    #[error(
+        "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)"
+    )]
     Fell {
         /// Number of the iteration, from 1.
         iteration: usize,
@@ -140,79 +165,20 @@ pub enum LearnError {
     },
 }
 
-impl fmt::Display for LearnError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Nothing { sequences, first } => {
-                write!(f, "there is no observation to learn from, in {sequences} sequences given")?;
-                first.iter().try_for_each(|first| write!(f, ": {first}"))
-            }
-            Self::Sequence(error) => fmt::Display::fmt(error, f),
-            Self::Parameter { what, value } => {
-                write!(f, "the {what} is {value}, expected a finite value of at least 0")
-            }
-            Self::Groups { groups, sequences } => write!(
-                f,
-                "{sequences} sequences cannot be divided into {groups} groups, expected 2 groups or more, of at least a sequence each: cut long sequences into pieces"
-            ),
-            Self::Length { drive, states, observations } => write!(
-                f,
-                "drive {drive} has {states} states for {observations} observations, expected one each"
-            ),
-            Self::State { drive, step, state, states } => write!(
-                f,
-                "drive {drive} is in state {state} at step {step}, expected 0 to {}",
-                states - 1
-            ),
-            Self::Start { drive, state } => {
-                write!(f, "drive {drive} starts in state {state}, which the prior rules out")
-            }
-            Self::Forbidden { drive, step, from, to } => write!(
-                f,
-                "drive {drive} moves from state {from} to state {to} at step {step}, which the transition operator forbids"
-            ),
-            Self::Sighting { drive, step, state } => write!(
-                f,
-                "drive {drive} is in state {state} at step {step}, where the sensor rules its observation out"
-            ),
-            Self::Expectations { what, found, expected } => {
-                write!(f, "the expectations are of {found} {what}, the model has {expected}")
-            }
-            Self::Prior(source) => write!(f, "the prior cannot be estimated: {source}"),
-            Self::Transition(source) => {
-                write!(f, "the transition operator cannot be estimated: {source}")
-            }
-            Self::Likelihood(source) => write!(f, "the sensor cannot be estimated: {source}"),
-            Self::Hmm(error) => fmt::Display::fmt(error, f),
-            Self::LogPrior { iteration, value } => write!(
-                f,
-                "the log-density of the priors is {value} after re-estimation {iteration}, expected a finite value: are the numbers of a prior too large or too small?"
-            ),
-            Self::Fell { iteration, before, after } => write!(
-                f,
-                "re-estimation {iteration} makes the objective fall from {before} to {after}: a part does not maximise it (is a floor or bound missing in its prior?)"
-            ),
+impl LearnError {
+    /// Sequences of which none could be learned from; `first` is the first failure, if any.
+    pub(crate) fn nothing(sequences: usize, first: Option<SequenceError>) -> Self {
+        let words = &["there is no observation to learn from, in ", " sequences given"];
+        match first {
+            None => Self::Nothing { sequences },
+            Some(first) => Self::AllFailed(At::new(words, sequences, first)),
         }
     }
-}
 
-impl Error for LearnError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Nothing { first: Some(first), .. } => first.source(),
-            Self::Sequence(source) => source.source(),
-            Self::Prior(source) => source.source(),
-            Self::Transition(source) => source.source(),
-            Self::Likelihood(source) => source.source(),
-            Self::Hmm(source) => source.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<SequenceError> for LearnError {
-    fn from(source: SequenceError) -> Self {
-        Self::Sequence(source)
+    /// A sensor that could not be estimated.
+    pub(crate) fn likelihood(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        let what = "the sensor cannot be estimated";
+        Self::Likelihood(Failed { what, cause: Arc::from(error.into()) })
     }
 }
 
@@ -230,12 +196,6 @@ impl From<TransitionError> for LearnError {
 
 impl From<TableError> for LearnError {
     fn from(source: TableError) -> Self {
-        Self::Likelihood(Box::new(source))
-    }
-}
-
-impl From<HmmError> for LearnError {
-    fn from(source: HmmError) -> Self {
-        Self::Hmm(source)
+        Self::likelihood(source)
     }
 }

@@ -1,14 +1,16 @@
 //! Errors of likelihood operators.
 
 use std::error::Error;
-use std::fmt;
 use std::sync::Arc;
 
+use super::{Failed, Parameter};
+
 /// A likelihood that could not be computed or is invalid.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum LikelihoodError {
     /// A likelihood (or log-likelihood) is out of range.
+    #[error("state {state} has {kind} {value}, expected {expected}")]
     Value {
         /// The state, from 0.
         state: usize,
@@ -20,11 +22,10 @@ pub enum LikelihoodError {
         expected: &'static str,
     },
     /// The common log factor is NaN, or above 1e300 in magnitude.
-    LogFactor {
-        /// Value found.
-        value: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// The diagonal, or a vector given as an observation, does not have one value per state.
+    #[error("the likelihood has {found} values, expected one for each of {expected} states")]
     WrongLength {
         /// Number of values found.
         found: usize,
@@ -32,6 +33,7 @@ pub enum LikelihoodError {
         expected: usize,
     },
     /// The table does not have the symbol.
+    #[error("symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})", .symbols.saturating_sub(1))]
     Symbol {
         /// The symbol, from 0.
         symbol: usize,
@@ -39,6 +41,7 @@ pub enum LikelihoodError {
         symbols: usize,
     },
     /// The bound on the likelihoods of unlisted states is out of range.
+    #[error("the {kind} of states not listed is bounded by {value}, expected {expected}")]
     Bound {
         /// "likelihood" or "log-likelihood".
         kind: &'static str,
@@ -48,11 +51,13 @@ pub enum LikelihoodError {
         expected: &'static str,
     },
     /// A state is listed twice in an observation.
+    #[error("state {state} is listed twice")]
     Twice {
         /// The state, from 0.
         state: usize,
     },
     /// An observation lists a state that does not exist.
+    #[error("the observation lists state {state}, but there are {states} states (0 to {})", .states.saturating_sub(1))]
     Listed {
         /// The state, from 0.
         state: usize,
@@ -60,7 +65,8 @@ pub enum LikelihoodError {
         states: usize,
     },
     /// A sensor failed; those defined outside this crate make it by [`sensor`](Self::sensor).
-    Sensor(Arc<dyn Error + Send + Sync>),
+    #[error(transparent)]
+    Sensor(Failed<Arc<dyn Error + Send + Sync>>),
 }
 
 impl LikelihoodError {
@@ -73,48 +79,6 @@ impl LikelihoodError {
     /// assert_eq!(error.to_string(), "the sensor failed: the image has no pixels");
     /// ```
     pub fn sensor(error: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
-        Self::Sensor(Arc::from(error.into()))
-    }
-}
-
-impl fmt::Display for LikelihoodError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Value { state, kind, value, expected } => {
-                write!(f, "state {state} has {kind} {value}, expected {expected}")
-            }
-            Self::LogFactor { value } => {
-                write!(f, "the log factor is {value}, expected a value from -1e300 to 1e300")
-            }
-            Self::WrongLength { found, expected } => write!(
-                f,
-                "the likelihood has {found} values, expected one for each of {expected} states"
-            ),
-            Self::Symbol { symbol, symbols } => write!(
-                f,
-                "symbol {symbol} does not exist, the table has {symbols} symbols (0 to {})",
-                symbols.saturating_sub(1)
-            ),
-            Self::Bound { kind, value, expected } => write!(
-                f,
-                "the {kind} of states not listed is bounded by {value}, expected {expected}"
-            ),
-            Self::Twice { state } => write!(f, "state {state} is listed twice"),
-            Self::Listed { state, states } => write!(
-                f,
-                "the observation lists state {state}, but there are {states} states (0 to {})",
-                states.saturating_sub(1)
-            ),
-            Self::Sensor(source) => write!(f, "the sensor failed: {source}"),
-        }
-    }
-}
-
-impl Error for LikelihoodError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Sensor(source) => source.source(),
-            _ => None,
-        }
+        Self::Sensor(Failed { what: "the sensor failed", cause: Arc::from(error.into()) })
     }
 }

@@ -1,15 +1,16 @@
 //! Errors of reading a snapshot from bytes.
 
-use std::error::Error;
-use std::fmt;
+use super::Count;
 
 /// Bytes that are not a valid snapshot.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SnapshotError {
     /// The bytes do not begin with the header of a snapshot.
+    #[error("the bytes do not begin as those of a snapshot")]
     Format,
     /// The bytes are a snapshot of another type.
+    #[error("the bytes are of type {found}, expected {expected}")]
     Kind {
         /// Name of the type found, or "unknown".
         found: &'static str,
@@ -17,6 +18,7 @@ pub enum SnapshotError {
         expected: &'static str,
     },
     /// The bytes are in another version of the format.
+    #[error("the bytes are of version {found}, expected {expected}")]
     Version {
         /// Version found.
         found: u8,
@@ -24,6 +26,7 @@ pub enum SnapshotError {
         expected: u8,
     },
     /// Some bytes are changed or missing: the checksum does not match.
+    #[error("the bytes are damaged: their sum is {found:#x}, expected {expected:#x}")]
     Checksum {
         /// Checksum of the bytes.
         found: u64,
@@ -31,6 +34,7 @@ pub enum SnapshotError {
         expected: u64,
     },
     /// The bytes end too early.
+    #[error("the snapshot ends after {found} bytes, expected at least {expected}")]
     Length {
         /// Number of bytes found.
         found: usize,
@@ -38,45 +42,18 @@ pub enum SnapshotError {
         expected: usize,
     },
     /// There are bytes after the end of the snapshot.
-    Trailing {
-        /// Number of these bytes.
-        bytes: usize,
-    },
+    #[error(transparent)]
+    Trailing(Count),
     /// The control of a past step could not be read.
+    #[error("the control of past step {index} could not be read")]
     Control {
         /// Index of the past step, from 0.
         index: usize,
     },
     /// The numbers are not a valid state of a stream.
+    #[error("{reason}")]
     Contents {
         /// The invalid number, with the valid values.
         reason: String,
     },
 }
-
-impl fmt::Display for SnapshotError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Format => write!(f, "the bytes do not begin as those of a snapshot"),
-            Self::Kind { found, expected } => {
-                write!(f, "the bytes are of type {found}, expected {expected}")
-            }
-            Self::Version { found, expected } => {
-                write!(f, "the bytes are of version {found}, expected {expected}")
-            }
-            Self::Checksum { found, expected } => {
-                write!(f, "the bytes are damaged: their sum is {found:#x}, expected {expected:#x}")
-            }
-            Self::Length { found, expected } => {
-                write!(f, "the snapshot ends after {found} bytes, expected at least {expected}")
-            }
-            Self::Trailing { bytes } => write!(f, "{bytes} bytes after the snapshot, expected 0"),
-            Self::Control { index } => {
-                write!(f, "the control of past step {index} could not be read")
-            }
-            Self::Contents { reason } => write!(f, "{reason}"),
-        }
-    }
-}
-
-impl Error for SnapshotError {}

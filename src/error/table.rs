@@ -1,13 +1,13 @@
 //! Errors of likelihood tables.
 
-use std::error::Error;
-use std::fmt;
-
 /// An invalid table of observation probabilities.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TableError {
     /// There are no states or no symbols.
+    #[error(
+        "a table needs at least one state and one symbol, found {states} states and {symbols} symbols"
+    )]
     Empty {
         /// Number of states.
         states: usize,
@@ -15,6 +15,7 @@ pub enum TableError {
         symbols: usize,
     },
     /// The rows differ in length.
+    #[error("the row of state {state} has {found} values, expected {expected} as state 0")]
     RowLength {
         /// The state, from 0.
         state: usize,
@@ -24,6 +25,9 @@ pub enum TableError {
         expected: usize,
     },
     /// A probability is NaN, negative or infinite.
+    #[error(
+        "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
+    )]
     Entry {
         /// The state, from 0.
         state: usize,
@@ -33,6 +37,9 @@ pub enum TableError {
         value: f64,
     },
     /// The likelihood of the states that a symbol does not list is NaN, negative or infinite.
+    #[error(
+        "states that symbol {symbol} does not list show it with probability {value}, expected a finite value of at least 0"
+    )]
     Elsewhere {
         /// The symbol, from 0.
         symbol: usize,
@@ -40,6 +47,7 @@ pub enum TableError {
         value: f64,
     },
     /// A symbol lists a state twice.
+    #[error("symbol {symbol} lists state {state} twice")]
     Twice {
         /// The symbol, from 0.
         symbol: usize,
@@ -47,6 +55,7 @@ pub enum TableError {
         state: usize,
     },
     /// A symbol lists a state that does not exist.
+    #[error("symbol {symbol} lists state {state}, but there are {states} states (0 to {})", .states.saturating_sub(1))]
     Listed {
         /// The symbol, from 0.
         symbol: usize,
@@ -56,6 +65,7 @@ pub enum TableError {
         states: usize,
     },
     /// The probabilities of a state's symbols do not sum to one.
+    #[error("the probabilities of what state {state} shows sum to {sum}, expected 1")]
     RowSum {
         /// The state, from 0.
         state: usize,
@@ -63,39 +73,3 @@ pub enum TableError {
         sum: f64,
     },
 }
-
-impl fmt::Display for TableError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty { states, symbols } => write!(
-                f,
-                "a table needs at least one state and one symbol, found {states} states and {symbols} symbols"
-            ),
-            Self::RowLength { state, found, expected } => write!(
-                f,
-                "the row of state {state} has {found} values, expected {expected} as state 0"
-            ),
-            Self::Entry { state, symbol, value } => write!(
-                f,
-                "state {state} shows symbol {symbol} with probability {value}, expected a finite value of at least 0"
-            ),
-            Self::Elsewhere { symbol, value } => write!(
-                f,
-                "states that symbol {symbol} does not list show it with probability {value}, expected a finite value of at least 0"
-            ),
-            Self::Twice { symbol, state } => {
-                write!(f, "symbol {symbol} lists state {state} twice")
-            }
-            Self::Listed { symbol, state, states } => write!(
-                f,
-                "symbol {symbol} lists state {state}, but there are {states} states (0 to {})",
-                states.saturating_sub(1)
-            ),
-            Self::RowSum { state, sum } => {
-                write!(f, "the probabilities of what state {state} shows sum to {sum}, expected 1")
-            }
-        }
-    }
-}
-
-impl Error for TableError {}

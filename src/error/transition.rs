@@ -1,15 +1,16 @@
 //! Errors of transition operators.
 
-use std::error::Error;
-use std::fmt;
+use super::Parameter;
 
 /// An invalid transition operator, or a control that it does not accept.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TransitionError {
     /// There are no states.
+    #[error("a transition operator needs at least one state, found none")]
     Empty,
     /// The matrix is not square.
+    #[error("the transition matrix has {rows} rows and {columns} columns, expected a square one")]
     NotSquare {
         /// Rows found.
         rows: usize,
@@ -17,6 +18,7 @@ pub enum TransitionError {
         columns: usize,
     },
     /// The slice does not hold n × n values.
+    #[error("{found} values given for {states} states, expected {} (states squared)", .states.saturating_mul(*.states))]
     WrongLength {
         /// Number of states, n.
         states: usize,
@@ -24,6 +26,7 @@ pub enum TransitionError {
         found: usize,
     },
     /// A row does not have one value per state.
+    #[error("row {row} has {found} values, expected {expected}, as many as rows")]
     RowLength {
         /// The row, from 0.
         row: usize,
@@ -33,6 +36,9 @@ pub enum TransitionError {
         expected: usize,
     },
     /// A probability is NaN, negative or infinite.
+    #[error(
+        "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
+    )]
     Entry {
         /// Destination state (row of A).
         to: usize,
@@ -42,6 +48,7 @@ pub enum TransitionError {
         value: f64,
     },
     /// An entry names a state that does not exist.
+    #[error("the transition from state {from} to state {to} is out of range, there are {states} states (0 to {})", .states.saturating_sub(1))]
     OutOfRange {
         /// Destination state.
         to: usize,
@@ -51,6 +58,7 @@ pub enum TransitionError {
         states: usize,
     },
     /// An entry is given twice.
+    #[error("the transition from state {from} to state {to} is given twice")]
     Duplicate {
         /// Destination state.
         to: usize,
@@ -58,6 +66,7 @@ pub enum TransitionError {
         from: usize,
     },
     /// The probabilities of the transitions out of a state (a column) do not sum to one.
+    #[error("column {column} (the transitions out of state {column}) sums to {sum}, expected 1")]
     ColumnSum {
         /// Source state.
         column: usize,
@@ -65,6 +74,9 @@ pub enum TransitionError {
         sum: f64,
     },
     /// The columns do not sum to one but the rows do: the matrix is probably transposed.
+    #[error(
+        "column {column} (the transitions out of state {column}) sums to {sum}, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)"
+    )]
     RowsSumToOne {
         /// Source state.
         column: usize,
@@ -72,6 +84,9 @@ pub enum TransitionError {
         sum: f64,
     },
     /// A weight is NaN, negative or infinite.
+    #[error(
+        "the transition from state {from} to state {to} has weight {value}, expected a finite value of at least 0"
+    )]
     Weight {
         /// Destination state.
         to: usize,
@@ -81,11 +96,15 @@ pub enum TransitionError {
         value: f64,
     },
     /// All transitions out of a state have weight 0.
+    #[error(
+        "column {column} (the transitions out of state {column}) has no weight above 0, expected at least one"
+    )]
     NoWeight {
         /// Source state.
         column: usize,
     },
     /// The products with A and with A' are not those of one matrix and its transpose.
+    #[error("v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ")]
     Transpose {
         /// v' (A u), by the product with A.
         forward: f64,
@@ -93,6 +112,9 @@ pub enum TransitionError {
         backward: f64,
     },
     /// A move that was observed or expected is not allowed by the operator.
+    #[error(
+        "the move from state {from} to state {to} is forbidden, the transition operator has no such entry"
+    )]
     Forbidden {
         /// Destination state.
         to: usize,
@@ -100,6 +122,7 @@ pub enum TransitionError {
         from: usize,
     },
     /// There are more states or entries than 32-bit indices can address.
+    #[error("{count} {what}, expected at most 4294967295 (32-bit indices)")]
     TooMany {
         /// Name of the counted items, such as "states" or "entries".
         what: &'static str,
@@ -107,6 +130,7 @@ pub enum TransitionError {
         count: usize,
     },
     /// The operators of a family differ in their number of states.
+    #[error("operator {operator} has {found} states, expected {expected} as operator 0")]
     StateCount {
         /// Index of the operator, from 0.
         operator: usize,
@@ -116,15 +140,10 @@ pub enum TransitionError {
         expected: usize,
     },
     /// A parameter of the operator is out of range.
-    Parameter {
-        /// Name of the parameter.
-        what: String,
-        /// Value found.
-        value: f64,
-        /// Valid values, in words.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A part of the operator has another number of states than the operator it is built on.
+    #[error("the {part} has {found} states, expected {expected} as the operator within")]
     PartStates {
         /// Name of the part.
         part: &'static str,
@@ -134,78 +153,6 @@ pub enum TransitionError {
         expected: usize,
     },
     /// The operator does not accept the control.
+    #[error("{0}")]
     Control(String),
 }
-
-impl fmt::Display for TransitionError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty => write!(f, "a transition operator needs at least one state, found none"),
-            Self::NotSquare { rows, columns } => write!(
-                f,
-                "the transition matrix has {rows} rows and {columns} columns, expected a square one"
-            ),
-            Self::WrongLength { states, found } => write!(
-                f,
-                "{found} values given for {states} states, expected {} (states squared)",
-                states.saturating_mul(*states)
-            ),
-            Self::RowLength { row, found, expected } => {
-                write!(f, "row {row} has {found} values, expected {expected}, as many as rows")
-            }
-            Self::Entry { to, from, value } => write!(
-                f,
-                "the transition from state {from} to state {to} has probability {value}, expected a finite value of at least 0"
-            ),
-            Self::OutOfRange { to, from, states } => write!(
-                f,
-                "the transition from state {from} to state {to} is out of range, there are {states} states (0 to {})",
-                states.saturating_sub(1)
-            ),
-            Self::Duplicate { to, from } => {
-                write!(f, "the transition from state {from} to state {to} is given twice")
-            }
-            Self::ColumnSum { column, sum } => write!(
-                f,
-                "column {column} (the transitions out of state {column}) sums to {sum}, expected 1"
-            ),
-            Self::RowsSumToOne { column, sum } => write!(
-                f,
-                "column {column} (the transitions out of state {column}) sums to {sum}, expected 1, but the rows sum to one: transpose, so that the entry at row i and column j is p(to i | from j)"
-            ),
-            Self::Weight { to, from, value } => write!(
-                f,
-                "the transition from state {from} to state {to} has weight {value}, expected a finite value of at least 0"
-            ),
-            Self::NoWeight { column } => write!(
-                f,
-                "column {column} (the transitions out of state {column}) has no weight above 0, expected at least one"
-            ),
-            Self::Transpose { forward, backward } => write!(
-                f,
-                "v' (A u) is {forward} but u' (A' v) is {backward}: apply and apply_transpose differ"
-            ),
-            Self::Forbidden { to, from } => write!(
-                f,
-                "the move from state {from} to state {to} is forbidden, the transition operator has no such entry"
-            ),
-            Self::TooMany { what, count } => {
-                write!(f, "{count} {what}, expected at most 4294967295 (32-bit indices)")
-            }
-            Self::StateCount { operator, found, expected } => write!(
-                f,
-                "operator {operator} has {found} states, expected {expected} as operator 0"
-            ),
-            Self::Parameter { what, value, expected } => {
-                write!(f, "{what} is {value}, expected {expected}")
-            }
-            Self::PartStates { part, found, expected } => write!(
-                f,
-                "the {part} has {found} states, expected {expected} as the operator within"
-            ),
-            Self::Control(reason) => f.write_str(reason),
-        }
-    }
-}
-
-impl Error for TransitionError {}

@@ -2,6 +2,7 @@
 
 use super::EvaluationError;
 use crate::belief::SUM_TOLERANCE;
+use crate::error::Parameter;
 
 pub(super) fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), EvaluationError> {
     let (truth, estimated) = (truth.len(), estimates.len());
@@ -9,7 +10,11 @@ pub(super) fn check_lengths<T, E>(truth: &[T], estimates: &[E]) -> Result<(), Ev
 }
 
 pub(super) fn check_level(level: f64) -> Result<(), EvaluationError> {
-    if (0.0..=1.0).contains(&level) { Ok(()) } else { Err(EvaluationError::Level { level }) }
+    if (0.0..=1.0).contains(&level) {
+        Ok(())
+    } else {
+        Err(Parameter::new("the level", level, "a value from 0 to 1").into())
+    }
 }
 
 /// Checks probabilities. As in beliefs, a sum may lie above one by rounding.

@@ -2,16 +2,14 @@
 
 use std::ops::RangeInclusive;
 
-use std::error::Error;
-use std::fmt;
-
-use crate::error::TransitionError;
+use crate::error::{At, Parameter, TransitionError};
 
 /// Estimates that cannot be scored.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvaluationError {
     /// Truth and estimates, or path and controls, differ in length.
+    #[error("{estimated} estimates or controls for {truth} states, expected one each")]
     Length {
         /// States given.
         truth: usize,
@@ -19,15 +17,13 @@ pub enum EvaluationError {
         estimated: usize,
     },
     /// There are no states to score.
+    #[error("no states to score, expected at least one")]
     Empty,
     /// A control is not valid for the operator.
-    Control {
-        /// Its index, from 0.
-        index: usize,
-        /// The cause.
-        source: TransitionError,
-    },
+    #[error(transparent)]
+    Control(At<TransitionError>),
     /// A state does not exist.
+    #[error("state {state} at index {index} does not exist, there are {states} states (0 to {})", .states - 1)]
     State {
         /// Its index in the sequence, from 0.
         index: usize,
@@ -37,11 +33,13 @@ pub enum EvaluationError {
         states: usize,
     },
     /// A kind of sample that the score needs is missing.
+    #[error("no {what} to score, expected at least one")]
     Missing {
         /// Name of the missing samples.
         what: &'static str,
     },
     /// A confidence, score, probability or mass is not valid.
+    #[error("{what} {index} is {value}, expected {expected}")]
     Value {
         /// Kind of the value.
         what: &'static str,
@@ -53,6 +51,7 @@ pub enum EvaluationError {
         expected: &'static str,
     },
     /// A range of true places is empty; off the map is `None`.
+    #[error("the true places {range:?}{} are none, expected at least one", at(*.index))]
     EmptyRange {
         /// Its index in the slice, from 0, or `None` for a single range.
         index: Option<usize>,
@@ -60,6 +59,7 @@ pub enum EvaluationError {
         range: RangeInclusive<usize>,
     },
     /// There are more right answers than queries that have one.
+    #[error("{correct} right answers for {positives} queries that have one, expected one each")]
     Positives {
         /// Right answers found.
         correct: usize,
@@ -67,52 +67,17 @@ pub enum EvaluationError {
         positives: usize,
     },
     /// A level is not from 0 to 1.
-    Level {
-        /// The level given.
-        level: f64,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// The number of bins is 0.
+    #[error("0 bins, expected at least one")]
     NoBins,
 }
 
-impl fmt::Display for EvaluationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Length { truth, estimated } => {
-                write!(f, "{estimated} estimates or controls for {truth} states, expected one each")
-            }
-            Self::Empty => write!(f, "no states to score, expected at least one"),
-            Self::Control { index, source } => write!(f, "control {index} is not valid: {source}"),
-            Self::State { index, state, states } => write!(
-                f,
-                "state {state} at index {index} does not exist, there are {states} states (0 to {})",
-                states - 1
-            ),
-            Self::Missing { what } => write!(f, "no {what} to score, expected at least one"),
-            Self::Value { what, index, value, expected } => {
-                write!(f, "{what} {index} is {value}, expected {expected}")
-            }
-            Self::EmptyRange { index, range } => {
-                write!(f, "the true places {range:?}{} are none, expected at least one", at(*index))
-            }
-            Self::Positives { correct, positives } => write!(
-                f,
-                "{correct} right answers for {positives} queries that have one, expected one each"
-            ),
-            Self::Level { level } => {
-                write!(f, "the level is {level}, expected a value from 0 to 1")
-            }
-            Self::NoBins => write!(f, "0 bins, expected at least one"),
-        }
-    }
-}
-
-impl Error for EvaluationError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Control { source, .. } => source.source(),
-            _ => None,
-        }
+impl EvaluationError {
+    /// An invalid control, by its index from 0.
+    pub(super) fn control(index: usize, cause: TransitionError) -> Self {
+        Self::Control(At::new(&["control ", " is not valid"], index, cause))
     }
 }
 

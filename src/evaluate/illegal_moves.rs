@@ -51,7 +51,7 @@ pub fn illegal_moves_with<A: TransitionEntries>(
         let control = &controls[index];
         transition
             .check_control(control)
-            .map_err(|source| EvaluationError::Control { index, source })?;
+            .map_err(|cause| EvaluationError::control(index, cause))?;
         let allowed = transition.outgoing(control, moved[0]).any(|to| to.0 == moved[1]);
         illegal += usize::from(!allowed);
     }

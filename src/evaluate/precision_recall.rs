@@ -99,7 +99,7 @@ impl PrecisionRecallCurve {
     ///
     /// # Errors
     ///
-    /// [`EvaluationError::Level`] if `level` is not from 0 to 1.
+    /// [`EvaluationError::Parameter`] if `level` is not from 0 to 1.
     pub fn recall_at_precision(&self, level: f64) -> Result<f64, EvaluationError> {
         check_level(level)?;
         // The recall never falls, so the last is the largest.

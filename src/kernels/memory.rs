@@ -25,14 +25,19 @@ pub(crate) struct Aligned {
 impl Aligned {
     /// Creates `len` values.
     pub(crate) fn new(len: usize, value: f64) -> Self {
+        // The larger a vector is, the more loads gain from alignment, and the less the memory
+        // before its start matters.
         let (unit, room) = match len * size_of::<f64>() {
             LARGE.. => (LARGE_PAGE, 2),
             SEVERAL_PAGES.. => (PAGE, 1),
             _ => (LINE, 1),
         };
+        // The allocator aligns to 8 or 16 bytes: an aligned start is less than a unit away. One value
+        // less than a unit is enough, as starts are multiples of a value.
         let spare = room * unit / size_of::<f64>() - 1;
         let mut values = in_large_pages(vec![value; len + spare]);
-        // Only speed depends on it.
+        // `align_offset` may give up and return a huge number. Only speed depends on the alignment:
+        // then the vector begins where it can.
         let start = values.as_ptr().align_offset(unit).min(spare);
         values.truncate(start + len);
         Self { values, start }
@@ -57,6 +62,7 @@ impl DerefMut for Aligned {
 
 impl Clone for Aligned {
     fn clone(&self) -> Self {
+        // Not a copy of the fields: the same distance from another address is not aligned.
         let mut copy = Self::new(self.len(), 0.0);
         copy.copy_from_slice(self);
         copy
@@ -92,11 +98,13 @@ fn request(start: usize, bytes: usize) {
     }
     /// `MADV_HUGEPAGE`, on these architectures.
     const HUGE_PAGE: c_int = 14;
-    // On machines with larger pages the call may fail.
+    // The call takes whole pages. The first may begin before the vector: more memory is advised,
+    // which harms nothing. On machines with pages above 4 KB the call may fail.
     let first = start & !(PAGE - 1);
     let end = (start + bytes) & !(PAGE - 1);
-    // SAFETY: this advice changes how memory is provided, not what is in it, whosever it is; the
-    // system checks the addresses. A failure (older systems have no such pages) does not matter.
+    // SAFETY: the signature is that of the C library's function. This advice changes how memory is
+    // provided, not what is in it, whosever it is, and the system checks the addresses: no range can
+    // be a wrong one. A failure (older systems have no such pages) does not matter.
     unsafe {
         madvise(std::ptr::without_provenance_mut(first), end - first, HUGE_PAGE);
     }

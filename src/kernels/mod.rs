@@ -10,8 +10,12 @@
 //! Sums run in eight lanes, in an order that depends on no instruction set: results are the same
 //! to the bit with each. (Exponentials and natural logarithms are those of the platform.)
 //!
+//! Which numbers can come up, and why no digit of one is lost unnoticed, is proved in
+//! [`limits`](crate::limits); what loops compute is derived in the guide, `src/guide/formulas.md`.
+//! Comments in loops name the part of either that they rely on.
+//!
 //! Unsafe code is in `simd` (instructions), `layout/entries` (indices that were checked before)
-//! and `memory` (a system call).
+//! and `memory` (a system call). Each block says which invariant it relies on.
 
 mod layout;
 mod memory;

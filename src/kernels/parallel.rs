@@ -28,6 +28,7 @@ pub(crate) trait Splits: WithSimd<Output: Send> + Sized + Send {
 /// Runs a kernel with the chosen instructions, on several threads if there are many lines.
 #[inline(always)]
 pub(crate) fn run_in_parts<K: Splits>(kernel: K) -> K::Output {
+    // This test comes first, as most models are one part, and should pay nothing for the others.
     let lines = kernel.lines();
     if lines <= PART {
         return run(kernel);
@@ -41,6 +42,8 @@ pub(crate) fn run_in_parts<K: Splits>(kernel: K) -> K::Output {
 
 /// Splits in the middle, at the end of a part.
 fn halves<K: Splits>(kernel: K) -> (K, K) {
+    // Half of the parts, rounded up: at least one, and less than all, as there are two or more. By the
+    // number of lines alone, so that sums are added in one order with any number of threads.
     let middle = kernel.lines().div_ceil(2 * PART) * PART;
     kernel.split(middle)
 }
@@ -49,6 +52,7 @@ pub(super) fn in_turn<K: Splits>(kernel: K) -> K::Output {
     if kernel.lines() <= PART {
         return run(kernel);
     }
+    // Not all lines in one run: sums would be added in another order than by threads.
     let (first, second) = halves(kernel);
     K::join(in_turn(first), in_turn(second))
 }

@@ -1,4 +1,7 @@
-//! Sums and scales of vectors.
+//! Sums and scales of vectors, in plain loops: they run once in a while, not in each step.
+//!
+//! Sums have eight lanes, joined by [`total`], and then the rest in order, as those of kernels have:
+//! the compiler vectorises them without a licence to reorder.
 
 use super::simd::{LANES, total};
 use crate::limits::{LIFT, TINY};
@@ -41,5 +44,6 @@ pub(crate) fn any_tiny(x: &[f64]) -> bool {
 /// 0: the far tails of a Gaussian sensor alone would double the time of a step.
 pub(crate) fn normalize(x: &mut [f64], sum: f64) {
     let (factor, least) = (1.0 / sum, f64::MIN_POSITIVE * sum);
+    // Selected before the product: no quotient below the normal doubles is ever computed.
     x.iter_mut().for_each(|x| *x = if *x >= least { *x } else { 0.0 } * factor);
 }

@@ -1,7 +1,7 @@
 //! Diagonals: the likelihoods of one observation.
 
 use super::sparse::{SparseDiagonal, SparseObservation};
-use crate::error::LikelihoodError;
+use crate::error::{LikelihoodError, Parameter};
 use crate::kernels::{self, Valid};
 use crate::limits;
 
@@ -115,7 +115,10 @@ impl<'a> Diagonal<'a> {
 
 /// Checks a log factor, the sum of which must stay finite over all steps.
 pub(super) fn check_log_factor(value: f64) -> Result<(), LikelihoodError> {
-    if limits::is_log(value) { Ok(()) } else { Err(LikelihoodError::LogFactor { value }) }
+    if limits::is_log(value) {
+        return Ok(());
+    }
+    Err(Parameter::new("the log factor", value, "a value from -1e300 to 1e300").into())
 }
 
 /// Reusable memory for the values of a diagonal, kept from step to step.

@@ -37,7 +37,7 @@ mod table;
 mod vector;
 
 pub use crate::error::TableError;
-pub use crate::groups::{GroupError, Groups};
+pub use crate::groups::Groups;
 pub(crate) use diagonal::Values;
 pub use diagonal::{Diagonal, Scratch};
 pub use function::LogLikelihoodFn;

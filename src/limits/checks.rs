@@ -1,13 +1,14 @@
 //! Tests of numbers against the limits. All are false for a NaN.
 
 use super::{
-    LARGEST_LOG, LARGEST_RATIO, LEAST_ENTRY, LEAST_NORMALIZER, LEAST_PREDICTED, LIFT, SUMS, TINY,
-    UNSCALED,
+    EVIDENCE_SUMS, LARGEST_LOG, LARGEST_RATIO, LEAST_ENTRY, LEAST_NORMALIZER, LEAST_PREDICTED,
+    LIFT, TINY, UNSCALED,
 };
 
 /// Returns true for a sum of one, up to rounding and the deviation allowed in columns.
 #[inline]
 pub(crate) fn is_one(sum: f64) -> bool {
+    // A thousand times what columns may deviate by (1e-9), and far above the rounding of any sum.
     (sum - 1.0).abs() <= 1e-6
 }
 
@@ -26,13 +27,14 @@ pub(crate) fn is_unscaled(largest: f64) -> bool {
 /// Returns true if linear space holds a prediction with evidence on the move that has this sum.
 #[inline]
 pub(crate) fn is_evidence_sum(sum: f64) -> bool {
-    SUMS.contains(&sum)
+    EVIDENCE_SUMS.contains(&sum)
 }
 
 /// Returns true if linear space holds an update of a prediction that should sum to `lift`:
 /// `products` is the sum of its products with the likelihoods, `largest` the largest of these.
 #[inline]
-pub(crate) fn holds(products: f64, predicted: f64, largest: f64, lift: f64) -> bool {
+pub(crate) fn linear_holds(products: f64, predicted: f64, largest: f64, lift: f64) -> bool {
+    // Each comparison is false for a NaN: one in any argument means no.
     let normalizer = products / lift;
     is_unscaled(largest)
         && is_one(predicted / lift)
@@ -57,6 +59,7 @@ pub(crate) fn is_plain(entry: f64) -> bool {
 /// likelihood too small to have all its digits after scaling.
 #[inline]
 pub(crate) fn is_lost(predicted: f64, after: f64, scaled: f64) -> bool {
+    // A state that was impossible before is not lost: 0 stays 0.
     predicted > 0.0 && (after == 0.0 || scaled < f64::MIN_POSITIVE)
 }
 
@@ -83,6 +86,7 @@ pub(crate) fn is_trusted(ratio: f64, predicted: f64) -> bool {
 /// Returns true if lifted weights of this sum have digits enough for a draw.
 #[inline]
 pub(crate) fn can_draw(total: f64) -> bool {
+    // A weight may lose 2^-1075, which is no more than 2^-75 of the least of these sums.
     (1.0 / LIFT..=f64::MAX).contains(&total)
 }
 
@@ -136,21 +140,21 @@ mod tests {
         for lift in [1.0, power(7), LIFT] {
             for largest in [power(-300), 1.0, power(16)] {
                 let least = power(-32) * largest * lift;
-                assert!(holds(least, lift, largest, lift));
-                assert!(!holds(least.next_down(), lift, largest, lift));
+                assert!(linear_holds(least, lift, largest, lift));
+                assert!(!linear_holds(least.next_down(), lift, largest, lift));
                 for x in NOT_NUMBERS {
-                    assert!(!holds(x, lift, largest, lift), "{x}");
-                    assert!(!holds(least, x, largest, lift), "{x}");
-                    assert!(!holds(least, lift, x, lift), "{x}");
-                    assert!(!holds(least, lift, largest, x), "{x}");
+                    assert!(!linear_holds(x, lift, largest, lift), "{x}");
+                    assert!(!linear_holds(least, x, largest, lift), "{x}");
+                    assert!(!linear_holds(least, lift, x, lift), "{x}");
+                    assert!(!linear_holds(least, lift, largest, x), "{x}");
                 }
             }
-            assert!(holds(lift, lift * (1.0 + 0.99e-6), 1.0, lift));
-            assert!(!holds(lift, lift * (1.0 + 1.01e-6), 1.0, lift));
-            assert!(!holds(lift, lift, power(16).next_up(), lift));
-            assert!(!holds(lift, lift, power(-300).next_down(), lift));
+            assert!(linear_holds(lift, lift * (1.0 + 0.99e-6), 1.0, lift));
+            assert!(!linear_holds(lift, lift * (1.0 + 1.01e-6), 1.0, lift));
+            assert!(!linear_holds(lift, lift, power(16).next_up(), lift));
+            assert!(!linear_holds(lift, lift, power(-300).next_down(), lift));
         }
-        assert!(!holds(0.0, 0.0, 1.0, 0.0));
+        assert!(!linear_holds(0.0, 0.0, 1.0, 0.0));
     }
 
     #[test]
@@ -185,12 +189,15 @@ mod tests {
         // A plain step: terms, and the result, where one bit may be missing.
         assert_eq!(TINY * LEAST_ENTRY, power(-1000));
         assert!((TINY * LEAST_ENTRY / UNSCALED.end()).is_normal());
-        assert_eq!(TINY * LEAST_ENTRY / (UNSCALED.end() * SUMS.end()) * 2.0, f64::MIN_POSITIVE);
+        assert_eq!(
+            TINY * LEAST_ENTRY / (UNSCALED.end() * EVIDENCE_SUMS.end()) * 2.0,
+            f64::MIN_POSITIVE
+        );
         // A lifted step: the largest and the least sum, and what is kept of it.
-        assert_eq!(LIFT * SUMS.end() * UNSCALED.end(), power(1023));
-        let least = LIFT * SUMS.start() * UNSCALED.start() * LEAST_NORMALIZER;
+        assert_eq!(LIFT * EVIDENCE_SUMS.end() * UNSCALED.end(), power(1023));
+        let least = LIFT * EVIDENCE_SUMS.start() * UNSCALED.start() * LEAST_NORMALIZER;
         assert_eq!((least, least * f64::MIN_POSITIVE), (power(568), power(-454)));
-        assert!(LIFT * SUMS.end() * f64::MIN_POSITIVE < 1.0);
+        assert!(LIFT * EVIDENCE_SUMS.end() * f64::MIN_POSITIVE < 1.0);
         // In lanes: the least product.
         assert_eq!(LIFT * f64::MIN_POSITIVE * LEAST_ENTRY * TINY, f64::MIN_POSITIVE);
         // The way back: the largest ratio, and the least trusted prediction.

@@ -8,7 +8,7 @@
 //!
 //! α is the belief before a step, p = A α the prediction, s = Σ p, b the likelihoods, c the
 //! largest of them, x = p ∘ b, N = Σ x, and α' = x / N. No entry of a stochastic A is above 1 (up
-//! to 1e-9), so that s is one; with evidence on the move s is from 2^-100 to 2^7 ([`SUMS`]).
+//! to 1e-9), so that s is one; with evidence on the move s is from 2^-100 to 2^7 ([`EVIDENCE_SUMS`]).
 //!
 //! | form | numbers | invariant |
 //! |---|---|---|
@@ -25,7 +25,7 @@
 //!
 //! 1. c is from 2^-300 to 2^16 ([`UNSCALED`]); otherwise, and for logarithms, b is divided by c,
 //!    which leaves c = 1.
-//! 2. N ≥ 2^-32 s c, or the step is taken in logarithms ([`holds`]). So N is from 2^-332 to 2^16,
+//! 2. N ≥ 2^-32 s c, or the step is taken in logarithms ([`linear_holds`]). So N is from 2^-332 to 2^16,
 //!    and from 2^-432 to 2^23 with evidence (each up to the 1e-6 by which s may be off).
 //!
 //! # A plain step
@@ -96,15 +96,22 @@
 //! # Few states
 //!
 //! Vectors of few states are scaled by powers of two, which is exact, and only where their sum
-//! leaves [`SCALES`]; the values that are not 0 then are at least 2^-300 ([`LEAST_IN_CHAIN`]), or
-//! the sequence is taken step by step. In a chain that is looked at after every step, where entries
-//! and likelihoods are at least 2^-200 ([`LEAST_FACTOR`]): no product is below 2^-700. In segments
-//! it is looked at after every four ([`UNLOOKED`]), where the least entry times the least
-//! likelihood is at least 2^-50 ([`CALM`]): none is below 2^(-300 - 4 · 50), and with likelihoods
-//! up to 2^16 none above 2^(40 + 4 · 16). Products of x and r are normal in either.
+//! leaves the middle range, 2^-40 to 2^40 ([`MIDDLE_RANGE`]). Values above 0 then are at least
+//! 2^-300 ([`LEAST_IN_CHAIN`]), or the sequence is taken step by step.
+//!
+//! - A chain is checked after every step, and its entries and likelihoods are at least 2^-200
+//!   ([`LEAST_FACTOR`]): no product is below 2^(-300 - 2 · 200) = 2^-700.
+//! - Segments are checked after every four steps ([`STEPS_BETWEEN_CHECKS`]), and the least entry
+//!   times the least likelihood is at least 2^-50 ([`LEAST_SEGMENT_PRODUCT`]): no product is below
+//!   2^(-300 - 4 · 50), and with likelihoods up to 2^16 none is above 2^(40 + 4 · 16).
+//! - Products of x and r, of the way forward and the way back, are normal in either.
+//! - Columns of the product of a segment have exponents of their own. They are added only if these
+//!   differ by 400 at most ([`LARGEST_EXPONENT_GAP`]): the least value of a column, times that of x
+//!   and 2^-400, is 2^(-300 - 300 - 400), which is normal.
 //!
 //! Scores of segments are at least -50 after every four steps ([`LEAST_SCORE`]), and fall by 50 a
-//! step at most: above -256 sums on the grid of 2^-45 are exact, in any order.
+//! step at most: above -256 sums on the grid of 2^-45 are exact, in any order. Products of segments
+//! and scores before them are added down to -200 ([`LEAST_EXACT_SCORE`]).
 //!
 //! Two routines have limits of their own: `inference::pruned` and `inference::beam`.
 
@@ -145,7 +152,7 @@ pub(crate) const UNSCALED: RangeInclusive<f64> = power(-300)..=power(16);
 pub(crate) const LEAST_NORMALIZER: f64 = power(-32);
 
 /// Sums of predictions with evidence on the move in linear space.
-pub(crate) const SUMS: RangeInclusive<f64> = power(-100)..=power(7);
+pub(crate) const EVIDENCE_SUMS: RangeInclusive<f64> = power(-100)..=power(7);
 
 /// Lifted prediction from which on any ratio γ / p is in the range of doubles.
 pub(crate) const LEAST_PREDICTED: f64 = power(40);
@@ -158,7 +165,7 @@ pub(crate) const LARGEST_RATIO: f64 = power(64);
 pub(crate) const LARGEST_LOG: f64 = 1e300;
 
 /// Sums of vectors of few states that need no scale.
-pub(crate) const SCALES: [f64; 2] = [power(-40), power(40)];
+pub(crate) const MIDDLE_RANGE: [f64; 2] = [power(-40), power(40)];
 
 /// Least value above 0 of such a vector.
 pub(crate) const LEAST_IN_CHAIN: f64 = power(-300);
@@ -167,22 +174,22 @@ pub(crate) const LEAST_IN_CHAIN: f64 = power(-300);
 pub(crate) const LEAST_FACTOR: f64 = power(-200);
 
 /// Number of steps after which the range of segments is looked at.
-pub(crate) const UNLOOKED: usize = 4;
+pub(crate) const STEPS_BETWEEN_CHECKS: usize = 4;
 
 /// Least product of an entry and a likelihood in segments.
-pub(crate) const CALM: f64 = power(-50);
+pub(crate) const LEAST_SEGMENT_PRODUCT: f64 = power(-50);
 
 /// Least score above −∞ of a vector in segments, the best of which is about 0.
 pub(crate) const LEAST_SCORE: f64 = -50.0;
 
 /// Lowest score that sums of vectors and products of segments may have, to be exact.
-pub(crate) const EXACT_SCORE: f64 = -200.0;
+pub(crate) const LEAST_EXACT_SCORE: f64 = -200.0;
 
 /// Largest difference of exponents of columns that are added, so that no term is lost.
-pub(crate) const APART: f64 = 400.0;
+pub(crate) const LARGEST_EXPONENT_GAP: f64 = 400.0;
 
-/// Largest likelihoods of a step from this to its inverse leave scores of few states as they are.
-pub(crate) const NEAR: f64 = power(-16);
+/// Largest likelihoods of a step that leave the scores of few states as they are.
+pub(crate) const UNSHIFTED: RangeInclusive<f64> = power(-16)..=power(16);
 
 /// Exponent of the power of two below a normal number.
 #[inline(always)]

@@ -1,24 +1,24 @@
-//! Errors of maps and turning probabilities. Places are named by their ids; lines of files are
+//! Errors of maps, flows and turning probabilities. Places are named by their ids; lines of files are
 //! counted from 1.
 
-use std::error::Error;
-use std::fmt;
+use crate::error::{Parameter, TransitionError};
 
-use super::FlowError;
-use crate::error::TransitionError;
-
-/// Places and roads that do not form a map, or a file that cannot be read.
-#[derive(Debug)]
+/// Places and roads that do not form a map, turning probabilities or counts of traffic that do not
+/// fit them, or a file that cannot be read.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MapError {
     /// There are no places.
+    #[error("a map needs at least one place, found none")]
     Empty,
     /// Two places have the same id.
+    #[error("place {id} is given twice")]
     DuplicatePlace {
         /// The id.
         id: u64,
     },
     /// A coordinate is outside the Earth's range, or the plane's.
+    #[error("place {id} has {coordinate} {value}, expected {unit} from {} to {limit}", -.limit)]
     Coordinate {
         /// Id of the place.
         id: u64,
@@ -32,6 +32,7 @@ pub enum MapError {
         unit: &'static str,
     },
     /// A road starts or ends at a place that does not exist.
+    #[error("the road from place {from} to place {to} needs place {missing}, which does not exist")]
     UnknownPlace {
         /// Id of the place where the road starts.
         from: u64,
@@ -41,6 +42,9 @@ pub enum MapError {
         missing: u64,
     },
     /// A road is given twice.
+    #[error(
+        "the road from place {from} to place {to} is given twice (`RoadMap::cleaned` keeps the shorter one)"
+    )]
     DuplicateRoad {
         /// Id of the place where the road starts.
         from: u64,
@@ -48,12 +52,14 @@ pub enum MapError {
         to: u64,
     },
     /// A road leads from a place to itself.
+    #[error("the road from place {id} leads to itself; staying is the turning rule's matter")]
     Loop {
         /// Id of the place.
         id: u64,
     },
     /// A road's length is NaN, infinite, zero or negative, or that of an edge of a network is above
     /// 1e12.
+    #[error("the road from place {from} to place {to} has length {length}, expected metres above 0{}", if *.length > 1e12 { " and at most 1e12" } else { "" })]
     Length {
         /// Id of the place where the road starts.
         from: u64,
@@ -63,6 +69,9 @@ pub enum MapError {
         length: f64,
     },
     /// The posted speed of an edge is not above 0, or is above 1e9.
+    #[error(
+        "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9"
+    )]
     Speed {
         /// Id of the place where the road starts.
         from: u64,
@@ -72,13 +81,12 @@ pub enum MapError {
         speed: f64,
     },
     /// There are no roads to cut into cells.
+    #[error("cells need at least one road, found none")]
     NoRoads,
-    /// The spacing of cells is NaN, infinite, zero or negative.
-    Spacing {
-        /// Value found, in metres.
-        spacing: f64,
-    },
     /// The roads have more cells than 32-bit indices can address.
+    #[error(
+        "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)"
+    )]
     Cells {
         /// Number of cells.
         cells: f64,
@@ -86,6 +94,7 @@ pub enum MapError {
         spacing: f64,
     },
     /// A file could not be opened or read.
+    #[error("cannot read {file}: {reason}")]
     Read {
         /// Path of the file.
         file: String,
@@ -93,6 +102,7 @@ pub enum MapError {
         reason: String,
     },
     /// A line of a file is invalid.
+    #[error("{file}, line {line}: {problem}")]
     Line {
         /// Path of the file, or "places" or "roads" for a reader.
         file: String,
@@ -102,6 +112,7 @@ pub enum MapError {
         problem: String,
     },
     /// A block of an OpenStreetMap extract is invalid.
+    #[error("{file}, block {block} (from byte {byte}): {problem}")]
     Block {
         /// Path of the file, or "extract" for a reader.
         file: String,
@@ -113,6 +124,7 @@ pub enum MapError {
         problem: String,
     },
     /// A feature of a GeoJSON file is invalid.
+    #[error("{file}, feature {feature}: {problem}")]
     Feature {
         /// Path of the file, or "features" for a reader.
         file: String,
@@ -122,96 +134,20 @@ pub enum MapError {
         problem: String,
     },
     /// No node of a network lies in a box.
+    #[error("no node lies in the box of {asked}; all lie in {extent}")]
     EmptyBox {
         /// The box.
         asked: String,
         /// Smallest box around all nodes.
         extent: String,
     },
-    /// The radius of merging is negative, infinite or NaN.
-    Radius {
-        /// Value found, in metres.
-        metres: f64,
-    },
-}
-
-impl fmt::Display for MapError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Empty => write!(f, "a map needs at least one place, found none"),
-            Self::DuplicatePlace { id } => write!(f, "place {id} is given twice"),
-            Self::Coordinate { id, coordinate, value, limit, unit } => write!(
-                f,
-                "place {id} has {coordinate} {value}, expected {unit} from {} to {limit}",
-                -limit
-            ),
-            Self::UnknownPlace { from, to, missing } => write!(
-                f,
-                "the road from place {from} to place {to} needs place {missing}, which does not exist"
-            ),
-            Self::DuplicateRoad { from, to } => {
-                write!(
-                    f,
-                    "the road from place {from} to place {to} is given twice (`RoadMap::cleaned` keeps the shorter one)"
-                )
-            }
-            Self::Loop { id } => write!(
-                f,
-                "the road from place {id} leads to itself; staying is the turning rule's matter"
-            ),
-            Self::Length { from, to, length } => {
-                let most = if *length > 1e12 { " and at most 1e12" } else { "" };
-                write!(
-                    f,
-                    "the road from place {from} to place {to} has length {length}, expected metres above 0{most}"
-                )
-            }
-            Self::Speed { from, to, speed } => write!(
-                f,
-                "the road from place {from} to place {to} has speed {speed}, expected metres per second above 0 and at most 1e9"
-            ),
-            Self::NoRoads => write!(f, "cells need at least one road, found none"),
-            Self::Spacing { spacing } => {
-                write!(f, "the spacing of cells is {spacing}, expected metres above 0")
-            }
-            Self::Cells { cells, spacing } => write!(
-                f,
-                "roads have {cells} cells of {spacing} m, expected at most 4294967295 (32-bit indices)"
-            ),
-            Self::Read { file, reason } => write!(f, "cannot read {file}: {reason}"),
-            Self::Line { file, line, problem } => write!(f, "{file}, line {line}: {problem}"),
-            Self::Block { file, block, byte, problem } => {
-                write!(f, "{file}, block {block} (from byte {byte}): {problem}")
-            }
-            Self::Feature { file, feature, problem } => {
-                write!(f, "{file}, feature {feature}: {problem}")
-            }
-            Self::EmptyBox { asked, extent } => {
-                write!(f, "no node lies in the box of {asked}; all lie in {extent}")
-            }
-            Self::Radius { metres } => {
-                write!(f, "the radius of merging is {metres}, expected metres from 0")
-            }
-        }
-    }
-}
-
-impl Error for MapError {}
-
-/// An invalid turning rule, or invalid turning probabilities.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum TurningError {
-    /// A number of the rule is out of range.
-    Rule {
-        /// Name of the number.
-        what: String,
-        /// Value found.
-        value: f64,
-        /// Valid values, in words.
-        expected: &'static str,
-    },
+    /// A number of a rule or prior, the spacing of cells, or a radius is out of range.
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A turn has a probability above 0 but there is no road.
+    #[error(
+        "no road leads from place {from} to place {to}, but its turning probability is {value}"
+    )]
     NoRoad {
         /// Id of the place where the turn starts.
         from: u64,
@@ -221,13 +157,15 @@ pub enum TurningError {
         value: f64,
     },
     /// The probabilities of the turns out of a place do not sum to one (paper eq. 1).
-    Sum {
+    #[error("the turning probabilities of place {id} sum to {sum}, expected 1")]
+    TurningSum {
         /// Id of the place.
         id: u64,
         /// Sum found.
         sum: f64,
     },
     /// Moves were counted where there is no road.
+    #[error("no road leads from place {from} to place {to}, but the number of moves is {count}")]
     Moved {
         /// Id of the place that is left.
         from: u64,
@@ -236,47 +174,50 @@ pub enum TurningError {
         /// Number of moves.
         count: f64,
     },
-    /// Counts of traffic are not those of a flow.
-    Flow(FlowError),
     /// The probabilities do not form a transition operator.
-    Transition(TransitionError),
-}
-
-impl fmt::Display for TurningError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Rule { what, value, expected } => {
-                write!(f, "{what} is {value}, expected {expected}")
-            }
-            Self::NoRoad { from, to, value } => write!(
-                f,
-                "no road leads from place {from} to place {to}, but its turning probability is {value}"
-            ),
-            Self::Sum { id, sum } => {
-                write!(f, "the turning probabilities of place {id} sum to {sum}, expected 1")
-            }
-            Self::Moved { from, to, count } => write!(
-                f,
-                "no road leads from place {from} to place {to}, but the number of moves is {count}"
-            ),
-            Self::Flow(error) => fmt::Display::fmt(error, f),
-            Self::Transition(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for TurningError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Flow(error) => error.source(),
-            Self::Transition(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<TransitionError> for TurningError {
-    fn from(source: TransitionError) -> Self {
-        Self::Transition(source)
-    }
+    #[error(transparent)]
+    Transition(#[from] TransitionError),
+    /// There is not one count per road.
+    #[error("{found} counts for {expected} roads, expected one each")]
+    RoadCounts {
+        /// Number of counts.
+        found: usize,
+        /// Number of roads.
+        expected: usize,
+    },
+    /// A count is NaN, negative or infinite, or beyond 1e150.
+    #[error(
+        "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
+    )]
+    RoadCount {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// Value found.
+        value: f64,
+    },
+    /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
+    #[error(
+        "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
+    )]
+    NoWayBack {
+        /// Id of the place where the road starts.
+        from: u64,
+        /// Id of the place where it ends.
+        to: u64,
+        /// The count.
+        value: f64,
+    },
+    /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
+    /// did not converge there.
+    #[error(
+        "no flow through the turns of place {id} was found, a relative error of {error} is left"
+    )]
+    Unbalanced {
+        /// Id of the node.
+        id: u64,
+        /// Largest relative error that is left.
+        error: f64,
+    },
 }

@@ -1,7 +1,7 @@
 //! Turning probabilities learned from drives or from counts of traffic.
 
-use super::{FlowError, RoadMap, TurningError, TurningProbabilities, TurningRule};
-use crate::error::TransitionError;
+use super::{MapError, RoadMap, TurningProbabilities, TurningRule};
+use crate::error::{Parameter, TransitionError};
 use crate::transition::MoveCounts;
 
 /// Prior of learned turning probabilities: at each place a Dirichlet distribution around a rule by
@@ -94,7 +94,7 @@ impl TurningProbabilities {
     /// let straight_on = learned.turns().iter().find(|turn| (turn.from, turn.to) == (0, 1)).unwrap();
     /// assert_eq!(straight_on.count, 2.0);
     /// assert!(straight_on.probability > canberra::turning().get(0, 1));
-    /// # Ok::<(), wayfix::map::TurningError>(())
+    /// # Ok::<(), wayfix::map::MapError>(())
     /// ```
     ///
     /// # From drives without labels
@@ -121,19 +121,19 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`TurningError::Rule`] for a number of the prior out of its range,
-    /// [`TurningError::Moved`] for moves where there is no road, and [`TurningError::Transition`]
+    /// [`MapError::Parameter`] for a number of the prior out of its range,
+    /// [`MapError::Moved`] for moves where there is no road, and [`MapError::Transition`]
     /// for a place that does not exist.
     pub fn fit<P>(
         map: &RoadMap<P>,
         counts: &MoveCounts,
         prior: &TurningPrior,
-    ) -> Result<FittedTurning, TurningError> {
+    ) -> Result<FittedTurning, MapError> {
         let rule = Self::by_rule(map, &prior.rule)?;
         if !(prior.weight >= 0.0 && prior.weight.is_finite()) {
             let expected = "a finite value of at least 0";
-            let what = "the weight of the prior".into();
-            return Err(TurningError::Rule { what, value: prior.weight, expected });
+            let what = "the weight of the prior";
+            return Err(Parameter::new(what, prior.weight, expected).into());
         }
         let states = map.places().len();
         for moved in counts.moves() {
@@ -143,7 +143,7 @@ impl TurningProbabilities {
             };
             if from != to && !map.roads_from(from).any(|road| road.0 == to) && moved.weight != 0.0 {
                 let count = moved.weight;
-                return Err(TurningError::Moved { from: start.id, to: end.id, count });
+                return Err(MapError::Moved { from: start.id, to: end.id, count });
             }
         }
         let mut turns = Vec::with_capacity(states + map.roads().len());
@@ -174,13 +174,13 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`TurningError::Rule`] for a number of the rule out of its range, and [`TurningError::Flow`]
+    /// [`MapError::Parameter`] for a number of the rule out of its range, and as [`consistent_flow`](RoadMap::consistent_flow)
     /// if there is no consistent flow.
     pub fn fit_traffic<P>(
         map: &RoadMap<P>,
         counts: &[f64],
         rule: &TurningRule,
-    ) -> Result<FittedTurning, TurningError> {
+    ) -> Result<FittedTurning, MapError> {
         let prior = Self::by_rule(map, rule)?;
         let flow = map.consistent_flow(counts)?;
         let (mut turns, mut road) = (Vec::with_capacity(map.places().len() + flow.len()), 0);
@@ -204,7 +204,7 @@ impl TurningProbabilities {
 }
 
 impl FittedTurning {
-    fn new<P>(map: &RoadMap<P>, turns: Vec<FittedTurn>) -> Result<Self, TurningError> {
+    fn new<P>(map: &RoadMap<P>, turns: Vec<FittedTurn>) -> Result<Self, MapError> {
         let entries = turns.iter().filter(|turn| turn.probability > 0.0);
         let entries = entries.map(|turn| (turn.from, turn.to, turn.probability));
         Ok(Self { probabilities: TurningProbabilities::new(map, entries)?, turns })
@@ -222,11 +222,5 @@ fn share(turns: &mut [FittedTurn], weight: impl Fn(&FittedTurn) -> f64) {
     let sum: f64 = turns.iter().map(&weight).sum();
     if sum > 0.0 {
         turns.iter_mut().for_each(|turn| turn.probability = whole * weight(turn) / sum);
-    }
-}
-
-impl From<FlowError> for TurningError {
-    fn from(source: FlowError) -> Self {
-        Self::Flow(source)
     }
 }

@@ -1,95 +1,11 @@
 //! Consistent flows from counts of traffic on roads.
 
-use std::error::Error;
-use std::fmt;
-
-use super::{RoadMap, RoadNetwork};
-use crate::error::TransitionError;
+use super::{MapError, RoadMap, RoadNetwork};
 
 /// Largest difference between what enters and what leaves a node, relative to both.
 const TOLERANCE: f64 = 1e-9;
 /// Rounds after which balancing gives up.
 const ROUNDS: usize = 100_000;
-
-/// Counts of traffic on roads that are no flow, or don't fit the turns. Nodes and places are named
-/// by their ids.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum FlowError {
-    /// There is not one count per road.
-    Length {
-        /// Number of counts.
-        found: usize,
-        /// Number of roads.
-        expected: usize,
-    },
-    /// A count is NaN, negative or infinite, or beyond 1e150.
-    Count {
-        /// Id of the place where the road starts.
-        from: u64,
-        /// Id of the place where it ends.
-        to: u64,
-        /// Value found.
-        value: f64,
-    },
-    /// Vehicles were counted on a road from whose end no roads with counts lead back to its start.
-    NoWayBack {
-        /// Id of the place where the road starts.
-        from: u64,
-        /// Id of the place where it ends.
-        to: u64,
-        /// The count.
-        value: f64,
-    },
-    /// The allowed turns at a node cannot make the flows out of it of those into it, or balancing
-    /// did not converge there.
-    Unbalanced {
-        /// Id of the node.
-        id: u64,
-        /// Largest relative error that is left.
-        error: f64,
-    },
-    /// The weights of turns are invalid.
-    Transition(TransitionError),
-}
-
-impl fmt::Display for FlowError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Length { found, expected } => {
-                write!(f, "{found} counts for {expected} roads, expected one each")
-            }
-            Self::Count { from, to, value } => write!(
-                f,
-                "the count of the road from place {from} to place {to} is {value}, expected 0 to 1e150"
-            ),
-            Self::NoWayBack { from, to, value } => write!(
-                f,
-                "{value} vehicles were counted on the road from place {from} to place {to}, but no roads with counts lead back"
-            ),
-            Self::Unbalanced { id, error } => write!(
-                f,
-                "no flow through the turns of place {id} was found, a relative error of {error} is left"
-            ),
-            Self::Transition(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for FlowError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Transition(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<TransitionError> for FlowError {
-    fn from(source: TransitionError) -> Self {
-        Self::Transition(source)
-    }
-}
 
 impl<P> RoadMap<P> {
     /// Flow nearest to counts of traffic, one per road, in the order of [`roads`](Self::roads): at
@@ -109,15 +25,15 @@ impl<P> RoadMap<P> {
     /// let into: f64 = map.roads().iter().zip(&flow).filter(|x| x.0.to == 5).map(|x| x.1).sum();
     /// let out: f64 = map.roads().iter().zip(&flow).filter(|x| x.0.from == 5).map(|x| x.1).sum();
     /// assert!((into / out - 1.0).abs() < 1e-8);
-    /// # Ok::<(), wayfix::map::FlowError>(())
+    /// # Ok::<(), wayfix::map::MapError>(())
     /// ```
     ///
     /// # Errors
     ///
-    /// [`FlowError::Length`] and [`FlowError::Count`] for counts that are none;
-    /// [`FlowError::NoWayBack`] where there is no flow; [`FlowError::Unbalanced`] after 100,000
+    /// [`MapError::RoadCounts`] and [`MapError::RoadCount`] for counts that are none;
+    /// [`MapError::NoWayBack`] where there is no flow; [`MapError::Unbalanced`] after 100,000
     /// rounds.
-    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, FlowError> {
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
         let ends = (0..self.places.len())
             .flat_map(|from| self.roads_from(from).map(move |(to, _)| [from, to]));
         balance(self.places.len(), &ends.collect::<Vec<_>>(), counts, |i| self.places[i].id)
@@ -131,7 +47,7 @@ impl<P> RoadNetwork<P> {
     /// # Errors
     ///
     /// As [`RoadMap::consistent_flow`].
-    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, FlowError> {
+    pub fn consistent_flow(&self, counts: &[f64]) -> Result<Vec<f64>, MapError> {
         let ends: Vec<_> = self.edges().iter().map(|edge| [edge.from, edge.to]).collect();
         balance(self.nodes().len(), &ends, counts, |i| self.nodes()[i].id)
     }
@@ -143,14 +59,14 @@ fn balance(
     ends: &[[usize; 2]],
     counts: &[f64],
     id: impl Fn(usize) -> u64,
-) -> Result<Vec<f64>, FlowError> {
+) -> Result<Vec<f64>, MapError> {
     let (found, expected) = (counts.len(), ends.len());
     if found != expected {
-        return Err(FlowError::Length { found, expected });
+        return Err(MapError::RoadCounts { found, expected });
     }
     for (&[from, to], &value) in ends.iter().zip(counts) {
         if !(0.0..=1e150).contains(&value) {
-            return Err(FlowError::Count { from: id(from), to: id(to), value });
+            return Err(MapError::RoadCount { from: id(from), to: id(to), value });
         }
     }
     // Scaled: squares and sums of the smallest and the largest counts stay in range.
@@ -168,7 +84,7 @@ fn balance(
     let part = strong_parts(ends, &roads);
     for (&[from, to], &value) in ends.iter().zip(counts) {
         if value > 0.0 && part[from] != part[to] {
-            return Err(FlowError::NoWayBack { from: id(from), to: id(to), value });
+            return Err(MapError::NoWayBack { from: id(from), to: id(to), value });
         }
     }
     let [into, out] = &roads;
@@ -193,7 +109,7 @@ fn balance(
             return Ok(flow);
         }
     }
-    Err(FlowError::Unbalanced { id: id(worst.1), error: worst.0 })
+    Err(MapError::Unbalanced { id: id(worst.1), error: worst.0 })
 }
 
 /// Strongly connected part of each node, by Kosaraju's two searches, without recursion. `roads`

@@ -59,13 +59,12 @@ mod turning;
 pub(crate) use cells::Layout;
 pub use cells::RoadCells;
 pub use cleaning::{CleaningReport, DroppedPlace, DroppedRoad};
-pub use error::{MapError, TurningError};
+pub use error::MapError;
 #[cfg(all(feature = "csv", feature = "matching"))]
 pub(crate) use excerpt::excerpt;
 #[cfg(all(feature = "csv", feature = "matching"))]
 pub(crate) use fields::{Line, csv_error};
 pub use fitted_turning::{FittedTurn, FittedTurning, TurningPrior};
-pub use flow::FlowError;
 #[cfg(all(feature = "geojson", feature = "matching"))]
 pub(crate) use import::line_string;
 #[cfg(any(feature = "csv", feature = "geojson", feature = "osm"))]

@@ -1,7 +1,8 @@
 //! Turning probabilities Φ of a map.
 
-use super::{RoadClass, RoadMap, TurningError};
+use super::{MapError, RoadClass, RoadMap};
 use crate::belief::SUM_TOLERANCE;
+use crate::error::Parameter;
 use crate::transition::{SparseTransition, TiedTransition, TransitionEntries};
 
 /// One number per [`RoadClass`].
@@ -73,12 +74,12 @@ impl Default for TurningRule {
 }
 
 impl TurningRule {
-    fn check(&self) -> Result<(), TurningError> {
+    fn check(&self) -> Result<(), MapError> {
         use RoadClass::{Arterial, Collector, Main, Street};
         let positive = |what: String, value: f64| {
             let expected = "a finite value above 0";
             let valid = value > 0.0 && value.is_finite();
-            if valid { Ok(()) } else { Err(TurningError::Rule { what, value, expected }) }
+            if valid { Ok(()) } else { Err(Parameter::new(what, value, expected)) }
         };
         positive("the straight-on factor".into(), self.straight_on)?;
         for class in [Main, Arterial, Collector, Street] {
@@ -87,7 +88,7 @@ impl TurningRule {
             if !(0.0..1.0).contains(&value) {
                 let what = format!("the probability of stopping for class {class}");
                 let expected = "at least 0 and below 1";
-                return Err(TurningError::Rule { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(())
@@ -110,13 +111,13 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`TurningError`] for a turn without a road, an entry that is NaN,
+    /// [`MapError`] for a turn without a road, an entry that is NaN,
     /// negative, infinite, out of range or given twice, or a row that does not
     /// sum to one within 1e-9.
     pub fn new<P>(
         map: &RoadMap<P>,
         entries: impl IntoIterator<Item = (usize, usize, f64)>,
-    ) -> Result<Self, TurningError> {
+    ) -> Result<Self, MapError> {
         let n = map.places().len();
         let entries: Vec<_> = entries.into_iter().collect();
         let mut sums = vec![0.0; n];
@@ -126,7 +127,7 @@ impl TurningProbabilities {
             };
             let has_road = from == to || map.outgoing.of(from).binary_search(&(to as u32)).is_ok();
             if !has_road && value != 0.0 {
-                return Err(TurningError::NoRoad { from: start.id, to: end.id, value });
+                return Err(MapError::NoRoad { from: start.id, to: end.id, value });
             }
             sums[from] += value;
         }
@@ -134,7 +135,7 @@ impl TurningProbabilities {
         if let Some(i) = sums.iter().position(|sum| (sum - 1.0).abs() > SUM_TOLERANCE)
             && entries.iter().all(|e| e.0 < n && e.1 < n && e.2 >= 0.0 && e.2.is_finite())
         {
-            return Err(TurningError::Sum { id: map.places()[i].id, sum: sums[i] });
+            return Err(MapError::TurningSum { id: map.places()[i].id, sum: sums[i] });
         }
         let triplets = entries.into_iter().map(|(from, to, value)| (to, from, value));
         Ok(Self { transition: SparseTransition::from_triplets(n, triplets)? })
@@ -145,8 +146,8 @@ impl TurningProbabilities {
     ///
     /// # Errors
     ///
-    /// [`TurningError::Rule`] for a number out of its range.
-    pub fn by_rule<P>(map: &RoadMap<P>, rule: &TurningRule) -> Result<Self, TurningError> {
+    /// [`MapError::Parameter`] for a number out of its range.
+    pub fn by_rule<P>(map: &RoadMap<P>, rule: &TurningRule) -> Result<Self, MapError> {
         rule.check()?;
         let mut entries = Vec::with_capacity(map.places().len() + map.roads().len());
         for from in 0..map.places().len() {

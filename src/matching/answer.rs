@@ -2,6 +2,7 @@
 
 use super::MatchError;
 use super::candidates::{Candidate, OFF_ROAD};
+use crate::error::Parameter;
 use crate::map::RoadNetwork;
 
 /// The road that a vehicle was on at a point of its drive, with its probability.
@@ -103,7 +104,8 @@ pub(super) fn credible<P>(
     mass: f64,
 ) -> Result<CredibleStretches, MatchError> {
     if !(mass > 0.0 && mass <= 1.0) {
-        return Err(MatchError::Mass { mass });
+        let expected = "a probability above 0 and at most 1";
+        return Err(Parameter::new("the mass", mass, expected).into());
     }
     let is_possible = |&i: &usize| !states[i].is_off_road() && probabilities[i] > 0.0;
     let mut order: Vec<usize> = (0..states.len()).filter(is_possible).collect();

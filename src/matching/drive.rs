@@ -240,7 +240,7 @@ impl<P: Coordinates> MatchedDrive<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Mass`] for a mass out of range, and [`MatchError::Network`] for a matcher of
+    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher of
     /// another network.
     pub fn credible(
         &self,

@@ -1,24 +1,16 @@
 //! Errors of map matching.
 
-use std::error::Error;
-use std::fmt;
-
-use crate::error::InferenceError;
+use crate::error::{At, InferenceError, Parameter};
 
 /// A drive that cannot be matched.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum MatchError {
-    /// A parameter of the model is out of range.
-    Parameter {
-        /// Name of the parameter.
-        what: &'static str,
-        /// Value found.
-        value: f64,
-        /// Valid values.
-        expected: &'static str,
-    },
+    /// A parameter of the model, or a probability that roads are to hold, is out of range.
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// A number of a point is out of range.
+    #[error("point {point} has {what} {value}, expected {expected}")]
     Point {
         /// Index of the point in its drive, from 0.
         point: usize,
@@ -30,6 +22,7 @@ pub enum MatchError {
         expected: &'static str,
     },
     /// A point is not later than the one before.
+    #[error("point {point} has time {time}, expected one after that of the point before, {before}")]
     Time {
         /// Index of the point in its drive, from 0.
         point: usize,
@@ -39,20 +32,15 @@ pub enum MatchError {
         before: f64,
     },
     /// There are no points.
+    #[error("the drive has no points")]
     Empty,
     /// One of several drives cannot be matched.
-    Drive {
-        /// Index of the drive, from 0.
-        drive: usize,
-        /// Error of the drive.
-        source: Box<MatchError>,
-    },
-    /// A probability that roads are to hold is not above 0 and at most 1.
-    Mass {
-        /// Value found.
-        mass: f64,
-    },
+    #[error(transparent)]
+    Drive(At<Box<MatchError>>),
     /// A vehicle, or a drive, was made by a matcher of another network.
+    #[error(
+        "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"
+    )]
     Network {
         /// Fingerprint of the network of the vehicle or drive.
         found: u64,
@@ -60,6 +48,7 @@ pub enum MatchError {
         expected: u64,
     },
     /// A saved vehicle is on an edge that its network does not have: its bytes were changed.
+    #[error("the vehicle is on edge {edge}, but the network has {edges} edges (0 to {})", .edges.saturating_sub(1))]
     Vehicle {
         /// An edge of the vehicle.
         edge: usize,
@@ -67,53 +56,13 @@ pub enum MatchError {
         edges: usize,
     },
     /// Inference failed.
-    Inference(InferenceError),
+    #[error(transparent)]
+    Inference(#[from] InferenceError),
 }
 
-impl fmt::Display for MatchError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Parameter { what, value, expected } => {
-                write!(f, "the parameter {what} is {value}, expected {expected}")
-            }
-            Self::Point { point, what, value, expected } => {
-                write!(f, "point {point} has {what} {value}, expected {expected}")
-            }
-            Self::Time { point, time, before } => write!(
-                f,
-                "point {point} has time {time}, expected one after that of the point before, {before}"
-            ),
-            Self::Drive { drive, source } => write!(f, "drive {drive}: {source}"),
-            Self::Mass { mass } => {
-                write!(f, "the mass is {mass}, expected a probability above 0 and at most 1")
-            }
-            Self::Network { found, expected } => write!(
-                f,
-                "the network is another one: its fingerprint is {expected:016x}, that of the vehicle or drive {found:016x}"
-            ),
-            Self::Empty => write!(f, "the drive has no points"),
-            Self::Vehicle { edge, edges } => write!(
-                f,
-                "the vehicle is on edge {edge}, but the network has {edges} edges (0 to {})",
-                edges.saturating_sub(1)
-            ),
-            Self::Inference(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for MatchError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Inference(error) => error.source(),
-            Self::Drive { source, .. } => source.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<InferenceError> for MatchError {
-    fn from(source: InferenceError) -> Self {
-        Self::Inference(source)
+impl MatchError {
+    /// An error of one of several drives.
+    pub(super) fn of_drive(self, drive: usize) -> Self {
+        Self::Drive(At::new(&["drive ", ""], drive, Box::new(self)))
     }
 }

@@ -149,9 +149,7 @@ impl<P: Coordinates> Matcher<P> {
                         counts.add(&of_drive);
                         ControlFlow::Continue(())
                     }
-                    Err(source) => {
-                        ControlFlow::Break(MatchError::Drive { drive, source: Box::new(source) })
-                    }
+                    Err(source) => ControlFlow::Break(source.of_drive(drive)),
                 }
             });
             if let ControlFlow::Break(error) = added {

@@ -2,6 +2,8 @@
 
 use super::MatchError;
 
+use crate::error::Parameter;
+
 /// Parameters of the model of a drive: the receiver, the routes that drivers take, and stretches
 /// off the road.
 ///
@@ -49,7 +51,7 @@ impl MatchModel {
         for (what, value) in positive {
             if !(1e-6..=1e9).contains(&value) {
                 let expected = "metres from 1e-6 to 1e9";
-                return Err(MatchError::Parameter { what, value, expected });
+                return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
             }
         }
         let shares = [
@@ -62,7 +64,7 @@ impl MatchModel {
         for (what, value) in shares {
             if !(value > 0.0 && value < 1.0) {
                 let expected = "a value above 0 and below 1";
-                return Err(MatchError::Parameter { what, value, expected });
+                return Err(Parameter::new(format!("the parameter {what}"), value, expected).into());
             }
         }
         Ok(())

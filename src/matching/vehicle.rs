@@ -233,7 +233,7 @@ impl<P: Coordinates> Vehicle<P> {
     ///
     /// # Errors
     ///
-    /// [`MatchError::Mass`] for a mass out of range, and [`MatchError::Network`] for a matcher of
+    /// [`MatchError::Parameter`] for a mass out of range, and [`MatchError::Network`] for a matcher of
     /// another network.
     pub fn credible(
         &self,

@@ -2,8 +2,8 @@
 
 use super::Speeds;
 use crate::belief::Belief;
-use crate::error::InferenceError;
 use crate::error::TransitionError;
+use crate::error::{InferenceError, Parameter};
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::LikelihoodVector;
 use crate::transition::DenseTransition;
@@ -36,8 +36,8 @@ impl Speeds {
     pub fn fit<M: AsRef<[f64]>>(&self, drives: &[M]) -> Result<Self, TransitionError> {
         for drive in drives {
             if let Some(&value) = drive.as_ref().iter().find(|value| !value.is_finite()) {
-                let (what, expected) = ("a move".into(), "a finite number of places");
-                return Err(TransitionError::Parameter { what, value, expected });
+                let (what, expected) = ("a move", "a finite number of places");
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         if self.slack() == 0.0 {
@@ -98,7 +98,7 @@ impl Speeds {
         seen: &[Vec<Vec<f64>>],
     ) -> Result<(Self, f64), InferenceError> {
         let k = self.values().len();
-        let failed = |source| InferenceError::Control { step: 0, source };
+        let failed = |cause| InferenceError::control(0, cause);
         let matrix = DenseTransition::from_row_major(k, &self.switching()).map_err(failed)?;
         let shares = Belief::from_weights(self.shares().to_vec());
         let Ok(shares) = shares else { return Ok((self.clone(), 0.0)) };

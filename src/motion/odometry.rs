@@ -1,6 +1,6 @@
 //! Likelihood of odometry given a speed.
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 
 /// Measurement model of odometry.
 ///
@@ -82,9 +82,9 @@ impl OdometryModel {
             if let Some(&value) =
                 moves.iter().chain(read).find(|x| x.is_nan() || x.abs() > FARTHEST)
             {
-                let what = "a move or a reading".into();
+                let what = "a move or a reading";
                 let expected = "a value from -1e6 to 1e6";
-                return Err(TransitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
             let sum = |x: &[f64]| x.iter().sum::<f64>();
             let pairs = moves.chunks(SPAN).zip(read.chunks(SPAN));
@@ -142,13 +142,13 @@ impl OdometryModel {
                 let what = format!("the {name} of the odometry");
                 let expected =
                     if name == "scale" { "from 0.01 to 100" } else { "from -1e6 to 1e6" };
-                return Err(TransitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         if !(1e-3..=1e6).contains(&deviation) {
-            let what = "the deviation of the odometry".into();
+            let what = "the deviation of the odometry";
             let expected = "from 0.001 to 1e6";
-            return Err(TransitionError::Parameter { what, value: deviation, expected });
+            return Err(Parameter::new(what, deviation, expected).into());
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The speeds of a vehicle along a route, and their changes.
 
 pub(super) use super::window::Window;
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::transition::{check_probability, check_sum};
 
 /// Largest number of speeds: changes take memory and time for each pair.
@@ -83,15 +83,15 @@ impl Speeds {
             return Err(TransitionError::Empty);
         }
         if values.len() > MOST_SPEEDS {
-            let (what, value) = ("the number of speeds".into(), values.len() as f64);
-            return Err(TransitionError::Parameter { what, value, expected: "at most 1024" });
+            let (what, value) = ("the number of speeds", values.len() as f64);
+            return Err(Parameter::new(what, value, "at most 1024").into());
         }
         for (at, &value) in values.iter().enumerate() {
             let above = at == 0 || value > values[at - 1];
             if !(value.abs() <= FASTEST && above) {
                 let what = format!("speed {at}");
                 let expected = "a value from -64 to 64, above the one before";
-                return Err(TransitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(Self::build(values.to_vec(), usual_shares(values), [0.01, 0.005, SLACK]))
@@ -138,8 +138,8 @@ impl Speeds {
     /// [`TransitionError::Parameter`] unless it is from 0 to 0.5.
     pub fn with_slack(self, slack: f64) -> Result<Self, TransitionError> {
         if !(0.0..=0.5).contains(&slack) {
-            let (what, expected) = ("the slack of speeds".into(), "a value from 0 to 0.5");
-            return Err(TransitionError::Parameter { what, value: slack, expected });
+            let (what, expected) = ("the slack of speeds", "a value from 0 to 0.5");
+            return Err(Parameter::new(what, slack, expected).into());
         }
         Ok(Self::build(self.values, self.shares, [self.nearby, self.anywhere, slack]))
     }

@@ -1,7 +1,7 @@
 //! Confusion of places, the discrete part P_c of the sensor.
 
 use super::ObservationError;
-use crate::error::{TableError, TransitionError};
+use crate::error::{Parameter, TableError, TransitionError};
 use crate::likelihood::TableLikelihood;
 use crate::map::RoadMap;
 use crate::transition::{Compressed, SparseTransition};
@@ -43,11 +43,12 @@ impl Confusion {
     /// for itself.
     pub fn new<P>(map: &RoadMap<P>, mean_correct: f64) -> Result<Self, ObservationError> {
         if !(mean_correct > 0.0 && mean_correct <= 1.0) {
-            return Err(ObservationError::Parameter {
-                what: "the mean probability of a correct observation",
-                value: mean_correct,
-                expected: "above 0 and at most 1",
-            });
+            return Err(Parameter::new(
+                "the mean probability of a correct observation",
+                mean_correct,
+                "above 0 and at most 1",
+            )
+            .into());
         }
         let n = map.places().len();
         let joined: Vec<Vec<usize>> = (0..n).map(|i| map.joined(i)).collect();
@@ -183,7 +184,7 @@ impl Confusion {
         ] {
             if found != place.len() {
                 let (value, expected) = (found as f64, "as many as in `place`");
-                return Err(ObservationError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         if place.len() < places {
@@ -191,7 +192,7 @@ impl Confusion {
             // exhaust memory.
             let (what, value) = ("the number of places", places as f64);
             let expected = "at most as many as entries";
-            return Err(ObservationError::Parameter { what, value, expected });
+            return Err(Parameter::new(what, value, expected).into());
         }
         let entries = place.iter().zip(seen_as).zip(probability);
         let entries = entries.map(|((place, seen_as), p)| (*place as usize, *seen_as as usize, *p));
@@ -238,16 +239,14 @@ fn of_pairs(error: &TransitionError) -> ObservationError {
             TableError::RowSum { state: column, sum }.into()
         }
         TransitionError::NoWeight { column } => ObservationError::NoWeight { place: column },
-        TransitionError::TooMany { what: "states", count } => ObservationError::Parameter {
-            what: "the number of places",
-            value: count as f64,
-            expected: "at most 2147483647",
-        },
+        TransitionError::TooMany { what: "states", count } => ObservationError::Parameter(
+            Parameter::new("the number of places", count as f64, "at most 2147483647"),
+        ),
         // Only the error of too many entries is left.
-        _ => ObservationError::Parameter {
-            what: "the number of entries",
-            value: f64::INFINITY,
-            expected: "at most 4294967295",
-        },
+        _ => ObservationError::Parameter(Parameter::new(
+            "the number of entries",
+            f64::INFINITY,
+            "at most 4294967295",
+        )),
     }
 }

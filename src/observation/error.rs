@@ -1,29 +1,44 @@
 //! Errors of sensors of places.
 
-use std::error::Error;
 use std::fmt;
 
-use crate::error::TableError;
+use crate::error::{Parameter, TableError};
 
-/// An invalid observation model, or a query without a likelihood.
-#[derive(Debug, Clone, PartialEq)]
+/// The descriptor that an error is about, by its index from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Descriptor {
+    /// The descriptor of a reference image.
+    Reference(usize),
+    /// The descriptor of one of the queries of a call; 0 for a single query.
+    Query(usize),
+}
+
+impl fmt::Display for Descriptor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reference(index) => write!(f, "reference {index}"),
+            Self::Query(index) => write!(f, "query {index}"),
+        }
+    }
+}
+
+/// An invalid observation model, invalid descriptors, or a query without a likelihood.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ObservationError {
     /// A number is out of range.
-    Parameter {
-        /// Name of the number.
-        what: &'static str,
-        /// Value given.
-        value: f64,
-        /// Valid values, in words.
-        expected: &'static str,
-    },
+    #[error(transparent)]
+    Parameter(#[from] Parameter),
     /// No place has a neighbour, so places cannot be confused.
+    #[error("no place has a neighbour, so a mean correct probability of {mean} cannot be reached")]
     NoNeighbors {
         /// Mean probability of a correct observation asked for.
         mean: f64,
     },
     /// A place has so many neighbours that no probability is left for itself.
+    #[error(
+        "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0"
+    )]
     TooManyNeighbors {
         /// Id of the place.
         id: u64,
@@ -33,6 +48,7 @@ pub enum ObservationError {
         correct: f64,
     },
     /// A confusion names a place that does not exist.
+    #[error("place {place} seen as place {seen_as} is out of range, there are {places} places (0 to {})", .places.saturating_sub(1))]
     OutOfRange {
         /// Index of the place.
         place: usize,
@@ -42,6 +58,7 @@ pub enum ObservationError {
         places: usize,
     },
     /// An entry of a confusion is given twice.
+    #[error("the probability that place {place} is seen as {seen_as} is given twice")]
     Twice {
         /// Index of the place.
         place: usize,
@@ -49,6 +66,9 @@ pub enum ObservationError {
         seen_as: usize,
     },
     /// A weight of a confusion is NaN, negative or infinite.
+    #[error(
+        "place {place} is seen as {seen_as} with weight {value}, expected a finite value of at least 0"
+    )]
     Weight {
         /// Index of the place.
         place: usize,
@@ -58,11 +78,13 @@ pub enum ObservationError {
         value: f64,
     },
     /// All weights of a place are 0.
+    #[error("place {place} has no weight above 0, expected at least one")]
     NoWeight {
         /// Index of the place.
         place: usize,
     },
     /// A row does not have one distance per reference.
+    #[error("{found} distances, expected one for each of {expected} references")]
     Distances {
         /// Number of distances given.
         found: usize,
@@ -70,6 +92,7 @@ pub enum ObservationError {
         expected: usize,
     },
     /// A distance is NaN or −∞.
+    #[error("the distance to reference {reference} is {value}, expected a number or infinity")]
     Distance {
         /// Index of the reference, from 0.
         reference: usize,
@@ -78,67 +101,75 @@ pub enum ObservationError {
     },
     /// A query is infinitely far from all references, and there is no state for being off the
     /// map.
+    #[error("the query is infinitely far from all references, and there is no state off the map")]
     NoMatch,
     /// The probabilities do not form a valid table.
-    Table(TableError),
-}
-
-impl fmt::Display for ObservationError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Parameter { what, value, expected } => {
-                write!(f, "{what} is {value}, expected {expected}")
-            }
-            Self::NoNeighbors { mean } => write!(
-                f,
-                "no place has a neighbour, so a mean correct probability of {mean} cannot be reached"
-            ),
-            Self::TooManyNeighbors { id, neighbors, correct } => write!(
-                f,
-                "place {id} has {neighbors} neighbours, which leaves it a correct probability of {correct}, expected above 0"
-            ),
-            Self::OutOfRange { place, seen_as, places } => write!(
-                f,
-                "place {place} seen as place {seen_as} is out of range, there are {places} places (0 to {})",
-                places.saturating_sub(1)
-            ),
-            Self::Twice { place, seen_as } => {
-                write!(f, "the probability that place {place} is seen as {seen_as} is given twice")
-            }
-            Self::Weight { place, seen_as, value } => write!(
-                f,
-                "place {place} is seen as {seen_as} with weight {value}, expected a finite value of at least 0"
-            ),
-            Self::NoWeight { place } => {
-                write!(f, "place {place} has no weight above 0, expected at least one")
-            }
-            Self::Distances { found, expected } => {
-                write!(f, "{found} distances, expected one for each of {expected} references")
-            }
-            Self::Distance { reference, value } => write!(
-                f,
-                "the distance to reference {reference} is {value}, expected a number or infinity"
-            ),
-            Self::NoMatch => write!(
-                f,
-                "the query is infinitely far from all references, and there is no state off the map"
-            ),
-            Self::Table(error) => fmt::Display::fmt(error, f),
-        }
-    }
-}
-
-impl Error for ObservationError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        match self {
-            Self::Table(error) => error.source(),
-            _ => None,
-        }
-    }
-}
-
-impl From<TableError> for ObservationError {
-    fn from(source: TableError) -> Self {
-        Self::Table(source)
-    }
+    #[error(transparent)]
+    Table(#[from] TableError),
+    /// Descriptors without elements.
+    #[error("descriptors have dimension 0, expected at least 1")]
+    NoDimension,
+    /// There are no references.
+    #[error("there are no references, expected at least one")]
+    NoReferences,
+    /// The last descriptor is incomplete.
+    #[error("{values} values are no whole number of descriptors of dimension {dimension}")]
+    Values {
+        /// Numbers given.
+        values: usize,
+        /// Numbers of a descriptor.
+        dimension: usize,
+    },
+    /// A descriptor is too short or too long.
+    #[error("{which} has {length} elements, expected {expected}")]
+    Length {
+        /// The descriptor.
+        which: Descriptor,
+        /// Its length.
+        length: usize,
+        /// The dimension expected.
+        expected: usize,
+    },
+    /// An element is NaN or infinite.
+    #[error("element {element} of {which} is {value}, expected a finite value")]
+    Element {
+        /// The descriptor.
+        which: Descriptor,
+        /// The element, from 0.
+        element: usize,
+        /// Its value.
+        value: f32,
+    },
+    /// A descriptor is 0 in every element, so that it has no direction to compare.
+    #[error("{which} is 0 in every element, so it has no cosine with another")]
+    Zero {
+        /// The descriptor.
+        which: Descriptor,
+    },
+    /// Two or more references are all equal, so that they cannot tell places apart.
+    #[error("all {references} references are equal, so they cannot tell places apart")]
+    AllEqual {
+        /// The number of references.
+        references: usize,
+    },
+    /// A distance is too large for 32 bits.
+    #[error(
+        "the distance of query {query} to reference {reference} is {distance:e}, expected at most 3.4028235e38"
+    )]
+    TooFar {
+        /// The query, from 0.
+        query: usize,
+        /// The reference, from 0.
+        reference: usize,
+        /// The distance.
+        distance: f64,
+    },
+    /// The output slice has a wrong length.
+    #[error("there is room for {found} distances, expected {expected}")]
+    Room {
+        /// Its length.
+        found: usize,
+        /// Queries times references.
+        expected: usize,
+    },
 }

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::{Confusion, ObservationError};
+use crate::error::Parameter;
 use crate::kernels;
 use crate::likelihood::TableLikelihood;
 use crate::map::{Coordinates, RoadMap};
@@ -64,14 +65,15 @@ impl Confusion {
     ) -> Result<TableLikelihood, ObservationError> {
         if !(sigma > 0.0 && sigma.is_finite()) {
             let (what, expected) = ("sigma", "a finite value above 0");
-            return Err(ObservationError::Parameter { what, value: sigma, expected });
+            return Err(Parameter::new(what, sigma, expected).into());
         }
         if map.places().len() != self.places() {
-            return Err(ObservationError::Parameter {
-                what: "the number of places of the map",
-                value: map.places().len() as f64,
-                expected: "that of the confusion",
-            });
+            return Err(Parameter::new(
+                "the number of places of the map",
+                map.places().len() as f64,
+                "that of the confusion",
+            )
+            .into());
         }
         let mut rows = Vec::with_capacity(self.places());
         for i in 0..self.places() {

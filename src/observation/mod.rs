@@ -42,8 +42,8 @@ mod standardizer;
 mod view;
 
 pub use confusion::Confusion;
-pub use descriptors::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
-pub use error::ObservationError;
+pub use descriptors::{Distance, ReferenceDescriptors};
+pub use error::{Descriptor, ObservationError};
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};

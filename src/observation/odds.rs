@@ -3,6 +3,7 @@
 use std::f32::consts::{LN_2, LOG2_E};
 
 use super::ObservationError;
+use crate::error::Parameter;
 use crate::kernels::{Simd, WithSimd, run};
 
 /// The odds that a reference with a given [score](super::Standardizer) is the right one,
@@ -52,7 +53,7 @@ impl MatchOdds {
     pub fn with_temperature(self, temperature: f64) -> Result<Self, ObservationError> {
         if !(0.01..=1000.0).contains(&temperature) {
             let (what, expected) = ("the temperature", "from 0.01 to 1000");
-            return Err(ObservationError::Parameter { what, value: temperature, expected });
+            return Err(Parameter::new(what, temperature, expected).into());
         }
         Ok(Self { temperature, ..self })
     }
@@ -65,7 +66,7 @@ impl MatchOdds {
     pub fn with_nothing(self, nothing: f64) -> Result<Self, ObservationError> {
         if !(1e-12..=1.0).contains(&nothing) {
             let (what, expected) = ("the probability that a frame says nothing", "from 1e-12 to 1");
-            return Err(ObservationError::Parameter { what, value: nothing, expected });
+            return Err(Parameter::new(what, nothing, expected).into());
         }
         Ok(Self { nothing, ..self })
     }
@@ -80,7 +81,7 @@ impl MatchOdds {
         ];
         for (what, value, range, expected) in named {
             if !range.contains(&value) {
-                return Err(ObservationError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         self.with_nothing(nothing)?.with_temperature(temperature)

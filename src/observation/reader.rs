@@ -1,7 +1,7 @@
 //! Readers of tags at nodes, and of the names of roads.
 
 use super::ObservationError;
-use crate::error::LikelihoodError;
+use crate::error::{LikelihoodError, Parameter};
 use crate::likelihood::{Diagonal, Groups, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::map::RoadCells;
 
@@ -196,7 +196,7 @@ fn parameter<T>(
     value: f64,
     expected: &'static str,
 ) -> Result<T, ObservationError> {
-    Err(ObservationError::Parameter { what, value, expected })
+    Err(Parameter::new(what, value, expected).into())
 }
 
 impl Likelihood for TagLikelihood {

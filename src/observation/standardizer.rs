@@ -3,6 +3,7 @@
 use super::ObservationError;
 use super::rows::{RowScratch, row_scores};
 use super::standardize::{CountIn, CountSteps, Spread, Standardize, Usual};
+use crate::error::Parameter;
 use crate::kernels::run;
 
 /// Brings the distances of a query to one scale for all references.
@@ -54,7 +55,7 @@ impl Standardizer {
     pub fn new(references: usize) -> Result<Self, ObservationError> {
         if references == 0 {
             let (what, expected) = ("the number of references", "at least 1");
-            return Err(ObservationError::Parameter { what, value: 0.0, expected });
+            return Err(Parameter::new(what, 0.0, expected).into());
         }
         Ok(Self {
             count: 0.0,
@@ -68,8 +69,7 @@ impl Standardizer {
     #[cfg(feature = "serde")]
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { count, sums, squares, steps } = &self;
-        let parameter =
-            |what, value, expected| Err(ObservationError::Parameter { what, value, expected });
+        let parameter = |what, value, expected| Err(Parameter::new(what, value, expected).into());
         Self::new(sums.len())?;
         if squares.len() != sums.len() {
             let what = "the number of sums of squares";

@@ -2,6 +2,7 @@
 
 use super::ObservationError;
 use super::rows::{RowScratch, change, row_scores};
+use crate::error::Parameter;
 use crate::motion::ViewChange;
 
 /// Change between two views: Σ (a − b)² / Σ (a² + b²) over the scores a and b within their rows of
@@ -70,7 +71,7 @@ impl ViewComparison {
     pub fn new(threshold: f64) -> Result<Self, ObservationError> {
         if !(threshold >= 0.0 && threshold.is_finite()) {
             let (what, expected) = ("the threshold of change", "a finite value of at least 0");
-            return Err(ObservationError::Parameter { what, value: threshold, expected });
+            return Err(Parameter::new(what, threshold, expected).into());
         }
         Ok(Self { threshold, last_new: None, now: Vec::new(), scratch: RowScratch::default() })
     }

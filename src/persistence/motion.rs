@@ -2,7 +2,7 @@
 
 use super::stored;
 use super::transition::check_one;
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::motion::{
     DistanceTransition, OdometryModel, OffMap, OffMapTransition, RouteTransition, Speeds,
     ViewChangeRates,
@@ -83,7 +83,7 @@ fn distances(
     if found != expected {
         let what = "the number of lengths".to_owned();
         let expected = "one for each entry of the base";
-        return Err(TransitionError::Parameter { what, value: found as f64, expected });
+        return Err(Parameter::new(what, found as f64, expected).into());
     }
     let mut lengths = lengths.iter().copied();
     DistanceTransition::build(base, |_, _| Ok(lengths.next().unwrap_or(f64::NAN)))

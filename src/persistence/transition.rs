@@ -5,7 +5,7 @@ use std::convert::Infallible;
 
 use super::stored;
 use crate::belief::SUM_TOLERANCE;
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::transition::{
     DwellTransition, RestartTransition, SparseTransition, TiedTransition, Transition,
     TransitionEntries, check_probability,
@@ -92,7 +92,7 @@ fn sparse(
         if found != to.len() {
             let what = format!("the number of values in `{what}`");
             let expected = "as many as in `to`";
-            return Err(TransitionError::Parameter { what, value: found as f64, expected });
+            return Err(Parameter::new(what, found as f64, expected).into());
         }
     }
     if to.len() < states {
@@ -168,7 +168,7 @@ fn restarting<A: Transition>(
     {
         let what = format!("the probability of a restart in state {state}");
         let expected = "a finite value of at least 0";
-        return Err(TransitionError::Parameter { what, value, expected });
+        return Err(Parameter::new(what, value, expected).into());
     }
     let sum = keep + restart.iter().sum::<f64>();
     check_one(sum, || "the probability of a restart or none".to_owned())?;
@@ -182,7 +182,7 @@ fn dwelling<A: Transition>(
     for (place, ages) in ages.iter().enumerate() {
         if ages.is_empty() {
             let what = format!("the number of ages of place {place}");
-            return Err(TransitionError::Parameter { what, value: 0.0, expected: "at least 1" });
+            return Err(Parameter::new(what, 0.0, "at least 1").into());
         }
         for (&(leave, stay), steps) in ages.iter().zip(1..) {
             let what =
@@ -197,7 +197,7 @@ fn dwelling<A: Transition>(
 
 pub(super) fn check_one(value: f64, what: impl FnOnce() -> String) -> Result<(), TransitionError> {
     if (value - 1.0).abs() > SUM_TOLERANCE {
-        return Err(TransitionError::Parameter { what: what(), value, expected: "1" });
+        return Err(Parameter::new(what(), value, "1").into());
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The path of a drive.
 
 use super::{RecognitionError, Recording};
+use crate::error::Count;
 use crate::hmm::{Hmm, Prior};
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
 use crate::motion::{RouteControl, RouteState, RouteTransition};
@@ -67,10 +68,12 @@ impl Recording {
     fn decoder(&self) -> Result<Decoder, RecognitionError> {
         let motion = self.recognizer().motion().clone();
         let groups = motion.place_groups();
-        let wrong = |_| RecognitionError::Count {
-            what: "groups of states",
-            found: groups.count(),
-            expected: self.recognizer().likelihoods(),
+        let wrong = |_| {
+            RecognitionError::Count(Count {
+                what: "groups of states",
+                found: groups.count(),
+                expected: self.recognizer().likelihoods(),
+            })
         };
         let prior = Prior::AtFirstObservation(motion.anywhere());
         let sensor = LikelihoodVector::log(groups.count()).owned();

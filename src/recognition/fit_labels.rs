@@ -42,8 +42,7 @@ impl Recognizer {
         self.check_labels(parts)?;
         let mut rows = Vec::new();
         for (number, part) in parts.iter().enumerate() {
-            let invalid =
-                |source| RecognitionError::Part { part: number, source: Box::new(source) };
+            let invalid = |error: RecognitionError| error.of_part(number);
             rows.push(self.compare(*part).map_err(invalid)?);
         }
         let mut fit = Parameters::new(self.options().clone());
@@ -59,7 +58,7 @@ impl Recognizer {
         }
         fit.options.off_map = fit.options.off_map.map(|before| rates(before, parts));
         let fitted = self.with_parameters(fit.clone())?;
-        let wrong = |source| RecognitionError::Query { step: 0, source };
+        let wrong = |cause| RecognitionError::query(0, cause);
         (fit.warnings, fit.best_scores) = fitted.examine(parts, &rows).map_err(wrong)?;
         fit.warnings.extend(fitted.examine_drives(parts, has_odometry));
         self.with_parameters(fit)
@@ -70,7 +69,7 @@ impl Recognizer {
         rows: &[Vec<Vec<f32>>],
         fit: &mut Parameters,
     ) -> Result<(), RecognitionError> {
-        let wrong = |source| RecognitionError::Query { step: 0, source };
+        let wrong = |cause| RecognitionError::query(0, cause);
         let mut sensor = self.with_parameters(fit.clone())?.sensor_of_fit();
         for part in rows {
             for row in part {

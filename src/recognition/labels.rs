@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use super::{RecognitionError, Recognizer};
-use crate::error::InferenceError;
+use crate::error::{Count, InferenceError};
 use crate::motion::{OffMap, RouteControl};
 use crate::observation::{ObservationError, RowScratch, row_scores};
 use crate::transition::Transition;
@@ -63,7 +63,7 @@ impl Recognizer {
             ];
             for (what, count, needed) in counts {
                 if needed && count != expected {
-                    return Err(RecognitionError::Count { what, found: count, expected });
+                    return Err(Count { what, found: count, expected }.into());
                 }
             }
             for (step, places) in part.places.iter().enumerate() {
@@ -92,7 +92,7 @@ impl Recognizer {
         for (at, query) in part.queries.iter().enumerate() {
             let (step, mut row) = (at + 1, Vec::new());
             self.shared_references().distances(step, query.as_ref(), &mut row, &mut more)?;
-            let invalid = |source| RecognitionError::Query { step, source };
+            let invalid = |cause| RecognitionError::query(step, cause);
             sensor.standardizer().check(&row).map_err(invalid)?;
             let compared = row_scores(&row, &mut scores, &mut scratch).map_err(invalid)?;
             if compared == 0 && self.options().off_map.is_none() {
@@ -100,7 +100,7 @@ impl Recognizer {
             }
             let odometry = part.odometry.get(at).copied().flatten();
             let control = RouteControl { odometry, ..RouteControl::default() };
-            let refused = |source| InferenceError::Control { step, source };
+            let refused = |cause| InferenceError::control(step, cause);
             self.motion().check_control(&control).map_err(refused)?;
             rows.push(row);
         }

@@ -1,6 +1,7 @@
 //! Learning how a vehicle drives without labels.
 
 use super::{RecognitionError, Recognizer, Recording};
+use crate::error::Count;
 use crate::motion::OdometryModel;
 
 /// Smoothed answers at least this probable are taken for true.
@@ -41,7 +42,7 @@ impl Recognizer {
     pub fn learn(&self, recording: &Recording) -> Result<Self, RecognitionError> {
         let (found, expected) = (recording.recognizer().references(), self.references());
         if found != expected {
-            return Err(RecognitionError::Count { what: "references", found, expected });
+            return Err(Count { what: "references", found, expected }.into());
         }
         let answers = recording.smoothed()?.answers();
         let sure = |at: usize| answers[at].place.filter(|_| answers[at].probability >= SURE);

@@ -4,10 +4,10 @@ use std::collections::VecDeque;
 
 use super::references::View;
 use super::{Answer, Options, RecognitionError, Recognizer, Track};
-use crate::error::InferenceError;
+use crate::error::{At, InferenceError, Parameter};
 use crate::motion::{OffMap, RouteControl, RouteTransition};
 use crate::observation::{
-    Descriptor, DescriptorError, Distance, ReferenceDescriptors, view_change,
+    Descriptor, Distance, ObservationError, ReferenceDescriptors, view_change,
 };
 use crate::transition::Transition;
 
@@ -255,14 +255,14 @@ impl Mapper {
     /// Checks a query, which may become a reference, and an odometry reading.
     fn check(&self, query: &[f32], odometry: Option<f64>) -> Result<(), RecognitionError> {
         let step = self.steps + 1;
-        let failed = |source| RecognitionError::Descriptor { step, source };
+        let failed = |cause| RecognitionError::descriptor(step, cause);
         let of_query = |source| {
             failed(match source {
-                DescriptorError::Element { element, value, .. } => {
-                    DescriptorError::Element { which: Descriptor::Query(0), element, value }
+                ObservationError::Element { element, value, .. } => {
+                    ObservationError::Element { which: Descriptor::Query(0), element, value }
                 }
-                DescriptorError::Zero { .. } => {
-                    DescriptorError::Zero { which: Descriptor::Query(0) }
+                ObservationError::Zero { .. } => {
+                    ObservationError::Zero { which: Descriptor::Query(0) }
                 }
                 other => other,
             })
@@ -272,17 +272,17 @@ impl Mapper {
         {
             let (which, length) = (Descriptor::Query(0), query.len());
             let expected = first.len();
-            return Err(failed(DescriptorError::Length { which, length, expected }));
+            return Err(failed(ObservationError::Length { which, length, expected }));
         }
         ReferenceDescriptors::from_rows(&[query], self.distance).map_err(of_query)?;
         let squares: f64 = query.iter().map(|x| f64::from(*x).powi(2)).sum();
         // The distance of any two such descriptors then fits 32 bits.
         if self.distance == Distance::Euclidean && squares.sqrt() > LONGEST {
             let (what, value) = ("the length of a descriptor", squares.sqrt());
-            return Err(RecognitionError::Parameter { what, value, expected: "at most 1.7e38" });
+            return Err(Parameter::new(what, value, "at most 1.7e38").into());
         }
         let control = RouteControl { odometry, ..RouteControl::default() };
-        let refused = |source| InferenceError::Control { step, source };
+        let refused = |cause| InferenceError::control(step, cause);
         Ok(self.motion.check_control(&control).map_err(refused)?)
     }
 
@@ -299,9 +299,10 @@ impl Mapper {
         let recognizer = match made {
             Ok(recognizer) => recognizer,
             // A vehicle that stands may give equal descriptors for a while.
-            Err(RecognitionError::References {
-                source: DescriptorError::AllEqual { .. }, ..
-            }) => return Ok(()),
+            Err(RecognitionError::References(At {
+                cause: ObservationError::AllEqual { .. },
+                ..
+            })) => return Ok(()),
             Err(error) => return Err(error),
         };
         let views = self.recent.iter().map(|(descriptor, reference)| View {

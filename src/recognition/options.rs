@@ -1,6 +1,7 @@
 //! Options of a recogniser, each with its default and the reason.
 
 use super::RecognitionError;
+use crate::error::Parameter;
 use crate::motion::{OdometryModel, OffMap, RouteTransition, Speeds, ViewChangeRates};
 use crate::observation::MatchOdds;
 
@@ -87,23 +88,23 @@ impl Options {
     pub(super) fn check(&self) -> Result<(), RecognitionError> {
         if !(0.0..=1e6).contains(&self.view_fades) {
             let (what, expected) = ("view_fades", "from 0 to 1e6");
-            return Err(RecognitionError::Parameter { what, value: self.view_fades, expected });
+            return Err(Parameter::new(what, self.view_fades, expected).into());
         }
         let shares = [("lost_odds", self.lost_odds), ("off_map_odds", self.off_map_odds)];
         for (what, value) in shares {
             if !(1e-6..=1.0).contains(&value) {
                 let expected = "from 1e-6 to 1";
-                return Err(RecognitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         if !(self.view_threshold >= 0.0 && self.view_threshold.is_finite()) {
             let (what, expected) = ("view_threshold", "a finite value of at least 0");
-            return Err(RecognitionError::Parameter { what, value: self.view_threshold, expected });
+            return Err(Parameter::new(what, self.view_threshold, expected).into());
         }
         let lost = self.lost.share();
         if self.off_map.is_none() && lost > MOST_LOST {
             let (what, expected) = ("the share of time for which it is lost", "at most 0.99");
-            return Err(RecognitionError::Parameter { what, value: lost, expected });
+            return Err(Parameter::new(what, lost, expected).into());
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use super::warning::Warning;
 use super::{Options, RecognitionError};
+use crate::error::{Count, Parameter};
 use crate::observation::Standardizer;
 
 /// Result of learning: the options of a [`Recognizer`](super::Recognizer), and what was learned
@@ -57,7 +58,7 @@ impl Parameters {
                 ),
             ];
             if let Some(&(what, value, _, expected)) = named.iter().find(|named| !named.2) {
-                return Err(RecognitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(Self { standardizer, best_scores, ..Self::new(options) })
@@ -101,7 +102,7 @@ impl Parameters {
     pub(super) fn checked(self, references: usize) -> Result<Self, RecognitionError> {
         self.options.check()?;
         if references == 0 {
-            return Err(RecognitionError::Count { what: "references", found: 0, expected: 1 });
+            return Err(Count { what: "references", found: 0, expected: 1 }.into());
         }
         let others = self.standardizer.as_ref().is_some_and(|s| s.references() != references);
         Ok(if others { self.without_references() } else { self })

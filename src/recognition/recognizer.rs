@@ -6,6 +6,7 @@ use super::parameters::Parameters;
 use super::references::{References, View, ViewScratch};
 use super::sensor::{Seeing, Sensor};
 use super::{Options, RecognitionError};
+use crate::error::Count;
 use crate::hmm::{Hmm, Prior};
 use crate::kernels;
 use crate::likelihood::{GroupedLikelihood, LikelihoodVector};
@@ -116,15 +117,17 @@ impl Recognizer {
         let motion = options.motion(n)?;
         let groups = motion.place_groups();
         let prior = Prior::AtFirstObservation(motion.anywhere());
-        let wrong = |_| RecognitionError::Count {
-            what: "groups of states",
-            found: groups.count(),
-            expected: n,
+        let wrong = |_| {
+            RecognitionError::Count(Count {
+                what: "groups of states",
+                found: groups.count(),
+                expected: n,
+            })
         };
         let sensor = LikelihoodVector::linear(groups.count()).owned();
         let camera = GroupedLikelihood::new(sensor, groups.clone()).map_err(wrong)?;
         let model = Arc::new(Hmm::new(prior, motion, camera).map_err(wrong)?);
-        let invalid = |source| RecognitionError::Query { step: 0, source };
+        let invalid = |cause| RecognitionError::query(0, cause);
         let standardizer = match fit.standardizer() {
             Some(known) => known.clone(),
             None => references.standardizer().map_err(invalid)?,
@@ -141,7 +144,7 @@ impl Recognizer {
         let mut standardizer = self.sensor.standardizer().clone();
         let mut scratch = ViewScratch::default();
         for view in views {
-            let invalid = |source| RecognitionError::Query { step: 0, source };
+            let invalid = |cause| RecognitionError::query(0, cause);
             self.references.observe(view, &mut standardizer, &mut scratch).map_err(invalid)?;
         }
         self.sensor = Sensor::new(standardizer);

@@ -8,6 +8,7 @@ use super::tally::Doubts;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
+use crate::error::Count;
 use crate::inference::Order;
 use crate::motion::RouteControl;
 use crate::observation::Standardizer;
@@ -65,7 +66,7 @@ impl Recording {
     ) -> Result<Self, RecognitionError> {
         if !(odometry.is_empty() || odometry.len() == queries.len()) {
             let (found, expected) = (odometry.len(), queries.len());
-            return Err(RecognitionError::Count { what: "odometry readings", found, expected });
+            return Err(Count { what: "odometry readings", found, expected }.into());
         }
         let mut sensor = recognizer.sensor_of_fit();
         let (mut controls, mut likelihoods) = (Vec::new(), Vec::new());

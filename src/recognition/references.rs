@@ -3,6 +3,7 @@
 use super::RecognitionError;
 use std::ops::Range;
 
+use crate::error::Count;
 use crate::observation::{
     Distance, ObservationError, ReferenceDescriptors, RowScratch, Standardizer, row_scores,
 };
@@ -67,11 +68,11 @@ impl References {
     ) -> Result<Self, RecognitionError> {
         let mut all = Vec::new();
         for (traverse, rows) in traverses.iter().enumerate() {
-            let failed = |source| RecognitionError::References { traverse, source };
+            let failed = |cause| RecognitionError::references(traverse, cause);
             all.push(ReferenceDescriptors::from_rows(rows, distance).map_err(failed)?);
         }
         let Some(first) = all.first() else {
-            return Err(RecognitionError::Count { what: "traverses", found: 0, expected: 1 });
+            return Err(Count { what: "traverses", found: 0, expected: 1 }.into());
         };
         for other in &all[1..] {
             let counts = [
@@ -79,7 +80,7 @@ impl References {
                 ("numbers of a descriptor", other.dimension(), first.dimension()),
             ];
             if let Some(&(what, found, expected)) = counts.iter().find(|(_, a, b)| a != b) {
-                return Err(RecognitionError::Count { what, found, expected });
+                return Err(Count { what, found, expected }.into());
             }
         }
         Ok(Self::Descriptors(all))
@@ -139,7 +140,7 @@ impl References {
         out: &mut Vec<f32>,
         more: &mut Vec<f32>,
     ) -> Result<(), RecognitionError> {
-        let failed = |source| RecognitionError::Descriptor { step, source };
+        let failed = |cause| RecognitionError::descriptor(step, cause);
         match self {
             Self::Compared(_) => {
                 out.clear();

@@ -145,7 +145,7 @@ impl Sensor {
     ) -> Result<RouteControl, RecognitionError> {
         let Seeing { options, references, .. } = seeing;
         references.distances(step, query, &mut self.distances, &mut self.more)?;
-        let failed = |source| RecognitionError::Query { step, source };
+        let failed = |cause| RecognitionError::query(step, cause);
         let control = self.moved(odometry);
         let n = references.count();
         // Checked first, so that an error leaves the sensor as it was.
@@ -155,7 +155,7 @@ impl Sensor {
         if nowhere && options.off_map.is_none() {
             return Err(failed(ObservationError::NoMatch));
         }
-        let refused = |source| InferenceError::Control { step, source };
+        let refused = |cause| InferenceError::control(step, cause);
         seeing.motion.check_control(&control).map_err(refused)?;
         if fresh == 0.0 && !nowhere {
             // A repeated view adds no evidence on the place.

@@ -7,7 +7,7 @@ use super::sensor::{Sensor, SensorState};
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
-use crate::error::InferenceError;
+use crate::error::{Count, InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
 use crate::transition::Transition;
 
@@ -106,7 +106,7 @@ impl Track {
         let step = self.next_step()?;
         let Self { recognizer, filter, sensor, likelihoods, .. } = self;
         let control = sensor.moved(odometry);
-        let refused = |source| InferenceError::Control { step, source };
+        let refused = |cause| InferenceError::control(step, cause);
         recognizer.motion().check_control(&control).map_err(refused)?;
         likelihoods.fill(1.0);
         let log_likelihood = filter.step_with(&control, likelihoods)?;
@@ -180,7 +180,7 @@ impl Track {
         for found in [Some(state.references()), rows].into_iter().flatten() {
             if found != expected {
                 let what = "references of the state of a track";
-                return Err(RecognitionError::Count { what, found, expected });
+                return Err(Count { what, found, expected }.into());
             }
         }
         if filter.steps() >= MOST_STEPS {
@@ -207,7 +207,7 @@ impl Track {
             return Ok(());
         }
         let (what, expected) = ("the belief on the map of the state of a track", "above 0");
-        Err(RecognitionError::Parameter { what, value: 0.0, expected })
+        Err(Parameter::new(what, 0.0, expected).into())
     }
 
     /// Extends the track to more references, the first of which are the present ones.

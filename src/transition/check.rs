@@ -1,7 +1,7 @@
 //! Checks of operators and of their parameters.
 
 use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::kernels;
 
 /// Checks that all column sums are one.
@@ -45,11 +45,11 @@ pub(crate) fn check_sum(
 ) -> Result<(), TransitionError> {
     if let Some(at) = values.iter().position(|&value| !(value >= 0.0 && value.is_finite())) {
         let expected = "a finite value of at least 0";
-        return Err(TransitionError::Parameter { what: name(at), value: values[at], expected });
+        return Err(Parameter::new(name(at), values[at], expected).into());
     }
     let sum = kernels::sum(values);
     if (sum - 1.0).abs() > SUM_TOLERANCE {
-        return Err(TransitionError::Parameter { what: whole, value: sum, expected: "1" });
+        return Err(Parameter::new(whole, sum, "1").into());
     }
     Ok(())
 }
@@ -62,7 +62,7 @@ pub(crate) fn scaled(belief: Belief, rate: f64, what: &str) -> Result<Vec<f64>, 
         if *r > 0.0 && rate > 0.0 && value < f64::MIN_POSITIVE {
             let what = format!("the probability of {what} state {state}");
             let expected = "0 or at least 2.2e-308, the smallest normal double";
-            return Err(TransitionError::Parameter { what, value, expected });
+            return Err(Parameter::new(what, value, expected).into());
         }
         *r = value;
     }
@@ -75,7 +75,7 @@ pub(crate) fn check_probability(
 ) -> Result<(), TransitionError> {
     if !(0.0..=1.0).contains(&value) {
         let expected = "a value from 0 to 1";
-        return Err(TransitionError::Parameter { what: what(), value, expected });
+        return Err(Parameter::new(what(), value, expected).into());
     }
     Ok(())
 }

@@ -6,8 +6,8 @@ use std::ops::{Add, Range};
 use super::{Transition, TransitionEntries, best_of, buffers, check_count, check_slices};
 use super::{check_probability, check_sum, log, merge};
 use crate::belief::Belief;
-use crate::error::TransitionError;
-use crate::groups::{GroupError, Groups};
+use crate::error::{BeliefError, Parameter, TransitionError};
+use crate::groups::Groups;
 use crate::kernels::{self, log2};
 
 /// A semi-Markov operator: dwell times in each place have any distribution, where those of a
@@ -87,7 +87,10 @@ impl<A: Transition> DwellTransition<A> {
             }
             Ok(ages)
         };
-        Self::from_ages(moves, dwell.iter().enumerate().map(split).collect::<Result<_, _>>()?)
+        Self::from_ages(
+            moves,
+            dwell.iter().enumerate().map(split).collect::<Result<_, TransitionError>>()?,
+        )
     }
 
     /// Creates the operator from hazards: `leaving[i][c]` = p(place i is left
@@ -104,11 +107,7 @@ impl<A: Transition> DwellTransition<A> {
             let leaving = leaving.as_ref();
             if leaving.is_empty() {
                 let what = format!("the number of leaving probabilities of place {place}");
-                return Err(TransitionError::Parameter {
-                    what,
-                    value: 0.0,
-                    expected: "at least 1",
-                });
+                return Err(Parameter::new(what, 0.0, "at least 1").into());
             }
             let age = |(at, &leave): (usize, &f64)| {
                 check_probability(leave, || {
@@ -118,7 +117,10 @@ impl<A: Transition> DwellTransition<A> {
             };
             leaving.iter().enumerate().map(age).collect()
         };
-        Self::from_ages(moves, leaving.iter().enumerate().map(split).collect::<Result<_, _>>()?)
+        Self::from_ages(
+            moves,
+            leaving.iter().enumerate().map(split).collect::<Result<_, TransitionError>>()?,
+        )
     }
 
     /// The operator of moves on leaving a place.
@@ -163,11 +165,11 @@ impl<A: Transition> DwellTransition<A> {
     ///
     /// # Errors
     ///
-    /// [`GroupError::Belief`] if the belief is over another number of places.
-    pub fn arriving<S: AsRef<[f64]>>(&self, places: &Belief<S>) -> Result<Belief, GroupError> {
+    /// [`BeliefError::StateCount`] if the belief is over another number of places.
+    pub fn arriving<S: AsRef<[f64]>>(&self, places: &Belief<S>) -> Result<Belief, BeliefError> {
         let (found, expected) = (places.states(), self.places());
         if found != expected {
-            return Err(GroupError::Belief { found, expected });
+            return Err(BeliefError::StateCount { found, expected });
         }
         let mut states = vec![0.0; self.states()];
         self.starts.iter().zip(places.values()).for_each(|(&state, &p)| states[state] = p);

@@ -3,7 +3,7 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::kernels;
 
 /// Largest entry taken in linear space.
@@ -18,7 +18,7 @@ impl JumpEvidence {
     pub(crate) fn new(log: Option<f64>, place: &str) -> Result<Self, TransitionError> {
         if let Some(value) = log.filter(|log| !log.is_finite()) {
             let what = format!("the log-likelihood of evidence {place}");
-            return Err(TransitionError::Parameter { what, value, expected: "a finite number" });
+            return Err(Parameter::new(what, value, "a finite number").into());
         }
         Ok(Self(log))
     }

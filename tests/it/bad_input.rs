@@ -325,9 +325,7 @@ fn the_text_ends_with_the_cause_and_the_source_is_what_is_behind_it() {
             (): &'a (),
             _: &'a mut Scratch,
         ) -> Result<Diagonal<'a>, LikelihoodError> {
-            Err(LikelihoodError::Sensor(std::sync::Arc::new(Camera(std::io::Error::other(
-                "cable",
-            )))))
+            Err(LikelihoodError::sensor(Camera(std::io::Error::other("cable"))))
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use wayfix::error::At;
 use wayfix::inference::{LearningOptions, Order};
 use wayfix::likelihood::SparseObservation;
 use wayfix::transition::SwitchedTransition;
@@ -68,9 +69,9 @@ fn an_unknown_control_or_a_missing_one_is_an_error_and_the_filter_stays() {
     assert_eq!(filter.snapshot(), before);
 
     let error = hmm.smooth(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
-    assert!(matches!(error, InferenceError::Control { step: 2, .. }));
+    assert!(matches!(error, InferenceError::Control(At { number: 2, .. })));
     let error = hmm.viterbi(&Controlled::new(&[0, 2], &[NOTHING; 2]).unwrap()).unwrap_err();
-    assert!(matches!(error, InferenceError::Control { step: 2, .. }));
+    assert!(matches!(error, InferenceError::Control(At { number: 2, .. })));
     let error = Controlled::new(&[0], &[NOTHING; 2]).unwrap_err();
     assert_eq!(error.to_string(), "1 controls for 2 observations, expected one each");
 }

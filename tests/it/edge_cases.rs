@@ -1,6 +1,7 @@
 //! Ties, empty and single-step sequences, one state, factors, and numbers at
 //! the limits of a double.
 
+use wayfix::error::At;
 use wayfix::inference::Order;
 use wayfix::transition::{KroneckerTransition, RestartTransition, SwitchedTransition};
 use wayfix::{
@@ -439,7 +440,7 @@ fn a_snapshot_with_an_unknown_control_is_refused() {
         other.step_with(&1, &[0.0, -1.0]).unwrap();
         let kept = other.snapshot();
         let error = other.restore(&smoother.snapshot()).unwrap_err();
-        assert!(matches!(error, InferenceError::Control { step: 2, .. }), "{error}");
+        assert!(matches!(error, InferenceError::Control(At { number: 2, .. })), "{error}");
         assert_eq!(other.snapshot(), kept);
     }
 }

@@ -2,9 +2,10 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::error::Parameter;
 use wayfix::map::{
-    FlowError, NetworkBuilder, PlanePosition, RoadCells, RoadClass, RoadMap, RoadNetwork,
-    TurningError, TurningPrior, TurningProbabilities, TurningRule,
+    MapError, NetworkBuilder, PlanePosition, RoadCells, RoadClass, RoadMap, RoadNetwork,
+    TurningPrior, TurningProbabilities, TurningRule,
 };
 use wayfix::motion::{CellTransition, EdgeTurns, TurnWeights};
 use wayfix::transition::MoveCounts;
@@ -233,7 +234,7 @@ fn errors_name_what_is_wrong() {
     let map: RoadMap<PlanePosition> = network.to_map().unwrap();
     let (weights, rule) = (TurnWeights::default(), TurningRule::default());
     let flow = |counts: &[f64]| map.consistent_flow(counts);
-    assert_eq!(flow(&[1.0; 2]), Err(FlowError::Length { found: 2, expected: 3 }));
+    assert_eq!(flow(&[1.0; 2]), Err(MapError::RoadCounts { found: 2, expected: 3 }));
     let count = |counts: &[f64]| format!("{}", flow(counts).unwrap_err());
     assert_eq!(
         count(&[1.0, f64::NAN, 0.0]),
@@ -250,24 +251,27 @@ fn errors_name_what_is_wrong() {
     let balanced = flow(&[1e-150, 1e150, 0.0]).unwrap();
     assert!(near(balanced[0], 1.0) && near(balanced[1], 1.0), "{balanced:?}");
     let error = TurningProbabilities::fit_traffic(&map, &[1.0, 2.0, 3.0], &rule).unwrap_err();
-    assert!(matches!(error, TurningError::Flow(FlowError::NoWayBack { from: 8, to: 9, .. })));
+    assert!(matches!(error, MapError::NoWayBack { from: 8, to: 9, .. }));
 
     let prior = TurningPrior::default();
     let error = |path: &[usize], prior: &TurningPrior| {
         TurningProbabilities::fit(&map, &MoveCounts::of_path(path), prior).unwrap_err()
     };
-    assert_eq!(error(&[0, 2, 0, 2], &prior), TurningError::Moved { from: 7, to: 9, count: 2.0 });
+    assert_eq!(error(&[0, 2, 0, 2], &prior), MapError::Moved { from: 7, to: 9, count: 2.0 });
     let missing = TransitionError::OutOfRange { to: 5, from: 0, states: 3 };
-    assert_eq!(error(&[0, 5], &prior), TurningError::Transition(missing.clone()));
+    assert_eq!(error(&[0, 5], &prior), MapError::Transition(missing.clone()));
     let negative = TurningPrior { weight: -1.0, ..prior };
-    assert!(matches!(error(&[0, 1], &negative), TurningError::Rule { value: -1.0, .. }));
+    assert!(matches!(
+        error(&[0, 1], &negative),
+        MapError::Parameter(Parameter { value: -1.0, .. })
+    ));
 
     let edges = |path: &[usize], weight| {
         EdgeTurns::fit(&network, &MoveCounts::of_path(path), &weights, weight).unwrap_err()
     };
     assert_eq!(edges(&[0, 5], 1.0), missing);
     assert_eq!(edges(&[2, 0], 1.0), TransitionError::Forbidden { to: 0, from: 2 });
-    assert!(matches!(edges(&[0, 1], f64::NAN), TransitionError::Parameter { .. }));
+    assert!(matches!(edges(&[0, 1], f64::NAN), TransitionError::Parameter(_)));
     // Without U-turns, what comes from 7 cannot go back there.
     let mut builder = NetworkBuilder::new();
     for (id, x) in [(7, 0.0), (8, 1.0), (9, 2.0)] {
@@ -278,7 +282,7 @@ fn errors_name_what_is_wrong() {
     let line = builder.build().unwrap();
     let no_u_turn = TurnWeights { u_turn: 0.0, ..weights };
     let error = EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &no_u_turn).unwrap_err();
-    assert!(matches!(error, FlowError::Unbalanced { id: 8, .. }), "{error}");
+    assert!(matches!(error, MapError::Unbalanced { id: 8, .. }), "{error}");
     assert!(EdgeTurns::fit_traffic(&line, &[9.0, 9.0, 1.0, 1.0], &weights).is_ok());
     assert!(EdgeTurns::fit_traffic(&line, &[9.0; 4], &no_u_turn).is_ok());
     // Turns of another network.

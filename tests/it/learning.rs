@@ -154,8 +154,12 @@ fn learn<A: LearnTransition<Control = usize> + Clone + Sync>(
     let left_out = case.count().left_out;
     let seen = |index: usize| !left_out.contains(&index) && !case.sequences[index].1.is_empty();
     if !(0..case.sequences.len()).any(seen) {
-        let Err(LearnError::Nothing { first, .. }) = result else { panic!("{:?}", result.err()) };
-        assert_eq!(first.map(|error| error.sequence), left_out.first().copied());
+        let first = match result.err() {
+            Some(LearnError::Nothing { .. }) => None,
+            Some(LearnError::AllFailed(error)) => Some(error.cause.sequence),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(first, left_out.first().copied());
         return None;
     }
     Some(result.unwrap())

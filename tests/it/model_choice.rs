@@ -256,7 +256,7 @@ fn small_trouble_ends_learning_without_losing_it() {
                 assert!(after < before);
             }
             (Trouble::Failure, LearnError::Likelihood(error)) => {
-                assert_eq!(error.to_string(), "there is no such table");
+                assert_eq!(error.cause.to_string(), "there is no such table");
             }
             (_, other) => panic!("{other}"),
         }

@@ -327,6 +327,6 @@ fn chains_of_short_roads_are_not_drawn_together() {
     let merged = xs(100.0);
     assert!(merged.len() >= 4 && merged.len() <= 5, "{merged:?}");
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(network.merged(bad), Err(MapError::Radius { .. })));
+        assert!(matches!(network.merged(bad), Err(MapError::Parameter(_))));
     }
 }

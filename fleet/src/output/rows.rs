@@ -10,6 +10,7 @@ use arrow::buffer::{NullBuffer, OffsetBuffer};
 use arrow::compute::take;
 use arrow::datatypes::{DataType, Schema};
 use wayfix::InferenceError;
+use wayfix::error::At;
 
 use super::{Batch, Results, Table};
 use crate::error::Outcome;
@@ -29,7 +30,7 @@ pub(crate) fn kind(error: &InferenceError) -> (&'static str, Option<usize>) {
     match error {
         InferenceError::Impossible { step } => ("impossible", Some(*step)),
         InferenceError::ImpossibleMove { step } => ("impossible_move", Some(*step)),
-        InferenceError::Likelihood { step, .. } => ("likelihood", Some(*step)),
+        InferenceError::Likelihood(At { number: step, .. }) => ("likelihood", Some(*step)),
         InferenceError::Predicted { step, .. } | InferenceError::PredictedSum { step, .. } => {
             ("transition", Some(*step))
         }

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use arrow::datatypes::Schema;
+use wayfix::error::At;
 use wayfix::inference::Posteriors;
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::LearnTransition;
@@ -124,9 +125,9 @@ impl Collector<'_> {
     ) -> ControlFlow<FleetError> {
         match result {
             Ok(result) => put(self, result),
-            Err(InferenceError::Likelihood { step, source }) => {
+            Err(InferenceError::Likelihood(At { number: step, cause, .. })) => {
                 let element = self.drives.offsets[drive] + step - 1;
-                return ControlFlow::Break(self.drives.refuse(element, &source.to_string()));
+                return ControlFlow::Break(self.drives.refuse(element, &cause.to_string()));
             }
             Err(error) => {
                 let (kind, step) = kind(&error);

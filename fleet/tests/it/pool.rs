@@ -13,10 +13,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use wayfix::likelihood::SparseObservation;
 use wayfix::map::Position;
-use wayfix::{
-    Filter, Hmm, InferenceError, Likelihood, LikelihoodVector, OptionalLikelihood,
-    SparseLikelihood, Transition,
-};
+use wayfix::{Filter, Hmm, InferenceError, Likelihood, LikelihoodVector, OptionalLikelihood, SparseLikelihood, Transition};
 use wayfix_fleet::places::{Fix, Places};
 use wayfix_fleet::pool::{
     LiveJob, LiveSummary, Pool, PoolOptions, Update, UpdateResult, VehicleId, live,
@@ -54,7 +51,7 @@ where
         let mut filter = known.map_or_else(|| self.hmm.filter(), |known| known.1.clone());
         let log = filter.step(&update.observation).map_err(|error| match error {
             InferenceError::Impossible { .. } => "impossible",
-            InferenceError::Likelihood { .. } => "likelihood",
+            InferenceError::Likelihood(_) => "likelihood",
             other => panic!("{other}"),
         })?;
         let (state, probability) = filter.belief().peak();

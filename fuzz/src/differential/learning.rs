@@ -143,7 +143,7 @@ where
             assert_eq!(out, failed, "sequences left out, {:?}", learned.left_out());
             Some(learned)
         }
-        Err(LearnError::Nothing { .. }) if nothing => {
+        Err(LearnError::Nothing { .. } | LearnError::AllFailed(_)) if nothing => {
             counts.add("nothing to learn from");
             None
         }

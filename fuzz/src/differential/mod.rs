@@ -9,6 +9,7 @@ mod pruned;
 mod streams;
 mod whole;
 
+use wayfix::error::At;
 use wayfix::{Controlled, Hmm, InferenceError, Sequence, Transition, TransitionEntries};
 
 use crate::counts::Counts;
@@ -113,7 +114,7 @@ fn stops(error: &InferenceError, expected: Option<Stop>) -> bool {
         InferenceError::Impossible { step } | InferenceError::ImpossibleMove { step } => {
             stop.is_impossible(step)
         }
-        InferenceError::Likelihood { step, .. } => stop.is_invalid(step),
+        InferenceError::Likelihood(At { number: step, .. }) => stop.is_invalid(step),
         _ => false,
     })
 }

@@ -164,8 +164,8 @@ impl<'a> ClusteredObservations<'a> {
         &self,
         error: Box<dyn Error + Send + Sync>,
     ) -> Box<dyn Error + Send + Sync> {
-        let source = match error.downcast::<EmissionError>() {
-            Ok(source) => source,
+        let cause = match error.downcast::<EmissionError>() {
+            Ok(cause) => cause,
             Err(error) => return error,
         };
         let constant = |component: usize| {
@@ -174,13 +174,13 @@ impl<'a> ClusteredObservations<'a> {
             known.all(|y| y.is_nan() || *y == value).then_some((component, value))
         };
         let components = self.rows.first().map_or(0, |row| row.len());
-        let found = source.undetermined(0..components).and_then(|(mut all, component)| {
+        let found = cause.undetermined(0..components).and_then(|(mut all, component)| {
             component.and_then(constant).or_else(|| all.find_map(constant))
         });
         match found {
-            None => source,
+            None => cause,
             Some((component, value)) => {
-                Box::new(EmissionError::Constant { component, value, source })
+                Box::new(EmissionError::Constant { component, value, cause })
             }
         }
     }

@@ -182,7 +182,7 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             let nothing = evidence.is_some() && next.is_nowhere();
             values.clear();
             values.resize(next.states.len(), 0.0);
-            let wrap = |source| InferenceError::Likelihood { step, source };
+            let wrap = |cause| InferenceError::likelihood(step, cause);
             let local =
                 self.likelihood().local(observation, &next.states, &mut values, &mut scratch);
             let others = local.map_err(wrap)?;

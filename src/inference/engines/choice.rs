@@ -11,11 +11,10 @@
 //!
 //! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
 //!
-//! Choices that depend on the processor stand where the loops are: the instruction set
-//! (`kernels/simd`), gathers by loads instead of the instruction on AMD's processors
-//! (`kernels/simd/x86`), and the arrangement of sparse matrices, by the time of products when the
-//! first of them is made: in portable code, and of matrices beyond 1 MB with many empty slots
-//! (`kernels/layout/sliced`). From 98,304 states on, threads share lines (`kernels/parallel`).
+//! Choices of another kind stand where the loops are: the instruction set (`kernels/simd`), gathers
+//! by loads instead of the instruction on AMD's processors (`kernels/simd/x86`), and the arrangement
+//! of a sparse matrix, by its slots (`kernels/layout/sliced`). From 98,304 states on, threads share
+//! lines (`kernels/parallel`).
 //!
 //! Measured on 2-core servers: Intel Sapphire Rapids unless noted.
 

@@ -120,7 +120,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         let observations = remaining.iter().map(|(_, sequence)| sequence.steps()).sum();
         if observations == 0 {
             let sequences = sequences.len();
-            return Err(LearnError::Nothing { sequences, first: left_out.into_iter().next() });
+            return Err(LearnError::nothing(sequences, left_out.into_iter().next()));
         }
         let log_likelihood = expected.log_likelihood();
         let of_prior = if learning.keep_prior { self.free_in_prior() } else { 0 };

@@ -92,7 +92,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
         let observations = sequences.iter().map(Sequence::steps).sum();
         if observations == 0 {
-            return Err(LearnError::Nothing { sequences: sequences.len(), first: None });
+            return Err(LearnError::nothing(sequences.len(), None));
         }
         let parameters = self.free_parameters();
         Ok(Criteria { log_likelihood: sum.value(), parameters, observations })

@@ -56,7 +56,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             drive.initial.is_none() && drive.states.is_empty() && drive.sequence.steps() == 0
         };
         if drives.iter().all(is_empty) {
-            return Err(LearnError::Nothing { sequences: drives.len(), first: None });
+            return Err(LearnError::nothing(drives.len(), None));
         }
         let mut expected = self.no_expectations();
         // The counts of learning with posteriors that are certain: one state has 1 at each step.

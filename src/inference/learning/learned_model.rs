@@ -1,7 +1,7 @@
 //! Options of learning, and the learned model with the course of learning.
 
 use super::criteria::Criteria;
-use crate::error::{LearnError, SequenceError};
+use crate::error::{LearnError, Parameter, SequenceError};
 use crate::hmm::Hmm;
 
 /// Options of [`Hmm::learn`].
@@ -58,7 +58,8 @@ impl LearningOptions {
         ] {
             // Negated, so that a NaN is refused.
             if !(value >= 0.0 && value.is_finite()) {
-                return Err(LearnError::Parameter { what, value });
+                let (what, expected) = (format!("the {what}"), "a finite value of at least 0");
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         Ok(())

@@ -39,7 +39,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         }
         // Every sequence with an observation starts somewhere.
         if expectations.first.iter().all(|p| *p == 0.0) {
-            return Err(LearnError::Nothing { sequences: 0, first: None });
+            return Err(LearnError::nothing(0, None));
         }
         self.maximize_unchecked(expectations, learning)
     }
@@ -73,7 +73,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let likelihood = self
             .likelihood()
             .maximize(&expected.sensor, learning.likelihood_pseudo_count)
-            .map_err(LearnError::Likelihood)?;
+            .map_err(LearnError::likelihood)?;
         Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
     }
 }

@@ -128,7 +128,7 @@ impl<C> ModelSelection<C> {
             rows.push(Candidate { candidate, criteria, held_out, failed });
         }
         if rows.is_empty() {
-            let nothing = LearnError::Nothing { sequences: sequences.len(), first: None };
+            let nothing = LearnError::nothing(sequences.len(), None);
             return Err(nothing.into());
         }
         Ok(Self { rows })

@@ -73,7 +73,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             (Err(_), Ok(learned)) => Ok(learned),
             (best, _) => best,
         };
-        let nothing = || Err(LearnError::Nothing { sequences: sequences.len(), first: None });
+        let nothing = || Err(LearnError::nothing(sequences.len(), None));
         attempts.into_iter().reduce(better).unwrap_or_else(nothing)
     }
 }

@@ -1,7 +1,7 @@
 //! Prediction and update of a pruned belief, with its bounds.
 
 use super::active_set::ActiveSet;
-use super::envelope::{Envelope, LIFT, LOST, Raw};
+use super::envelope::{Envelope, LOST, PRUNED_LIFT, Raw};
 use super::moves::Moves;
 use super::weights::{Weight, Weights};
 use crate::transition::TransitionEntries;
@@ -55,7 +55,7 @@ impl Envelope {
         // Mass that comes from inactive states only: to each state, and to all. It is lifted before
         // it is multiplied, since bounds on entries may be as small as evidence: what then still
         // underflows is below the 1e-290 that are added.
-        let (elsewhere, outside) = (before.elsewhere * LIFT, before.outside * LIFT);
+        let (elsewhere, outside) = (before.elsewhere * PRUNED_LIFT, before.outside * PRUNED_LIFT);
         let (one, all) = match moves {
             Some(Moves { bounds, .. }) => {
                 let by_row = times(bounds.row, elsewhere);
@@ -74,7 +74,7 @@ impl Envelope {
             }
             let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
-            predicted.sum += estimate / LIFT;
+            predicted.sum += estimate / PRUNED_LIFT;
             // Mass from inactive states: none of them has more than `elsewhere`.
             excess += times(beyond, elsewhere);
             // NaN is an entry of 0 times an infinite excess: nothing is known.
@@ -98,15 +98,15 @@ impl Envelope {
         let mut add = |j: usize, a: f64, off: f64| {
             terms += 1;
             if let Some(at) = active_set.place(j) {
-                estimate += a * (self.estimate[at] * LIFT);
-                let least = self.lower[at] * LIFT;
+                estimate += a * (self.estimate[at] * PRUNED_LIFT);
+                let least = self.lower[at] * PRUNED_LIFT;
                 lower += a * (1.0 - off) * least;
-                excess += a * (1.0 + off) * (self.excess[at] * LIFT);
+                excess += a * (1.0 + off) * (self.excess[at] * PRUNED_LIFT);
                 if off > 0.0 {
                     // Entries outside the range of `f64` are 0, up to this error.
                     let tiny = 2.0 * f64::MIN_POSITIVE;
                     excess += 2.0 * off * (a * least) * ROUNDED_UP;
-                    excess += tiny * (least + self.excess[at] * LIFT);
+                    excess += tiny * (least + self.excess[at] * PRUNED_LIFT);
                 }
             } else {
                 let most = if off > 0.0 { 2.0 * f64::MIN_POSITIVE } else { 0.0 };

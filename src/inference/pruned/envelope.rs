@@ -4,7 +4,7 @@ use crate::limits::power;
 
 /// Lift of the numbers, 2^900. With it they keep their digits in products down to 1e-578, and
 /// bounds as large as 1e37 do not overflow.
-pub(crate) const LIFT: f64 = power(900);
+pub(crate) const PRUNED_LIFT: f64 = power(900);
 /// Upper bound on the loss of a lifted sum below the smallest `f64`.
 pub(crate) const LOST: f64 = 1e-290;
 /// Largest value that is dropped in any case.
@@ -144,8 +144,8 @@ impl Envelope {
         }
         let sum: f64 = self.estimate.iter().sum();
         self.estimate.iter_mut().for_each(|p| *p /= sum);
-        let unlifted = scale / LIFT;
-        let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - LIFT.ln() };
+        let unlifted = scale / PRUNED_LIFT;
+        let log = if unlifted.is_normal() { unlifted.ln() } else { scale.ln() - PRUNED_LIFT.ln() };
         log + self.normalize()
     }
 

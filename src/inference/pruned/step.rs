@@ -146,7 +146,7 @@ where
         values.resize(candidates.len(), 1.0);
         let (mut unlisted, mut largest) = (Unlisted::at_most(1.0), 1.0);
         if let Some(observation) = observation {
-            let wrap = |source| InferenceError::Likelihood { step: number, source };
+            let wrap = |cause| InferenceError::likelihood(number, cause);
             let local = model.likelihood().local(observation, candidates, values, scratch);
             unlisted = local.map_err(wrap)?;
             largest = unlisted.check(candidates, values).map_err(wrap)?;

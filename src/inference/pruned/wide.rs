@@ -1,7 +1,7 @@
 //! Prediction from many states at once, by products with the whole matrix.
 
 use super::advance::Sums;
-use super::envelope::{Envelope, LIFT};
+use super::envelope::{Envelope, PRUNED_LIFT};
 use super::moves::{Bounds, Moves};
 use crate::inference::pruned::active_set::ActiveSet;
 use crate::kernels::Aligned;
@@ -75,7 +75,7 @@ impl Wide {
             }
             x.fill(0.0);
             for (&state, value) in before.states.iter().zip(values) {
-                x[state] = value * LIFT;
+                x[state] = value * PRUNED_LIFT;
             }
             transition.apply(control, x, out);
         }

@@ -207,7 +207,7 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
             // The observation before the first is the one that was given.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
-            drawn.map_err(|source| InferenceError::Likelihood { step, source })
+            drawn.map_err(|cause| InferenceError::likelihood(step, cause))
         };
         self.draw_with(belief, steps_before, &vec![(); steps], rng, sample)
     }

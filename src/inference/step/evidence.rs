@@ -53,7 +53,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         results: &mut StepOutput<'_>,
         values: &mut [f64],
     ) -> Result<StepOutcome, InferenceError> {
-        let wrap = |source| InferenceError::Likelihood { step: self.number, source };
+        let wrap = |cause| InferenceError::likelihood(self.number, cause);
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         let tails_rounded = self.hmm.rounds_tails();
         let (likelihoods, log_scale) = match diagonal.linear_values() {

@@ -61,7 +61,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
     }
 
     pub(crate) fn check_control(&self, control: &A::Control) -> Result<(), InferenceError> {
-        let wrap = |source| InferenceError::Control { step: self.number, source };
+        let wrap = |cause| InferenceError::control(self.number, cause);
         self.hmm.transition().check_control(control).map_err(wrap)
     }
 
@@ -71,7 +71,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         observation: &'a B::Observation,
         scratch: &'a mut Scratch,
     ) -> Result<(Diagonal<'a>, f64), InferenceError> {
-        let wrap = |source| InferenceError::Likelihood { step: self.number, source };
+        let wrap = |cause| InferenceError::likelihood(self.number, cause);
         let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
         let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
         Ok((diagonal, largest))
@@ -107,7 +107,7 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
                 return Ok(StepOutcome { log, normalizer, by_logs: false, in_logs: false, form });
             }
         }
-        let wrap = |source| InferenceError::Likelihood { step: self.number, source };
+        let wrap = |cause| InferenceError::likelihood(self.number, cause);
         // Borrowed, since copying a diagonal that was just written takes as long as some rows.
         let found = self.hmm.likelihood().diagonal(observation, scratch);
         let diagonal = match found {
@@ -363,5 +363,6 @@ impl<'a> Likelihoods<'a> {
 #[inline]
 pub(crate) fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
-    !updated.negative_likelihood && limits::holds(products, predicted, largest_likelihood, lift)
+    !updated.negative_likelihood
+        && limits::linear_holds(products, predicted, largest_likelihood, lift)
 }

@@ -1,7 +1,8 @@
 //! Products with a dense matrix that is stored by columns.
 //!
-//! Each sum runs over the columns (or down them) in their order, however many are taken at a
-//! time: results do not depend on the sizes of blocks.
+//! These are A x and A' x of formulas 2 and 3 of the guide. Each sum runs over the columns (or down
+//! them) in their order, however many are taken at a time: results do not depend on the sizes of
+//! blocks. Padding is never stored to a result, nor multiplied by anything but 0.
 
 use crate::kernels::memory::Aligned;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, total};
@@ -49,6 +50,7 @@ impl Dense {
     /// `out = A x`.
     pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
         assert!(x.len() == self.states && out.len() == self.states, "one value per state");
+        // Columns are added to it, eight at a time: n / 8 passes over `out` instead of n.
         out.fill(0.0);
         multiply(self, x, out);
     }
@@ -62,6 +64,7 @@ impl Dense {
     #[inline(always)]
     fn columns<const C: usize>(&self, first: usize) -> [&[Eight]; C] {
         let eights = self.states.div_ceil(LANES);
+        // Strides are multiples of eight, so that a column is whole blocks with its padding.
         let columns = &self.values.as_chunks().0[first * eights..(first + C) * eights];
         std::array::from_fn(|c| &columns[c * eights..(c + 1) * eights])
     }
@@ -78,6 +81,7 @@ fn add_columns<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
     for (number, x) in eights.iter().enumerate() {
         add(s, matrix.columns(number * COLUMNS), x, out);
     }
+    // Up to seven columns are left: four of them side by side, the others one by one.
     let first = eights.len() * COLUMNS;
     let (halves, rest) = rest.as_chunks::<{ COLUMNS / 2 }>();
     for x in halves {
@@ -94,14 +98,17 @@ fn add_columns<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
 fn add<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64; C], out: &mut [f64]) {
     let x: [S::V; C] = std::array::from_fn(|c| s.splat(x[c]));
     let (blocks, rest) = out.as_chunks_mut();
+    // Slices of the length of the loop: no check of an index remains in it.
     let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..blocks.len()]);
     for (number, block) in blocks.iter_mut().enumerate() {
         let mut sum = s.load(block);
+        // Into one sum, in the order of columns: a sum of several would depend on C.
         for c in 0..C {
             sum = s.add(sum, s.mul(s.load(&whole[c][number]), x[c]));
         }
         s.store(sum, block);
     }
+    // The block after the whole ones ends in padding, of which `store_partial` keeps nothing.
     if !rest.is_empty() {
         let mut sum = s.load_partial(rest);
         for c in 0..C {
@@ -129,6 +136,7 @@ fn all_dots<S: Simd>(s: S, matrix: &Dense, x: &[f64], out: &mut [f64]) {
 fn dots<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64]) -> [f64; C] {
     let (xs, rest) = x.as_chunks::<LANES>();
     let whole: [&[Eight]; C] = std::array::from_fn(|c| &columns[c][..xs.len()]);
+    // C sums that do not wait for each other share each load of x.
     let mut sums = [s.splat(0.0); C];
     for (number, x) in xs.iter().enumerate() {
         let x = s.load(x);
@@ -136,6 +144,7 @@ fn dots<S: Simd, const C: usize>(s: S, columns: [&[Eight]; C], x: &[f64]) -> [f6
             sums[c] = s.add(sums[c], s.mul(s.load(&whole[c][number]), x));
         }
     }
+    // x is 0 beyond its end: padding adds nothing, as it is finite.
     if !rest.is_empty() {
         let x = s.load_partial(rest);
         for c in 0..C {

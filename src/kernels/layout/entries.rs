@@ -1,18 +1,22 @@
-//! Products over the entries of slices. Indices are not checked again: checks were a fifth of the
-//! time of a product with a small matrix.
+//! Products over the entries of slices, over any semiring: A x and A' x of the filter and the
+//! smoother (formulas 2 and 3 of the guide), and max over j of log2 A\[i, j\] + x(j) (formula 7).
+//!
+//! Indices are not checked again: checks were a fifth of the time of a product with a small matrix.
+//! Instead, `build` asserts once that they are below the number of lines, and `product_with` that
+//! x has as many values.
 #![allow(unsafe_code, reason = "indices that were checked when the slices were made")]
 
 use std::ops::Range;
 
 use super::sliced::{Overflow, Slice, Sliced, WINDOW};
 use super::values::{EntryValues, Value, Width};
-use crate::kernels::ops::{MaxPlus, Semiring, Sink, SumProduct};
+use crate::kernels::ops::{RowSums, Sink, SumProduct};
 use crate::kernels::parallel::PART;
 use crate::kernels::simd::{Eight, LANES, Simd};
 
 /// Slices of a window. Parts end with windows.
 const SLICES: usize = WINDOW / LANES;
-const _: () = assert!(PART / WINDOW * WINDOW == PART);
+const _: () = assert!(PART.is_multiple_of(WINDOW));
 
 impl Sliced {
     /// Passes the product of each slice with x to a sink, numbered from the first of them.
@@ -32,7 +36,7 @@ impl Sliced {
 
     /// The same with other values, over any semiring.
     #[inline(always)]
-    pub(in crate::kernels) fn product_with<S: Simd, V: Value, R: Lanes<S>>(
+    pub(in crate::kernels) fn product_with<S: Simd, V: Value, R: RowSums<S>>(
         &self,
         s: S,
         ring: R,
@@ -41,6 +45,7 @@ impl Sliced {
         x: &[f64],
         sink: &mut impl Sink<S, R::Sum>,
     ) {
+        // Both assertions are what the loads of `Factors` rely on.
         assert_eq!(x.len(), self.lines, "x must have one value per state");
         let fits = values.shifted.len() == self.bases.len()
             && values.gathered.len() == self.indices.len()
@@ -53,6 +58,8 @@ impl Sliced {
         if self.order.is_empty() {
             for (number, to) in self.slices[slices].iter().enumerate() {
                 let first = factors.shifted(s, ring, from.shifted..to.shifted);
+                // Indices ascend among the shifted slots and again among the gathered ones, not
+                // over both: a maximum over both would not keep the lowest of several.
                 let second = ring.second(s, first);
                 let second =
                     factors.gathered::<_, _, true>(s, ring, second, from.gathered..to.gathered);
@@ -64,9 +71,9 @@ impl Sliced {
         }
         let at_end = slices.end == self.slices.len() || slices.end.is_multiple_of(SLICES);
         assert!(slices.start.is_multiple_of(SLICES) && at_end, "windows must not be split");
-        // Sums of a window, in the order of its lines.
-        let mut values = CacheLines([[0.0; LANES]; SLICES]);
-        let mut indices = CacheLines([[0; LANES]; SLICES]);
+        // A window is complete before its sums are passed on: sinks take lines in their order, and
+        // the first group may have the last line. A few KB on the stack stay in the first cache.
+        let mut sums = R::rows::<SLICES>();
         let windows = slices.clone().step_by(SLICES).zip((0..).step_by(SLICES));
         for (window, number) in windows {
             let window = window..slices.end.min(window + SLICES);
@@ -74,74 +81,17 @@ impl Sliced {
                 let sum = ring.zero(s);
                 let sum = factors.gathered::<_, _, false>(s, ring, sum, from.gathered..to.gathered);
                 let sum = factors.overflow(s, ring, sum, from.overflow..to.overflow);
-                let (value, index) = ring.to_lanes(s, sum);
-                for (lane, line) in lines.iter().enumerate() {
-                    values.0.as_flattened_mut()[*line as usize] = value[lane];
-                    indices.0.as_flattened_mut()[*line as usize] = index[lane];
+                let rows = ring.to_rows(s, sum);
+                // A line is a byte: the compiler sees that it is in the window, and checks nothing.
+                for (lane, line) in lines.iter().map(|line| *line as usize).enumerate() {
+                    R::set_row(&mut sums, line, R::row(&rows, lane));
                 }
                 from = *to;
             }
             for slice in 0..window.len() {
-                let sum = ring.of_lanes(s, &values.0[slice], &indices.0[slice]);
-                sink.take(s, number + slice, sum);
+                sink.take(s, number + slice, ring.join_rows(s, &sums, slice));
             }
         }
-    }
-}
-
-/// Vectors of eight on cache lines.
-#[repr(align(64))]
-struct CacheLines<T>([[T; LANES]; SLICES]);
-
-/// A semiring whose sums can be permuted.
-pub(in crate::kernels) trait Lanes<S: Simd>: Semiring<S> {
-    /// Adds an entry to each row, in any order of the indices.
-    fn add_unordered(self, s: S, sum: &mut Self::Sum, entry: S::V, x: S::V, index: S::I);
-
-    /// Value and index of each lane.
-    fn to_lanes(self, s: S, sum: Self::Sum) -> (Eight, [u32; LANES]);
-    fn of_lanes(self, s: S, values: &Eight, indices: &[u32; LANES]) -> Self::Sum;
-}
-
-impl<S: Simd> Lanes<S> for SumProduct {
-    #[inline(always)]
-    fn add_unordered(self, s: S, sum: &mut S::V, entry: S::V, x: S::V, index: S::I) {
-        self.add(s, sum, entry, x, index);
-    }
-
-    #[inline(always)]
-    fn to_lanes(self, s: S, sum: S::V) -> (Eight, [u32; LANES]) {
-        (s.to_array(sum), [0; LANES])
-    }
-
-    #[inline(always)]
-    fn of_lanes(self, s: S, values: &Eight, _: &[u32; LANES]) -> S::V {
-        s.load(values)
-    }
-}
-
-impl<S: Simd> Lanes<S> for MaxPlus {
-    #[inline(always)]
-    fn add_unordered(self, s: S, sum: &mut Self::Sum, entry: S::V, x: S::V, index: S::I) {
-        let value = s.add(entry, x);
-        let tie = s.and(s.eq(value, sum.value), s.lt_index(index, sum.index));
-        let better = s.or(s.lt(sum.value, value), tie);
-        sum.value = s.max(value, sum.value);
-        sum.index = s.select_index(better, index, sum.index);
-    }
-
-    #[inline(always)]
-    fn to_lanes(self, s: S, sum: Self::Sum) -> (Eight, [u32; LANES]) {
-        let mut indices = [0; LANES];
-        s.store_indices(sum.index, &mut indices);
-        (s.to_array(sum.value), indices)
-    }
-
-    #[inline(always)]
-    fn of_lanes(self, s: S, values: &Eight, indices: &[u32; LANES]) -> Self::Sum {
-        let mut sum = self.zero(s);
-        (sum.value, sum.index) = (s.load(values), s.load_indices(indices));
-        sum
     }
 }
 
@@ -156,13 +106,13 @@ struct Factors<'a, V: Value> {
 impl<V: Value> Factors<'_, V> {
     /// Sums over shifted slots.
     #[inline(always)]
-    fn shifted<S: Simd, R: Semiring<S>>(self, s: S, ring: R, slots: Range<u32>) -> R::Sum {
+    fn shifted<S: Simd, R: RowSums<S>>(self, s: S, ring: R, slots: Range<u32>) -> R::Sum {
         let Self { matrix, values, x } = self;
         let (mut sum, mut slot) = (ring.zero(s), slots.start as usize);
         while slot < slots.end as usize {
             // SAFETY: `Sliced::push_shifted` ends slices within the slots, each of which has a base
-            // and values (the assertion in `product_with`), and takes no base unless eight values
-            // of x begin there.
+            // and, by the assertion in `product_with`, values. It takes a base only if eight values
+            // of x begin there, for an x of `lines` values, which is the other assertion.
             let (base, value, x) = unsafe {
                 let base = *matrix.bases.get_unchecked(slot);
                 debug_assert!(base as usize + size_of::<Eight>() / 8 <= x.len());
@@ -171,6 +121,8 @@ impl<V: Value> Factors<'_, V> {
             };
             ring.add(s, &mut sum, V::load(s, value), x, s.iota(base));
             slot += 1;
+            // Slices have three or four slots as a rule: a loop unrolled by four would begin with
+            // a test that fails, and end with a rest that is all there is.
             s.no_unroll();
         }
         sum
@@ -178,7 +130,7 @@ impl<V: Value> Factors<'_, V> {
 
     /// Adds gathered slots, whose indices ascend in each lane if they are ordered.
     #[inline(always)]
-    fn gathered<S: Simd, R: Lanes<S>, const ORDERED: bool>(
+    fn gathered<S: Simd, R: RowSums<S>, const ORDERED: bool>(
         self,
         s: S,
         ring: R,
@@ -189,14 +141,16 @@ impl<V: Value> Factors<'_, V> {
         let mut slot = slots.start as usize;
         while slot < slots.end as usize {
             // SAFETY: `Sliced::push_others` ends slices and groups within the slots, each of which
-            // has values (the assertion in `product_with`); `Sliced::arranged` asserts that all
+            // has values (the assertion in `product_with`). `Sliced::arranged` asserts that all
             // indices are below the number of lines, that of the values of x, and that this is
-            // below 2^31.
+            // below 2^31; lanes without an entry have the index of a line, too.
             let (indices, value, x) = unsafe {
                 let indices = matrix.indices.get_unchecked(slot);
                 (indices, values.gathered.get_unchecked(slot), s.gather(x, indices))
             };
             let (value, indices) = (V::load(s, value), s.load_indices(indices));
+            // An empty lane adds 0 · x to a sum, and offers −∞ to a maximum: a sum stays as it is,
+            // and so does a maximum above −∞ with its index.
             if ORDERED {
                 ring.add(s, &mut sum, value, x, indices);
             } else {
@@ -210,7 +164,7 @@ impl<V: Value> Factors<'_, V> {
 
     /// Adds overflow entries.
     #[inline(always)]
-    fn overflow<S: Simd, R: Semiring<S>>(
+    fn overflow<S: Simd, R: RowSums<S>>(
         self,
         s: S,
         ring: R,
@@ -218,19 +172,22 @@ impl<V: Value> Factors<'_, V> {
         lines: Range<u32>,
     ) -> R::Sum {
         let Self { matrix, values, x } = self;
+        // Most slices have none, and keep their sums in registers.
         if lines.is_empty() {
             return sum;
         }
         let mut rows = ring.to_rows(s, sum);
+        // Entries of a line begin where those of the line before end, in another slice or not.
         let before = (lines.start as usize).checked_sub(1);
         let mut start = before.map_or(0, |before| matrix.overflow[before].end as usize);
         for Overflow { lane, end } in &matrix.overflow[lines.start as usize..lines.end as usize] {
-            // In a register: the lane is known to nobody.
-            let mut row = rows[*lane as usize % LANES];
+            // A copy, which can stay in a register: the compiler can't tell which row it is. The
+            // remainder saves the check of an index that is below eight anyway.
+            let mut row = R::row(&rows, *lane as usize % LANES);
             while start < *end as usize {
                 // SAFETY: `Sliced::push_others` ends lines within the entries, of which there are
-                // as many indices as values (the assertion in `product_with`), and all indices are
-                // below the number of values of x.
+                // as many indices as values (the assertion in `product_with`), and `arranged`
+                // asserts that all indices are below the number of values of x.
                 let (value, x, j) = unsafe {
                     let j = *matrix.overflow_indices.get_unchecked(start);
                     let value = *values.overflow.get_unchecked(start);
@@ -239,8 +196,8 @@ impl<V: Value> Factors<'_, V> {
                 row = ring.add_to_row(row, value, x, j);
                 start += 1;
             }
-            rows[*lane as usize % LANES] = row;
+            R::set_row(&mut rows, *lane as usize % LANES, row);
         }
-        ring.join_rows(s, rows)
+        ring.join_rows(s, &rows, 0)
     }
 }

@@ -1,5 +1,6 @@
-//! Layouts of matrices: sparse lines in slices of eight or one by one, and dense columns or panels.
+//! Layouts of matrices: sparse lines in slices of eight or groups, and dense columns or panels.
 
+mod build;
 mod dense;
 mod entries;
 mod panels;

@@ -1,7 +1,10 @@
-//! Max-products with a dense matrix of logarithms, eight rows at a time.
+//! Max-products with a dense matrix of logarithms, eight rows at a time: formula 7 of the guide.
+//!
+//! Each maximum runs over the columns in ascending order, and keeps the first of several that attain
+//! it: ties go to the lowest state.
 
 use crate::kernels::memory::Aligned;
-use crate::kernels::ops::{MaxPlus, Semiring, log2_in_place};
+use crate::kernels::ops::{MaxPlus, RowSums, log2_in_place};
 use crate::kernels::simd::{Eight, LANES, Simd, kernels, store};
 
 /// Logarithms of a dense matrix, in panels of eight rows, each of them by columns.
@@ -15,6 +18,7 @@ pub(crate) struct Panels {
 impl Panels {
     /// Takes the logarithms, to base 2 as decoders add them, of entries at (to, from).
     pub(crate) fn log2(states: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
+        // Rows beyond the last are 0, a probability, so that their logarithms are −∞.
         let mut values = Aligned::new(states.next_multiple_of(LANES) * states, 0.0);
         for j in 0..states {
             for i in 0..states {
@@ -48,6 +52,7 @@ fn maximize_rows<S: Simd>(
     let n = *states;
     assert!(x.len() == n && out.len() == n && from.len() == n, "one value per state");
     let mut rows = PanelRows { panels: values.as_chunks().0, x, out, from, first: 0 };
+    // Each takes what the one before has left: at most one panel is taken alone.
     rows.maximize::<S, 4>(s);
     rows.maximize::<S, 2>(s);
     rows.maximize::<S, 1>(s);
@@ -70,6 +75,7 @@ impl PanelRows<'_> {
         while (self.first + P) * n <= self.panels.len() {
             let panels: [&[Eight]; P] =
                 std::array::from_fn(|p| &self.panels[(self.first + p) * n..][..n]);
+            // P maxima and their indices: with eight panels they would not stay in registers.
             let mut sums = [MaxPlus.zero(s); P];
             for (j, &x) in self.x.iter().enumerate() {
                 let (x, index) = (s.splat(x), s.load_indices(&[j as u32; LANES]));
@@ -98,6 +104,7 @@ pub(crate) fn store_indices<S: Simd>(
     if let Some(block) = blocks.get_mut(block) {
         s.store_indices(indices, block);
     } else {
+        // Lanes beyond the last row have an index, too: only those of rows are copied.
         let mut last = [0; LANES];
         s.store_indices(indices, &mut last);
         rest.copy_from_slice(&last[..rest.len()]);

@@ -1,5 +1,6 @@
 //! Sparse lines (rows of A, or its columns) in slices of eight, for products with eight lines at
-//! a time (sliced ELLPACK, Monakov, Lokhmotov and Avetisyan 2010).
+//! a time (sliced ELLPACK, Monakov, Lokhmotov and Avetisyan 2010): the products A x and A' x of
+//! formulas 2, 3 and 7 of the guide.
 //!
 //! Lines keep their order, so that results are written, and vectors beside them read, without
 //! permutation. The entries of a slice fill slots of eight, one for each line. A *gathered* slot
@@ -8,31 +9,30 @@
 //! staying) lie on such diagonals, and a load costs a fifth of a gather. *Overflow* entries, of
 //! lines with many more than the rest of their slice, are stored line by line.
 //!
-//! Lines of unlike lengths leave slots empty. Two other [arrangements](Arrangement) have none, and
-//! add in the same order, so that results are the same to the bit: all entries as overflow, for
-//! portable code, or in gathered slots of *groups*, eight lines of one length out of a window of
-//! consecutive ones (SELL-C-σ, Kreutzer et al. 2014). Sums of a window are brought into the order
-//! of its lines before they are passed on. Groups read fewer bytes, and the ends of their loops are
-//! foreseen, but every entry of a diagonal is gathered.
-
-use std::sync::OnceLock;
-use std::time::{Duration, Instant};
+//! Lines of unlike lengths leave slots empty. *Groups*, the other [arrangement](Arrangement),
+//! leave almost none: gathered slots of eight lines of one length, out of a window of consecutive
+//! ones (SELL-C-σ, Kreutzer et al. 2014). Sums of a window are brought into the order of its lines
+//! before they are passed on. Groups read fewer bytes, but every entry of a diagonal is gathered.
+//!
+//! Invariants, which `build` establishes and products rely on without a check: ends of slices
+//! ascend and lie within the slots; all indices are below `lines`, which is below 2^31; eight
+//! values of x begin at each base. Both arrangements add the entries of a line in the same order
+//! (those of shifted slots first, then the others, each by ascending index): results are the same
+//! to the bit.
 
 use super::values::{EntryValues, HalfLine, Value, Width};
-use crate::kernels::simd::{Isa, LANES};
+use crate::kernels::simd::LANES;
 
 /// Relative costs of a shifted and of a gathered slot.
-const SHIFTED_COST: usize = 2;
-const GATHERED_COST: usize = 5;
+pub(super) const SHIFTED_COST: usize = 2;
+pub(super) const GATHERED_COST: usize = 5;
 /// Costs of having overflow entries in a slice at all, and of each.
 const ANY_OVERFLOW_COST: usize = 30;
 const OVERFLOW_COST: usize = 2;
+/// Cost of putting the sums of a group in order.
+const ORDERING_COST: usize = 5;
 
-/// Fewest lines of the first matrix, whose products choose the arrangement of all in portable code.
-const FEWEST_TIMED: usize = 64;
-/// Time after which no other product is timed.
-const LONGEST_TIMED: Duration = Duration::from_millis(10);
-/// Fewest bytes of slots for groups: smaller matrices stay in the second cache as they are.
+/// Fewest bytes of slots for groups.
 const FEWEST_BYTES_GROUPED: usize = 1 << 20;
 /// Lines of a window: as many as a byte tells apart.
 pub(super) const WINDOW: usize = 1 << u8::BITS;
@@ -74,246 +74,53 @@ pub(crate) enum Arrangement {
     Slices,
     /// Gathered slots of eight lines of a window.
     Groups,
-    /// Line by line.
-    Rows,
-}
-
-/// Entries of the lines of a window outside shifted slots, in the order of addition.
-struct Others<V> {
-    entries: Vec<(u32, V)>,
-    /// Starts of lines, and the end.
-    starts: Vec<usize>,
-}
-
-impl<V> Others<V> {
-    fn of_line(&self, line: u8) -> &[(u32, V)] {
-        &self.entries[self.starts[line as usize]..self.starts[line as usize + 1]]
-    }
-}
-
-/// Entry of a slice.
-struct SlicedEntry<V> {
-    /// Number of its diagonal: the index of lane 7 on it.
-    diagonal: usize,
-    lane: usize,
-    index: u32,
-    value: V,
 }
 
 impl Sliced {
-    /// Builds slices from lines whose indices ascend and are below `lines`. O(n + entries), plus
-    /// the sorting of the entries of each slice.
+    /// Builds slices from lines whose indices ascend and are below `lines`, or groups where their
+    /// products cost less. O(n + entries), plus the sorting of the entries of each slice.
+    ///
+    /// The choice depends on the matrix alone. Costs are those of Viterbi, which gains least from
+    /// groups: of twelve matrices of 30,000 lines on Zen 4, those for which groups cost less took
+    /// 0.74 to 0.95 of the time of slices for a product with AVX-512, and 0.75 to 0.97 for Viterbi;
+    /// the others 0.96 to 1.15 and 1.03 to 1.17. On a road graph both are slower in groups, as on
+    /// Sapphire Rapids. Portable code was for both slower line by line, without slots (Zen 4: 73
+    /// instead of 40 µs for a product with that graph, Sapphire Rapids: 242 instead of 75).
     pub(crate) fn new<'a, V: Value + 'a>(
         lines: usize,
         line: impl Fn(usize) -> (&'a [u32], &'a [V]),
     ) -> Self {
-        /// Arrangement that was faster for the first matrix.
-        static CHOSEN: OnceLock<Arrangement> = OnceLock::new();
-        let portable = Isa::chosen() == Isa::Portable;
-        let other = if portable { Arrangement::Rows } else { Arrangement::Groups };
-        if portable && CHOSEN.get() == Some(&other) {
-            return Self::arranged(other, lines, line);
-        }
         let slices = Self::arranged(Arrangement::Slices, lines, &line);
-        let eligible = if portable {
-            lines >= FEWEST_TIMED
-        } else {
-            let bytes = size_of::<u32>() + size_of::<V>();
-            let slots = slices.bases.len() * (size_of::<u32>() + LANES * size_of::<V>())
-                + (slices.indices.len() * LANES + slices.overflow_indices.len()) * bytes;
-            let entries: usize = (0..lines).map(|number| line(number).0.len()).sum();
-            slots > FEWEST_BYTES_GROUPED && entries * bytes < slots / 8 * 7
-        };
-        // WebAssembly need not have a clock.
-        if !eligible || cfg!(target_family = "wasm") || CHOSEN.get() == Some(&Arrangement::Slices) {
-            return slices;
+        // Smaller matrices stay in the second cache as slices. Groups of such matrices were
+        // measured on Zen 4 alone, where they gain as much.
+        let is_large = slices.bytes::<V>() > FEWEST_BYTES_GROUPED;
+        if is_large && cost_in_groups(lines, |number| line(number).0.len()) < slices.cost() {
+            return Self::arranged(Arrangement::Groups, lines, line);
         }
-        let others = Self::arranged(other, lines, line);
-        // A loop over rows ends at another place in each. Some processors foresee that: on Zen 5 a
-        // scalar loop took 51 µs for a road graph on which Sapphire Rapids takes 242, and slots
-        // 75. Of groups, a gain is asked that outweighs the loss of decoders. (Not timed inside
-        // `get_or_init`: a thread that waits for others may build another matrix meanwhile.)
-        let chosen = CHOSEN.get().copied().unwrap_or_else(|| {
-            let time = if portable { others.time() } else { others.time() * 8 / 7 };
-            let faster = if slices.time() <= time { Arrangement::Slices } else { other };
-            *CHOSEN.get_or_init(|| faster)
+        slices
+    }
+
+    /// Size of all slots and overflow entries.
+    fn bytes<V: Value>(&self) -> usize {
+        let entry = size_of::<u32>() + size_of::<V>();
+        // A shifted slot has one index for its eight values.
+        self.bases.len() * (size_of::<u32>() + LANES * size_of::<V>())
+            + (self.indices.len() * LANES + self.overflow_indices.len()) * entry
+    }
+
+    /// Cost of a product in slices.
+    fn cost(&self) -> usize {
+        let mut start = 0;
+        let overflow = self.slices.iter().filter(|slice| {
+            // Ends ascend over all slices: one that is above the last has entries of its own.
+            let any = slice.overflow > start;
+            start = slice.overflow;
+            any
         });
-        if chosen == other { others } else { slices }
-    }
-
-    /// Shortest time of a few products; of fewer if they take long.
-    fn time(&self) -> Duration {
-        let (x, mut out) = (vec![1.0; self.lines], vec![0.0; self.lines]);
-        let (begin, mut shortest) = (Instant::now(), Duration::MAX);
-        for _ in 0..16 {
-            let start = Instant::now();
-            self.multiply(&x, &mut out);
-            shortest = shortest.min(start.elapsed());
-            if begin.elapsed() > LONGEST_TIMED {
-                break;
-            }
-        }
-        shortest
-    }
-
-    /// The same in this arrangement.
-    pub(crate) fn arranged<'a, V: Value + 'a>(
-        arrangement: Arrangement,
-        lines: usize,
-        line: impl Fn(usize) -> (&'a [u32], &'a [V]),
-    ) -> Self {
-        assert!(i32::try_from(lines).is_ok(), "gathers take indices with a sign");
-        let mut sliced = Self {
-            lines,
-            slices: Vec::with_capacity(lines.div_ceil(LANES)),
-            order: Vec::new(),
-            bases: Vec::new(),
-            indices: Vec::new(),
-            overflow: Vec::new(),
-            overflow_indices: Vec::new(),
-            values: Width::Double(EntryValues::new()),
-        };
-        let mut stored = EntryValues::new();
-        let (mut entries, mut keys) = (Vec::new(), Vec::new());
-        let mut others = Others { entries: Vec::new(), starts: Vec::new() };
-        let window = if arrangement == Arrangement::Groups { WINDOW } else { LANES };
-        for start in (0..lines).step_by(window) {
-            others.entries.clear();
-            others.starts.clear();
-            others.starts.push(0);
-            for first in (start..lines.min(start + window)).step_by(LANES) {
-                entries.clear();
-                for lane in 0..LANES.min(lines - first) {
-                    let (indices, values) = line(first + lane);
-                    // Products rely on it.
-                    assert!(indices.iter().all(|j| (*j as usize) < lines), "an index is too large");
-                    let entry = |(&index, &value): (&u32, &V)| {
-                        let diagonal = index as usize + (LANES - 1) - lane;
-                        SlicedEntry { diagonal, lane, index, value }
-                    };
-                    entries.extend(indices.iter().zip(values).map(entry));
-                }
-                sliced.push_shifted(arrangement, &entries, &mut keys, &mut stored, &mut others);
-            }
-            sliced.push_others(arrangement, start, &others, &mut stored);
-        }
-        sliced.bases.shrink_to_fit();
-        sliced.indices.shrink_to_fit();
-        stored.shifted.shrink_to_fit();
-        stored.gathered.shrink_to_fit();
-        sliced.values = V::of_width(stored);
-        sliced
-    }
-
-    /// Adds the shifted slots of a slice, with its entries lane by lane, and passes on the others.
-    fn push_shifted<V: Value>(
-        &mut self,
-        arrangement: Arrangement,
-        entries: &[SlicedEntry<V>],
-        keys: &mut Vec<usize>,
-        stored: &mut EntryValues<V>,
-        others: &mut Others<V>,
-    ) {
-        let shifted = self.diagonals(entries, keys);
-        let (start, slots) = (self.bases.len(), arrangement == Arrangement::Slices);
-        if slots {
-            self.bases.extend(shifted.iter().map(|diagonal| (diagonal - (LANES - 1)) as u32));
-        }
-        stored.shifted.resize(self.bases.len(), V::Slot::default());
-        let diagonal = |entry: &SlicedEntry<V>| shifted.binary_search(&entry.diagonal);
-        let mut left = entries;
-        for lane in 0..LANES {
-            let (of_lane, after) = left.split_at(left.partition_point(|e| e.lane == lane));
-            left = after;
-            for entry in of_lane {
-                match diagonal(entry) {
-                    Ok(at) if slots => stored.shifted[start + at][lane] = entry.value,
-                    Ok(_) => others.entries.push((entry.index, entry.value)),
-                    Err(_) => {}
-                }
-            }
-            let rest = of_lane.iter().filter(|entry| diagonal(entry).is_err());
-            others.entries.extend(rest.map(|entry| (entry.index, entry.value)));
-            others.starts.push(others.entries.len());
-        }
-        self.slices.push(Slice { shifted: self.bases.len() as u32, ..Slice::default() });
-    }
-
-    /// Adds the gathered slots and the overflow of a window, or of the one slice that begins here.
-    fn push_others<V: Value>(
-        &mut self,
-        arrangement: Arrangement,
-        first: usize,
-        others: &Others<V>,
-        stored: &mut EntryValues<V>,
-    ) {
-        let mut order: [u8; WINDOW] = std::array::from_fn(|line| line as u8);
-        let order = &mut order[..others.starts.len() - 1];
-        if arrangement == Arrangement::Groups {
-            order.sort_by_key(|line| std::cmp::Reverse(others.of_line(*line).len()));
-            self.order.extend(order.as_chunks().0);
-        }
-        for (lines, number) in order.chunks(LANES).zip(first / LANES..) {
-            let left = lines.iter().map(|line| others.of_line(*line).len());
-            // Overflow entries are those below the depth of the gathered slots.
-            let overflow_cost = |depth: usize| {
-                let deeper: usize = left.clone().map(|left| left.saturating_sub(depth)).sum();
-                let any = if deeper > 0 { ANY_OVERFLOW_COST } else { 0 };
-                depth * GATHERED_COST + any + deeper * OVERFLOW_COST
-            };
-            let depth = left.clone().min_by_key(|&depth| overflow_cost(depth)).unwrap_or(0);
-            let depth = if arrangement == Arrangement::Rows { 0 } else { depth };
-            let start = self.indices.len();
-            // Lanes without an entry take the first place of the window or slice, and 0 of it.
-            self.indices.resize(start + depth, HalfLine([first as u32; LANES]));
-            stored.gathered.resize(start + depth, V::Slot::default());
-            for (lane, line) in lines.iter().enumerate() {
-                let entries = others.of_line(*line);
-                let (gathered, deeper) = entries.split_at(depth.min(entries.len()));
-                for (&(index, value), slot) in gathered.iter().zip(start..) {
-                    self.indices[slot][lane] = index;
-                    stored.gathered[slot][lane] = value;
-                }
-                self.overflow_indices.extend(deeper.iter().map(|entry| entry.0));
-                stored.overflow.extend(deeper.iter().map(|entry| entry.1));
-                if !deeper.is_empty() {
-                    let end = self.overflow_indices.len() as u32;
-                    self.overflow.push(Overflow { lane: lane as u32, end });
-                }
-            }
-            self.slices[number].gathered = self.indices.len() as u32;
-            self.slices[number].overflow = self.overflow.len() as u32;
-        }
-    }
-
-    /// Chooses the diagonals that are worth a shifted slot, ascending.
-    fn diagonals<V>(&self, entries: &[SlicedEntry<V>], keys: &mut Vec<usize>) -> Vec<usize> {
-        let mut left = [0_usize; LANES];
-        entries.iter().for_each(|entry| left[entry.lane] += 1);
-        // Diagonal and lane in one number: sorting entries would take most of the time.
-        keys.clear();
-        keys.extend(entries.iter().map(|entry| entry.diagonal * LANES + entry.lane));
-        keys.sort_unstable();
-        let inside = |diagonal: usize| (LANES - 1..self.lines).contains(&diagonal);
-        let mut diagonals: Vec<&[usize]> = keys
-            .chunk_by(|a, b| a / LANES == b / LANES)
-            .filter(|keys| keys.len() > 1 && inside(keys[0] / LANES))
-            .collect();
-        diagonals.sort_by_key(|keys| std::cmp::Reverse(keys.len()));
-        let cost = |shifted: usize, left: &[usize; LANES]| {
-            let deepest = left.iter().copied().max().unwrap_or(0);
-            shifted * SHIFTED_COST + deepest * GATHERED_COST
-        };
-        let (mut least, mut taken, mut after) = (cost(0, &left), 0, left);
-        for (keys, count) in diagonals.iter().zip(1..) {
-            keys.iter().for_each(|key| after[key % LANES] -= 1);
-            if cost(count, &after) < least {
-                (least, taken) = (cost(count, &after), count);
-            }
-        }
-        let mut shifted: Vec<usize> = diagonals[..taken].iter().map(|d| d[0] / LANES).collect();
-        shifted.sort_unstable();
-        shifted
+        overflow.count() * ANY_OVERFLOW_COST
+            + self.overflow_indices.len() * OVERFLOW_COST
+            + self.bases.len() * SHIFTED_COST
+            + self.indices.len() * GATHERED_COST
     }
 
     /// Returns the logarithms of all values, to base 2 as decoders add them; −∞ where there is no
@@ -328,5 +135,80 @@ impl Sliced {
     /// Number of lines.
     pub(crate) fn lines(&self) -> usize {
         self.lines
+    }
+}
+
+/// Cost of a product in groups, by the lengths of lines. Building groups to count their slots
+/// would double the time of a matrix that learning makes anew in each iteration.
+fn cost_in_groups(lines: usize, length: impl Fn(usize) -> usize) -> usize {
+    let (mut lengths, mut cost) = (Vec::with_capacity(WINDOW), 0);
+    for start in (0..lines).step_by(WINDOW) {
+        lengths.clear();
+        lengths.extend((start..lines.min(start + WINDOW)).map(&length));
+        lengths.sort_unstable();
+        // From the longest, as groups are made: the last group has fewer lines, and the shortest.
+        for group in lengths.rchunks(LANES) {
+            cost += gathered_depth(&group.iter().copied()).1 + ORDERING_COST;
+        }
+    }
+    cost
+}
+
+/// Returns the number of gathered slots for eight lines with so many entries that costs least, and
+/// this cost. Overflow entries are those below the slots.
+pub(super) fn gathered_depth(lengths: &(impl Iterator<Item = usize> + Clone)) -> (usize, usize) {
+    let cost = |depth: usize| {
+        let deeper: usize = lengths.clone().map(|length| length.saturating_sub(depth)).sum();
+        let any = if deeper > 0 { ANY_OVERFLOW_COST } else { 0 };
+        depth * GATHERED_COST + any + deeper * OVERFLOW_COST
+    };
+    // Costs are linear in the depth between two lengths: one of the lengths attains the minimum.
+    let depths = lengths.clone().map(|depth| (depth, cost(depth)));
+    depths.min_by_key(|depth| depth.1).unwrap_or((0, 0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines of no entries, of a few, and now and then of very many.
+    #[test]
+    fn groups_cost_what_their_lengths_say() {
+        for lines in [1, 7, 8, 250, 263, 600] {
+            let length = |i: usize| if i.is_multiple_of(97) { 40 } else { i * 7919 % 13 };
+            let entries = |i: usize| -> Vec<u32> {
+                let first = (i * 31 + 5) % lines;
+                let mut line: Vec<u32> =
+                    (0..length(i)).map(|k| ((first + 3 * k) % lines) as u32).collect();
+                line.sort_unstable();
+                line.dedup();
+                line
+            };
+            let all: Vec<(Vec<u32>, Vec<f64>)> =
+                (0..lines).map(entries).map(|line| (line.clone(), vec![0.5; line.len()])).collect();
+            let line = |i: usize| (&all[i].0[..], &all[i].1[..]);
+            let groups = Sliced::arranged(Arrangement::Groups, lines, line);
+            let cost = groups.cost() + groups.order.len() * ORDERING_COST;
+            assert_eq!(cost_in_groups(lines, |i| all[i].0.len()), cost);
+        }
+    }
+
+    /// A matrix of few diagonals, with lines of unlike lengths.
+    #[test]
+    fn the_matrix_decides() {
+        let lines = 20_000;
+        let scattered: Vec<Vec<u32>> = (0..lines)
+            .map(|i: usize| {
+                let places = (0..=i * 7919 % 12).map(|k| ((i * 31 + k * k) % lines) as u32);
+                places.collect::<std::collections::BTreeSet<u32>>().into_iter().collect()
+            })
+            .collect();
+        let values = [0.5; 12];
+        let large = Sliced::new(lines, |i| (&scattered[i][..], &values[..scattered[i].len()]));
+        assert!(!large.order.is_empty());
+        let near: Vec<Vec<u32>> =
+            (0..lines as u32).map(|i| (i..(i + 5).min(20_000)).collect()).collect();
+        let diagonal = Sliced::new(lines, |i| (&near[i][..], &values[..near[i].len()]));
+        assert!(diagonal.order.is_empty());
     }
 }

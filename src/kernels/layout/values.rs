@@ -105,6 +105,7 @@ impl<V: Value> EntryValues<V> {
 
     /// Logarithms of all values; −∞ where there is no entry.
     pub(super) fn log2(&self) -> EntryValues {
+        // Empty places of slots are 0, and their logarithms −∞: no maximum takes them.
         let eight = |slot: &V::Slot| Packed(slot.map(|p| log2(p.into())));
         EntryValues {
             shifted: self.shifted.iter().map(eight).collect(),

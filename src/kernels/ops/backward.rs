@@ -1,7 +1,15 @@
-//! A backward step of the smoother.
+//! A backward step of the smoother, formula 3 of the guide ("Two products or three"): with
+//! q = γ / α and the ratio r = γ / p,
+//!
+//! ```text
+//! r = q ∘ b / N     q' = A' r     γ' = α ∘ q'
+//! ```
+//!
+//! r and q are lifted by 2^700, and infinite beyond 2^324 unlifted: then Σ γ' is not one, which the
+//! caller tests (`limits`, "The way back").
 
 use super::product::{Product, ProductRows, SparseRows};
-use super::semiring::Sink;
+use super::row_sums::Sink;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
 use crate::limits::BACK_LIFT;
@@ -21,8 +29,10 @@ impl WithSimd for DivideByPrediction<'_> {
     fn run<S: Simd>(self, s: S) {
         let Self { q, likelihoods, factor, ratio } = self;
         let n = q.len();
+        // One length for all: a shorter slice fails here, and none is read beyond.
         let (b, q) = (likelihoods[..n].as_chunks::<LANES>(), q.as_chunks::<LANES>());
         let mut ratio = ratio[..n].as_chunks_mut::<LANES>();
+        // 1 / N, over the sum of the γ before: rounding of the sums does not accumulate.
         let factor = s.splat(factor);
         for block in 0..n.div_ceil(LANES) {
             let v = divided(s, row_block(s, q, block), row_block(s, b, block), factor);
@@ -64,6 +74,7 @@ pub(crate) struct BackwardStep<'a> {
 /// Takes the step, on several threads if there are many states.
 pub(crate) fn backward_step(step: BackwardStep<'_>) -> f64 {
     let BackwardStep { product, alpha, gamma, q } = step;
+    // Two kernels: the choice between kinds of product is made once, not for each block.
     match product {
         Product::Sparse { matrix, x } => {
             run_in_parts(BackwardRows { product: SparseRows::all(matrix, x), alpha, gamma, q })
@@ -111,6 +122,7 @@ impl<P: ProductRows> Splits for BackwardRows<'_, P> {
     }
 
     fn join(a: f64, b: f64) -> f64 {
+        // The order of these additions depends on the number of lines alone: see `parallel`.
         a + b
     }
 }
@@ -126,6 +138,7 @@ impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, block: usize, q: S::V) {
         let gamma = smoothed(s, row_block(s, self.alpha, block), q);
+        // q is stored as it is, not rounded: the next step needs γ / α where γ itself is too small.
         store(s, &mut self.gamma, block, gamma);
         store(s, &mut self.q, block, q);
         self.sum = s.add(self.sum, gamma);
@@ -135,6 +148,8 @@ impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
 /// q ∘ b times a factor; 0 where unlifted it is too small.
 #[inline(always)]
 pub(super) fn divided<S: Simd>(s: S, q: S::V, b: S::V, factor: S::V) -> S::V {
+    // b / N first, which is at least 2^-1030 where a state is possible, and of moderate size
+    // everywhere; q ∘ b has no such bounds.
     rounded(s, s.mul(q, s.mul(b, factor)))
 }
 
@@ -142,10 +157,14 @@ pub(super) fn divided<S: Simd>(s: S, q: S::V, b: S::V, factor: S::V) -> S::V {
 /// take a hundred times as long.
 #[inline(always)]
 pub(super) fn smoothed<S: Simd>(s: S, alpha: S::V, q: S::V) -> S::V {
+    // The lifted product has all its digits, and its unlifted value is normal or becomes 0: the
+    // last multiplication is exact.
     s.mul(rounded(s, s.mul(q, alpha)), s.splat(1.0 / BACK_LIFT))
 }
 
+/// Rounds to 0 what is below the smallest normal double when unlifted.
 #[inline(always)]
 fn rounded<S: Simd>(s: S, v: S::V) -> S::V {
+    // A NaN is not below: it stays, and shows in the sum.
     s.select(s.lt(v, s.splat(f64::MIN_POSITIVE * BACK_LIFT)), s.splat(0.0), v)
 }

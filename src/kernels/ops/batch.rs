@@ -1,141 +1,19 @@
-//! Steps of eight chains side by side, one in each lane: a vector of states is a slice of vectors
-//! of eight, and a product with a matrix needs no gathers.
+//! Steps of eight chains side by side, one in each lane: formulas 2, 3 and 7 of the guide with all
+//! steps lifted.
+//!
+//! Lanes never mix: each holds a sequence of its own, with a sum, a factor or a shift of its own,
+//! and is given up alone where a loss is noticed. The invariants are those of "In lanes" of
+//! `limits`: entries are at least 2^-100, likelihoods above 0 at least 2^-900 (`pack` has looked),
+//! and α is normal or 0.
 
 use super::backward::{divided, smoothed};
+use super::lines::Lines;
 use super::packing::flags;
-use super::semiring::{MaxPlus, Maxima, Semiring, Sink, SumProduct};
+use super::row_sums::{Maxima, Sink};
+use super::semiring::{MaxPlus, SumProduct};
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels};
 use crate::limits::LIFT;
-
-/// Number of lines of a dense matrix that share the loads of a vector.
-const BLOCK: usize = 4;
-
-/// Lines of a matrix: rows for A, columns for A'.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Lines<'a> {
-    /// Line i has the entries from `starts[i]` to `starts[i + 1]`.
-    Sparse { starts: &'a [u32], indices: &'a [u32], values: &'a [f64] },
-    /// Entry j of line i is at i s + j, where n s is the number of values.
-    Dense { values: &'a [f64] },
-    /// Entry j of line i is at j s + i.
-    DenseTransposed { values: &'a [f64] },
-}
-
-impl<'a> Lines<'a> {
-    /// Replaces the values.
-    pub(crate) fn with_values(self, values: &'a [f64]) -> Self {
-        match self {
-            Self::Sparse { starts, indices, .. } => Self::Sparse { starts, indices, values },
-            Self::Dense { .. } => Self::Dense { values },
-            Self::DenseTransposed { .. } => Self::DenseTransposed { values },
-        }
-    }
-
-    /// All values that are stored.
-    pub(crate) fn values(self) -> &'a [f64] {
-        match self {
-            Self::Sparse { values, .. }
-            | Self::Dense { values }
-            | Self::DenseTransposed { values } => values,
-        }
-    }
-
-    /// Passes the product of each line with x to a sink, in order.
-    #[inline(always)]
-    fn product<S: Simd, R: Semiring<S>>(
-        self,
-        s: S,
-        ring: R,
-        x: &[Packed],
-        sink: &mut impl Sink<S, R::Sum>,
-    ) {
-        match self {
-            Self::Sparse { starts, indices, values } => {
-                let mut start = 0;
-                for (i, end) in starts[1..].iter().enumerate() {
-                    let end = *end as usize;
-                    let mut sum = ring.zero(s);
-                    for (j, value) in indices[start..end].iter().zip(&values[start..end]) {
-                        let (x, index) = (s.load(&x[*j as usize]), s.load_indices(&[*j; LANES]));
-                        ring.add(s, &mut sum, s.splat(*value), x, index);
-                    }
-                    start = end;
-                    sink.take(s, i, sum);
-                }
-            }
-            Self::Dense { values } => in_blocks(x.len(), |i, count| match count {
-                BLOCK => dense::<S, R, BLOCK>(s, ring, values, x, i, sink),
-                _ => dense::<S, R, 1>(s, ring, values, x, i, sink),
-            }),
-            Self::DenseTransposed { values } => in_blocks(x.len(), |i, count| match count {
-                BLOCK => transposed::<S, R, BLOCK>(s, ring, values, x, i, sink),
-                _ => transposed::<S, R, 1>(s, ring, values, x, i, sink),
-            }),
-        }
-    }
-}
-
-/// Calls with the first line of each block of four, and of each line that is left.
-#[inline(always)]
-fn in_blocks(lines: usize, mut block: impl FnMut(usize, usize)) {
-    let mut i = 0;
-    while i < lines {
-        let count = if i + BLOCK <= lines { BLOCK } else { 1 };
-        block(i, count);
-        i += count;
-    }
-}
-
-/// Passes the products of lines from i on, which are stored one after another.
-#[inline(always)]
-fn dense<S: Simd, R: Semiring<S>, const B: usize>(
-    s: S,
-    ring: R,
-    values: &[f64],
-    x: &[Packed],
-    i: usize,
-    sink: &mut impl Sink<S, R::Sum>,
-) {
-    let (n, stride) = (x.len(), values.len() / x.len());
-    let mut lines = [&values[..n]; B];
-    for (r, line) in lines.iter_mut().enumerate() {
-        *line = &values[(i + r) * stride..][..n];
-    }
-    let mut sums = [ring.zero(s); B];
-    for j in 0..n {
-        let (x, index) = (s.load(&x[j]), s.load_indices(&[j as u32; LANES]));
-        for r in 0..B {
-            ring.add(s, &mut sums[r], s.splat(lines[r][j]), x, index);
-        }
-    }
-    for (r, sum) in sums.into_iter().enumerate() {
-        sink.take(s, i + r, sum);
-    }
-}
-
-/// Passes the products of lines from i on, whose entries are stored beside each other.
-#[inline(always)]
-fn transposed<S: Simd, R: Semiring<S>, const B: usize>(
-    s: S,
-    ring: R,
-    values: &[f64],
-    x: &[Packed],
-    i: usize,
-    sink: &mut impl Sink<S, R::Sum>,
-) {
-    let mut sums = [ring.zero(s); B];
-    for ((x, values), j) in x.iter().zip(values.chunks_exact(values.len() / x.len())).zip(0..) {
-        let (x, index) = (s.load(x), s.load_indices(&[j; LANES]));
-        let values: &[f64; B] = values[i..].first_chunk().expect("a line is below n");
-        for r in 0..B {
-            ring.add(s, &mut sums[r], s.splat(values[r]), x, index);
-        }
-    }
-    for (r, sum) in sums.into_iter().enumerate() {
-        sink.take(s, i + r, sum);
-    }
-}
 
 kernels! {
     /// `out = (A x) ∘ b`, or `x ∘ b` without a matrix. Returns the sums of `out`.
@@ -185,11 +63,13 @@ fn forward<S: Simd>(
     out: &mut [Packed],
 ) -> Eight {
     let n = x.len();
+    // One length for all slices: indices below n need no check in the sink.
     let (likelihoods, out) = (&likelihoods[..n], &mut out[..n]);
     let mut sink = ForwardSink::<S> { likelihoods, out, sum: s.splat(0.0) };
     if let Some(matrix) = matrix {
         matrix.product(s, SumProduct, x, &mut sink);
     } else {
+        // A prior at the first observation: nothing moves before it.
         for (i, x) in x.iter().enumerate() {
             sink.take(s, i, s.load(x));
         }
@@ -217,13 +97,17 @@ fn normalize<S: Simd>(s: S, x: &mut [Packed], out: &mut [Packed], sums: Eight) -
     let sums = s.load(&sums);
     let (factor, lift) = (s.div(s.splat(1.0), sums), s.splat(LIFT));
     let (least, zero) = (s.mul(s.splat(f64::MIN_POSITIVE), sums), s.splat(0.0));
+    // An empty mask: 0 is below 0 in no lane.
     let mut lost = s.lt(zero, zero);
     for (x, out) in x.iter_mut().zip(out) {
         let v = s.load(x);
         let below = s.lt(v, least);
+        // `limits` ("In lanes") shows that x is 0 only where a factor of it is. So a state can be
+        // lost only here, where a value above 0 becomes 0.
         lost = s.or(lost, s.and(below, s.lt(zero, v)));
         let v = s.mul(s.select(below, zero, v), factor);
         s.store(v, out);
+        // Exact: v is normal or 0, and 2^1000 v is in range.
         s.store(s.mul(v, lift), x);
     }
     flags(s.bits(lost))
@@ -253,6 +137,8 @@ fn backward<S: Simd>(
     q: &mut [Packed],
 ) -> Eight {
     let (n, zero) = (ratio.len(), s.splat(0.0));
+    // Lanes whose sequence ends before this step, or that were given up, have the factor 0: their
+    // ratio is 0, and their α must stay.
     let continues = s.lt(zero, s.load(&factors));
     let (alpha, q) = (&mut alpha[..n], &mut q[..n]);
     let mut sink = BackwardSink::<S> { alpha, q, continues, sum: zero };
@@ -272,6 +158,7 @@ impl<S: Simd> Sink<S, S::V> for BackwardSink<'_, S> {
     fn take(&mut self, s: S, j: usize, q: S::V) {
         let alpha = s.load(&self.alpha[j]);
         let gamma = smoothed(s, alpha, q);
+        // In place: α of this step is not read again on the way back.
         s.store(q, &mut self.q[j]);
         s.store(s.select(self.continues, gamma, alpha), &mut self.alpha[j]);
         self.sum = s.add(self.sum, gamma);
@@ -286,6 +173,8 @@ fn count<S: Simd>(
     ratio: &[Packed],
     counts: &mut [Packed],
 ) {
+    // α(j) A[i, j] γ(i) / p(i) without A[i, j], which is constant over the steps and is multiplied
+    // in once, at the end (formula 4 of the guide).
     if let Lines::Sparse { starts, indices, .. } = columns {
         for (alpha, line) in alpha.iter().zip(starts.windows(2)) {
             let (alpha, line) = (s.load(alpha), line[0] as usize..line[1] as usize);
@@ -296,6 +185,7 @@ fn count<S: Simd>(
             }
         }
     } else {
+        // Counts are laid out as the values are; those of padding stay 0, as `zip` ends before them.
         let stride = counts.len() / ratio.len();
         for (alpha, counts) in alpha.iter().zip(counts.chunks_exact_mut(stride)) {
             let alpha = s.load(alpha);
@@ -341,6 +231,8 @@ struct MaxSink<'a, S: Simd> {
 impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
     #[inline(always)]
     fn take(&mut self, s: S, i: usize, best: Maxima<S>) {
+        // The shift is subtracted from the likelihood first, as in `Scores::block`: beyond the range
+        // of exact sums, too, scores are those of single sequences to the bit.
         let score = s.add(best.value, s.sub(s.load(&self.likelihoods[i]), self.shifts));
         s.store(score, &mut self.next[i]);
         if let Some(from) = self.from.get_mut(i) {

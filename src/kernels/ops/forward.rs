@@ -1,10 +1,15 @@
-//! Second half of a step of filter and smoother: the product of prediction and likelihoods, and
-//! its normalisation.
+//! Second half of a step of the filter, formula 2 of the guide: x = p ∘ b, N = Σ x, α = x / N.
+//!
+//! The invariant is that of `limits`: a possible state is above 0 with all its digits, or the step
+//! reports that one may not be ([`Watch`]) and is taken again in another form. The checks that this
+//! takes, and those of the sensor's values, are part of the one pass over the product: a pass of
+//! their own would read it from memory again.
 
 use std::marker::PhantomData;
 
 use super::product::{Product, ProductRows, SparseRows};
-use super::semiring::{Sink, is_small};
+use super::row_sums::Sink;
+use super::semiring::is_small;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, WithSimd, row_block, store, total};
 use crate::limits::{LIFT, TINY};
@@ -101,7 +106,11 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
         let mut sink = ForwardSink::<S, P> {
             likelihoods: likelihoods[..n].as_chunks(),
             out: out[..n].as_chunks_mut(),
+            // The threshold is 2^-1000 of the lift, below which x may lack digits. A threshold of 0
+            // turns the test off: no product is below it.
             least: s.splat(if watch == Watch::Nothing { 0.0 } else { lift / LIFT }),
+            // `take` tests min(p, max(b, possible)) > 0: with 1, a likelihood of 0 counts as
+            // possible.
             possible: s.splat(if watch == Watch::Predictions { 1.0 } else { 0.0 }),
             products: zero,
             predicted: zero,
@@ -115,6 +124,8 @@ impl<P: ProductRows> WithSimd for ForwardRows<'_, P> {
         let largest = s.to_array(sink.largest_likelihood);
         ForwardSums {
             products: total(s.to_array(sink.products)),
+            // A known product has the sum of x, as matrix and belief were checked: none is
+            // computed.
             predicted: if P::KNOWN { lift } else { total(s.to_array(sink.predicted)) },
             negative_predicted: s.any(s.lt(sink.least_predicted, zero)),
             negative_likelihood: s.any(s.lt(sink.least_likelihood, zero)),
@@ -144,14 +155,18 @@ impl<S: Simd, P: ProductRows> Sink<S, S::V> for ForwardSink<'_, S, P> {
         let b = row_block(s, self.likelihoods, block);
         let after = s.mul(p, b);
         store(s, &mut self.out, block, after);
+        // A NaN or an infinite value among p and b stays in this sum: no test of its own.
         self.products = s.add(self.products, after);
         if !P::KNOWN {
             self.predicted = s.add(self.predicted, p);
             self.least_predicted = s.min(p, self.least_predicted);
         }
+        // With the running value second, which min and max return beside a NaN: that does not hide
+        // a negative value found before it.
         self.least_likelihood = s.min(b, self.least_likelihood);
         self.largest_likelihood = s.max(b, self.largest_likelihood);
         let below = s.lt(after, self.least);
+        // Zeros compare below too, and are usually the only hits: the branch looks for factors.
         if s.any(below) {
             let possible = s.lt(s.splat(0.0), s.min(p, s.max(b, self.possible)));
             self.small |= s.any(s.and(below, possible));
@@ -173,6 +188,7 @@ impl<P: ProductRows> Splits for ForwardRows<'_, P> {
     }
 
     fn join(a: ForwardSums, b: ForwardSums) -> ForwardSums {
+        // Each part reports a known sum as that of the whole product: adding both would double it.
         let both = a.and(b);
         if P::KNOWN { ForwardSums { predicted: a.predicted, ..both } } else { both }
     }
@@ -193,6 +209,7 @@ impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
     #[inline(always)]
     fn run<S: Simd>(self, s: S) -> bool {
         let Self { x, out, sum } = self;
+        // One division for all. 1 / sum is normal, or lacks one bit at 2^-1023 (`limits`).
         let (factor, lift) = (s.splat(1.0 / sum), s.splat(LIFT));
         let (least, zero) = (s.splat(f64::MIN_POSITIVE * sum), s.splat(0.0));
         let mut tiny = s.lt(zero, zero);
@@ -201,10 +218,14 @@ impl<const LIFTED: bool> WithSimd for Normalize<'_, LIFTED> {
         for block in 0..blocks {
             let mut v = row_block(s, (x.0, x.1), block);
             if LIFTED {
+                // Compared before the division: a quotient below 2^-1022 takes a hundred times as
+                // long to compute.
                 v = s.mul(s.select(s.lt(v, least), zero, v), factor);
                 store(s, &mut out, block, v);
                 store(s, &mut x, block, s.mul(v, lift));
             } else {
+                // A plain step that has reported no small x: each is at least 2^-1000, or 0, and
+                // its quotient is normal, or 0.
                 v = s.mul(v, factor);
                 store(s, &mut x, block, v);
             }
@@ -220,6 +241,7 @@ impl<const LIFTED: bool> Splits for Normalize<'_, LIFTED> {
     }
 
     fn split(self, at: usize) -> (Self, Self) {
+        // `out` is empty for a result in place, and so are both of its parts.
         let (x, out) = (self.x.split_at_mut(at), self.out.split_at_mut(at.min(self.out.len())));
         (Self { x: x.0, out: out.0, ..self }, Self { x: x.1, out: out.1, ..self })
     }
@@ -237,6 +259,7 @@ pub(crate) fn normalize_in_place(x: &mut [f64], sum: f64) -> bool {
 
 /// Makes what sums to `sum` a distribution in `out`, and the lifted distribution in place.
 pub(crate) fn normalize_and_lift(x: &mut [f64], out: &mut [f64], sum: f64) -> bool {
+    // One length for both: parts are split at the same lines.
     let out = &mut out[..x.len()];
     run_in_parts(Normalize::<true> { x, out, sum })
 }

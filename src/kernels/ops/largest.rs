@@ -1,4 +1,8 @@
-//! Largest value of a sensor, with a check of all of them.
+//! Largest value of a sensor, with a check of all of them: the divisor c of formula 2 of the guide
+//! ("Scale").
+//!
+//! Nothing from outside reaches a recursion unchecked. One pass finds the largest value and whether
+//! all are valid; which one is not is searched only if there is one.
 
 use crate::kernels::simd::{LANES, Simd, kernels};
 use crate::limits::LARGEST_LOG;
@@ -53,14 +57,19 @@ kernels! {
 #[inline(always)]
 fn checked<S: Simd>(s: S, x: &[f64], valid: Valid) -> (f64, bool) {
     let [least, most, other] = valid.range();
+    // `lt` is the only comparison that all instruction sets share: closed bounds become open ones,
+    // a double further out. Beyond the largest double that is infinity.
     let bounds = [s.splat(least.next_down()), s.splat(most.next_up()), s.splat(other)];
     let (blocks, rest) = x.as_chunks::<LANES>();
+    // Padding that is valid, and never the largest: 0 or −∞.
     let mut last = [other; LANES];
     last[..rest.len()].copy_from_slice(rest);
     let mut largest = bounds[2];
+    // All lanes set: the value is not NaN.
     let mut valid = s.eq(largest, largest);
     for block in blocks.iter().chain([&last]) {
         let x = s.load(block);
+        // A NaN leaves the largest as it is, and is not within the bounds.
         largest = s.max(x, largest);
         valid = s.and(valid, within(s, x, bounds));
     }
@@ -81,6 +90,6 @@ pub(crate) fn largest(x: &[f64], valid: Valid) -> Result<f64, usize> {
     if all {
         return Ok(largest);
     }
-    // Searched only now: it is rare.
+    // An error costs a second pass; valid values, nearly all, cost one.
     Err(x.iter().position(|&x| !valid.is(x)).unwrap_or(0))
 }

@@ -46,6 +46,7 @@ pub(crate) fn log2(x: f64) -> f64 {
     if x == 0.0 {
         return f64::NEG_INFINITY;
     }
+    // The negation lets NaN fail, too.
     if !(x > 0.0 && x <= f64::MAX) {
         return f64::NAN;
     }
@@ -59,6 +60,7 @@ pub(crate) fn log2(x: f64) -> f64 {
     let t = (mantissa - 1.0) / (mantissa + 1.0);
     let square = t * t;
     let series = SERIES[1..].iter().fold(SERIES[0], |series, c| series * square + c);
+    // Rounded before the exponent is added: so halves of a number differ by exactly 1.
     on_grid(series * t) + exponent
 }
 
@@ -82,18 +84,21 @@ fn log2_all<S: Simd>(s: S, x: &mut [f64]) {
 pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let (zero, one) = (s.splat(0.0), s.splat(1.0));
     let subnormal = s.lt(x, s.splat(f64::MIN_POSITIVE));
+    // Zeros compare below too. A branch for all lanes: likelihoods without a zero skip three selects.
     let any_subnormal = s.any(subnormal);
     let (mut normal, mut lifted) = (x, zero);
     if any_subnormal {
         normal = s.select(subnormal, s.mul(x, s.splat(SUBNORMAL_LIFT.0)), x);
         lifted = s.select(subnormal, s.splat(SUBNORMAL_LIFT.1), zero);
     }
+    // Now normal and positive, as `split_exponent` needs, or 0, of which the result is replaced.
     let (exponent, mantissa) = s.split_exponent(normal);
     let high = s.lt(s.splat(std::f64::consts::SQRT_2), mantissa);
     let mantissa = s.select(high, s.mul(mantissa, s.splat(0.5)), mantissa);
     let exponent = s.sub(s.add(exponent, s.select(high, one, zero)), lifted);
     let t = s.div(s.sub(mantissa, one), s.add(mantissa, one));
     let square = s.mul(t, t);
+    // Horner's rule, a product and a sum apart as in `log2`: a fused one would round differently.
     let mut series = s.splat(SERIES[0]);
     for coefficient in &SERIES[1..] {
         series = s.add(s.mul(series, square), s.splat(*coefficient));
@@ -102,6 +107,7 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
     let whole = s.splat(1.5 * INTEGERS);
     let steps = s.mul(s.mul(series, t), s.splat(GRID_STEPS));
     let fraction = s.mul(s.sub(s.add(steps, whole), whole), s.splat(1.0 / GRID_STEPS));
+    // Exact up to 256, as all sums on the grid.
     let log = s.add(fraction, exponent);
     if any_subnormal { s.select(s.eq(x, zero), s.splat(f64::NEG_INFINITY), log) } else { log }
 }
@@ -111,7 +117,8 @@ pub(super) fn log2_lanes<S: Simd>(s: S, x: S::V) -> S::V {
 #[inline(always)]
 pub(super) fn log2_over<S: Simd>(s: S, logs: S::V, largest: f64) -> S::V {
     let x = s.mul(s.sub(logs, s.splat(largest)), s.splat(LOG2_E));
-    // As `on_grid`, for what is not positive.
+    // As `on_grid`, for what is not positive: subtracting 2^52 leaves no room for a fraction. −∞ is
+    // below the range of the grid, and stays.
     let (whole, steps) = (s.splat(INTEGERS), s.mul(x, s.splat(GRID_STEPS)));
     let rounded = s.mul(s.add(s.sub(steps, whole), whole), s.splat(1.0 / GRID_STEPS));
     s.select(s.lt(s.splat(-GRID_RANGE), x), rounded, x)

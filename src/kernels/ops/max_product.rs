@@ -1,7 +1,12 @@
-//! A step of Viterbi on scores, logarithms to base 2, and their likelihoods.
+//! A step of Viterbi, formula 7 of the guide: v'(i) = log2 b(i) + max over j of log2 A\[i, j\] + v(j).
+//!
+//! Scores are on the grid of 2^-45 (`log2`), so that their sums are exact above -256, and ties are
+//! ties to the bit. Callers keep the best near 0: they take the whole part of the largest score out
+//! of the next step, by its `shift`.
 
 use super::log2::{log2_lanes, log2_over};
-use super::semiring::{MaxPlus, Maxima, Sink};
+use super::row_sums::{Maxima, Sink};
+use super::semiring::MaxPlus;
 use crate::kernels::layout::{EntryValues, Sliced, store_indices};
 use crate::kernels::simd::{Blocks, BlocksMut, LANES, Simd, kernels, row_block, store};
 
@@ -28,6 +33,7 @@ impl Scores<'_> {
     #[inline(always)]
     fn block<S: Simd>(self, s: S, values: Blocks<'_>, number: usize) -> S::V {
         let b = row_block(s, values, number);
+        // The form is the same for all blocks: the branch is taken out of the loop, or predicted.
         let b = match self.form {
             ScoresIn::Log2 => b,
             ScoresIn::Ln(largest) => log2_over(s, b, largest),
@@ -38,6 +44,7 @@ impl Scores<'_> {
 
     /// Writes all of them.
     pub(crate) fn write(self, out: &mut [f64]) {
+        // Added to zeros: 0 + x is x, but for -0, which no comparison tells from 0.
         out.fill(0.0);
         add_scores(out, Some(self));
     }
@@ -68,6 +75,8 @@ fn maximize<S: Simd>(
 ) -> f64 {
     let n = matrix.lines();
     assert!(x.len() == n && next.len() == n && from.len() == n, "one value per state");
+    // Likelihoods of another number of states would give a wrong answer without a failure: a
+    // missing block is read as the rest.
     assert!(likelihoods.is_none_or(|b| b.values.len() == n), "one likelihood per state");
     let mut sink = MaxSink::<S> {
         likelihoods: likelihoods.map(|b| (b, b.values.as_chunks())),
@@ -95,6 +104,7 @@ impl<S: Simd> Sink<S, Maxima<S>> for MaxSink<'_, S> {
         }
         store(s, &mut self.next, block, value);
         store_indices(s, &mut self.from, block, index);
+        // Lanes of the last block that are no rows must not count: `largest_of` reads its rows.
         if block < self.next.0.len() {
             self.largest = s.max(value, self.largest);
         }
@@ -112,6 +122,7 @@ fn largest_of<S: Simd>(s: S, largest: S::V, rest: &[f64]) -> f64 {
 fn add<S: Simd>(s: S, scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
     let blocks = scores.len().div_ceil(LANES);
     let mut sums = scores.as_chunks_mut::<LANES>();
+    // Empty without likelihoods, and then not read.
     let values = added.map_or((&[][..], &[][..]), |added| added.values.as_chunks());
     let mut largest = s.splat(f64::NEG_INFINITY);
     for block in 0..blocks {
@@ -120,6 +131,7 @@ fn add<S: Simd>(s: S, scores: &mut [f64], added: Option<Scores<'_>>) -> f64 {
             sum = s.add(sum, added.block(s, values, block));
         }
         store(s, &mut sums, block, sum);
+        // `row_block` fills the rest with zeros, which may exceed all scores.
         if block < sums.0.len() {
             largest = s.max(sum, largest);
         }

@@ -1,4 +1,5 @@
-//! Packing of vectors of eight chains side by side, and back.
+//! Packing of vectors of eight chains side by side, and back: a transposition in registers for each
+//! eight values of eight rows, instead of 64 moves.
 
 use super::semiring::is_small;
 use crate::kernels::layout::Packed;
@@ -36,6 +37,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
     let zero = s.splat(0.0);
     let (mut least, mut largest) = (s.splat(f64::INFINITY), zero);
     let mut blocks = [(&[][..], &[][..]); LANES];
+    // A row that is too short fails here, before anything is read.
     for l in 0..LANES {
         blocks[l] = rows[l][..out.len()].as_chunks::<LANES>();
     }
@@ -44,6 +46,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
         for l in 0..LANES {
             eight[l] = row_block(s, blocks[l], number);
         }
+        // `row_block` pads the last block with zeros; `zip` ends with `out`, and none is looked at.
         for (packed, out) in s.transpose(eight).into_iter().zip(out) {
             least = s.min(packed, least);
             largest = s.max(packed, largest);
@@ -51,7 +54,7 @@ fn pack_rows<S: Simd>(s: S, rows: [&[f64]; LANES], out: &mut [Packed]) -> Packed
         }
     }
     let mut tiny = s.lt(zero, zero);
-    // Zeros are below, too: rarely there is more to find.
+    // Zeros compare below too, and are usually the only hits: values are read again only then.
     if s.any(s.lt(least, s.splat(TINY))) {
         for packed in &*out {
             tiny = s.or(tiny, is_small(s, s.load(packed), TINY));
@@ -80,6 +83,7 @@ fn unpack_lanes<S: Simd>(s: S, from: &[Packed], rows: [&mut [f64]; LANES]) {
             *packed = s.load(from);
         }
         let lanes = s.transpose(eight);
+        // The last block may be partial: `store` writes as many as the row has room for.
         for l in 0..LANES {
             store(s, &mut outs[l], number, lanes[l]);
         }
@@ -96,7 +100,11 @@ fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], st
         }
         let lanes = s.transpose(eight);
         for (row, lane) in rows.iter_mut().zip(lanes) {
+            // Sequences of a group end at different steps: the row of a shorter one is full before
+            // the others.
             let Some(out) = row.next() else { continue };
+            // Results of large groups do not fit the caches: to fetch each line before it is
+            // overwritten would move twice the bytes.
             if stream {
                 s.stream(lane, out);
             } else {
@@ -104,6 +112,7 @@ fn unpack_blocks<S: Simd>(s: S, from: &[Packed], rows: [&mut [Eight]; LANES], st
             }
         }
     }
+    // Another thread may take the results: streamed stores are not ordered otherwise.
     if stream {
         s.fence();
     }

@@ -1,6 +1,10 @@
-//! Products with a vector, passed on eight rows at a time.
+//! Products A x and A' x of formulas 2 and 3 of the guide, passed on eight rows at a time, so that
+//! what follows a product in a step needs no pass of its own.
+//!
+//! Blocks come in the order of rows. Parts begin at multiples of [`PART`](crate::kernels::parallel),
+//! which are multiples of eight and of windows.
 
-use super::semiring::Sink;
+use super::row_sums::Sink;
 use crate::kernels::layout::Sliced;
 use crate::kernels::parallel::{Splits, run_in_parts};
 use crate::kernels::simd::{LANES, Simd, WithSimd};
@@ -55,12 +59,15 @@ impl ProductRows for SparseRows<'_> {
     }
 
     fn split(self, at: usize) -> (Self, Self) {
+        // Both parts read all of x: only rows are divided.
         let middle = self.first + at;
         (Self { end: middle, ..self }, Self { first: middle, ..self })
     }
 
     #[inline(always)]
     fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
+        // The end is rounded up: lanes beyond the last row have no entries, and sinks do not store
+        // them.
         self.matrix.product(s, self.first / LANES..self.end.div_ceil(LANES), self.x, sink);
     }
 }
@@ -79,10 +86,12 @@ impl ProductRows for &[f64] {
 
     #[inline(always)]
     fn pass_to<S: Simd>(self, s: S, sink: &mut impl Sink<S, S::V>) {
+        // Not known to sum to one: the sink sums it and looks for negative values.
         let (blocks, rest) = self.as_chunks::<LANES>();
         for (number, block) in blocks.iter().enumerate() {
             sink.take(s, number, s.load(block));
         }
+        // Only the last part can have a rest: the length of any other is a multiple of eight.
         if !rest.is_empty() {
             sink.take(s, blocks.len(), s.load_partial(rest));
         }
@@ -93,6 +102,7 @@ impl Sliced {
     /// Computes the product with x.
     pub(crate) fn multiply(&self, x: &[f64], out: &mut [f64]) {
         assert_eq!(out.len(), self.lines(), "out must have one value per state");
+        // `product` checks the length of x, this assertion that of the result.
         run_in_parts(StoreProduct { product: SparseRows::all(self, x), out });
     }
 }

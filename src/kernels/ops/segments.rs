@@ -1,158 +1,67 @@
 //! Eight segments of one sequence, one in each lane, under a model of few states: a step waits for
-//! the last one, but not for those of other segments.
+//! the one before in its segment, but not for those of other segments.
 //!
-//! The range is looked at after every few steps; [`Ring::rescale`] keeps it.
+//! First the products B A … B A of each segment are computed, column after column. They take the
+//! vector through the segments, to what is known at the start and the end of each; then formulas 2,
+//! 3 and 7 of the guide run in all segments side by side. Products are associative, exactly for
+//! maxima of sums on the grid, up to rounding for sums of products.
+//!
+//! The range is checked after every four steps, which `limits` ("Few states") shows to be enough;
+//! [`Semiring::rescale`] keeps it.
 
-use super::chain::better;
-use super::semiring::{MaxPlus, Ring, SumProduct};
+use super::chain::keep_better;
+use super::segment_vectors::{Scaled, SegmentStep, SegmentVectors, SmallModel, keep_range};
+use super::semiring::{MaxPlus, Semiring, SumProduct};
 use crate::kernels::layout::Packed;
 use crate::kernels::simd::{Eight, LANES, Simd, kernels};
-use crate::limits::UNLOOKED;
-
-/// The matrix of a model of N states, its values or their logarithms, column after column and row
-/// after row.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Few<const N: usize> {
-    pub(crate) columns: [[f64; N]; N],
-    pub(crate) rows: [[f64; N]; N],
-    /// Likelihoods above 0 must not be below this (scores above −∞), to go several steps unlooked
-    /// at.
-    pub(crate) least: f64,
-}
-
-/// A vector in each segment, times 2^exponent (or plus it, for logarithms).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Scaled<const N: usize> {
-    pub(crate) values: [Eight; N],
-    pub(crate) exponents: Eight,
-}
-
-/// Likelihoods of a step in each segment, or their logarithms.
-pub(crate) type SegmentStep<const N: usize> = [Packed; N];
-
-/// A vector on its way through the segments.
-#[derive(Clone, Copy)]
-struct Running<S: Simd, const N: usize> {
-    x: [S::V; N],
-    exponents: S::V,
-}
-
-impl<S: Simd, const N: usize> Running<S, N> {
-    #[inline(always)]
-    fn new(s: S, x: &[Eight; N]) -> Self {
-        let mut running = Self { x: [s.splat(0.0); N], exponents: s.splat(0.0) };
-        for (to, x) in running.x.iter_mut().zip(x) {
-            *to = s.load(x);
-        }
-        running
-    }
-
-    /// x becomes the product of the matrix with x.
-    #[inline(always)]
-    fn multiply(&mut self, s: S, ring: impl Ring, columns: &[[f64; N]; N]) {
-        let x = self.x;
-        for (i, out) in self.x.iter_mut().enumerate() {
-            *out = ring.times(s, s.splat(columns[0][i]), x[0]);
-            for j in 1..N {
-                *out = ring.plus(s, *out, ring.times(s, s.splat(columns[j][i]), x[j]));
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn observe(&mut self, s: S, ring: impl Ring, b: &SegmentStep<N>) {
-        for (x, b) in self.x.iter_mut().zip(b) {
-            *x = ring.times(s, *x, s.load(b));
-        }
-    }
-
-    #[inline(always)]
-    fn sum(&self, s: S) -> S::V {
-        let mut sum = self.x[0];
-        for x in &self.x[1..] {
-            sum = s.add(sum, *x);
-        }
-        sum
-    }
-
-    #[inline(always)]
-    fn store(&self, s: S, factor: S::V, out: &mut SegmentStep<N>) {
-        for (x, out) in self.x.iter().zip(out) {
-            s.store(s.mul(*x, factor), out);
-        }
-    }
-}
-
-/// Brings vectors back to the middle range, if one is beyond. Returns true if so, and `None` if
-/// values of a vector are too far apart.
-#[inline(always)]
-fn keep_range<S: Simd, const N: usize>(
-    s: S,
-    ring: impl Ring,
-    all: &mut [Running<S, N>],
-) -> Option<bool> {
-    let (mut least, mut largest) = (all[0].x[0], all[0].x[0]);
-    for running in &*all {
-        for x in &running.x {
-            (least, largest) = (s.min(*x, least), s.max(*x, largest));
-        }
-    }
-    if ring.is_near(s, least, largest) {
-        return Some(false);
-    }
-    for running in all {
-        if !ring.rescale(s, &mut running.x, &mut running.exponents) {
-            return None;
-        }
-    }
-    Some(true)
-}
+use crate::limits::STEPS_BETWEEN_CHECKS;
 
 kernels! {
     /// Returns the products B(y_k) A … B(y_1) A of each segment, column after column; `None` if
     /// their range is too wide.
-    pub(crate) fn multiply_segments = multiply<'a, type R: Ring, const N>(
-        ring: R, model: &'a Few<N>, likelihoods: &'a [SegmentStep<N>],
+    pub(crate) fn multiply_segments = multiply<'a, type R: Semiring, const N>(
+        ring: R, model: &'a SmallModel<N>, likelihoods: &'a [SegmentStep<N>],
     ) -> Option<[Scaled<N>; N]>;
 
     /// Filters all steps of the segments, from x before the first: distributions, and
     /// p(y_k | y_1 … y_{k-1}) up to scales of the likelihoods. `None` if their range is too wide.
     pub(crate) fn filter_segments = filter<'a, const N>(
-        model: &'a Few<N>, starts: &'a [Eight; N], likelihoods: &'a [SegmentStep<N>],
+        model: &'a SmallModel<N>, starts: &'a [Eight; N], likelihoods: &'a [SegmentStep<N>],
         out: &'a mut [SegmentStep<N>], normalizers: &'a mut [Packed],
     ) -> Option<()>;
 
     /// Smooths all steps of the segments, from x before the first and r after the last. `None` if
     /// their range is too wide.
     pub(crate) fn smooth_segments = smooth<'a, const N>(
-        model: &'a Few<N>, starts: &'a [Eight; N], ends: &'a [Eight; N],
+        model: &'a SmallModel<N>, starts: &'a [Eight; N], ends: &'a [Eight; N],
         likelihoods: &'a [SegmentStep<N>], out: &'a mut [SegmentStep<N>],
     ) -> Option<()>;
 
     /// Writes the backpointers of the segments, from scores before the first step. `None` if their
     /// range is too wide.
     pub(crate) fn decode_segments = decode<'a, const N>(
-        model: &'a Few<N>, starts: &'a [Eight; N], likelihoods: &'a [SegmentStep<N>],
+        model: &'a SmallModel<N>, starts: &'a [Eight; N], likelihoods: &'a [SegmentStep<N>],
         from: &'a mut [Backpointers<N>],
     ) -> Option<()>;
 }
 
 #[inline(always)]
-fn multiply<S: Simd, R: Ring, const N: usize>(
+fn multiply<S: Simd, R: Semiring, const N: usize>(
     s: S,
     ring: R,
-    model: &Few<N>,
+    model: &SmallModel<N>,
     likelihoods: &[SegmentStep<N>],
 ) -> Option<[Scaled<N>; N]> {
     let mut out = [Scaled { values: [[0.0; LANES]; N], exponents: [0.0; LANES] }; N];
-    // As many columns at a time as registers hold.
+    // As many columns at a time as registers hold, with room for a product: three of three, or two of
+    // four. Four of four would be stored and loaded at every step.
     let least = if const { N <= 3 } {
         columns::<S, R, N, N>(s, ring, model, likelihoods, &mut out)?
     } else {
         columns::<S, R, N, 2>(s, ring, model, likelihoods, &mut out)?
     };
     if s.any(s.lt(least, s.splat(model.least))) {
-        // Zeros are below, too: rarely there is more to find.
+        // Zeros compare below too, and are usually the only hits.
         let above = likelihoods.as_flattened().iter().flat_map(|b| b.0);
         if above.into_iter().any(|b| b > R::ZERO && b < model.least) {
             return None;
@@ -163,22 +72,24 @@ fn multiply<S: Simd, R: Ring, const N: usize>(
 
 /// Computes columns of products, C at a time. Returns the least likelihoods.
 #[inline(always)]
-fn columns<S: Simd, R: Ring, const N: usize, const C: usize>(
+fn columns<S: Simd, R: Semiring, const N: usize, const C: usize>(
     s: S,
     ring: R,
-    model: &Few<N>,
+    model: &SmallModel<N>,
     likelihoods: &[SegmentStep<N>],
     out: &mut [Scaled<N>; N],
 ) -> Option<S::V> {
     debug_assert!(N.is_multiple_of(C), "columns are taken C at a time");
     let mut least = s.splat(f64::INFINITY);
     for (number, out) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
-        let mut running = [Running::new(s, &[[R::ZERO; LANES]; N]); C];
+        let mut running = [SegmentVectors::new(s, &[[R::ZERO; LANES]; N]); C];
         for (c, running) in running.iter_mut().enumerate() {
+            // Column c of the product is what it makes of a unit vector.
             running.x[number * C + c] = s.splat(R::ONE);
         }
-        for steps in likelihoods.chunks(UNLOOKED) {
+        for steps in likelihoods.chunks(STEPS_BETWEEN_CHECKS) {
             for b in steps {
+                // With the running value second, which `min` returns beside a NaN.
                 for b in b {
                     least = s.min(s.load(b), least);
                 }
@@ -199,23 +110,27 @@ fn columns<S: Simd, R: Ring, const N: usize, const C: usize>(
     Some(least)
 }
 
-/// The recursion itself does not wait for a division.
 #[inline(always)]
 fn filter<S: Simd, const N: usize>(
     s: S,
-    model: &Few<N>,
+    model: &SmallModel<N>,
     starts: &[Eight; N],
     likelihoods: &[SegmentStep<N>],
     out: &mut [SegmentStep<N>],
     normalizers: &mut [Packed],
 ) -> Option<()> {
     let one = s.splat(1.0);
-    let mut running = [Running::new(s, starts)];
+    let mut running = [SegmentVectors::new(s, starts)];
+    // The inverse of the sum before a step: a normaliser is the quotient of the sums after and
+    // before it, in one scale.
     let mut factor = s.div(one, running[0].sum(s));
-    let places = out.chunks_mut(UNLOOKED).zip(normalizers.chunks_mut(UNLOOKED));
-    for (steps, (out, normalizers)) in likelihoods.chunks(UNLOOKED).zip(places) {
+    let places =
+        out.chunks_mut(STEPS_BETWEEN_CHECKS).zip(normalizers.chunks_mut(STEPS_BETWEEN_CHECKS));
+    for (steps, (out, normalizers)) in likelihoods.chunks(STEPS_BETWEEN_CHECKS).zip(places) {
         for ((b, out), normalizer) in steps.iter().zip(out).zip(normalizers) {
             let [running] = &mut running;
+            // The recursion takes x as it is, without waiting for the division, which only the
+            // results need.
             running.multiply(s, SumProduct, &model.columns);
             running.observe(s, SumProduct, b);
             let sum = running.sum(s);
@@ -223,6 +138,7 @@ fn filter<S: Simd, const N: usize>(
             factor = s.div(one, sum);
             running.store(s, factor, out);
         }
+        // A rescaling changes the sum that the next normaliser divides by.
         if keep_range(s, SumProduct, &mut running)? {
             factor = s.div(one, running[0].sum(s));
         }
@@ -233,25 +149,33 @@ fn filter<S: Simd, const N: usize>(
 #[inline(always)]
 fn smooth<S: Simd, const N: usize>(
     s: S,
-    model: &Few<N>,
+    model: &SmallModel<N>,
     starts: &[Eight; N],
     ends: &[Eight; N],
     likelihoods: &[SegmentStep<N>],
     out: &mut [SegmentStep<N>],
 ) -> Option<()> {
     let one = s.splat(1.0);
-    let mut forward = [Running::new(s, starts)];
-    for (steps, out) in likelihoods.chunks(UNLOOKED).zip(out.chunks_mut(UNLOOKED)) {
+    let mut forward = [SegmentVectors::new(s, starts)];
+    for (steps, out) in
+        likelihoods.chunks(STEPS_BETWEEN_CHECKS).zip(out.chunks_mut(STEPS_BETWEEN_CHECKS))
+    {
         for (b, out) in steps.iter().zip(out) {
             forward[0].multiply(s, SumProduct, &model.columns);
             forward[0].observe(s, SumProduct, b);
+            // Not normalised: any factor of a step cancels in its posterior.
             forward[0].store(s, one, out);
         }
         keep_range(s, SumProduct, &mut forward)?;
     }
-    let mut backward = [Running::new(s, ends)];
-    for (steps, out) in likelihoods.rchunks(UNLOOKED).zip(out.rchunks_mut(UNLOOKED)) {
+    // Chunks are counted from the end, where r starts: four steps pass between two checks here,
+    // too.
+    let mut backward = [SegmentVectors::new(s, ends)];
+    for (steps, out) in
+        likelihoods.rchunks(STEPS_BETWEEN_CHECKS).zip(out.rchunks_mut(STEPS_BETWEEN_CHECKS))
+    {
         for (b, out) in steps.iter().zip(out).rev() {
+            // `out` has α, up to a factor, until γ takes its place.
             let mut posterior = backward[0];
             posterior.observe(s, SumProduct, out);
             posterior.store(s, s.div(one, posterior.sum(s)), out);
@@ -269,21 +193,24 @@ pub(crate) type Backpointers<const N: usize> = [[u8; 2]; N];
 #[inline(always)]
 fn decode<S: Simd, const N: usize>(
     s: S,
-    Few { columns, .. }: &Few<N>,
+    SmallModel { columns, .. }: &SmallModel<N>,
     starts: &[Eight; N],
     likelihoods: &[SegmentStep<N>],
     from: &mut [Backpointers<N>],
 ) -> Option<()> {
     const { assert!(N <= 4, "two bits for a state") };
-    let mut scores = [Running::new(s, starts)];
-    for (steps, from) in likelihoods.chunks(UNLOOKED).zip(from.chunks_mut(UNLOOKED)) {
+    let mut scores = [SegmentVectors::new(s, starts)];
+    for (steps, from) in
+        likelihoods.chunks(STEPS_BETWEEN_CHECKS).zip(from.chunks_mut(STEPS_BETWEEN_CHECKS))
+    {
         for (b, from) in steps.iter().zip(from) {
+            // A copy: the scores of all states before the step are needed for each.
             let x = scores[0].x;
             for i in 0..N {
                 let mut best = s.add(s.splat(columns[0][i]), x[0]);
                 let mut bits = [0; 2];
                 for j in 1..N {
-                    best = better(s, best, s.add(s.splat(columns[j][i]), x[j]), j, &mut bits);
+                    best = keep_better(s, best, s.add(s.splat(columns[j][i]), x[j]), j, &mut bits);
                 }
                 scores[0].x[i] = s.add(best, s.load(&b[i]));
                 from[i] = bits;

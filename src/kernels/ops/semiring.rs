@@ -1,9 +1,11 @@
 //! The two semirings of inference: sums of products for filters and smoothers, maxima of sums
-//! (with the state that attains them) for decoders. Products with sparse matrices, of batches and of
-//! segments are written once, for either.
+//! (with the state that attains them) for decoders (formulas 2 and 3, and 7, of the guide). Products
+//! with sparse matrices, of batches and of segments are written once, for either.
+//!
+//! Of several states that attain a maximum the lowest is kept, in whatever order entries come.
 
-use crate::kernels::simd::{BlocksMut, Eight, LANES, Simd, store};
-use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, SCALES, power};
+use crate::kernels::simd::Simd;
+use crate::limits::{LEAST_IN_CHAIN, LEAST_SCORE, MIDDLE_RANGE, power};
 
 /// Power of two that is taken out of a scale at a time.
 const SHIFT: i64 = 64;
@@ -17,12 +19,13 @@ pub(super) fn is_small<S: Simd>(s: S, v: S::V, limit: f64) -> S::M {
 /// Rounds numbers below 2^51 to whole ones.
 #[inline(always)]
 fn round<S: Simd>(s: S, x: S::V) -> S::V {
+    // Adding 1.5 · 2^52 leaves no room for a fraction, whatever the sign; the subtraction is exact.
     let whole = s.splat(1.5 * (1_u64 << 52) as f64);
     s.sub(s.add(x, whole), whole)
 }
 
 /// A semiring, in lanes.
-pub(crate) trait Ring: Copy {
+pub(crate) trait Semiring: Copy {
     /// Neutral elements of sums and of products.
     const ZERO: f64;
     const ONE: f64;
@@ -38,38 +41,11 @@ pub(crate) trait Ring: Copy {
     fn rescale<S: Simd>(self, s: S, x: &mut [S::V], exponents: &mut S::V) -> bool;
 }
 
-/// A semiring, as running sums over the entries of eight rows at a time.
-///
-/// The entries of a row come in ascending order of their indices, but in two runs.
-pub(crate) trait Semiring<S: Simd>: Copy {
-    /// Sums of eight rows.
-    type Sum: Copy;
-    /// Sum of one row.
-    type Row: Copy;
-
-    fn zero(self, s: S) -> Self::Sum;
-
-    /// Adds an entry to each row: its value, that of x, and its index.
-    fn add(self, s: S, sum: &mut Self::Sum, entry: S::V, x: S::V, index: S::I);
-
-    /// Sums at the start of the second run.
-    fn second(self, s: S, first: Self::Sum) -> Self::Sum;
-
-    /// Sums over both runs.
-    fn join(self, s: S, first: Self::Sum, second: Self::Sum) -> Self::Sum;
-
-    fn to_rows(self, s: S, sum: Self::Sum) -> [Self::Row; LANES];
-    fn join_rows(self, s: S, rows: [Self::Row; LANES]) -> Self::Sum;
-
-    /// Adds an entry to one row, whatever the order.
-    fn add_to_row(self, row: Self::Row, entry: f64, x: f64, index: u32) -> Self::Row;
-}
-
 /// Sums of products.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SumProduct;
 
-impl Ring for SumProduct {
+impl Semiring for SumProduct {
     const ZERO: f64 = 0.0;
     const ONE: f64 = 1.0;
 
@@ -85,7 +61,7 @@ impl Ring for SumProduct {
 
     #[inline(always)]
     fn is_near<S: Simd>(self, s: S, least: S::V, largest: S::V) -> bool {
-        let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
+        let (low, high) = (s.splat(MIDDLE_RANGE[0]), s.splat(MIDDLE_RANGE[1]));
         !s.any(s.or(s.lt(least, low), s.lt(high, largest)))
     }
 
@@ -97,8 +73,11 @@ impl Ring for SumProduct {
             largest = s.max(*x, largest);
         }
         let (zero, one) = (s.splat(0.0), s.splat(1.0));
-        let (low, high) = (s.splat(SCALES[0]), s.splat(SCALES[1]));
+        let (low, high) = (s.splat(MIDDLE_RANGE[0]), s.splat(MIDDLE_RANGE[1]));
+        // Steps of 2^64, less than the width of the middle range, so that none overshoots it. One is
+        // enough as a rule: four steps take a vector not much further.
         loop {
+            // A vector of zeros has no scale, and stays.
             let up = s.and(s.lt(largest, low), s.lt(zero, largest));
             let down = s.lt(high, largest);
             if !s.any(s.or(up, down)) {
@@ -109,11 +88,13 @@ impl Ring for SumProduct {
             let shift = s.splat(SHIFT as f64);
             *exponents = s.add(*exponents, s.select(down, shift, zero));
             *exponents = s.sub(*exponents, s.select(up, shift, zero));
+            // Exact, as the largest value is in the middle range afterwards; small ones are checked.
             largest = s.mul(largest, factor);
             for x in &mut *x {
                 *x = s.mul(*x, factor);
             }
         }
+        // An empty mask: 0 is below 0 in no lane.
         let mut lost = s.lt(zero, zero);
         for &x in &*x {
             lost = s.or(lost, is_small(s, x, LEAST_IN_CHAIN));
@@ -122,58 +103,11 @@ impl Ring for SumProduct {
     }
 }
 
-impl<S: Simd> Semiring<S> for SumProduct {
-    type Sum = S::V;
-    type Row = f64;
-
-    #[inline(always)]
-    fn zero(self, s: S) -> S::V {
-        s.splat(0.0)
-    }
-
-    #[inline(always)]
-    fn add(self, s: S, sum: &mut S::V, entry: S::V, x: S::V, _: S::I) {
-        *sum = s.add(*sum, s.mul(entry, x));
-    }
-
-    #[inline(always)]
-    fn second(self, _: S, first: S::V) -> S::V {
-        first
-    }
-
-    #[inline(always)]
-    fn join(self, _: S, _: S::V, second: S::V) -> S::V {
-        second
-    }
-
-    #[inline(always)]
-    fn to_rows(self, s: S, sum: S::V) -> Eight {
-        s.to_array(sum)
-    }
-
-    #[inline(always)]
-    fn join_rows(self, s: S, rows: Eight) -> S::V {
-        s.load(&rows)
-    }
-
-    #[inline(always)]
-    fn add_to_row(self, row: f64, entry: f64, x: f64, _: u32) -> f64 {
-        row + entry * x
-    }
-}
-
 /// Maxima of sums, each with the lowest index that attains it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct MaxPlus;
 
-/// Maxima of eight rows, and their indices.
-#[derive(Clone, Copy)]
-pub(crate) struct Maxima<S: Simd> {
-    pub(crate) value: S::V,
-    pub(crate) index: S::I,
-}
-
-impl Ring for MaxPlus {
+impl Semiring for MaxPlus {
     const ZERO: f64 = f64::NEG_INFINITY;
     const ONE: f64 = 0.0;
 
@@ -200,91 +134,15 @@ impl Ring for MaxPlus {
         for x in &x[1..] {
             largest = s.max(*x, largest);
         }
-        // A column without a way stays as it is.
+        // A lane where nothing is possible stays as it is: −∞ less −∞ would be NaN.
         let whole = s.select(s.lt(none, largest), round(s, largest), zero);
         *exponents = s.add(*exponents, whole);
         let mut lost = s.lt(zero, zero);
         for x in x {
+            // Exact above -256, on the grid; what is below -50 is reported.
             *x = s.sub(*x, whole);
             lost = s.or(lost, s.and(s.lt(*x, s.splat(LEAST_SCORE)), s.lt(none, *x)));
         }
         !s.any(lost)
-    }
-}
-
-impl<S: Simd> Semiring<S> for MaxPlus {
-    type Sum = Maxima<S>;
-    type Row = (f64, u32);
-
-    #[inline(always)]
-    fn zero(self, s: S) -> Maxima<S> {
-        Maxima { value: s.splat(f64::NEG_INFINITY), index: s.iota(0) }
-    }
-
-    /// The first of several entries that attain the maximum stays.
-    #[inline(always)]
-    fn add(self, s: S, sum: &mut Maxima<S>, entry: S::V, x: S::V, index: S::I) {
-        let value = s.add(entry, x);
-        let better = s.lt(sum.value, value);
-        sum.value = s.max(value, sum.value);
-        sum.index = s.select_index(better, index, sum.index);
-    }
-
-    #[inline(always)]
-    fn second(self, s: S, _: Maxima<S>) -> Maxima<S> {
-        self.zero(s)
-    }
-
-    #[inline(always)]
-    fn join(self, s: S, first: Maxima<S>, second: Maxima<S>) -> Maxima<S> {
-        let lower = s.lt_index(second.index, first.index);
-        let tie = s.and(s.eq(second.value, first.value), lower);
-        let better = s.or(s.lt(first.value, second.value), tie);
-        Maxima {
-            value: s.max(second.value, first.value),
-            index: s.select_index(better, second.index, first.index),
-        }
-    }
-
-    #[inline(always)]
-    fn to_rows(self, s: S, sum: Maxima<S>) -> [(f64, u32); LANES] {
-        let (values, mut indices) = (s.to_array(sum.value), [0; LANES]);
-        s.store_indices(sum.index, &mut indices);
-        let mut rows = [(0.0, 0); LANES];
-        for l in 0..LANES {
-            rows[l] = (values[l], indices[l]);
-        }
-        rows
-    }
-
-    #[inline(always)]
-    fn join_rows(self, s: S, rows: [(f64, u32); LANES]) -> Maxima<S> {
-        let (mut values, mut indices) = ([0.0; LANES], [0; LANES]);
-        for l in 0..LANES {
-            (values[l], indices[l]) = rows[l];
-        }
-        Maxima { value: s.load(&values), index: s.load_indices(&indices) }
-    }
-
-    #[inline(always)]
-    fn add_to_row(self, row: (f64, u32), entry: f64, x: f64, index: u32) -> (f64, u32) {
-        let value = entry + x;
-        let better = value > row.0 || (value == row.0 && index < row.1);
-        if better { (value, index) } else { row }
-    }
-}
-
-/// Consumer of a product. (A closure might not become part of the function that may use the
-/// instructions.)
-pub(crate) trait Sink<S: Simd, T> {
-    /// Takes the block of eight rows with this number; rows beyond the last have no entries.
-    /// Implementations are `#[inline(always)]`.
-    fn take(&mut self, s: S, block: usize, product: T);
-}
-
-impl<S: Simd> Sink<S, S::V> for BlocksMut<'_> {
-    #[inline(always)]
-    fn take(&mut self, s: S, block: usize, product: S::V) {
-        store(s, self, block, product);
     }
 }

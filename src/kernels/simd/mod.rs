@@ -5,10 +5,12 @@
 //! are the same to the bit with each.
 //!
 //! Soundness: [`Avx2`] and [`Avx512`] are proofs that the processor has the instructions. Their
-//! fields are private to this module, and only [`run_unchecked`] makes them, after detection.
+//! fields are private to this module, and only [`run_unchecked`] makes them, whose callers pass an
+//! [`Isa`] that has been [detected](Isa::is_here).
 #![allow(unsafe_code, reason = "instructions that not every machine has")]
 
 mod portable;
+mod vectors;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
@@ -16,6 +18,7 @@ use std::mem::ManuallyDrop;
 use std::sync::OnceLock;
 
 pub(crate) use portable::Portable;
+pub(crate) use vectors::{Blocks, BlocksMut, Simd, row_block, store, total};
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{Avx2, Avx512};
 
@@ -46,6 +49,7 @@ impl Isa {
         match self {
             Self::Portable => true,
             Self::Avx2 => is_x86_feature_detected!("avx2"),
+            // No processor has AVX-512 without AVX2.
             Self::Avx512 => {
                 is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512vl")
             }
@@ -67,6 +71,7 @@ impl Isa {
             let named = std::env::var("WAYFIX_INSTRUCTIONS").unwrap_or_default();
             let widest = Self::ALL.iter().find(|(name, _)| *name == named);
             let widest = widest.map_or(Self::Avx512, |found| found.1);
+            // From the widest: what is named may not be here.
             let here = Self::ALL.iter().rev().map(|named| named.1);
             here.into_iter().find(|isa| *isa <= widest && isa.is_here()).unwrap_or(Self::Portable)
         })
@@ -85,7 +90,7 @@ pub(crate) trait WithSimd {
 /// Runs a kernel with the chosen instructions.
 #[inline(always)]
 pub(crate) fn run<K: WithSimd>(kernel: K) -> K::Output {
-    // SAFETY: the chosen instruction set has been detected.
+    // SAFETY: `chosen` returns only what `is_here` has detected, or what a test has asserted to be.
     unsafe { run_unchecked(Isa::chosen(), kernel) }
 }
 
@@ -113,6 +118,8 @@ macro_rules! kernels {
                     $generic(s, $(self.$arg),*)
                 }
             }
+            // A struct, not a closure: what a closure captures might be loaded in a function of its
+            // own, without the instructions.
             $crate::kernels::simd::run(Kernel { $($arg),* })
         }
     )*};
@@ -143,27 +150,34 @@ pub(crate) fn with_isa<R>(isa: Isa, call: impl FnOnce() -> R) -> R {
 /// The processor must have the instructions.
 #[inline(always)]
 unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
+    // Functions that may use the instructions. `WithSimd::run` and all that it calls become part of
+    // them, as all is `#[inline(always)]`: a function of its own would be compiled without the
+    // instructions, and get vectors through memory.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     unsafe fn avx2<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the caller passes a valid kernel, and reads it no more.
+        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
         unsafe { kernel.read() }.run(Avx2(x86::gathers()))
     }
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx512f,avx512vl,avx2")]
     unsafe fn avx512<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the caller passes a valid kernel, and reads it no more.
+        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
         unsafe { kernel.read() }.run(Avx512(x86::gathers()))
     }
+    // A call, as the other two must be: it would otherwise be part of every caller, for the rare
+    // machine that takes it.
     #[inline(never)]
     unsafe fn portable<K: WithSimd>(kernel: *const K) -> K::Output {
-        // SAFETY: the caller passes a valid kernel, and reads it no more.
+        // SAFETY: the address is that of a kernel below, which is read here and nowhere else.
         unsafe { kernel.read() }.run(Portable)
     }
+    // The function that reads the kernel owns it from there on, and drops it.
     let kernel = ManuallyDrop::new(kernel);
     let kernel: *const K = &raw const *kernel;
-    // SAFETY: the kernel is read once, and not dropped here; the caller has detected the
-    // instructions.
+    // SAFETY: the caller has detected the instructions that the function may use. The address is
+    // valid until the end of the call; one of the functions reads the kernel, once, and it is not
+    // dropped here.
     unsafe {
         match isa {
             #[cfg(target_arch = "x86_64")]
@@ -173,128 +187,4 @@ unsafe fn run_unchecked<K: WithSimd>(isa: Isa, kernel: K) -> K::Output {
             _ => portable(kernel),
         }
     }
-}
-
-/// Operations on vectors of eight doubles (`V`), masks (`M`) and vectors of eight indices (`I`).
-pub(crate) trait Simd: Copy {
-    type V: Copy;
-    type M: Copy;
-    type I: Copy;
-
-    fn splat(self, x: f64) -> Self::V;
-    fn load(self, x: &Eight) -> Self::V;
-    /// Eight values of 32 bits, as doubles: exact.
-    fn load_f32(self, x: &[f32; LANES]) -> Self::V;
-    fn store(self, v: Self::V, out: &mut Eight);
-    /// Stores past the caches if `out` is a cache line, for results that are not read soon: the
-    /// line need not be fetched. [`fence`](Self::fence) must follow the last one.
-    #[inline(always)]
-    fn stream(self, v: Self::V, out: &mut Eight) {
-        self.store(v, out);
-    }
-    /// Orders streamed stores before all later ones.
-    #[inline(always)]
-    fn fence(self) {}
-    fn add(self, a: Self::V, b: Self::V) -> Self::V;
-    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
-    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
-    fn div(self, a: Self::V, b: Self::V) -> Self::V;
-    /// Lane-wise minimum; `b` if one is NaN.
-    fn min(self, a: Self::V, b: Self::V) -> Self::V;
-    /// Lane-wise maximum; `b` if one is NaN.
-    fn max(self, a: Self::V, b: Self::V) -> Self::V;
-    /// a < b, false if one is NaN.
-    fn lt(self, a: Self::V, b: Self::V) -> Self::M;
-    /// a = b, false if one is NaN.
-    fn eq(self, a: Self::V, b: Self::V) -> Self::M;
-    fn and(self, a: Self::M, b: Self::M) -> Self::M;
-    fn or(self, a: Self::M, b: Self::M) -> Self::M;
-    /// Bit l is that of lane l.
-    fn bits(self, m: Self::M) -> u8;
-    #[inline(always)]
-    fn any(self, m: Self::M) -> bool {
-        self.bits(m) != 0
-    }
-    #[inline(always)]
-    fn all(self, m: Self::M) -> bool {
-        self.bits(m) == u8::MAX
-    }
-    /// `a` where the mask is set, else `b`.
-    fn select(self, m: Self::M, a: Self::V, b: Self::V) -> Self::V;
-    /// Exponents, as doubles, and mantissas from 1 to 2, of normal positive numbers.
-    fn split_exponent(self, v: Self::V) -> (Self::V, Self::V);
-
-    /// `x[index]` for each of eight indices.
-    ///
-    /// # Safety
-    ///
-    /// All indices must be below `x.len()`, which must not exceed 2^31 − 1.
-    unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Self::V;
-
-    /// Keeps the compiler from unrolling a loop of few turns.
-    #[inline(always)]
-    fn no_unroll(self) {}
-
-    fn load_indices(self, indices: &[u32; LANES]) -> Self::I;
-    /// base, base + 1, … base + 7.
-    fn iota(self, base: u32) -> Self::I;
-    /// a < b, for indices below 2^31.
-    fn lt_index(self, a: Self::I, b: Self::I) -> Self::M;
-    fn select_index(self, m: Self::M, a: Self::I, b: Self::I) -> Self::I;
-    fn store_indices(self, i: Self::I, out: &mut [u32; LANES]);
-
-    /// Splats each lane.
-    fn broadcast_lanes(self, v: Self::V) -> [Self::V; LANES];
-
-    /// Transposes: lane l of result r is lane r of row l.
-    fn transpose(self, rows: [Self::V; LANES]) -> [Self::V; LANES];
-
-    #[inline(always)]
-    fn to_array(self, v: Self::V) -> Eight {
-        let mut out = [0.0; LANES];
-        self.store(v, &mut out);
-        out
-    }
-
-    /// Loads up to eight values, 0 in the other lanes.
-    #[inline(always)]
-    fn load_partial(self, x: &[f64]) -> Self::V {
-        let mut eight = [0.0; LANES];
-        eight[..x.len()].copy_from_slice(x);
-        self.load(&eight)
-    }
-
-    /// Stores as many lanes as there is room for, up to eight.
-    #[inline(always)]
-    fn store_partial(self, v: Self::V, out: &mut [f64]) {
-        out.copy_from_slice(&self.to_array(v)[..out.len()]);
-    }
-}
-
-/// A slice in blocks of eight, and the rest.
-pub(crate) type Blocks<'a> = (&'a [Eight], &'a [f64]);
-pub(crate) type BlocksMut<'a> = (&'a mut [Eight], &'a mut [f64]);
-
-/// Loads the block with this number, or the rest.
-#[inline(always)]
-pub(crate) fn row_block<S: Simd>(s: S, (blocks, rest): Blocks<'_>, number: usize) -> S::V {
-    match blocks.get(number) {
-        Some(block) => s.load(block),
-        None => s.load_partial(rest),
-    }
-}
-
-/// Stores to the block with this number, or to the rest.
-#[inline(always)]
-pub(crate) fn store<S: Simd>(s: S, (blocks, rest): &mut BlocksMut<'_>, number: usize, v: S::V) {
-    match blocks.get_mut(number) {
-        Some(block) => s.store(v, block),
-        None => s.store_partial(v, rest),
-    }
-}
-
-/// Sum over the lanes, in pairs.
-#[inline(always)]
-pub(crate) fn total([a, b, c, d, e, f, g, h]: Eight) -> f64 {
-    ((a + b) + (c + d)) + ((e + f) + (g + h))
 }

@@ -1,5 +1,8 @@
 //! Arrays of eight, which the compiler vectorises as far as the target has vectors (SSE2, NEON,
 //! WebAssembly's).
+//!
+//! Each operation gives the bits that the instructions of AVX2 and AVX-512 give, for NaN, infinite
+//! values and zeros of either sign, too.
 
 use super::{Eight, LANES, Simd};
 
@@ -42,6 +45,7 @@ impl Simd for Portable {
         sub: f64 => f64, |a, b| a - b;
         mul: f64 => f64, |a, b| a * b;
         div: f64 => f64, |a, b| a / b;
+        // Not `f64::min`: that returns the number if one is NaN, the instruction the second operand.
         min: f64 => f64, |a, b| if a < b { a } else { b };
         max: f64 => f64, |a, b| if a > b { a } else { b };
         lt: f64 => u64, |a, b| mask(a < b);
@@ -69,6 +73,7 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn bits(self, m: [u64; LANES]) -> u8 {
+        // All bits of a lane are alike: the lowest stands for them.
         (0..LANES).fold(0, |bits, l| bits | ((m[l] & 1) << l) as u8)
     }
     #[inline(always)]
@@ -77,11 +82,13 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn select(self, m: [u64; LANES], a: Eight, b: Eight) -> Eight {
+        // Bits, not branches: the compiler does not vectorise a choice that may be a jump.
         lanes(|l| f64::from_bits(a[l].to_bits() & m[l] | b[l].to_bits() & !m[l]))
     }
     #[inline(always)]
     fn split_exponent(self, v: Eight) -> (Eight, Eight) {
-        // 2^52 + e as a double has e in its last bits.
+        // 2^52 + e, as a double, has e in its last bits: the conversion from integers, which SSE2
+        // lacks for 64 bits, is a subtraction.
         const WHOLE: f64 = (1_u64 << 52) as f64;
         let exponent = |x: f64| f64::from_bits(x.to_bits() >> 52 | WHOLE.to_bits());
         let mantissa = |x: f64| f64::from_bits(x.to_bits() & (u64::MAX >> 12) | 1.0_f64.to_bits());
@@ -93,11 +100,12 @@ impl Simd for Portable {
     }
     #[inline(always)]
     fn transpose(self, rows: [Eight; LANES]) -> [Eight; LANES] {
+        // Unrolled to 64 moves, of which the target's shuffles combine what they can.
         lanes(|r| lanes(|l| rows[l][r]))
     }
     #[inline(always)]
     unsafe fn gather(self, x: &[f64], indices: &[u32; LANES]) -> Eight {
-        // SAFETY: the caller has checked the indices.
+        // SAFETY: the caller promises that all indices are below the number of values of x.
         lanes(|l| unsafe { *x.get_unchecked(indices[l] as usize) })
     }
     #[inline(always)]

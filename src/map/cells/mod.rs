@@ -9,6 +9,7 @@ use std::sync::Arc;
 pub(crate) use layout::Layout;
 
 use super::{Coordinates, MapError, Position, Projection, RoadNetwork};
+use crate::error::Parameter;
 
 /// Cells of a road network: each directed edge, cut into equal pieces of about the same length,
 /// the states of a vehicle whose position along its road counts.
@@ -65,18 +66,19 @@ impl<P> RoadCells<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Spacing`] unless the spacing is above 0 and finite, as the length of all edges
+    /// [`MapError::Parameter`] unless the spacing is above 0 and finite, as the length of all edges
     /// together, [`MapError::NoRoads`] for a network without edges, and [`MapError::Cells`] for more cells than 32-bit indices address.
     pub fn new(network: impl Into<Arc<RoadNetwork<P>>>, spacing: f64) -> Result<Self, MapError> {
         let network = network.into();
+        let wrong = || Parameter::new("the spacing of cells", spacing, "metres above 0");
         if !(spacing > 0.0 && spacing.is_finite()) {
-            return Err(MapError::Spacing { spacing });
+            return Err(wrong().into());
         }
         let lengths = network.edges().iter().map(|edge| edge.metres);
         let layout = Layout::new(lengths.clone(), spacing)?;
         let total: f64 = lengths.clone().sum();
         if total == f64::INFINITY {
-            return Err(MapError::Spacing { spacing });
+            return Err(wrong().into());
         }
         let mean_metres = total / layout.states() as f64;
         let error = |(edge, metres)| metres - layout.cells(edge).len() as f64 * mean_metres;

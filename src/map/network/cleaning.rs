@@ -129,7 +129,7 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::EmptyBox`] and [`MapError::Radius`], as [`within`](Self::within) and
+    /// [`MapError::EmptyBox`] and [`MapError::Parameter`], as [`within`](Self::within) and
     /// [`merged`](Self::merged).
     pub fn cleaned(self, cleaning: &Cleaning<P>) -> Result<(Self, Vec<CleaningStep>), MapError> {
         let (mut network, mut steps) = (self, Vec::new());

@@ -2,6 +2,7 @@
 
 use super::cleaning::{CleaningOperation, CleaningStep};
 use super::{Edge, Node, RoadNetwork};
+use crate::error::Parameter;
 use crate::map::{Coordinates, MapError};
 
 impl<P: Coordinates> RoadNetwork<P> {
@@ -21,10 +22,10 @@ impl<P: Coordinates> RoadNetwork<P> {
     ///
     /// # Errors
     ///
-    /// [`MapError::Radius`] for metres that are negative, infinite or NaN.
+    /// [`MapError::Parameter`] for metres that are negative, infinite or NaN.
     pub fn merged(&self, metres: f64) -> Result<(Self, CleaningStep), MapError> {
         if !(metres >= 0.0 && metres.is_finite()) {
-            return Err(MapError::Radius { metres });
+            return Err(Parameter::new("the radius of merging", metres, "metres from 0").into());
         }
         let position = |node: usize| self.nodes[node].position;
         let apart =

@@ -2,8 +2,8 @@
 
 use super::turns::Turns;
 use super::{CellTransition, TurnWeights};
-use crate::error::TransitionError;
-use crate::map::{FlowError, RoadCells, RoadNetwork};
+use crate::error::{Parameter, TransitionError};
+use crate::map::{MapError, RoadCells, RoadNetwork};
 use crate::transition::MoveCounts;
 
 /// Largest error of a flow on an edge, relative to it.
@@ -77,7 +77,7 @@ impl EdgeTurns {
         if !(prior_moves >= 0.0 && prior_moves.is_finite()) {
             let expected = "a finite value of at least 0";
             let what = "the weight of the prior".to_owned();
-            return Err(TransitionError::Parameter { what, value: prior_moves, expected });
+            return Err(Parameter::new(what, prior_moves, expected).into());
         }
         let states = network.edges().len();
         for moved in counts.moves() {
@@ -128,13 +128,13 @@ impl EdgeTurns {
     ///
     /// # Errors
     ///
-    /// [`FlowError`] for counts that are none, if there is no consistent flow, or if it cannot pass
+    /// [`MapError`] for counts that are none, if there is no consistent flow, or if it cannot pass
     /// the turns with weights above 0 at some node.
     pub fn fit_traffic<P>(
         network: &RoadNetwork<P>,
         counts: &[f64],
         weights: &TurnWeights,
-    ) -> Result<Self, FlowError> {
+    ) -> Result<Self, MapError> {
         let mut turns = Turns::new(network, weights)?;
         let flow = network.consistent_flow(counts)?;
         let mut into = vec![Vec::new(); network.nodes().len()];
@@ -151,8 +151,7 @@ impl EdgeTurns {
                 .collect();
             let out = network.edges_from(node);
             let fitted = fit(&mut turns.turns, &with_traffic, out.start, &flow[out]);
-            fitted
-                .map_err(|error| FlowError::Unbalanced { id: network.nodes()[node].id, error })?;
+            fitted.map_err(|error| MapError::Unbalanced { id: network.nodes()[node].id, error })?;
             for (flow, range) in with_traffic {
                 let turns = &turns.turns[range.clone()];
                 behind[range]

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::transition::check_sum;
 
 /// Largest number of cells of a step.
@@ -78,7 +78,7 @@ impl Travel {
         if !(0.0..=MOST_OFF).contains(&deviation) {
             let what = "the deviation of a step in cells".to_owned();
             let expected = "at most 100,000";
-            return Err(TransitionError::Parameter { what, value: deviation, expected });
+            return Err(Parameter::new(what, deviation, expected).into());
         }
         // A whole number of cells up to rounding is meant to be one.
         let whole = mean.round();
@@ -170,7 +170,7 @@ impl fmt::Debug for Travel {
 }
 
 fn too_far(what: &str, value: f64) -> TransitionError {
-    TransitionError::Parameter { what: what.into(), value, expected: "at most 10,000,000" }
+    Parameter::new(what.to_owned(), value, "at most 10,000,000").into()
 }
 
 /// Probabilities e^−v I_k(v) of a symmetric Skellam distribution with variance v for k = 0, 1, …,

@@ -1,6 +1,6 @@
 //! Turns from edge to edge, with their probabilities.
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::map::{ByClass, RoadNetwork, TurningRule};
 
 /// Relative traffic of the roads out of a junction, by which a vehicle on cells turns.
@@ -47,13 +47,13 @@ impl TurnWeights {
         for (what, value) in classes.into_iter().chain([straight_on]) {
             if !(value > 0.0 && value.is_finite()) {
                 let expected = "a finite value above 0";
-                return Err(TransitionError::Parameter { what, value, expected });
+                return Err(Parameter::new(what, value, expected).into());
             }
         }
         if !(self.u_turn >= 0.0 && self.u_turn.is_finite()) {
             let what = "the U-turn factor".to_owned();
             let expected = "a finite value of at least 0";
-            return Err(TransitionError::Parameter { what, value: self.u_turn, expected });
+            return Err(Parameter::new(what, self.u_turn, expected).into());
         }
         Ok(())
     }

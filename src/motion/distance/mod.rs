@@ -5,7 +5,7 @@ mod weights;
 
 pub use reading::OdometryReading;
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::kernels::log2;
 use crate::map::RoadMap;
 use crate::transition::{SparseTransition, Transition, TransitionEntries, check_slices, log};
@@ -125,7 +125,7 @@ impl DistanceTransition {
             road.map(|(_, road)| road.metres).ok_or_else(|| {
                 let what = format!("the number of roads from state {from} to state {to}");
                 let expected = "1, since there is such a transition";
-                TransitionError::Parameter { what, value: 0.0, expected }
+                TransitionError::Parameter(Parameter::new(what, 0.0, expected))
             })
         })
     }
@@ -158,7 +158,7 @@ impl DistanceTransition {
                     let what =
                         format!("the length of the transition from state {from} to state {to}");
                     let expected = "a finite value of at least 0";
-                    return Err(TransitionError::Parameter { what, value, expected });
+                    return Err(Parameter::new(what, value, expected).into());
                 }
                 ways.push(Way { to: to as u32, length: value, p, log2: log2(p) });
             }

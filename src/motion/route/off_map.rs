@@ -1,6 +1,6 @@
 //! Leaving the route and coming back.
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 use crate::transition::check_probability;
 
 /// Rates of leaving a route and coming back.
@@ -47,11 +47,7 @@ impl OffMap {
         for (what, value) in [("leaving the map", self.leave), ("coming back", self.back)] {
             if !(LEAST_RATE..=1.0).contains(&value) {
                 let what = format!("the probability of {what}");
-                return Err(TransitionError::Parameter {
-                    what,
-                    value,
-                    expected: "from 1e-30 to 1",
-                });
+                return Err(Parameter::new(what, value, "from 1e-30 to 1").into());
             }
         }
         Ok(())

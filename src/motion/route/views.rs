@@ -1,6 +1,6 @@
 //! Changes of the view as evidence on moves.
 
-use crate::error::TransitionError;
+use crate::error::{Parameter, TransitionError};
 
 /// A view compared with the last new one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -75,11 +75,12 @@ impl ViewChangeRates {
         let named = [("standing", standing), ("elsewhere", moved)];
         for (name, value) in named {
             if !(1e-30..1.0).contains(&value) {
-                return Err(TransitionError::Parameter {
-                    what: format!("the probability of an unchanged view {name}"),
+                return Err(Parameter::new(
+                    format!("the probability of an unchanged view {name}"),
                     value,
-                    expected: "a value of at least 1e-30 and below 1",
-                });
+                    "a value of at least 1e-30 and below 1",
+                )
+                .into());
             }
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! The one loop that computes all distances.
 
-use super::{Descriptor, DescriptorError, Distance, ReferenceDescriptors};
+use super::{Descriptor, Distance, ObservationError, ReferenceDescriptors};
 
 /// Number of references stored side by side. Each has a sum of its own, so that the
 /// compiler can use registers of any width, with the same result to the bit.
@@ -14,9 +14,9 @@ pub(super) fn scale(
     distance: Distance,
     x: &[f32],
     which: Descriptor,
-) -> Result<f64, DescriptorError> {
+) -> Result<f64, ObservationError> {
     if let Some(element) = x.iter().position(|x| !x.is_finite()) {
-        return Err(DescriptorError::Element { which, element, value: x[element] });
+        return Err(ObservationError::Element { which, element, value: x[element] });
     }
     match distance {
         Distance::Euclidean => Ok(1.0),
@@ -24,7 +24,7 @@ pub(super) fn scale(
             // In doubles, squares of 32-bit numbers neither overflow nor underflow.
             let squares: f64 = x.iter().map(|&x| f64::from(x) * f64::from(x)).sum();
             if squares == 0.0 {
-                return Err(DescriptorError::Zero { which });
+                return Err(ObservationError::Zero { which });
             }
             Ok(1.0 / squares.sqrt())
         }
@@ -54,7 +54,7 @@ impl Pass<'_> {
     /// the one for this machine, and leaves the registers clean. A closure that did not consume its
     /// captures would be called, not compiled anew.
     #[cfg(feature = "faer")]
-    pub(super) fn run(self) -> Result<(), DescriptorError> {
+    pub(super) fn run(self) -> Result<(), ObservationError> {
         use faer::traits::ComplexField;
         <f32 as ComplexField>::Arch::default().dispatch(
             #[inline(always)]
@@ -63,13 +63,13 @@ impl Pass<'_> {
     }
 
     #[cfg(not(feature = "faer"))]
-    pub(super) fn run(self) -> Result<(), DescriptorError> {
+    pub(super) fn run(self) -> Result<(), ObservationError> {
         self.distances()
     }
 
     #[expect(clippy::inline_always, reason = "a loop that is called is not compiled anew")]
     #[inline(always)]
-    fn distances(self) -> Result<(), DescriptorError> {
+    fn distances(self) -> Result<(), ObservationError> {
         let &ReferenceDescriptors { dimension, count, distance, ref groups } = self.references;
         // Above this, a sum has lost less to terms that underflowed than to rounding.
         let least = dimension as f32 * f32::MIN_POSITIVE;
@@ -90,7 +90,7 @@ impl Pass<'_> {
                     for member in (0..members).filter(|&member| !in_range(squares[member])) {
                         distances[member] = in_doubles(x, rows, member).map_err(|distance| {
                             let reference = start + member;
-                            DescriptorError::TooFar { query, reference, distance }
+                            ObservationError::TooFar { query, reference, distance }
                         })?;
                     }
                 }

@@ -1,11 +1,10 @@
 //! Descriptors of the reference images, and their distances to a query.
 
-mod error;
 mod kernel;
 
-pub use error::{Descriptor, DescriptorError};
-
 use kernel::{GROUP, Pass, scale, scaled};
+
+use super::{Descriptor, ObservationError};
 
 /// Distance of two descriptors; smaller is more alike.
 ///
@@ -41,7 +40,7 @@ pub enum Distance {
 /// let rows = [[1.0, 0.0], [0.0, 2.0], [-3.0, 0.0]];
 /// let references = ReferenceDescriptors::from_rows(&rows, Distance::Cosine)?;
 /// assert_eq!(references.distances(&[0.5, 0.0])?, [0.0, 1.0, 2.0]);
-/// # Ok::<(), wayfix::observation::DescriptorError>(())
+/// # Ok::<(), wayfix::observation::ObservationError>(())
 /// ```
 ///
 /// # Cost
@@ -73,7 +72,7 @@ impl ReferenceDescriptors {
     ///
     /// # Errors
     ///
-    /// [`DescriptorError`] if the dimension is 0, if there are no values or not
+    /// [`ObservationError`] if the dimension is 0, if there are no values or not
     /// a multiple of it, if an element is NaN or infinite, if a reference is 0
     /// in every element and the distance is [`Distance::Cosine`], and if there
     /// are two or more references which are all equal (with the cosine: have
@@ -82,12 +81,12 @@ impl ReferenceDescriptors {
         dimension: usize,
         mut values: Vec<f32>,
         distance: Distance,
-    ) -> Result<Self, DescriptorError> {
+    ) -> Result<Self, ObservationError> {
         if dimension == 0 {
-            return Err(DescriptorError::NoDimension);
+            return Err(ObservationError::NoDimension);
         }
         if values.is_empty() {
-            return Err(DescriptorError::NoReferences);
+            return Err(ObservationError::NoReferences);
         }
         let count = whole(&values, dimension)?;
         for (reference, row) in values.chunks_exact_mut(dimension).enumerate() {
@@ -96,7 +95,7 @@ impl ReferenceDescriptors {
         }
         let first = &values[..dimension];
         if count > 1 && values.chunks_exact(dimension).all(|row| row == first) {
-            return Err(DescriptorError::AllEqual { references: count });
+            return Err(ObservationError::AllEqual { references: count });
         }
         let mut groups = vec![[0.0; GROUP]; count.div_ceil(GROUP) * dimension];
         for (reference, row) in values.chunks_exact(dimension).enumerate() {
@@ -114,16 +113,16 @@ impl ReferenceDescriptors {
     pub fn from_rows<R: AsRef<[f32]>>(
         rows: &[R],
         distance: Distance,
-    ) -> Result<Self, DescriptorError> {
-        let expected = rows.first().ok_or(DescriptorError::NoReferences)?.as_ref().len();
+    ) -> Result<Self, ObservationError> {
+        let expected = rows.first().ok_or(ObservationError::NoReferences)?.as_ref().len();
         if expected == 0 {
-            return Err(DescriptorError::NoDimension);
+            return Err(ObservationError::NoDimension);
         }
         let mut values = Vec::with_capacity(rows.len() * expected);
         for (reference, row) in rows.iter().map(AsRef::as_ref).enumerate() {
             if row.len() != expected {
                 let (which, length) = (Descriptor::Reference(reference), row.len());
-                return Err(DescriptorError::Length { which, length, expected });
+                return Err(ObservationError::Length { which, length, expected });
             }
             values.extend_from_slice(row);
         }
@@ -162,10 +161,10 @@ impl ReferenceDescriptors {
     ///
     /// # Errors
     ///
-    /// [`DescriptorError`] if the query does not have d elements, if one is NaN or
+    /// [`ObservationError`] if the query does not have d elements, if one is NaN or
     /// infinite, if all are 0 and the distance is [`Distance::Cosine`], and if
     /// a distance is too large for 32 bits.
-    pub fn distances(&self, query: &[f32]) -> Result<Vec<f32>, DescriptorError> {
+    pub fn distances(&self, query: &[f32]) -> Result<Vec<f32>, ObservationError> {
         let mut out = vec![0.0; self.count];
         self.distances_into(query, &mut out)?;
         Ok(out)
@@ -177,10 +176,10 @@ impl ReferenceDescriptors {
     ///
     /// As [`distances`](Self::distances), and if `out` does not have N elements. The contents of
     /// `out` are then unspecified.
-    pub fn distances_into(&self, query: &[f32], out: &mut [f32]) -> Result<(), DescriptorError> {
+    pub fn distances_into(&self, query: &[f32], out: &mut [f32]) -> Result<(), ObservationError> {
         if query.len() != self.dimension {
             let (which, length) = (Descriptor::Query(0), query.len());
-            return Err(DescriptorError::Length { which, length, expected: self.dimension });
+            return Err(ObservationError::Length { which, length, expected: self.dimension });
         }
         self.distances_all_into(query, out)
     }
@@ -196,10 +195,10 @@ impl ReferenceDescriptors {
         &self,
         queries: &[f32],
         out: &mut [f32],
-    ) -> Result<(), DescriptorError> {
+    ) -> Result<(), ObservationError> {
         let expected = whole(queries, self.dimension)?.saturating_mul(self.count);
         if out.len() != expected {
-            return Err(DescriptorError::Room { found: out.len(), expected });
+            return Err(ObservationError::Room { found: out.len(), expected });
         }
         let blocks = queries.chunks(BLOCK * self.dimension).zip(out.chunks_mut(BLOCK * self.count));
         for (first, (queries, out)) in (0..).step_by(BLOCK).zip(blocks) {
@@ -221,7 +220,7 @@ impl ReferenceDescriptors {
     ///     nearest.push(if distances[0] <= distances[1] { 0 } else { 1 });
     /// })?;
     /// assert_eq!(nearest, [1, 0]);
-    /// # Ok::<(), wayfix::observation::DescriptorError>(())
+    /// # Ok::<(), wayfix::observation::ObservationError>(())
     /// ```
     ///
     /// # Errors
@@ -232,7 +231,7 @@ impl ReferenceDescriptors {
         &self,
         queries: &[f32],
         mut visit: impl FnMut(usize, &[f32]),
-    ) -> Result<(), DescriptorError> {
+    ) -> Result<(), ObservationError> {
         let together = whole(queries, self.dimension)?.min(BLOCK);
         let mut out = vec![0.0; together * self.count];
         for (first, queries) in (0..).step_by(BLOCK).zip(queries.chunks(BLOCK * self.dimension)) {
@@ -244,7 +243,12 @@ impl ReferenceDescriptors {
     }
 
     /// Computes the distances of at most [`BLOCK`] queries, from index `first` on.
-    fn block(&self, first: usize, queries: &[f32], out: &mut [f32]) -> Result<(), DescriptorError> {
+    fn block(
+        &self,
+        first: usize,
+        queries: &[f32],
+        out: &mut [f32],
+    ) -> Result<(), ObservationError> {
         let mut scales = [1.0; BLOCK];
         let each = queries.chunks_exact(self.dimension);
         for ((query, x), out) in (first..).zip(each).zip(&mut scales) {
@@ -255,9 +259,9 @@ impl ReferenceDescriptors {
 }
 
 /// Number of descriptors in these values.
-fn whole(values: &[f32], dimension: usize) -> Result<usize, DescriptorError> {
+fn whole(values: &[f32], dimension: usize) -> Result<usize, ObservationError> {
     if !values.len().is_multiple_of(dimension) {
-        return Err(DescriptorError::Values { values: values.len(), dimension });
+        return Err(ObservationError::Values { values: values.len(), dimension });
     }
     Ok(values.len() / dimension)
 }

@@ -6,7 +6,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 
 use super::ObservationError;
-use crate::error::LikelihoodError;
+use crate::error::{LikelihoodError, Parameter};
 use crate::likelihood::{Diagonal, Likelihood, LocalLikelihood, Scratch, Unlisted};
 use crate::map::{Coordinates, Position, RoadCells};
 use grid::Grid;
@@ -120,7 +120,7 @@ impl<P: Coordinates> PositionLikelihood<P> {
     pub fn with_degrees(self, degrees: f64) -> Result<Self, ObservationError> {
         if !(1.0..=1000.0).contains(&degrees) {
             let (what, expected) = ("the degrees of freedom", "a value from 1 to 1000");
-            return Err(ObservationError::Parameter { what, value: degrees, expected });
+            return Err(Parameter::new(what, degrees, expected).into());
         }
         Ok(Self { degrees, ..self })
     }
@@ -128,8 +128,8 @@ impl<P: Coordinates> PositionLikelihood<P> {
     fn look(&self, fix: &PositionFix<P>) -> Result<Look<'_>, LikelihoodError> {
         let PositionFix { position, deviation, ahead } = *fix;
         let parameter = |what, value, expected| {
-            let error = ObservationError::Parameter { what, value, expected };
-            Err(LikelihoodError::Sensor(Arc::new(error)))
+            let error = ObservationError::Parameter(Parameter::new(what, value, expected));
+            Err(LikelihoodError::sensor(error))
         };
         for ((what, limit), value) in P::AXES.into_iter().zip(position.values()) {
             if !(-limit..=limit).contains(&value) {

@@ -275,8 +275,8 @@ fn errors_count_components_from_the_start_of_the_row() {
     assert!(
         matches!(
             error.downcast_ref::<EmissionError>(),
-            Some(EmissionError::Factor { from: 2, to: 3, source })
-                if matches!(**source, EmissionError::TooFew { state: Some(0), component: Some(0), .. })
+            Some(EmissionError::Factor { from: 2, to: 3, cause })
+                if matches!(**cause, EmissionError::TooFew { state: Some(0), component: Some(0), .. })
         ),
         "{error:?}"
     );

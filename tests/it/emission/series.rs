@@ -1,6 +1,6 @@
 //! Series of numbers from CSV files.
 
-use wayfix::emission::{Series, SeriesError, SeriesReader};
+use wayfix::emission::{EmissionError, Series, SeriesReader};
 
 use crate::kit::{bits, says};
 
@@ -122,8 +122,8 @@ fn columns_that_are_not_there_are_errors() {
 #[test]
 fn files_that_cannot_be_read_are_errors() {
     let error = Series::from_csv_file("no such file", &["a"]).unwrap_err();
-    assert!(matches!(&error, SeriesError::Read { file, .. } if file == "no such file"));
+    assert!(matches!(&error, EmissionError::Read { file, .. } if file == "no such file"));
     assert!(error.to_string().starts_with("no such file cannot be read: "), "{error}");
     let error = SeriesReader::new(&["a"]).read_file(env!("CARGO_MANIFEST_DIR")).unwrap_err();
-    assert!(matches!(error, SeriesError::Read { .. }), "{error}");
+    assert!(matches!(error, EmissionError::Read { .. }), "{error}");
 }

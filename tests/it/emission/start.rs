@@ -128,7 +128,7 @@ fn an_observation_that_the_family_refuses_is_named() {
 #[test]
 fn rows_are_those_of_the_matrix() {
     use wayfix::Sequence;
-    use wayfix::emission::RowsError;
+    use wayfix::emission::EmissionError;
     let values: Vec<f64> = (0..12).map(f64::from).collect();
     let rows = Rows::new(&values, 3).unwrap();
     assert_eq!((rows.steps(), rows.width()), (4, 3));
@@ -141,11 +141,14 @@ fn rows_are_those_of_the_matrix() {
             assert_eq!(row, lagged.observation(step));
         }
     }
-    assert_eq!(rows.lagged(4), Err(RowsError::TooFew { rows: 4, order: 4 }));
-    assert_eq!(Rows::new(&values, 0), Err(RowsError::NoComponents));
-    assert_eq!(Rows::new(&values, 5), Err(RowsError::Incomplete { values: 12, components: 5 }));
+    assert_eq!(rows.lagged(4), Err(EmissionError::TooFewRows { rows: 4, order: 4 }));
+    assert_eq!(Rows::new(&values, 0), Err(EmissionError::NoComponents));
+    assert_eq!(Rows::new(&values, 5), Err(EmissionError::Incomplete { values: 12, components: 5 }));
     assert_eq!(Rows::new(&[], 2).unwrap().steps(), 0);
-    assert_eq!(Rows::new(&[], 2).unwrap().lagged(1), Err(RowsError::TooFew { rows: 0, order: 1 }));
+    assert_eq!(
+        Rows::new(&[], 2).unwrap().lagged(1),
+        Err(EmissionError::TooFewRows { rows: 0, order: 1 })
+    );
 }
 
 /// Centres are means of observations as they were given, however large others are.

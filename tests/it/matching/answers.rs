@@ -2,6 +2,7 @@
 
 use std::error::Error;
 
+use wayfix::error::At;
 use wayfix::inference::SnapshotError;
 use wayfix::map::{NetworkBuilder, PlanePosition, Position, RoadClass};
 use wayfix::matching::{
@@ -30,7 +31,7 @@ fn errors_name_the_point_and_the_drive() {
     let text = "point 7 has y NaN, expected metres from -1e9 to 1e9";
     assert_eq!(error.to_string(), text);
     let error = matcher.learn(&[&good, &good, &bad], 3, &mut memory).unwrap_err();
-    assert!(matches!(error, MatchError::Drive { drive: 2, .. }));
+    assert!(matches!(error, MatchError::Drive(At { number: 2, .. })));
     assert_eq!(error.to_string(), format!("drive 2: {text}"));
     assert!(error.source().is_none());
     let error = matcher.learn(&[&good[..], &[]], 3, &mut memory).unwrap_err();
@@ -165,7 +166,7 @@ fn credible_stretches_say_what_they_hold() {
         for bad in [0.0, -0.5, 1.0 + 1e-12, f64::NAN, f64::INFINITY] {
             for result in [vehicle.credible(&matcher, bad), found.credible(&matcher, 0, bad)] {
                 let error = result.unwrap_err();
-                assert!(matches!(error, MatchError::Mass { .. }));
+                assert!(matches!(error, MatchError::Parameter(_)));
                 let expected =
                     format!("the mass is {bad}, expected a probability above 0 and at most 1");
                 assert_eq!(error.to_string(), expected);

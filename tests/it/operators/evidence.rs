@@ -2,6 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use wayfix::error::At;
 use wayfix::motion::OffMapTransition;
 use wayfix::transition::{
     DwellTransition, EvidenceTransition, KroneckerTransition, PowerTransition, RestartTransition,
@@ -277,9 +278,9 @@ fn refused<A: Transition<Control = f64>>(a: A, name: &str) {
     let prior = Prior::BeforeFirstTransition(Belief::certain(1, 0).unwrap());
     let hmm = Hmm::new(prior, a, LikelihoodVector::linear(1)).unwrap();
     let error = hmm.filter().step_with(&1.0, &[1.0]).unwrap_err();
-    let InferenceError::Control { step: 1, source } = error else { panic!("{error}") };
+    let InferenceError::Control(At { number: 1, cause, .. }) = error else { panic!("{error}") };
     let expected = format!("evidence on moves within a {name}, which does not take it");
-    assert_eq!(source.to_string(), expected);
+    assert_eq!(cause.to_string(), expected);
 }
 
 #[test]
@@ -298,6 +299,6 @@ fn operators_that_cannot_take_evidence_refuse_it() {
     assert_eq!(error, expected);
     for log in [f64::NAN, NEVER, f64::INFINITY] {
         let off = off.clone().with_evidence(log);
-        assert!(matches!(off, Err(TransitionError::Parameter { .. })), "{log}");
+        assert!(matches!(off, Err(TransitionError::Parameter(_))), "{log}");
     }
 }

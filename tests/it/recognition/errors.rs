@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 
 use wayfix::InferenceError;
+use wayfix::error::{At, Count, Failed};
 use wayfix::observation::Distance;
 use wayfix::recognition::{LabelledPart, Options, RecognitionError, Recognizer};
 
@@ -23,14 +24,17 @@ fn bad_queries_are_errors_and_the_track_stays() {
     spoilt[2] = f32::NAN;
     for query in [&[][..], &[1.0; 3], &[0.0; DIMENSION], &spoilt, &[f32::INFINITY; DIMENSION]] {
         let error = track.step(query, None).unwrap_err();
-        assert!(matches!(error, RecognitionError::Descriptor { step: 4, .. }), "{error}");
+        assert!(matches!(error, RecognitionError::Descriptor(At { number: 4, .. })), "{error}");
         assert_eq!(track.snapshot(), before);
         assert_eq!(track.places().as_slice(), places);
     }
     for reading in [f64::NAN, f64::INFINITY, 1e7] {
         let error = track.step(&queries[3], Some(reading)).unwrap_err();
-        let of_step = |error: &_| matches!(error, InferenceError::Control { step: 4, .. });
-        assert!(matches!(&error, RecognitionError::Inference(e) if of_step(e)), "{error}");
+        let of_step = |error: &_| matches!(error, InferenceError::Control(At { number: 4, .. }));
+        assert!(
+            matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
+            "{error}"
+        );
         assert_eq!(track.snapshot(), before);
     }
     assert_eq!(track.step(&queries[3], None).unwrap(), other.step(&queries[3], None).unwrap());
@@ -43,10 +47,10 @@ fn bad_queries_are_errors_and_the_track_stays() {
         [&[], &[0.1], &[0.1, f32::NAN, 0.2], &[0.1, 0.2, -f32::INFINITY], &[f32::INFINITY; 3]];
     for row in wrong {
         let error = track.step(row, None).unwrap_err();
-        assert!(matches!(error, RecognitionError::Query { step: 2, .. }), "{error}");
+        assert!(matches!(error, RecognitionError::Query(At { number: 2, .. })), "{error}");
         assert_eq!(track.snapshot(), before);
         let error = rows.recording(&[&[0.1, 0.5, 0.9][..], row], &[]).unwrap_err();
-        assert!(matches!(error, RecognitionError::Query { step: 2, .. }), "{error}");
+        assert!(matches!(error, RecognitionError::Query(At { number: 2, .. })), "{error}");
     }
     assert_eq!(
         text(track.step(&[0.1], None)),
@@ -57,7 +61,7 @@ fn bad_queries_are_errors_and_the_track_stays() {
     let answer = { answer }.step(&[f32::INFINITY; 3], None).unwrap();
     assert_eq!((answer.place, answer.off_map), (None, 1.0));
     let error = rows.recording(&[[0.1, 0.5, 0.9]], &[None, None]).unwrap_err();
-    assert!(matches!(error, RecognitionError::Count { found: 2, expected: 1, .. }));
+    assert!(matches!(error, RecognitionError::Count(Count { found: 2, expected: 1, .. })));
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! A track over lost frames, after a relocation, and where doubles end.
 
 use wayfix::InferenceError;
+use wayfix::error::{At, Failed};
 use wayfix::observation::MatchOdds;
 use wayfix::recognition::{Options, RecognitionError, Recognizer};
 
@@ -30,8 +31,11 @@ fn lost_frames_are_steps_of_motion_alone() {
         let before = track.snapshot();
         for reading in [f64::NAN, 1e7] {
             let error = track.predict(Some(reading)).unwrap_err();
-            let of_step = |e: &_| matches!(e, InferenceError::Control { step: 52, .. });
-            assert!(matches!(&error, RecognitionError::Inference(e) if of_step(e)), "{error}");
+            let of_step = |e: &_| matches!(e, InferenceError::Control(At { number: 52, .. }));
+            assert!(
+                matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if of_step(e)),
+                "{error}"
+            );
             assert_eq!(track.snapshot(), before);
         }
         // It may begin with one, too.

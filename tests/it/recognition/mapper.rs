@@ -1,8 +1,9 @@
 //! Mapping while driving: what is refused, and what is carried over.
 
 use wayfix::InferenceError;
+use wayfix::error::{At, Failed, Parameter};
 use wayfix::motion::OffMap;
-use wayfix::observation::{DescriptorError, Distance};
+use wayfix::observation::{Distance, ObservationError};
 use wayfix::recognition::{Mapper, Options, RecognitionError, Seen};
 
 const LOOP: usize = 120;
@@ -29,10 +30,10 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
                 let before = mapper.references().len();
                 let error = mapper.step(wrong, None).unwrap_err();
                 match error {
-                    RecognitionError::Parameter { what, .. } => {
-                        assert_eq!((what, wrong), ("the length of a descriptor", &too_long[..]));
+                    RecognitionError::Parameter(Parameter { what, .. }) => {
+                        assert_eq!((&*what, wrong), ("the length of a descriptor", &too_long[..]));
                     }
-                    RecognitionError::Descriptor { step: at, .. } => assert_eq!(at, step + 1),
+                    RecognitionError::Descriptor(At { number: at, .. }) => assert_eq!(at, step + 1),
                     error => panic!("{error}"),
                 }
                 assert_eq!(mapper.references().len(), before);
@@ -46,8 +47,8 @@ fn what_is_no_descriptor_never_becomes_a_reference() {
     }
     let mut mapper = Mapper::new(Distance::Cosine, Options::default()).unwrap();
     let error = mapper.step(&[0.0; 4], None).unwrap_err();
-    let zero = |source: &_| matches!(source, DescriptorError::Zero { .. });
-    assert!(matches!(&error, RecognitionError::Descriptor { source, .. } if zero(source)));
+    let zero = |source: &_| matches!(source, ObservationError::Zero { .. });
+    assert!(matches!(&error, RecognitionError::Descriptor(At { cause, .. }) if zero(cause)));
     assert_eq!(
         error.to_string(),
         "the descriptor of the query of step 1 is not valid: query 0 is 0 in every element, so it \
@@ -124,9 +125,11 @@ fn options_and_readings_are_checked_from_the_start() {
     for step in 0..100 {
         for reading in [f64::NAN, f64::INFINITY, 1e7] {
             let error = mapper.step(&image(step), Some(reading)).unwrap_err();
-            let names =
-                |e: &_| matches!(e, InferenceError::Control { step: at, .. } if *at == step + 1);
-            assert!(matches!(&error, RecognitionError::Inference(e) if names(e)), "{error}");
+            let names = |e: &_| matches!(e, InferenceError::Control(At { number: at, .. }) if *at == step + 1);
+            assert!(
+                matches!(&error, RecognitionError::Inference(Failed { cause: e, .. }) if names(e)),
+                "{error}"
+            );
         }
         assert_eq!(mapper.references().len(), step);
         assert_eq!(mapper.step(&image(step), Some(1.0)).unwrap(), Seen::New { reference: step });

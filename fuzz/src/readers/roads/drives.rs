@@ -1,9 +1,7 @@
 //! Drives of any points.
 
 use wayfix::map::{NetworkBuilder, Position, RoadClass};
-use wayfix::matching::{
-    MatchError, MatchMemory, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint,
-};
+use wayfix::matching::{MatchError, MatchMemory, MatchModel, MatchedDrive, Matcher, RoadAnswer, TracePoint};
 
 use super::super::check_message;
 use super::{CORNERS, place};

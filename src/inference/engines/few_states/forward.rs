@@ -6,7 +6,7 @@ use super::likelihoods::LikelihoodRows;
 use super::segments::{SegmentProducts, pack_segments};
 use super::{FewStatesModel, rescale};
 use crate::inference::LogSum;
-use crate::kernels::{ChainState, Eight, Few, LANES, Packed, chain_forward};
+use crate::kernels::{ChainState, Eight, LANES, Packed, SmallModel, chain_forward};
 
 /// The vector, and what was taken out of likelihoods.
 pub(crate) struct Forward<'m> {
@@ -94,7 +94,7 @@ impl<'m> Forward<'m> {
     /// products, and x at the start of each.
     pub(crate) fn segments<const N: usize>(
         &mut self,
-        model: &Few<N>,
+        model: &SmallModel<N>,
         steps: Range<usize>,
         likelihoods: &mut [f64],
         packed: &mut Vec<[Packed; N]>,

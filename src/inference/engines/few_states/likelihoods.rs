@@ -7,7 +7,7 @@ use crate::hmm::Hmm;
 use crate::inference::step::scores::{TakenOut, likelihood_scores};
 use crate::kernels::{self, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
-use crate::limits::{LARGEST_LOG, LEAST_FACTOR, NEAR, UNSCALED, exponent, power};
+use crate::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
@@ -134,7 +134,7 @@ where
         taken_out: &mut TakenOut,
     ) -> Option<()> {
         let (states, mut form, mut far) = (self.hmm.states(), None, false);
-        let is_near = |largest: f64| (NEAR..=1.0 / NEAR).contains(&largest);
+        let is_near = |largest: f64| UNSHIFTED.contains(&largest);
         for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;

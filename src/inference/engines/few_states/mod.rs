@@ -19,9 +19,9 @@ pub(crate) use viterbi::viterbi;
 
 use super::choice::{self, Engine};
 use crate::hmm::Hmm;
-use crate::kernels::{ChainState, Few, LANES, Packed};
+use crate::kernels::{ChainState, LANES, Packed, SmallModel};
 use crate::likelihood::Likelihood;
-use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, SCALES, exponent, power};
+use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, exponent, power};
 use crate::transition::Transition;
 
 /// A model in arrays; states beyond the last are never possible.
@@ -64,12 +64,16 @@ impl FewStatesModel {
     }
 
     /// The first N states, for segments.
-    fn segment_model<const N: usize>(&self) -> Few<N> {
+    fn segment_model<const N: usize>(&self) -> SmallModel<N> {
         let first =
             |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
         let columns: [[f64; N]; N] = first(&self.columns);
         let entries = columns.as_flattened().iter().copied().filter(|a| *a > 0.0);
-        Few { columns, rows: first(&self.rows), least: limits::CALM / entries.fold(1.0, f64::min) }
+        SmallModel {
+            columns,
+            rows: first(&self.rows),
+            least: limits::LEAST_SEGMENT_PRODUCT / entries.fold(1.0, f64::min),
+        }
     }
 
     /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
@@ -89,7 +93,7 @@ impl FewStatesModel {
 /// or nothing is left.
 fn rescale(x: &mut ChainState) -> Option<()> {
     let sum: f64 = x.values.iter().sum();
-    if !(SCALES[0]..=SCALES[1]).contains(&sum) {
+    if !(MIDDLE_RANGE[0]..=MIDDLE_RANGE[1]).contains(&sum) {
         // Nothing is left, or a NaN or an infinity has come in.
         if !sum.is_normal() {
             return None;

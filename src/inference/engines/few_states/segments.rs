@@ -3,17 +3,17 @@
 
 use super::rescale;
 use crate::kernels::{
-    ChainState, Eight, Few, LANES, Packed, Scaled, SumProduct, multiply_segments,
+    ChainState, Eight, LANES, Packed, Scaled, SmallModel, SumProduct, multiply_segments,
 };
 use crate::kernels::{pack, unpack};
-use crate::limits::{APART, power};
+use crate::limits::{LARGEST_EXPONENT_GAP, power};
 
 /// Products of eight segments.
 pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
 
 impl<const N: usize> SegmentProducts<N> {
     /// `None` if the range of a column is too wide.
-    pub(crate) fn new(model: &Few<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
+    pub(crate) fn new(model: &SmallModel<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
         multiply_segments(SumProduct, model, likelihoods).map(Self)
     }
 
@@ -72,7 +72,7 @@ impl<const N: usize> SegmentProducts<N> {
             // what a later likelihood brings back.
             let below = largest - exponents[j];
             if below != 0.0 && used[j] {
-                if below > APART {
+                if below > LARGEST_EXPONENT_GAP {
                     return None;
                 }
                 powers[j] = power(-(below as i64));

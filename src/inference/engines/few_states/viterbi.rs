@@ -10,11 +10,11 @@ use crate::inference::engines::choice::{self, Engine, GATHERED};
 use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{
-    Backpointers, ChainPointers, ChainState, Eight, Few, LANES, MaxPlus, Packed, Scaled,
+    Backpointers, ChainPointers, ChainState, Eight, LANES, MaxPlus, Packed, Scaled, SmallModel,
     chain_decode, decode_segments, in_large_pages, multiply_segments,
 };
 use crate::likelihood::Likelihood;
-use crate::limits::{CALM, EXACT_SCORE, LEAST_SCORE};
+use crate::limits::{LEAST_EXACT_SCORE, LEAST_SCORE, LEAST_SEGMENT_PRODUCT};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
 
@@ -96,8 +96,8 @@ impl Decoder {
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
         // An entry and a likelihood together fall by 50 at most in a step (`limits`, "Few states").
-        let least = CALM.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
-        let model = Few { columns, rows: columns, least };
+        let least = LEAST_SEGMENT_PRODUCT.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
+        let model = SmallModel { columns, rows: columns, least };
         let (mut blocks, mut remaining) = (Vec::new(), 2..self.steps + 1);
         let (mut gathered, mut packed) = (Vec::new(), Vec::new());
         while let Some(steps) = choice::next_segments(&mut remaining) {
@@ -131,7 +131,7 @@ impl Decoder {
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
                     // Lower sums are rounded, and might break a tie otherwise than step by step.
-                    if score > f64::NEG_INFINITY && score < EXACT_SCORE {
+                    if score > f64::NEG_INFINITY && score < LEAST_EXACT_SCORE {
                         return None;
                     }
                     *out = out.max(score);

@@ -10,7 +10,7 @@ mod fixed_lag;
 mod online_viterbi;
 mod pruned;
 
-use crate::error::SnapshotError;
+use crate::error::{Count, SnapshotError};
 use crate::inference::LogSum;
 
 const MAGIC: &[u8] = b"wayfix";
@@ -194,7 +194,10 @@ impl<'a> Reader<'a> {
     pub(crate) fn finish(&self) -> Result<(), SnapshotError> {
         match self.bytes.len() - self.at {
             0 => Ok(()),
-            bytes => Err(SnapshotError::Trailing { bytes }),
+            found => {
+                let what = "bytes after the snapshot";
+                Err(SnapshotError::Trailing(Count { what, found, expected: 0 }))
+            }
         }
     }
 }

@@ -1,0 +1,94 @@
+//! Payloads that errors share.
+
+use std::borrow::Cow;
+use std::error::Error;
+use std::fmt;
+
+/// A number that is out of its range.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{what} is {value}, expected {expected}")]
+pub struct Parameter {
+    /// Name of the number.
+    pub what: Cow<'static, str>,
+    /// Value found.
+    pub value: f64,
+    /// Valid values, in words.
+    pub expected: &'static str,
+}
+
+impl Parameter {
+    pub(crate) fn new(
+        what: impl Into<Cow<'static, str>>,
+        value: f64,
+        expected: &'static str,
+    ) -> Self {
+        Self { what: what.into(), value, expected }
+    }
+}
+
+/// A number of things that is not the one expected.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{found} {what}, expected {expected}")]
+pub struct Count {
+    /// Name of the things, in the plural.
+    pub what: &'static str,
+    /// Number found.
+    pub found: usize,
+    /// Number expected.
+    pub expected: usize,
+}
+
+/// An error of something that is counted, such as a step, with its cause.
+///
+/// The message ends with that of the cause, so that `source` is the source of the cause.
+#[derive(Debug, Clone, PartialEq)]
+pub struct At<E> {
+    /// Number of the step, from 1, or of the sequence, drive, part or whatever it is, from 0.
+    pub number: usize,
+    /// Cause.
+    pub cause: E,
+    /// Words of the message before and after the number.
+    words: &'static [&'static str; 2],
+}
+
+impl<E> At<E> {
+    pub(crate) fn new(words: &'static [&'static str; 2], number: usize, cause: E) -> Self {
+        Self { number, cause, words }
+    }
+}
+
+impl<E: fmt::Display> fmt::Display for At<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { number, cause, words: [before, after] } = self;
+        write!(f, "{before}{number}{after}: {cause}")
+    }
+}
+
+impl<E: Error> Error for At<E> {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.cause.source()
+    }
+}
+
+/// A failure with its cause.
+///
+/// The message ends with that of the cause, so that `source` is the source of the cause.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Failed<E> {
+    /// The failure, such as "the sensor failed".
+    pub what: &'static str,
+    /// Cause.
+    pub cause: E,
+}
+
+impl<E: fmt::Display> fmt::Display for Failed<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.what, self.cause)
+    }
+}
+
+impl<E: Error> Error for Failed<E> {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.cause.source()
+    }
+}
