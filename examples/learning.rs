@@ -40,10 +40,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let learned = guess.learn(&sightings, &learning)?;
     println!(
-        "{} parameters from {} drives: {:?} after {} iterations, objective {:.3} to {:.3}",
+        "{} parameters from {} drives: {} after {} iterations, objective {:.3} to {:.3}",
         guess.transition().parameters(),
         recorded.len(),
-        learned.reason(),
+        if learned.converged() { "Converged" } else { "Not converged" },
         learned.iterations(),
         learned.objectives()[0],
         learned.objectives()[learned.iterations()],

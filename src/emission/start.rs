@@ -32,8 +32,7 @@ use crate::transition::DenseTransition;
 /// // 0.01 times the variance of all, so that no state becomes as narrow as one observation.
 /// let family = family.with_prior(GaussianPrior::new(1)?.with_covariance(0.0, &[0.09])?)?;
 /// let starts = starts(&family, &[&series], 5, &mut ChaCha8Rng::seed_from_u64(1))?;
-/// let fits = Hmm::learn_best(&starts, &[&series], &LearningOptions::default(), |_, _| ())?;
-/// let learned = fits.into_best();
+/// let learned = Hmm::learn_best(&starts, &[&series], &LearningOptions::default(), |_, _| ())?;
 /// let mean = |state| learned.model().likelihood().mean(state).unwrap()[0];
 /// assert!((mean(0) - 0.1).abs() < 0.01 && (mean(1) - 6.0).abs() < 0.01);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

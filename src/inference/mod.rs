@@ -9,7 +9,7 @@
 //! | [`Hmm::online_viterbi`](crate::Hmm::online_viterbi) | [`OnlineViterbi`], a stream | a max-product |
 //! | [`Hmm::forward`](crate::Hmm::forward) | [`FilteredSequence`], with [`Posteriors`] | a product |
 //! | [`Hmm::smooth`](crate::Hmm::smooth) | [`SmoothedSequence`], with [`Posteriors`] | two products |
-//! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with [`Pairs`] | three products |
+//! | [`Hmm::smooth_each`](crate::Hmm::smooth_each) | [`SmoothedStep`]s, in an [`Order`], with moves | three products |
 //! | [`Hmm::viterbi`](crate::Hmm::viterbi), [`Hmm::k_best`](crate::Hmm::k_best) | [`ViterbiPath`] | a max-product, or k |
 //! | [`Hmm::beam_viterbi`](crate::Hmm::beam_viterbi) | [`BeamPath`] | the entries of the states in the beam |
 //! | [`Trellis`]: states that differ from step to step | [`SmoothedTrellis`], [`ViterbiPath`] | the moves between the states of two steps |
@@ -18,7 +18,7 @@
 //! | [`Hmm::smooth_all`](crate::Hmm::smooth_all) and the like | the results of many sequences, in a vector | the same |
 //! | [`Hmm::simulate`](crate::Hmm::simulate) | [`Simulation`] | the entries out of a state |
 //! | [`Hmm::learn`](crate::Hmm::learn) | [`LearnedModel`], by [`LearningOptions`] | three products in each iteration |
-//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`Restarts`] | as often |
+//! | [`Hmm::learn_best`](crate::Hmm::learn_best), from several starts | [`LearnedModel`] | as often |
 //! | [`Hmm::expectations`](crate::Hmm::expectations), [`Hmm::maximize`](crate::Hmm::maximize): an iteration in parts | [`Expectations`] | three products |
 //! | [`LearnedModel::criteria`], [`ModelSelection`]: to choose among models | [`Criteria`] | nothing; learning of all candidates and folds |
 //! | [`Hmm::jackknife`](crate::Hmm::jackknife): standard errors of what was learned | [`StandardErrors`] | learning, for each group of sequences |
@@ -40,18 +40,16 @@ mod trellis;
 pub use crate::error::{LearnError, SequenceError, SnapshotError};
 pub use beam::BeamPath;
 pub use decoding::viterbi::ViterbiPath;
-pub use learning::baum_welch::{LearnedModel, LearningOptions, StopReason};
-pub use learning::criteria::{Candidate, Criteria, HeldOut, ModelSelection};
+pub use learning::criteria::Criteria;
 pub use learning::expectations::Expectations;
 pub use learning::jackknife::StandardErrors;
-pub use learning::labels::LabelledSequence;
-pub use learning::restarts::Restarts;
+pub use learning::learned_model::{LearnedModel, LearningOptions};
+pub use learning::model_selection::{Candidate, ModelSelection};
 pub use pruned::{Certificate, PrunedFilter, PrunedFilterSnapshot, Pruning};
 pub use sequences::forward::FilteredSequence;
-pub use sequences::pairwise::Pairs;
 pub use sequences::path_sampler::PathSampler;
 pub use sequences::posteriors::Posteriors;
-pub use sequences::simulation::Simulation;
+pub use sequences::simulation::{LabelledSequence, Simulation};
 pub use sequences::smooth_each::{Order, SmoothedStep};
 pub use sequences::smoother::SmoothedSequence;
 pub use streams::filter::Filter;
@@ -60,13 +58,13 @@ pub use streams::fixed_lag::FixedLag;
 pub use streams::fixed_lag_snapshot::FixedLagSnapshot;
 pub use streams::online_viterbi::OnlineViterbi;
 pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
-pub use trellis::{SmoothedTrellis, Trellis, TrellisPairs};
+pub use trellis::{SmoothedTrellis, Trellis};
 
-#[cfg(feature = "serde")]
-pub(crate) use decoding::scores::TakenOut;
 #[cfg(feature = "serde")]
 pub(crate) use pruned::Envelope;
 pub(crate) use step::log_sum::LogSum;
+#[cfg(feature = "serde")]
+pub(crate) use step::scores::TakenOut;
 pub(crate) use streams::filter_snapshot::MOST_STEPS;
 #[cfg(feature = "serde")]
 pub(crate) use streams::online_viterbi_snapshot::Node;

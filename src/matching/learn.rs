@@ -189,9 +189,9 @@ impl<P: Coordinates> Matcher<P> {
                 continue;
             }
             let (before, seconds) = (&states[number - 1], point.time - points[number - 1].time);
-            let pairs = smoothed.pairs(&trellis, step);
             for (to, state) in states_now.iter().enumerate() {
-                for ((from, p), moved) in pairs.into_state(to).zip(&mut moves) {
+                let into = smoothed.moves(&trellis, step, to);
+                for ((from, p), moved) in into.zip(&mut moves) {
                     let off_road = [before[from].is_off_road(), state.is_off_road()];
                     let events = if off_road[0] == off_road[1] { 0.0 } else { p };
                     let left = if off_road[0] { &mut *returns } else { &mut *leaves };

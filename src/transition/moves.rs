@@ -18,7 +18,7 @@ pub(crate) fn sort(moves: &mut [Move]) {
 
 /// The expected number of moves between states.
 ///
-/// The sum of [pairwise posteriors](crate::inference::Pairs), or the moves of paths of known
+/// The sum of [pairwise posteriors](crate::inference::SmoothedStep::moves), or the moves of paths of known
 /// states. Made by [`Hmm::expected_moves`](crate::Hmm::expected_moves),
 /// [`MoveCounts::of_path`] and [`MoveCounts::from_moves`].
 ///

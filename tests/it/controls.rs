@@ -119,8 +119,8 @@ fn in_every_routine_a_control_drives_the_step_to_its_observation() {
         assert_eq!(hmm.smooth_all(&[drive])[0].as_ref().unwrap().posteriors().modes(), expected);
         for order in [Order::Forward, Order::Backward] {
             hmm.smooth_each(&drive, order, |step| {
-                if let (k @ 1.., Some(pairs)) = (step.step(), step.pairs()) {
-                    let m = pairs.moves().find(|m| m.weight > 0.5).unwrap();
+                if let (k @ 1.., Some(mut moves)) = (step.step(), step.moves()) {
+                    let m = moves.find(|m| m.weight > 0.5).unwrap();
                     assert_eq!((m.from + controls[k - 1]) % 3, m.to);
                     assert_eq!(m.to, expected[k - 1]);
                 }

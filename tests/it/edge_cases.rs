@@ -397,7 +397,7 @@ fn every_routine_has_an_answer_for_next_to_nothing() {
             assert!(hmm.online_viterbi().undecided().is_empty());
             let mut visited = 0;
             hmm.smooth_each(&none, Order::Forward, |step| {
-                assert!(step.pairs().is_none());
+                assert!(step.moves().is_none());
                 assert_eq!(step.smoothed().as_slice(), uniform(n).as_slice());
                 visited += 1;
             })

@@ -9,7 +9,6 @@ use proptest::prelude::*;
 use rand::RngExt;
 use wayfix::inference::{
     Candidate, Expectations, LabelledSequence, LearnError, LearningOptions, ModelSelection,
-    StopReason,
 };
 use wayfix::likelihood::LearnLikelihood;
 use wayfix::transition::{LearnTransition, Move, MoveCounts, SwitchedTransition, TiedTransition};
@@ -239,13 +238,12 @@ fn spoiled(left: usize, then: Trouble) -> (Hmm<DenseTransition, Spoiled>, Vec<Ve
 #[test]
 fn small_trouble_ends_learning_without_losing_it() {
     let learning = LearningOptions { tolerance: 0.0, ..LearningOptions::default() };
-    for (then, reason) in
-        [(Trouble::SmallFall, StopReason::Fell), (Trouble::Failure, StopReason::Failed)]
-    {
+    for (then, failed) in [(Trouble::SmallFall, false), (Trouble::Failure, true)] {
         // Gains are below what the trouble costs by then.
         let (hmm, sequences) = spoiled(60, then);
         let learned = hmm.learn(&sequences, &learning).unwrap();
-        assert_eq!((learned.reason(), learned.iterations()), (reason, 60));
+        assert_eq!((learned.failed(), learned.iterations()), (failed, 60));
+        assert!(!learned.converged());
         let kept: f64 = hmm.log_likelihood_all(&sequences).into_iter().map(Result::unwrap).sum();
         assert!(learned.log_likelihood() > kept + 1.0);
         assert_eq!(learned.objective(), *learned.objectives().last().unwrap());
@@ -283,23 +281,26 @@ fn the_best_of_several_starts_is_returned() {
     let starts: Vec<Model> = (0..5).map(|seed| random_model(3, 4, 100 + seed)).collect();
     let learning = LearningOptions { iterations: 30, ..LearningOptions::default() };
     let ended = Mutex::new(Vec::new());
-    let restarts = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
-        ended.lock().unwrap().push((start, learned.as_ref().unwrap().objective()));
+    let best = Hmm::learn_best(&starts, &sequences, &learning, |start, learned| {
+        let learned = learned.as_ref().unwrap();
+        ended.lock().unwrap().push((start, learned.objective(), learned.objectives().to_vec()));
     })
     .unwrap();
     let mut ended = ended.into_inner().unwrap();
     ended.sort_by_key(|entry| entry.0);
     assert_eq!(ended.len(), 5);
-    for ((start, objective), (model, attempt)) in
-        ended.iter().zip(starts.iter().zip(restarts.attempts()))
-    {
+    for ((start, objective, objectives), model) in ended.iter().zip(&starts) {
         let alone = model.learn(&sequences, &learning).unwrap();
         assert_eq!(*objective, alone.objective(), "start {start}");
-        assert_eq!(attempt.as_ref().unwrap().objectives(), alone.objectives());
+        assert_eq!(objectives, alone.objectives());
     }
-    let best = restarts.best_index();
-    assert!(ended.iter().all(|(_, objective)| *objective <= ended[best].1));
-    assert_eq!(restarts.into_best().objective(), ended[best].1);
+    assert!(ended.iter().all(|(_, objective, _)| *objective <= best.objective()));
+    assert!(ended.iter().any(|(_, _, objectives)| objectives == best.objectives()));
+
+    // Of equal ones the first, which ends as its start would alone.
+    let equal = [starts[1].clone(), starts[1].clone()];
+    let best = Hmm::learn_best(&equal, &sequences, &learning, |_, _| ()).unwrap();
+    assert_eq!(best.objectives(), ended[1].2);
 
     let none: [Model; 0] = [];
     let error = Hmm::learn_best(&none, &sequences, &learning, |_, _| ()).unwrap_err();
@@ -320,10 +321,11 @@ fn failed_fits_rank_last() {
 
     let short = LearningOptions { iterations: 61, ..learning };
     let starts = [failing.clone(), whole.clone()];
-    let restarts = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
-    assert_eq!(restarts.best_index(), 1);
-    let restarts = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
-    assert_eq!(restarts.into_best().reason(), StopReason::Failed);
+    let best = Hmm::learn_best(&starts, &sequences, &short, |_, _| ()).unwrap();
+    let second = whole.learn(&sequences, &short).unwrap();
+    assert!(!best.failed() && best.objectives() == second.objectives());
+    let best = Hmm::learn_best(&starts[..1], &sequences, &short, |_, _| ()).unwrap();
+    assert!(best.failed());
 
     let learn = |&fails: &bool, some: &[&Vec<usize>]| {
         let (hmm, iterations) = if fails { (&failing, 61) } else { (&whole, 1) };
@@ -351,11 +353,13 @@ fn learning_can_be_watched_and_broken_off() {
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     let learned = learned.unwrap();
-    assert_eq!((learned.reason(), learned.iterations()), (StopReason::Stopped, 4));
+    assert_eq!((learned.converged(), learned.iterations()), (false, 4));
+    assert!(learned.cause().is_none());
     assert_eq!(learned.objectives()[1..], seen);
     let all = start.learn(&sequences, &learning).unwrap();
     assert_eq!(all.objectives()[..=4], *learned.objectives());
-    assert_eq!(all.reason(), StopReason::Iterations);
+    assert_eq!((all.converged(), all.iterations()), (false, 9));
+    assert!(all.cause().is_none());
 }
 
 #[test]
@@ -440,8 +444,8 @@ fn parameters_are_those_of_the_start_however_long_learning_goes_on() {
     assert!((loose.aic() - criteria.aic()).abs() < 1.0, "{loose:?} {criteria:?}");
 
     // By each way of learning, and in the choice among models.
-    let restarts = Hmm::learn_best(std::slice::from_ref(&start), &ys, &tight, |_, _| ()).unwrap();
-    assert_eq!(restarts.into_best().free_parameters(), 5);
+    let best = Hmm::learn_best(std::slice::from_ref(&start), &ys, &tight, |_, _| ()).unwrap();
+    assert_eq!(best.free_parameters(), 5);
     let mut seen = Vec::new();
     let watched = start.learn_with(&ys, &tight, |now| {
         seen.push(now.free_parameters());
@@ -492,7 +496,8 @@ fn models_are_chosen_by_criteria_and_folds() {
     let learn =
         |&states: &usize, some: &[&Vec<usize>]| random_model(states, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([1, 2, 3], &sequences, 3, learn).unwrap();
-    for Candidate { candidate: states, criteria, held_out, failed } in selection.rows() {
+    for row in selection.rows() {
+        let Candidate { candidate: states, criteria, held_out, failed } = row;
         assert_eq!(*failed, 0);
         let all: Vec<_> = sequences.iter().collect();
         let model = learn(states, &all).unwrap().into_model();
@@ -503,23 +508,24 @@ fn models_are_chosen_by_criteria_and_folds() {
         let p = criteria.parameters as f64;
         assert!(near(criteria.aic(), 2.0 * (p - sum)));
         assert!(near(criteria.bic(), p * 210_f64.ln() - 2.0 * sum));
-        let held_out = held_out.as_ref().unwrap();
-        assert_eq!(held_out.observations, [90, 60, 60]);
-        for (fold, log) in held_out.folds.iter().enumerate() {
+        assert_eq!(held_out.len(), 3);
+        for (fold, log) in held_out.iter().enumerate() {
             let others: Vec<_> = (0..7).filter(|s| s % 3 != fold).map(|s| &sequences[s]).collect();
             let model = learn(states, &others).unwrap().into_model();
             let held = (0..7).filter(|s| s % 3 == fold).map(|s| &sequences[s]);
             let sum: f64 = held.map(|s| model.log_likelihood(s).unwrap()).sum();
             assert!(near(*log, sum));
         }
-        assert!(near(held_out.score() * 210.0, held_out.log_likelihood()));
+        let sum = row.held_out_log_likelihood().unwrap();
+        assert_eq!(sum, held_out.iter().sum::<f64>());
+        assert!(near(row.held_out_score().unwrap() * 210.0, sum));
     }
     let lowest = |value: &dyn Fn(usize) -> f64| {
         (1..3).fold(0, |best, at| if value(at) < value(best) { at } else { best }) + 1
     };
     assert_eq!(*selection.best_by_bic(), lowest(&|at| selection.rows()[at].criteria.bic()));
     assert_eq!(*selection.best_by_aic(), lowest(&|at| selection.rows()[at].criteria.aic()));
-    let held_out = |at: usize| -selection.rows()[at].held_out.as_ref().unwrap().log_likelihood();
+    let held_out = |at: usize| -selection.rows()[at].held_out_log_likelihood().unwrap();
     assert_eq!(*selection.best_held_out().unwrap(), lowest(&held_out));
     let table = selection.to_string();
     assert_eq!(table.lines().count(), 4);
@@ -527,6 +533,7 @@ fn models_are_chosen_by_criteria_and_folds() {
 
     let without = ModelSelection::new([1, 2], &sequences, 0, learn).unwrap();
     assert_eq!(without.best_held_out(), None);
+    assert_eq!(without.rows()[0].held_out_score(), None);
     assert!(matches!(
         ModelSelection::new([1], &sequences, 8, learn),
         Err(LearnError::Groups { groups: 8, sequences: 7 })
@@ -545,7 +552,7 @@ fn what_was_never_seen_is_held_against_a_fold() {
     let learning = LearningOptions { iterations: 3, ..LearningOptions::default() };
     let learn = |(): &(), some: &[&Vec<usize>]| random_model(2, 3, 77).learn(some, &learning);
     let selection = ModelSelection::new([()], &sequences, 3, learn).unwrap();
-    let folds = &selection.rows()[0].held_out.as_ref().unwrap().folds;
+    let folds = &selection.rows()[0].held_out;
     assert!(folds[0].is_finite() && folds[1].is_finite());
     assert_eq!(folds[2], f64::NEG_INFINITY);
 }

@@ -1,7 +1,7 @@
 //! Textbook models with their exact answers, written out.
 #![allow(clippy::excessive_precision, clippy::unreadable_literal, reason = "printed answers")]
 
-use wayfix::inference::{Order, Pairs};
+use wayfix::inference::Order;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{
     Belief, Controlled, DenseTransition, Hmm, InferenceError, LikelihoodVector, Prior,
@@ -88,8 +88,8 @@ impl Case {
         let mut moves = vec![vec![0.0; n]; n];
         hmm.smooth_each(&drive, Order::Forward, |step| {
             // From observation to observation: not that from X_0.
-            let pairs = step.pairs().filter(|_| step.step() > 1);
-            pairs.into_iter().flat_map(Pairs::moves).for_each(|m| moves[m.from][m.to] += m.weight);
+            let found = step.moves().filter(|_| step.step() > 1);
+            found.into_iter().flatten().for_each(|m| moves[m.from][m.to] += m.weight);
         })
         .unwrap();
         for (from, row) in self.pairwise_sum.iter().enumerate() {

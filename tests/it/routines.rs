@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use proptest::prelude::*;
-use wayfix::inference::{Order, Pairs};
+use wayfix::inference::Order;
 use wayfix::transition::SwitchedTransition;
 use wayfix::{Hmm, SparseTransition, TransitionEntries};
 
@@ -44,13 +44,13 @@ pub(crate) fn check_pairs<A: TransitionEntries<Control = usize>>(
             prop_assert_eq!(Some(step.smoothed()), smoothing.posteriors().get(step.step()));
             prop_assert_eq!(Some(step.filtered()), filtering.posteriors().get(step.step()));
             let moves = step.step() > 1 || (step.step() == 1 && !model.at_first);
-            prop_assert_eq!(step.pairs().is_some(), moves);
-            let Some(pairs) = step.pairs() else { return Ok(()) };
+            prop_assert_eq!(step.moves().is_some(), moves);
+            let Some(listed) = step.moves() else { return Ok(()) };
             // Two slices: the sums are the posteriors of the two steps.
             let mut sums = [vec![0.0; model.states], vec![0.0; model.states]];
             let mut found = HashMap::new();
             let mut last = None;
-            for m in pairs.moves() {
+            for m in listed {
                 prop_assert!(last < Some((m.from, m.to)), "in ascending order");
                 last = Some((m.from, m.to));
                 sums[0][m.from] += m.weight;
@@ -422,7 +422,7 @@ fn checkpoints_change_nothing() {
         let log_likelihood = hmm
             .smooth_each(ys, order, |step| {
                 assert_eq!(Some(step.smoothed()), smoothing.posteriors().get(step.step()));
-                moves += step.pairs().map_or(0.0, |p| Pairs::moves(p).map(|m| m.weight).sum());
+                moves += step.moves().map_or(0.0, |moves| moves.map(|m| m.weight).sum());
                 visited.push(step.step());
             })
             .unwrap();

@@ -45,7 +45,7 @@ pub(super) fn check<A: TransitionEntries, S: Drive<A>>(
                 &chain.filtered[k],
             );
             close::belief("smooth_each", k, step.smoothed().as_slice(), &gamma[k]);
-            for m in step.pairs().into_iter().flat_map(wayfix::inference::Pairs::moves) {
+            for m in step.moves().into_iter().flatten() {
                 let expected = pairs[k - 1][m.to][m.from].exp();
                 close::number("weight of a pair", m.weight, expected, 1e-9);
             }

@@ -1,17 +1,20 @@
-//! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the
-//! path. Scores are logarithms throughout, so that the policy of [`range`](crate::range) does not
-//! apply.
+//! Viterbi decoding along a beam, for very large maps, with a test for the optimality of the path
+//! (section 7 of the [formulas](crate::guide::formulas)).
+//!
+//! Beside the score of the best path to each state that never left the beam, an upper bound on
+//! those of all other paths is carried along: where it ends below the score of the path found, no
+//! path is better. Scores are logarithms throughout, so that the forms of `limits` do not apply.
 
 mod scores;
 
-use std::f64::consts::{LN_2, LOG2_E};
+use std::f64::consts::LOG2_E;
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::LogSum;
 use crate::inference::decoding::viterbi::ViterbiPath;
 use crate::inference::pruned::active_set::ActiveSet;
 use crate::inference::step::Step;
+use crate::inference::step::scores::{TakenOut, best};
 use crate::likelihood::{LocalLikelihood, Scratch, check_local};
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -127,13 +130,15 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
         let prior = self.prior().belief().as_slice();
         let mut active_set = ActiveSet::new(self.states());
         let mut beam = Beam { elsewhere: f64::NEG_INFINITY, ..Beam::default() };
+        // All states that the prior allows: nothing has left the beam yet, so that the bound on
+        // others is −∞.
         beam.states.extend((0..prior.len()).filter(|&state| prior[state] > 0.0));
         active_set.follow(&[], &beam.states);
         let mut next = Beam::default();
         let mut pointers = Pointers::default();
         let (mut from, mut wanted) = (Vec::new(), Vec::new());
         let mut scratch = Scratch::default();
-        let (mut whole, mut factors) = (0.0, LogSum::default());
+        let mut taken_out = TakenOut::default();
         let mut most_active = 0;
         for step in 1..=steps {
             let observation = sequence.observation(step);
@@ -146,6 +151,8 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                 None
             };
             wanted.clear();
+            // The sensor names the states that it likes. A path from outside may come to them, so
+            // that each gets a bound of its own instead of the one for all.
             if beam.elsewhere > f64::NEG_INFINITY {
                 self.likelihood().listed_states(observation, &mut wanted);
             }
@@ -163,37 +170,41 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
                     &mut from,
                 );
                 next.elsewhere = beam.elsewhere;
+                // An entry of a stochastic operator is at most one; evidence has no such bound, and
+                // its largest entry has to be looked for.
                 if evidence.is_none() {
                     next.elsewhere += ENTRY;
                 } else if beam.elsewhere > f64::NEG_INFINITY {
                     next.elsewhere += largest_log2(transition, control);
                 }
             }
+            // Known before the likelihoods are added: it decides which error an impossible step is.
             let nothing = evidence.is_some() && next.is_nowhere();
             let wrap = |cause| InferenceError::likelihood(step, cause);
             let local = self.likelihood().local(observation, &next.states, &mut scratch);
             let (local, others) = local.map_err(wrap)?;
             let largest = check_local(&local, others, &next.states).map_err(wrap)?;
-            let taken_out = if local.is_log() {
+            let factor = if local.is_log() {
                 next.weigh_with_logs(local.as_slice(), others, largest)
             } else {
-                whole += next.weigh(local.as_slice(), others, largest);
+                taken_out.whole += next.weigh(local.as_slice(), others, largest);
                 0.0
             };
-            factors.add(taken_out + local.log_factor() + evidence.unwrap_or(0.0));
+            taken_out.factors.add(factor + local.log_factor() + evidence.unwrap_or(0.0));
             if nothing && local.is_possible(largest) {
                 return Err(InferenceError::ImpossibleMove { step });
             }
             // Take out a whole number, then drop states too far from the best.
             let best = next.scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             if best == f64::NEG_INFINITY {
+                // A bound above −∞ on other paths: one of them may be possible.
                 return Err(if next.is_nowhere() {
                     InferenceError::Impossible { step }
                 } else {
                     InferenceError::Pruned { step }
                 });
             }
-            whole += best.floor();
+            taken_out.whole += best.floor();
             next.prune(best, width, &mut from);
             pointers.starts.push(pointers.entries.len());
             let entries = next.states.iter().zip(&from);
@@ -202,18 +213,13 @@ impl<A: TransitionEntries, B: LocalLikelihood> Hmm<A, B> {
             active_set.follow(&beam.states, &next.states);
             std::mem::swap(&mut beam, &mut next);
         }
-        let log_probability = |score: f64| {
-            let mut sum = factors;
-            sum.add(whole * LN_2);
-            sum.add(score * LN_2);
-            sum.value()
-        };
-        let at = crate::inference::decoding::scores::best(&beam.scores);
+        let at = best(&beam.scores);
+        // Every path that left the beam ended below one of the ceilings, or elsewhere.
         let pruned = beam.ceilings.iter().copied().fold(beam.elsewhere, f64::max);
         let path = ViterbiPath {
             states: pointers.path(at),
-            log_probability: log_probability(beam.scores[at]),
+            log_probability: taken_out.log_probability(beam.scores[at]),
         };
-        Ok(BeamPath { path, pruned: log_probability(pruned), most_active })
+        Ok(BeamPath { path, pruned: taken_out.log_probability(pruned), most_active })
     }
 }

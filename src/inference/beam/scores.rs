@@ -2,8 +2,8 @@
 
 use std::f64::consts::LOG2_E;
 
-use crate::inference::decoding::scores::unlifted_log2;
 use crate::inference::pruned::active_set::ActiveSet;
+use crate::inference::step::scores::unlifted_log2;
 use crate::kernels;
 use crate::limits::LIFT;
 use crate::transition::TransitionEntries;
@@ -55,16 +55,16 @@ impl Beam {
             let lifted = match moves {
                 Some(_) if in_logs => 0.0,
                 Some((transition, control)) => {
-                    let ways = transition.incoming(control, i);
-                    ways.map(|(j, a)| a * (prior[j] * LIFT)).sum()
+                    let entries = transition.incoming(control, i);
+                    entries.map(|(j, a)| a * (prior[j] * LIFT)).sum()
                 }
                 None => prior[i] * LIFT,
             };
             self.scores.push(match moves {
                 // A product of two such numbers may leave the range of `f64`.
                 Some((transition, control)) if !(1.0..=f64::MAX).contains(&lifted) => {
-                    let ways = || transition.incoming_log2(control, i);
-                    log2_sum(|| ways().map(|(j, log2)| log2 + kernels::log2(prior[j])))
+                    let entries = || transition.incoming_log2(control, i);
+                    log2_sum(|| entries().map(|(j, log2)| log2 + kernels::log2(prior[j])))
                 }
                 _ => unlifted_log2(lifted),
             });
@@ -92,6 +92,8 @@ impl Beam {
             let (mut score, mut best) = (f64::NEG_INFINITY, 0);
             let (mut ceiling, mut beyond) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
             for (j, log2) in incoming(i) {
+                // A path through a state of the beam: one that never left it, and the bound on
+                // those that did.
                 if let Some(at) = active_set.place(j) {
                     let value = log2 + before.scores[at];
                     if value > score {
@@ -99,6 +101,8 @@ impl Beam {
                     }
                     ceiling = f64::max(ceiling, log2 + before.ceilings[at]);
                 } else {
+                    // Of the states outside only one bound is known: with the largest entry it
+                    // holds for all of them.
                     beyond = f64::max(beyond, log2);
                 }
             }
@@ -111,6 +115,7 @@ impl Beam {
     /// Adds the logarithms of likelihoods, none of which is above `largest`, less a whole number,
     /// which is returned.
     pub(crate) fn weigh(&mut self, listed: &[f64], others: f64, largest: f64) -> f64 {
+        // A whole number of powers of two, as the exact decoder takes out: the same scores.
         let whole = if largest > 0.0 { kernels::log2(largest).floor() } else { 0.0 };
         self.add(listed.iter().map(|b| kernels::log2(*b) - whole));
         self.elsewhere += kernels::log2(others) - whole;
@@ -141,6 +146,8 @@ impl Beam {
         let mut kept = 0;
         for at in 0..self.states.len() {
             let (score, ceiling) = (self.scores[at], self.ceilings[at]);
+            // A state stays for the sake of its bound, too: dropped, it would raise the bound for
+            // all others.
             let highest = score.max(ceiling);
             if highest >= least && highest > f64::NEG_INFINITY {
                 (self.states[kept], from[kept]) = (self.states[at], from[at]);

@@ -1,23 +1,18 @@
-//! The k most probable paths: Viterbi with a list for each state (Seshadri and
-//! Sundberg 1994).
+//! The k most probable paths: Viterbi with a list for each state (Seshadri and Sundberg 1994;
+//! section 7 of the [formulas](crate::guide::formulas)).
+//!
+//! The k best paths to a state extend paths that are among the k best to the states before. Scores
+//! are those of [`Hmm::viterbi`], so that the first path is the same.
 
-use super::scores::TakenOut;
+use super::ranked_paths::{self, RankedPath, best_ends, extend, keep_best};
 use super::viterbi::ViterbiPath;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
+use crate::inference::step::scores::TakenOut;
 use crate::inference::step::{Step, Workspace};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
-
-/// A path to a state: its score, the state before, and the rank of the path to that state that it
-/// extends.
-#[derive(Debug, Clone, Copy)]
-struct Way {
-    score: f64,
-    from: u32,
-    rank: u32,
-}
 
 impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     /// Returns the `count` most probable paths x_1 … x_T, the best first; fewer, if the model
@@ -57,106 +52,81 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut work = Workspace::new(n);
         let mut taken_out = TakenOut::default();
         // Paths to each state of each step, best first.
-        let mut lists: Vec<Vec<Vec<Way>>> = Vec::with_capacity(steps);
+        let mut lists: Vec<Vec<Vec<RankedPath>>> = Vec::with_capacity(steps);
         let mut added = vec![0.0; n];
         for number in 1..=steps {
             let step = Step::of(self, sequence, number);
             let mut list = match lists.last() {
-                None => step.first_ways(&mut added, &mut taken_out)?,
+                None => step.first_paths(&mut added, &mut taken_out)?,
                 // At least one, to detect impossible observations.
-                Some(before) => step.best_ways(before, count.max(1), &mut taken_out)?,
+                Some(before) => step.best_paths(before, count.max(1), &mut taken_out)?,
             };
             added.fill(0.0);
             let observation = sequence.observation(number);
             step.observe(observation, &mut work, &mut added, &mut taken_out)?;
             let mut best: Vec<f64> = (list.iter().zip(&added))
-                .map(|(ways, added)| ways.first().map_or(f64::NEG_INFINITY, |w| w.score + added))
+                .map(|(paths, added)| paths.first().map_or(f64::NEG_INFINITY, |p| p.score + added))
                 .collect();
+            // Only the best path to each state says how much may come out: the same number as in
+            // Viterbi.
             let floor = step.settle(&mut best, &mut taken_out)?;
-            for ((ways, best), added) in list.iter_mut().zip(&best).zip(&added) {
+            for ((paths, best), added) in list.iter_mut().zip(&best).zip(&added) {
                 if *best == f64::NEG_INFINITY {
-                    ways.clear();
+                    paths.clear();
                 }
-                ways.iter_mut().for_each(|way| way.score = (way.score + added) - floor);
+                // Whole numbers come off last, without rounding, as in Viterbi: the same scores.
+                paths.iter_mut().for_each(|path| path.score = (path.score + added) - floor);
             }
             lists.push(list);
         }
-        let last = lists.last().into_iter().flatten().enumerate();
-        let mut ends: Vec<Way> = last
-            .flat_map(|(i, ways)| {
-                (0..).zip(ways).map(move |(rank, w)| Way { score: w.score, from: i as u32, rank })
-            })
-            .collect();
-        keep_best(&mut ends, count);
-        let path = |end: &Way| {
-            let mut states = vec![0; steps];
-            let mut at = *end;
-            for (state, list) in states.iter_mut().zip(&lists).rev() {
-                *state = at.from as usize;
-                at = list[*state][at.rank as usize];
-            }
-            ViterbiPath { states, log_probability: taken_out.log_probability(end.score) }
+        let ends = lists.last().map_or_else(Vec::new, |last| best_ends(last, count));
+        let path = |end: RankedPath| ViterbiPath {
+            states: ranked_paths::states(end, steps, |step, state| &lists[step][state]),
+            log_probability: taken_out.log_probability(end.score),
         };
-        Ok(ends.iter().map(path).collect())
+        Ok(ends.into_iter().map(path).collect())
     }
 }
 
 impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
-    /// Returns the only path to each state of step 1.
-    fn first_ways(
+    /// Returns the only path to each state of step 1; X_0 is summed over.
+    fn first_paths(
         &self,
         scores: &mut [f64],
         taken_out: &mut TakenOut,
-    ) -> Result<Vec<Vec<Way>>, InferenceError> {
+    ) -> Result<Vec<Vec<RankedPath>>, InferenceError> {
         self.first_scores(scores, taken_out)?;
-        let way = |&score: &f64| Way { score, from: 0, rank: 0 };
-        let possible = |way: &Way| way.score > f64::NEG_INFINITY;
+        let possible = |score: &&f64| **score > f64::NEG_INFINITY;
+        let path = |score: &f64| RankedPath::start(*score);
         Ok(scores
             .iter()
-            .map(|score| Some(way(score)).filter(possible).into_iter().collect())
+            .map(|s| Some(s).filter(possible).map(path).into_iter().collect())
             .collect())
     }
 
     /// Extends the paths to the states before to the best paths to each state.
-    fn best_ways(
+    fn best_paths(
         &self,
-        before: &[Vec<Way>],
+        before: &[Vec<RankedPath>],
         count: usize,
         taken_out: &mut TakenOut,
-    ) -> Result<Vec<Vec<Way>>, InferenceError> {
+    ) -> Result<Vec<Vec<RankedPath>>, InferenceError> {
         let Some(control) = self.control else { return Ok(Vec::new()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
         let into = |i: usize| {
-            let mut ways = Vec::new();
+            let mut paths = Vec::new();
             for (j, log2) in self.hmm.transition().incoming_log2(control, i) {
-                ways.extend((0..).zip(&before[j]).map(|(rank, way)| Way {
-                    score: way.score + log2,
-                    from: j as u32,
-                    rank,
-                }));
+                extend(&mut paths, j, &before[j], log2);
             }
-            keep_best(&mut ways, count);
-            ways
+            keep_best(&mut paths, count);
+            paths
         };
-        let lists: Vec<Vec<Way>> = (0..before.len()).map(into).collect();
+        let lists: Vec<Vec<RankedPath>> = (0..before.len()).map(into).collect();
         if evidence {
-            let first = lists.iter().filter_map(|ways| Some(ways.first()?.score));
-            self.check_best_way(first.fold(f64::NEG_INFINITY, f64::max))?;
+            // Only then can all paths have gone, or an entry be infinite.
+            let first = lists.iter().filter_map(|paths| Some(paths.first()?.score));
+            self.check_best_path(first.fold(f64::NEG_INFINITY, f64::max))?;
         }
         Ok(lists)
     }
-}
-
-/// Keeps the best, in order; ties go to the lowest state before, then to the best rank among its
-/// paths.
-fn keep_best(ways: &mut Vec<Way>, count: usize) {
-    let order = |a: &Way, b: &Way| {
-        b.score.total_cmp(&a.score).then((a.from, a.rank).cmp(&(b.from, b.rank)))
-    };
-    if count < ways.len() {
-        ways.select_nth_unstable_by(count, order);
-        ways.truncate(count);
-    }
-    ways.sort_unstable_by(order);
-    ways.shrink_to_fit();
 }

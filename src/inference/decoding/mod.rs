@@ -1,5 +1,5 @@
-//! Most probable paths: Viterbi, the k best, and their scores.
+//! Most probable paths: Viterbi, and the k best.
 
 pub(crate) mod k_best;
-pub(crate) mod scores;
+pub(crate) mod ranked_paths;
 pub(crate) mod viterbi;

@@ -1,9 +1,9 @@
 //! Viterbi decoding: the most probable path (Viterbi 1967).
 
-use super::scores::{TakenOut, best};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::engines::few_states;
+use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{Aligned, in_large_pages};
 use crate::likelihood::Likelihood;
@@ -67,12 +67,14 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         if steps == 0 {
             return Ok(ViterbiPath { states: Vec::new(), log_probability: 0.0 });
         }
+        // Sums of scores are exact in both: the path is the same to the bit.
         if let Some((states, log_probability)) = few_states::viterbi(self, sequence) {
             return Ok(ViterbiPath { states, log_probability });
         }
         let mut work = Workspace::new(n);
         let mut scores = Aligned::new(n, 0.0);
         let mut next = Aligned::new(n, 0.0);
+        // From step 2: no path has a state before step 1, since X_0 is summed over.
         let mut from = in_large_pages(vec![0_u32; n * (steps - 1)]);
         let mut taken_out = TakenOut::default();
         for number in 1..=steps {
@@ -89,6 +91,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
             }
             std::mem::swap(&mut scores, &mut next);
         }
+        // The lowest of the best last states, then at each step the lowest of the best
+        // predecessors: the rule for ties.
         let mut state = best(&scores);
         let log_probability = taken_out.log_probability(scores[state]);
         let mut states = vec![state; steps];

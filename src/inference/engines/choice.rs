@@ -5,8 +5,8 @@
 //! | a step of a stream | any | [`Engine::Steps`] |
 //! | a whole sequence of 8 steps or more | no control, up to 8 states | [`Engine::Chain`] |
 //! | the same of more than 64 steps | no control, 2 to 4 states | [`Engine::Segments`] |
-//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | [`Engine::Lanes`] |
-//! | 2 sequences or more to learn from | the same, any number of states | [`Engine::Lanes`] |
+//! | 4 sequences or more in an `_all` or `_map_all` | a stored matrix without small entries, more than 8 states; sparse ones only while a group fits the cache | eight sequences, one in each lane: [`lanes`](super::lanes) |
+//! | 2 sequences or more to learn from | the same, any number of states | the same |
 //! | all others | any | [`Engine::Steps`] |
 //!
 //! A sequence that leaves the range of an engine, or gives an error there, is taken in steps.
@@ -31,8 +31,6 @@ pub(crate) enum Engine {
     Chain,
     /// Eight segments of a sequence, one in each lane: [`few_states`](super::few_states).
     Segments,
-    /// Eight sequences, one in each lane: [`lanes`](super::lanes).
-    Lanes,
 }
 
 /// Most states with one state in each lane.
@@ -99,27 +97,72 @@ pub(crate) fn is_long(steps: usize) -> bool {
     steps > LANES * SHORTEST_SEGMENT
 }
 
-/// Takes eight segments of equal length off the steps that are left, if these are enough.
-pub(crate) fn next_segments(left: &mut Range<usize>) -> Option<Range<usize>> {
-    let length = (left.len() / LANES).min(SEGMENT);
-    (length >= SHORTEST_SEGMENT).then(|| take(left, LANES * length))
+/// Takes eight segments of equal length off the steps that remain, if these are enough.
+pub(crate) fn next_segments(remaining: &mut Range<usize>) -> Option<Range<usize>> {
+    // What is left over by the last eight segments goes through a chain.
+    let length = (remaining.len() / LANES).min(SEGMENT);
+    (length >= SHORTEST_SEGMENT).then(|| take_first(remaining, LANES * length))
 }
 
-/// Takes steps off those that are left, as many as go through a chain at a time.
-pub(crate) fn next_steps(left: &mut Range<usize>) -> Option<Range<usize>> {
-    (left.start < left.end).then(|| take(left, left.len().min(GATHERED)))
+/// Takes steps off those that remain, as many as go through a chain at a time.
+pub(crate) fn next_steps(remaining: &mut Range<usize>) -> Option<Range<usize>> {
+    (remaining.start < remaining.end).then(|| take_first(remaining, remaining.len().min(GATHERED)))
 }
 
-fn take(left: &mut Range<usize>, count: usize) -> Range<usize> {
-    let start = left.start;
-    left.start += count;
-    start..left.start
+fn take_first(remaining: &mut Range<usize>, count: usize) -> Range<usize> {
+    let start = remaining.start;
+    remaining.start += count;
+    start..remaining.start
 }
 
-/// Engine of many sequences, for a model with a stored matrix; without lanes, that of each.
-pub(crate) fn for_sequences(sequences: usize, states: usize) -> Engine {
-    let lanes = sequences >= FEWEST_SEQUENCES && states > MOST_FEW_STATES;
-    if lanes { Engine::Lanes } else { Engine::Steps }
+/// Plan for many sequences through one model: which of them run in lanes, and how many make a
+/// chunk, the work of one thread.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ManyPlan {
+    pub(crate) states: usize,
+    /// True if the results are rows for all steps.
+    has_rows: bool,
+    /// True if all sequences are known, sorted by length, and their results all collected.
+    pub(crate) sorted: bool,
+    /// Number of entries of a stored matrix for lanes, if there is one.
+    pub(crate) entries: Option<usize>,
+}
+
+impl ManyPlan {
+    pub(crate) fn new(states: usize, has_rows: bool, sorted: bool) -> Self {
+        Self { states, has_rows, sorted, entries: None }
+    }
+
+    /// Returns true if a matrix for lanes is worth a look, for at most so many sequences.
+    pub(crate) fn may_use_lanes(self, sequences: usize) -> bool {
+        sequences >= FEWEST_SEQUENCES && self.states > MOST_FEW_STATES
+    }
+
+    /// Returns true if a group of so many sequences, the longest of so many steps, runs in lanes.
+    pub(crate) fn runs_in_lanes(self, sequences: usize, longest: usize) -> bool {
+        let Some(entries) = self.entries else { return false };
+        // A step goes over three vectors of eight doubles a state; two a step are stored, beliefs
+        // and likelihoods. Rows that are not stored stay in the cache whatever the length.
+        let eights = |vectors: usize| self.states.saturating_mul(vectors * size_of::<Packed>());
+        let cached = eights(3) <= MOST_IN_STEP
+            && (!self.has_rows || eights(2).saturating_mul(longest) <= MOST_CACHED);
+        self.may_use_lanes(sequences)
+            && (cached || entries / MANY_ENTRIES >= self.states)
+            && fits_in_lanes(self.states, longest)
+    }
+
+    /// Returns true if a chunk takes no further sequence. Chunks in lanes are of whole groups, so
+    /// that no lane is empty but at the end.
+    pub(crate) fn is_full(self, chunk: ChunkSize) -> bool {
+        let numbers = self.states.saturating_mul(chunk.steps);
+        // Asked for a whole group: sequences that are still to come may fill it.
+        if !self.runs_in_lanes(LANES, chunk.longest) {
+            return chunk.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
+        }
+        let enough = if self.sorted { ENOUGH_TO_KEEP } else { ENOUGH_IN_LANES };
+        (chunk.sequences >= MOST_IN_CHUNK && !self.sorted || numbers >= enough)
+            && chunk.sequences.is_multiple_of(LANES)
+    }
 }
 
 /// Sequences of a chunk.
@@ -136,52 +179,17 @@ impl ChunkSize {
         self.steps = self.steps.saturating_add(steps + 1);
         self.longest = self.longest.max(steps);
     }
-
-    /// Returns true if the chunk takes no further sequence. Chunks in lanes are of whole groups.
-    pub(crate) fn is_full(self, group: Option<&GroupSize>, states: usize, kept: bool) -> bool {
-        let numbers = states.saturating_mul(self.steps);
-        let lanes = group.is_some_and(|group| group.engine(self.longest) == Engine::Lanes);
-        if !lanes {
-            return self.sequences == MOST_IN_CHUNK || numbers >= ENOUGH;
-        }
-        let enough = if kept { ENOUGH_TO_KEEP } else { ENOUGH_IN_LANES };
-        (self.sequences >= MOST_IN_CHUNK && !kept || numbers >= enough)
-            && self.sequences.is_multiple_of(LANES)
-    }
 }
 
-/// Size of a step of a group of eight sequences.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct GroupSize {
-    pub(crate) states: usize,
-    pub(crate) entries: usize,
-    /// True if the steps are kept.
-    pub(crate) keeps: bool,
+/// Returns true if so many sequences, the longest of so many steps, are learned from in lanes, for
+/// a model with a stored matrix.
+pub(crate) fn learns_in_lanes(states: usize, sequences: usize, longest: usize) -> bool {
+    sequences >= FEWEST_TO_LEARN && fits_in_lanes(states, longest)
 }
 
-impl GroupSize {
-    /// Engine of a group in a routine for many sequences, the longest of so many steps.
-    pub(crate) fn engine(self, steps: usize) -> Engine {
-        let Self { states, entries, keeps } = self;
-        let eights = |vectors: usize| states.saturating_mul(vectors * size_of::<Packed>());
-        let cached =
-            eights(3) <= MOST_IN_STEP && (!keeps || eights(2).saturating_mul(steps) <= MOST_CACHED);
-        if cached || entries / MANY_ENTRIES >= states {
-            for_group(Engine::Lanes, states, steps)
-        } else {
-            Engine::Steps
-        }
-    }
-}
-
-/// Engine of learning from so many sequences, for a model with a stored matrix.
-pub(crate) fn for_learning(sequences: usize) -> Engine {
-    if sequences >= FEWEST_TO_LEARN { Engine::Lanes } else { Engine::Steps }
-}
-
-/// Engine of a group of up to eight sequences, the longest of so many steps: lanes keep beliefs and
-/// likelihoods of all steps.
-pub(crate) fn for_group(engine: Engine, states: usize, steps: usize) -> Engine {
-    let kept = states.saturating_mul(2).saturating_mul(steps).saturating_mul(size_of::<Packed>());
-    if kept <= MOST_KEPT { engine } else { Engine::Steps }
+/// Returns true if beliefs and likelihoods of all steps of a group are not too many to keep.
+fn fits_in_lanes(states: usize, longest: usize) -> bool {
+    // Saturating: a caller may ask for more than an address space.
+    let kept = states.saturating_mul(2 * size_of::<Packed>()).saturating_mul(longest);
+    kept <= MOST_KEPT
 }

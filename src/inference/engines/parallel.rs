@@ -12,6 +12,7 @@ pub(crate) fn map<T: Send, M: Default, R: Send>(
     #[cfg(feature = "rayon")]
     {
         use rayon::prelude::*;
+        // Memory is made for each part of the items that a thread takes, not for each item.
         items.into_par_iter().map_init(M::default, |memory, item| work(item, memory)).collect()
     }
     #[cfg(not(feature = "rayon"))]
@@ -98,9 +99,11 @@ mod threads {
         work: &(impl Fn(T) -> R + Sync),
         take: &mut impl FnMut(R) -> ControlFlow<Stop>,
     ) -> ControlFlow<Stop> {
+        // A bound on the results that wait: behind a long item, all others could pile up.
         let most = ahead * rayon::current_num_threads();
         let stopped = &AtomicBool::new(false);
         let mut items = items.fuse();
+        // First in, first out: the item that the caller waits for was begun before all later ones.
         rayon::in_place_scope_fifo(|scope| {
             let _stopped = Stopped(stopped);
             let mut under_way = VecDeque::with_capacity(most);
@@ -123,6 +126,8 @@ mod threads {
                     let Some(result) = wait(&first) else { return ControlFlow::Continue(()) };
                     take(result)?;
                 }
+                // Results that are ready are taken before a further item begins, which may use
+                // their memory.
                 while let Some(Ok(result)) = under_way.front().map(Receiver::try_recv) {
                     under_way.pop_front();
                     take(result)?;
@@ -134,6 +139,7 @@ mod threads {
     /// Waits for a result. A thread of the pool works meanwhile: there may be no other.
     fn wait<R>(receiver: &Receiver<R>) -> Option<R> {
         if rayon::current_thread_index().is_none() {
+            // A thread outside the pool only sleeps: all threads of the pool work.
             return receiver.recv().ok();
         }
         loop {

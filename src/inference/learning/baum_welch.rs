@@ -1,10 +1,13 @@
 //! Learning by expectation–maximisation (Baum, Petrie, Soules and Weiss 1970; Rabiner 1989,
-//! section III-C).
+//! section III-C; section 9 of the [formulas](crate::guide::formulas)).
+//!
+//! No iteration lowers the objective, up to rounding: where one does, a part does not maximise it,
+//! and learning ends with the model before, or with an error.
 
 use std::ops::ControlFlow;
 
-use super::criteria::Criteria;
-use crate::error::{LearnError, Parameter, SequenceError};
+use super::learned_model::{LearnedModel, LearningOptions};
+use crate::error::LearnError;
 use crate::hmm::Hmm;
 use crate::likelihood::{LearnLikelihood, Likelihood};
 use crate::sequence::Sequence;
@@ -14,200 +17,6 @@ use crate::transition::{LearnTransition, Transition};
 const ROUNDING: f64 = 1e-9;
 /// Falls by no more than this part end learning with the model before; larger ones are an error.
 const SMALL_FALL: f64 = 1e-3;
-
-/// Options of [`Hmm::learn`].
-///
-/// Pseudo-counts are those of a Dirichlet prior: each free parameter counts as observed so many
-/// more times (0 for maximum likelihood, 1 for Laplace's rule). Probabilities of 0 in the model
-/// stay 0 in any case: a forbidden move stays forbidden.
-///
-/// ```
-/// use wayfix::inference::LearningOptions;
-/// let learning = LearningOptions { transition_pseudo_count: 0.5, keep_prior: true, ..LearningOptions::default() };
-/// assert_eq!(learning.iterations, 100);
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct LearningOptions {
-    /// Largest number of re-estimations; 100 by default.
-    pub iterations: usize,
-    /// Gain of a re-estimation below which learning stops, in nats of the objective; 1e-3 by
-    /// default. With 0, all iterations are made.
-    pub tolerance: f64,
-    /// True to keep the prior as it is. (Other parts of the model are kept by
-    /// [`Fixed`](crate::Fixed).)
-    pub keep_prior: bool,
-    /// Pseudo-count of the prior; 0 by default.
-    pub prior_pseudo_count: f64,
-    /// Pseudo-count of the transition operator; 0 by default.
-    pub transition_pseudo_count: f64,
-    /// Pseudo-count of the sensor, for tables of probabilities (symbols, events that happen or
-    /// not, counts of several kinds, weights of mixtures); 0 by default. Other families take no
-    /// notice of it: their priors are their own (`with_prior`).
-    pub likelihood_pseudo_count: f64,
-}
-
-impl Default for LearningOptions {
-    fn default() -> Self {
-        Self {
-            iterations: 100,
-            tolerance: 1e-3,
-            keep_prior: false,
-            prior_pseudo_count: 0.0,
-            transition_pseudo_count: 0.0,
-            likelihood_pseudo_count: 0.0,
-        }
-    }
-}
-
-impl LearningOptions {
-    pub(crate) fn check(&self) -> Result<(), LearnError> {
-        for (what, value) in [
-            ("tolerance", self.tolerance),
-            ("pseudo-count of the prior", self.prior_pseudo_count),
-            ("pseudo-count of the transitions", self.transition_pseudo_count),
-            ("pseudo-count of the sensor", self.likelihood_pseudo_count),
-        ] {
-            if !(value >= 0.0 && value.is_finite()) {
-                let (what, expected) = (format!("the {what}"), "a finite value of at least 0");
-                return Err(Parameter::new(what, value, expected).into());
-            }
-        }
-        Ok(())
-    }
-}
-
-/// Reason why learning stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum StopReason {
-    /// The last re-estimation gained less than the tolerance.
-    Converged,
-    /// The allowed number of iterations was made.
-    Iterations,
-    /// The last re-estimation made the objective fall, by at most a thousandth of it, and was
-    /// discarded: a part does not maximise the objective, such as a sensor with a floor that is
-    /// not in its prior. [`LearnedModel::cause`] has the values.
-    Fell,
-    /// The next re-estimation failed, such as that of a covariance from one observation, or its
-    /// model rules out a sequence, and the model before is kept. [`LearnedModel::cause`] has the
-    /// error. The likelihood may have no bound near this model, so that its value means little
-    /// beside that of others.
-    Failed,
-    /// The function given to [`Hmm::learn_with`] broke off.
-    Stopped,
-}
-
-/// A learned model, with the course of learning.
-///
-/// Made by [`Hmm::learn`].
-#[derive(Debug)]
-pub struct LearnedModel<A, B> {
-    model: Hmm<A, B>,
-    objectives: Vec<f64>,
-    log_likelihood: f64,
-    reason: StopReason,
-    cause: Option<LearnError>,
-    left_out: Vec<SequenceError>,
-    /// Number of free parameters of the given model.
-    parameters: usize,
-    /// Number of observations that were not left out.
-    observations: usize,
-}
-
-impl<A, B> LearnedModel<A, B> {
-    /// The learned model.
-    #[must_use]
-    pub fn model(&self) -> &Hmm<A, B> {
-        &self.model
-    }
-
-    /// Returns the learned model by value.
-    #[must_use]
-    pub fn into_model(self) -> Hmm<A, B> {
-        self.model
-    }
-
-    /// Values of the objective, of the given model and after each re-estimation: ln p of all
-    /// observations, plus the logarithm of the Dirichlet density (up to a constant) if there are
-    /// pseudo-counts. It never falls, up to rounding.
-    #[must_use]
-    pub fn objectives(&self) -> &[f64] {
-        &self.objectives
-    }
-
-    /// Log-likelihood of all observations that were not [left out](Self::left_out), under the
-    /// learned model.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood
-    }
-
-    /// The last of the [objectives](Self::objectives).
-    #[must_use]
-    pub fn objective(&self) -> f64 {
-        // The value of the given model is always there.
-        self.objectives.last().copied().unwrap_or(f64::NEG_INFINITY)
-    }
-
-    /// Number of free parameters: those of the model that was given
-    /// ([`Hmm::free_parameters`]), without its prior if that was
-    /// [kept](LearningOptions::keep_prior). Learning may take probabilities to 0, more of
-    /// them the longer it goes on; the parameters that they belong to were free all the same.
-    #[must_use]
-    pub fn free_parameters(&self) -> usize {
-        self.parameters
-    }
-
-    /// Information criteria of the model, from its [log-likelihood](Self::log_likelihood) and its
-    /// [free parameters](Self::free_parameters). Those of several models can be compared if they
-    /// were learned from the same sequences, and [left out](Self::left_out) the same.
-    ///
-    /// ```
-    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
-    /// # use wayfix::inference::LearningOptions;
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
-    /// let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
-    /// let learned = start.learn(&[[0, 0, 1, 1], [0, 1, 0, 1]], &LearningOptions::default())?;
-    /// let criteria = learned.criteria();
-    /// assert_eq!((criteria.parameters, criteria.observations), (1 + 2 + 2, 8));
-    /// assert!(criteria.bic() > criteria.aic());
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    #[must_use]
-    pub fn criteria(&self) -> Criteria {
-        let &Self { log_likelihood, parameters, observations, .. } = self;
-        Criteria { log_likelihood, parameters, observations }
-    }
-
-    fn stopped(self, reason: StopReason, cause: Option<LearnError>) -> Self {
-        Self { reason, cause, ..self }
-    }
-
-    /// Number of re-estimations.
-    #[must_use]
-    pub fn iterations(&self) -> usize {
-        self.objectives.len() - 1
-    }
-
-    /// Reason why learning stopped.
-    #[must_use]
-    pub fn reason(&self) -> StopReason {
-        self.reason
-    }
-
-    /// The error behind [`StopReason::Fell`] or [`StopReason::Failed`].
-    #[must_use]
-    pub fn cause(&self) -> Option<&LearnError> {
-        self.cause.as_ref()
-    }
-
-    /// Sequences excluded from learning, with the reason: the given model rules them out, or they
-    /// are not valid.
-    #[must_use]
-    pub fn left_out(&self) -> &[SequenceError] {
-        &self.left_out
-    }
-}
 
 /// # Learning
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
@@ -250,7 +59,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// a prior rules out what was learned, a part cannot be re-estimated the first time or
     /// then rules out a sequence, or the objective falls by more than a thousandth (which an
     /// operator or sensor of your own may cause). Later, smaller trouble ends learning with the
-    /// best model; see [`LearnedModel::reason`].
+    /// best model; see [`LearnedModel::cause`].
     pub fn learn<S>(
         &self,
         sequences: &[S],
@@ -265,12 +74,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         self.learn_with(sequences, learning, |_| ControlFlow::Continue(()))
     }
 
-    /// Learns as [`learn`](Self::learn), and shows the model after each re-estimation to `each`,
+    /// Learns as [`learn`](Self::learn), and shows the model after each re-estimation to `visit`,
     /// which may print or store it, and may break off.
     ///
     /// ```
     /// use std::ops::ControlFlow;
-    /// use wayfix::inference::{LearningOptions, StopReason};
+    /// use wayfix::inference::LearningOptions;
     /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
     /// # let hmm = Hmm::new(
     /// #     Prior::AtFirstObservation(Belief::uniform(2)?),
@@ -282,7 +91,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     ///     println!("{}: {}", now.iterations(), now.objective());
     ///     if now.iterations() < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     /// })?;
-    /// assert_eq!((learned.iterations(), learned.reason()), (3, StopReason::Stopped));
+    /// assert_eq!((learned.iterations(), learned.converged()), (3, false));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     ///
@@ -293,7 +102,7 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         &self,
         sequences: &[S],
         learning: &LearningOptions,
-        mut each: impl FnMut(&LearnedModel<A, B>) -> ControlFlow<()>,
+        mut visit: impl FnMut(&LearnedModel<A, B>) -> ControlFlow<()>,
     ) -> Result<LearnedModel<A, B>, LearnError>
     where
         A: LearnTransition,
@@ -303,41 +112,43 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     {
         learning.check()?;
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        let (expected, left_out) = self.expect(&all);
+        let (mut expected, left_out) = self.expectations_of(&all);
         let out = |index: &usize| left_out.binary_search_by_key(index, |e| e.sequence).is_ok();
-        let kept: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
-        let observations = kept.iter().map(|(_, sequence)| sequence.steps()).sum();
+        // A sequence that this model rules out has likelihood 0 whatever is learned from the
+        // others.
+        let remaining: Vec<_> = all.into_iter().filter(|(index, _)| !out(index)).collect();
+        let observations = remaining.iter().map(|(_, sequence)| sequence.steps()).sum();
         if observations == 0 {
             let sequences = sequences.len();
             return Err(LearnError::nothing(sequences, left_out.into_iter().next()));
         }
         let log_likelihood = expected.log_likelihood();
-        let objectives = vec![log_likelihood + self.log_prior(learning)];
         let of_prior = if learning.keep_prior { self.free_in_prior() } else { 0 };
         let mut best = LearnedModel {
             model: self.clone(),
-            objectives,
+            objectives: vec![log_likelihood + self.log_prior(learning)],
             log_likelihood,
-            reason: StopReason::Iterations,
+            converged: false,
             cause: None,
             left_out,
             parameters: self.free_parameters() - of_prior,
             observations,
         };
-        let mut expected = expected;
         for iteration in 1..=learning.iterations {
-            let model = match best.model.maximize_checked(&expected, learning) {
-                Ok(model) => model,
+            let next = best.model.maximize(&expected, learning).and_then(|model| {
+                let (expected, failed) = model.expectations_of(&remaining);
+                match failed.into_iter().next() {
+                    Some(error) => Err(error.into()),
+                    None => Ok((model, expected)),
+                }
+            });
+            let model;
+            (model, expected) = match next {
+                Ok(next) => next,
+                // The first model has nothing before it that was learned.
                 Err(error) if iteration == 1 => return Err(error),
-                Err(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),
+                Err(error) => return Ok(LearnedModel { cause: Some(error), ..best }),
             };
-            let failed;
-            (expected, failed) = model.expect(&kept);
-            match failed.into_iter().next().map(LearnError::Sequence) {
-                Some(error) if iteration == 1 => return Err(error),
-                Some(error) => return Ok(best.stopped(StopReason::Failed, Some(error))),
-                None => {}
-            }
             let log_likelihood = expected.log_likelihood();
             let log_prior = model.log_prior(learning);
             if !log_prior.is_finite() {
@@ -346,23 +157,23 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             let objective = log_likelihood + log_prior;
             let before = best.objective();
             let fall = (before - objective) / objective.abs().max(1.0);
+            // In exact arithmetic no iteration lowers the objective; sums over long sequences
+            // round.
             if fall.is_nan() || fall > ROUNDING {
                 let fell = LearnError::Fell { iteration, before, after: objective };
-                let small = fall <= SMALL_FALL;
-                return if small {
-                    Ok(best.stopped(StopReason::Fell, Some(fell)))
+                // A NaN is no small fall.
+                return if fall <= SMALL_FALL {
+                    Ok(LearnedModel { cause: Some(fell), ..best })
                 } else {
                     Err(fell)
                 };
             }
             best.objectives.push(objective);
             best = LearnedModel { model, log_likelihood, ..best };
-            let stopped = each(&best).is_break();
-            if objective - before < learning.tolerance {
-                return Ok(best.stopped(StopReason::Converged, None));
-            }
-            if stopped {
-                return Ok(best.stopped(StopReason::Stopped, None));
+            let stopped = visit(&best).is_break();
+            best.converged = objective - before < learning.tolerance;
+            if best.converged || stopped {
+                break;
             }
         }
         Ok(best)
@@ -374,6 +185,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let prior = if learning.keep_prior || learning.prior_pseudo_count == 0.0 {
             0.0
         } else {
+            // The Dirichlet density over the states that are possible; one that is 0 stays 0, and
+            // is no parameter.
             let possible = self.prior().belief().as_slice().iter().filter(|p| **p > 0.0);
             learning.prior_pseudo_count * possible.map(|p| p.ln()).sum::<f64>()
         };

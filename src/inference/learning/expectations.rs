@@ -1,19 +1,13 @@
-//! Expectations and re-estimation: the two halves of an iteration of learning.
+//! Expected statistics of the hidden states, which the E-step computes and the M-step maximises
+//! over (section 9 of the [formulas](crate::guide::formulas)).
+//!
+//! They are sums over sequences, so that those of parts of the data can be added up.
 
 use std::fmt;
 
-use super::baum_welch::LearningOptions;
-use crate::belief::Belief;
-use crate::error::{InferenceError, LearnError, SequenceError};
-use crate::hmm::{Hmm, Prior};
+use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::engines::choice::{self, Engine};
-use crate::inference::engines::lanes::{self, BatchMemory, BatchModel, Group};
-use crate::inference::engines::parallel;
-use crate::inference::sequences::smooth_each::Order;
-use crate::kernels::LANES;
 use crate::likelihood::LearnLikelihood;
-use crate::sequence::{Sequence, by_length};
 use crate::transition::{LearnTransition, MoveCounts};
 
 /// Expected statistics of the hidden states of sequences, given their observations: the E-step of
@@ -99,51 +93,7 @@ impl<B: LearnLikelihood> Expectations<B> {
     }
 }
 
-/// # Learning in parts
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Returns a pair: the expectations of all sequences, added up, and an error for each sequence
-    /// that was left out, since the model rules it out or it is not valid, with its index in
-    /// `sequences`. (Where [`learn`](Self::learn) is enough, its result lists these errors.)
-    ///
-    /// A loop in parts, which ends when the log-likelihood hardly grows:
-    ///
-    /// ```
-    /// # use wayfix::inference::LearningOptions;
-    /// # use wayfix::{Belief, DenseTransition, Hmm, Prior, TableLikelihood};
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let camera = TableLikelihood::from_rows(&[[0.7, 0.3], [0.3, 0.7]])?;
-    /// # let start = Hmm::new(prior, DenseTransition::from_rows(&[[0.6, 0.4], [0.4, 0.6]])?, camera)?;
-    /// let parts = [vec![[0, 0, 0, 1], [0, 1, 1, 1]], vec![[1, 1, 1, 1], [0, 0, 1, 1]]];
-    /// let (mut model, mut before) = (start, f64::NEG_INFINITY);
-    /// for _ in 0..100 {
-    ///     let mut sum = model.no_expectations();
-    ///     for (number, part) in parts.iter().enumerate() {
-    ///         let (expected, left_out) = model.expectations(part);
-    ///         left_out.iter().for_each(|error| eprintln!("part {number}: {error}"));
-    ///         model.merge_expectations(&mut sum, &expected);
-    ///     }
-    ///     let log_likelihood = sum.log_likelihood();
-    ///     if log_likelihood - before < 1e-6 {
-    ///         break;
-    ///     }
-    ///     before = log_likelihood;
-    ///     model = model.maximize(&sum, &LearningOptions::default())?;
-    /// }
-    /// assert!(model.likelihood().probability(0, 0) > Some(0.8));
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    ///
-    /// Cost and memory are those of an iteration of [`learn`](Self::learn), in parallel with the
-    /// feature `rayon`, with the same result to the bit.
-    pub fn expectations<S>(&self, sequences: &[S]) -> (Expectations<B>, Vec<SequenceError>)
-    where
-        Self: Sync,
-        S: Sequence<A::Control, B::Observation> + Sync,
-    {
-        let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        self.expect(&all)
-    }
-
     /// Expectations of no sequence, to start a sum with.
     #[must_use]
     pub fn no_expectations(&self) -> Expectations<B> {
@@ -164,168 +114,4 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         self.likelihood().merge(&mut sum.sensor, &other.sensor);
         sum.log_likelihood.add(other.log_likelihood.value());
     }
-
-    /// Returns the model that fits expectations under this model best: the M-step. Of the options
-    /// it uses the pseudo-counts and `keep_prior`.
-    ///
-    /// # Errors
-    ///
-    /// [`LearnError`] if a number of `learning` is not valid, the expectations are those of
-    /// another model, or of no sequence ([`LearnError::Nothing`]), or a part cannot be
-    /// re-estimated.
-    pub fn maximize(
-        &self,
-        expectations: &Expectations<B>,
-        learning: &LearningOptions,
-    ) -> Result<Self, LearnError> {
-        learning.check()?;
-        let families = self.transition().families();
-        for (what, found, expected) in [
-            ("states", expectations.first.len(), self.states()),
-            ("families of moves", expectations.moves.len(), families),
-        ] {
-            if found != expected {
-                return Err(LearnError::Expectations { what, found, expected });
-            }
-        }
-        if expectations.first.iter().all(|p| *p == 0.0) {
-            return Err(LearnError::nothing(0, None));
-        }
-        self.maximize_checked(expectations, learning)
-    }
-
-    /// Returns the expectations of all sequences, added up in order, and the errors of those that
-    /// have none.
-    pub(crate) fn expect<S>(
-        &self,
-        sequences: &[(usize, &S)],
-    ) -> (Expectations<B>, Vec<SequenceError>)
-    where
-        Self: Sync,
-        S: Sequence<A::Control, B::Observation> + Sync,
-    {
-        let (mut sum, mut failed) = (self.no_expectations(), Vec::new());
-        let together = choice::for_learning(sequences.len()) == Engine::Lanes
-            && self.transition().families() <= 1;
-        let batch = if together { BatchModel::new(self) } else { None };
-        let order = if batch.is_some() {
-            let steps: Vec<usize> = sequences.iter().map(|(_, s)| s.steps()).collect();
-            by_length(&steps).into_iter().map(|i| sequences[i]).collect()
-        } else {
-            sequences.to_vec()
-        };
-        for some in order.chunks(64) {
-            let results = match &batch {
-                Some(batch) => {
-                    let groups = some.chunks(LANES).collect();
-                    parallel::map(groups, |group, memory: &mut BatchMemory| {
-                        self.expect_together(batch, group, memory)
-                    })
-                }
-                None => parallel::map(some.to_vec(), |(sequence, s), (): &mut ()| {
-                    vec![self.expect_one(s).map_err(|source| SequenceError { sequence, source })]
-                }),
-            };
-            for result in results.into_iter().flatten() {
-                match result {
-                    Ok(expected) => {
-                        self.merge_expectations(&mut sum, &expected);
-                    }
-                    Err(error) => failed.push(error),
-                }
-            }
-        }
-        sort(&mut failed);
-        (sum, failed)
-    }
-
-    /// Returns the expectations of a group in lanes, and of each sequence that has to be
-    /// processed by itself.
-    fn expect_together<S>(
-        &self,
-        model: &BatchModel<'_, A, B>,
-        sequences: &[(usize, &S)],
-        memory: &mut BatchMemory,
-    ) -> Vec<Result<Expectations<B>, SequenceError>>
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let group = Group::new(sequences);
-        let mut results = Vec::new();
-        let mut held = [false; LANES];
-        if group.is_in_lanes(self.states(), |sequences, _| choice::for_learning(sequences)) {
-            let expected;
-            (expected, held) = lanes::expect(model, &group, memory);
-            results.push(Ok(expected));
-        }
-        let alone = sequences.iter().zip(held).filter(|(_, held)| !held);
-        results.extend(alone.map(|(&(sequence, s), _)| {
-            self.expect_one(s).map_err(|source| SequenceError { sequence, source })
-        }));
-        results
-    }
-
-    fn expect_one<S>(&self, sequence: &S) -> Result<Expectations<B>, InferenceError>
-    where
-        S: Sequence<A::Control, B::Observation>,
-    {
-        let mut expected = self.no_expectations();
-        if sequence.steps() == 0 {
-            return Ok(expected); // no observations
-        }
-        let mut result = Ok(());
-        let log = self.smooth_each(sequence, Order::Backward, |step| {
-            let (number, posterior) = (step.step(), step.smoothed().as_slice());
-            if number == 0 {
-                expected.first.copy_from_slice(posterior);
-                return;
-            }
-            let observation = sequence.observation(number);
-            self.likelihood().add(&mut expected.sensor, observation, posterior);
-            if let (Some(pairs), Ok(())) = (step.pairs(), &result) {
-                let family = self.transition().family(sequence.control(number));
-                if let Some(moves) = expected.moves.get_mut(family) {
-                    result = pairs.count_to(moves, number);
-                }
-            }
-        })?;
-        result?;
-        expected.log_likelihood.add(log);
-        Ok(expected)
-    }
-
-    /// Returns the model that fits the expectations best.
-    pub(crate) fn maximize_checked(
-        &self,
-        expected: &Expectations<B>,
-        learning: &LearningOptions,
-    ) -> Result<Self, LearnError> {
-        let belief = self.prior().belief();
-        let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
-        let prior = if learning.keep_prior || unseen {
-            belief.clone()
-        } else {
-            let known = belief.as_slice().iter().zip(&expected.first);
-            let weight = |(&old, &seen): (&f64, &f64)| {
-                if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
-            };
-            Belief::from_weights(known.map(weight).collect())?
-        };
-        let prior = match self.prior() {
-            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(prior),
-            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(prior),
-        };
-        let transition =
-            self.transition().maximize(&expected.moves, learning.transition_pseudo_count)?;
-        let likelihood = self
-            .likelihood()
-            .maximize(&expected.sensor, learning.likelihood_pseudo_count)
-            .map_err(LearnError::likelihood)?;
-        Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
-    }
-}
-
-/// Sorts by the sequence. One function, since each model would instantiate a sort.
-fn sort(failed: &mut [SequenceError]) {
-    failed.sort_unstable_by_key(|error| error.sequence);
 }

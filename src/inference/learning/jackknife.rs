@@ -1,6 +1,6 @@
 //! Standard errors of learned parameters.
 
-use super::baum_welch::LearningOptions;
+use super::learned_model::LearningOptions;
 use crate::error::LearnError;
 use crate::hmm::Hmm;
 use crate::inference::engines::parallel;
@@ -92,9 +92,11 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             return Err(LearnError::Groups { groups, sequences: sequences.len() });
         }
         let all: Vec<(usize, &S)> = sequences.iter().enumerate().collect();
-        if let Some(error) = self.expect(&all).1.into_iter().next() {
+        // A sequence that learning left out would still count as one of its group.
+        if let Some(error) = self.expectations_of(&all).1.into_iter().next() {
             return Err(error.into());
         }
+        // Groups are interleaved: neighbours, which may be alike, are in different ones.
         let without = |group: usize, (): &mut ()| {
             let all = sequences.iter().enumerate();
             let others: Vec<&S> = all.filter(|(s, _)| s % groups != group).map(|s| s.1).collect();
@@ -105,6 +107,8 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let count = groups as f64;
         let error = |number: usize| {
             let found = || results.iter().filter_map(|values| values.get(number));
+            // About the mean of the results, not about the values of this model: the bias of
+            // learning is common to all.
             let mean = found().sum::<f64>() / count;
             ((count - 1.0) / count * found().map(|v| (v - mean).powi(2)).sum::<f64>()).sqrt()
         };

@@ -1,24 +1,13 @@
 //! Estimation by counting, from drives whose states are known.
 
-use super::baum_welch::LearningOptions;
+use super::learned_model::LearningOptions;
 use crate::error::{LearnError, SequenceError};
 use crate::hmm::{Hmm, Prior};
+use crate::inference::LabelledSequence;
 use crate::inference::step::Step;
 use crate::likelihood::{LearnLikelihood, Likelihood, Scratch};
 use crate::sequence::Sequence;
 use crate::transition::{self, LearnTransition, Move, Transition};
-
-/// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
-#[derive(Debug, Clone, Copy)]
-pub struct LabelledSequence<'a, S: ?Sized> {
-    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
-    /// prior. Ignored under [`Prior::AtFirstObservation`], where no move leads to X_1.
-    pub initial: Option<usize>,
-    /// X_1 … X_T.
-    pub states: &'a [usize],
-    /// Observations, with controls if there are any.
-    pub sequence: &'a S,
-}
 
 impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// Estimates the model from labelled drives: relative frequencies, with the pseudo-counts of
@@ -70,10 +59,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             return Err(LearnError::nothing(drives.len(), None));
         }
         let mut expected = self.no_expectations();
+        // The counts of learning with posteriors that are certain: one state has 1 at each step.
         let mut certain = vec![0.0; self.states()];
         let mut moves = vec![Vec::new(); expected.moves.len()];
         for (number, drive) in drives.iter().enumerate() {
             self.check_drive(number, drive)?;
+            // The prior is that of X_0, or of X_1 where nothing moves before it.
             let (mut before, first) = match self.prior() {
                 Prior::BeforeFirstTransition(_) => (drive.initial, drive.initial),
                 Prior::AtFirstObservation(_) => (None, drive.states.first().copied()),
@@ -94,10 +85,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             }
         }
         for (counts, mut moves) in expected.moves.iter_mut().zip(moves) {
+            // Counts are merged in the order of the entries; all drives at once, since each merge
+            // walks all of them.
             transition::sort(&mut moves);
             counts.add(moves);
         }
-        self.maximize_checked(&expected, learning)
+        self.maximize_unchecked(&expected, learning)
     }
 }
 
@@ -120,6 +113,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         let initial = initial.filter(|_| self.prior().moves_at(1));
         let all =
             initial.map(|state| (0, state)).into_iter().chain((1..).zip(path.iter().copied()));
+        // Before any state indexes a vector.
         for (step, state) in all.clone() {
             if state >= states {
                 return Err(LearnError::State { drive, step, state, states });
@@ -138,12 +132,14 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             let wrap = |source| SequenceError { sequence: drive, source };
             let (diagonal, _) =
                 step.diagonal(sequence.observation(number), &mut scratch).map_err(wrap)?;
+            // A likelihood of 0 for the state that is known: no model that keeps this zero could
+            // have made the drive.
             if diagonal.logs().nth(to) == Some(f64::NEG_INFINITY) {
                 return Err(LearnError::Sighting { drive, step: number, state: to });
             }
             if let (Some(control), Some(from)) = (step.control, before) {
                 step.check_control(control).map_err(wrap)?;
-                if !self.transition().outgoing(control, from).any(|way| way.0 == to) {
+                if !self.transition().outgoing(control, from).any(|entry| entry.0 == to) {
                     return Err(LearnError::Forbidden { drive, step: number, from, to });
                 }
             }

@@ -2,7 +2,11 @@
 
 pub(crate) mod baum_welch;
 pub(crate) mod criteria;
+mod e_step;
 pub(crate) mod expectations;
 pub(crate) mod jackknife;
 pub(crate) mod labels;
+pub(crate) mod learned_model;
+mod m_step;
+pub(crate) mod model_selection;
 pub(crate) mod restarts;

@@ -1,6 +1,7 @@
-//! Learning from several starts.
+//! Learning from several starts: expectation–maximisation ends at a local maximum (section 9 of the
+//! [formulas](crate::guide::formulas)).
 
-use super::baum_welch::{LearnedModel, LearningOptions, StopReason};
+use super::learned_model::{LearnedModel, LearningOptions};
 use crate::error::LearnError;
 use crate::hmm::Hmm;
 use crate::inference::engines::parallel;
@@ -8,44 +9,11 @@ use crate::likelihood::LearnLikelihood;
 use crate::sequence::Sequence;
 use crate::transition::LearnTransition;
 
-/// Results of learning from several starts.
-///
-/// Made by [`Hmm::learn_best`].
-#[derive(Debug)]
-pub struct Restarts<A, B> {
-    attempts: Vec<Result<LearnedModel<A, B>, LearnError>>,
-    best: usize,
-}
-
-impl<A, B> Restarts<A, B> {
-    /// The results of all starts, in their order.
-    pub fn attempts(&self) -> &[Result<LearnedModel<A, B>, LearnError>] {
-        &self.attempts
-    }
-
-    /// Index of the start with the highest objective, the lowest of several. Those that ended as
-    /// [`StopReason::Failed`] come after all others, since theirs may have no bound; if one of
-    /// them is best, all others failed too.
-    #[must_use]
-    pub fn best_index(&self) -> usize {
-        self.best
-    }
-
-    /// Returns the [best](Self::best_index) learned model, whose
-    /// [`reason`](LearnedModel::reason) tells whether it failed. The others are dropped.
-    #[must_use]
-    pub fn into_best(mut self) -> LearnedModel<A, B> {
-        match self.attempts.swap_remove(self.best) {
-            Ok(learned) => learned,
-            Err(_) => unreachable!("the best start did not fail"),
-        }
-    }
-}
-
 impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
-    /// Learns from each of several starts, and tells which came to the highest objective:
-    /// expectation–maximisation ends at a local maximum, which depends on the start. Attempts
-    /// that end as [`StopReason::Failed`] are kept, but rank last.
+    /// Learns from each of several starts, and returns the model with the highest objective, the
+    /// first of several: expectation–maximisation ends at a local maximum, which depends on the
+    /// start. Models of which learning [failed](LearnedModel::failed) come after all others, since
+    /// their likelihood may have no bound; if one of them is returned, all others failed too.
     ///
     /// `done` is called with the index and the result of each start as it ends, in any order.
     /// Runs in parallel with the feature `rayon`. The cost is that of as many calls of
@@ -67,12 +35,11 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
     /// };
     /// let starts = [start()?, start()?, start()?];
     /// let seen = [[0, 0, 0, 1, 1, 1, 1], [1, 1, 1, 1, 0, 0, 0]];
-    /// let restarts = Hmm::learn_best(&starts, &seen, &LearningOptions::default(), |start, learned| {
+    /// let best = Hmm::learn_best(&starts, &seen, &LearningOptions::default(), |start, learned| {
     ///     if let Ok(learned) = learned {
     ///         println!("start {start}: {}", learned.objective());
     ///     }
     /// })?;
-    /// let best = restarts.into_best();
     /// assert!(best.log_likelihood() > -8.0);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
@@ -85,7 +52,7 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
         sequences: &[S],
         learning: &LearningOptions,
         done: impl Fn(usize, &Result<LearnedModel<A, B>, LearnError>) + Sync,
-    ) -> Result<Restarts<A, B>, LearnError>
+    ) -> Result<LearnedModel<A, B>, LearnError>
     where
         Self: Clone + Sync,
         A: Send,
@@ -98,18 +65,15 @@ impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
             done(index, &learned);
             learned
         });
-        let mut best: Option<(usize, (bool, f64))> = None;
-        for (index, learned) in attempts.iter().enumerate() {
-            let Ok(learned) = learned else { continue };
-            let rank = (learned.reason() != StopReason::Failed, learned.objective());
-            if best.is_none_or(|best| rank > best.1) {
-                best = Some((index, rank));
-            }
-        }
-        let Some((best, _)) = best else {
-            let nothing = LearnError::nothing(sequences.len(), None);
-            return Err(attempts.into_iter().find_map(Result::err).unwrap_or(nothing));
+        // A failed attempt comes last, then the objective decides; a NaN is never greater.
+        let rank = |learned: &LearnedModel<A, B>| (!learned.failed(), learned.objective());
+        let better = |best, learned| match (best, learned) {
+            // Strictly greater: of equal ones the first stays, whatever the threads did.
+            (Ok(best), Ok(learned)) if rank(&learned) > rank(&best) => Ok(learned),
+            (Err(_), Ok(learned)) => Ok(learned),
+            (best, _) => best,
         };
-        Ok(Restarts { attempts, best })
+        let nothing = || Err(LearnError::nothing(sequences.len(), None));
+        attempts.into_iter().reduce(better).unwrap_or_else(nothing)
     }
 }

@@ -43,6 +43,7 @@ impl ActiveSet {
         wanted: &[usize],
     ) {
         let Self { reached, candidates, .. } = self;
+        // Only words that were set are cleared: a step must not cost O(n).
         candidates.iter().for_each(|&state| reached[state / 64] = 0);
         candidates.clear();
         let mut list = |state: usize| {
@@ -53,9 +54,10 @@ impl ActiveSet {
             }
         };
         match moves {
+            // Entries that are listed in linear form would miss those below the range of doubles.
             Some((a, control)) if a.evidence(control).is_some() && a.entries_need_logs(control) => {
-                let ways = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
-                ways.for_each(|(i, _)| list(i));
+                let entries = followed.iter().flat_map(|&j| a.outgoing_log2(control, j));
+                entries.for_each(|(i, _)| list(i));
             }
             Some((a, control)) => {
                 followed.iter().for_each(|&j| a.outgoing(control, j).for_each(|(i, _)| list(i)));
@@ -82,6 +84,8 @@ impl ActiveSet {
 
     fn add_wanted(&mut self, wanted: &[usize]) {
         let Self { places, reached, candidates } = self;
+        // Wanted states get a bit as well, so that none is listed twice, and lose it again below:
+        // nothing leads to them.
         let first = candidates.len();
         for &state in wanted.iter().filter(|&&state| state < places.len()) {
             let (word, bit) = (&mut reached[state / 64], 1 << (state % 64));
@@ -93,6 +97,7 @@ impl ActiveSet {
         for &state in &candidates[first..] {
             reached[state / 64] &= !(1 << (state % 64));
         }
+        // In ascending order, as all sums over states are: the same bits whatever listed them.
         candidates.sort_unstable();
     }
 

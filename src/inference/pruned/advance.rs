@@ -56,7 +56,7 @@ impl Envelope {
         // it is multiplied, since bounds on entries may be as small as evidence: what then still
         // underflows is below the 1e-290 that are added.
         let (elsewhere, outside) = (before.elsewhere * PRUNED_LIFT, before.outside * PRUNED_LIFT);
-        let (each, all) = match moves {
+        let (one, all) = match moves {
             Some(Moves { bounds, .. }) => {
                 let by_row = times(bounds.row, elsewhere);
                 (by_row.min(times(bounds.entry, outside)), times(bounds.column, outside))
@@ -64,8 +64,10 @@ impl Envelope {
             None => (elsewhere, outside),
         };
         let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
-        (self.elsewhere, self.outside) = (round_up(each), round_up(all));
+        (self.elsewhere, self.outside) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
+            // A candidate that only the sensor names: nothing active leads to it, so that it has
+            // the bound of all inactive states, and no estimate.
             if !active_set.is_reached(i) {
                 self.push(i, 0.0, 0.0, self.elsewhere);
                 continue;
@@ -73,6 +75,7 @@ impl Envelope {
             let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
             predicted.terms = predicted.terms.max(terms);
             predicted.sum += estimate / PRUNED_LIFT;
+            // Mass from inactive states: none of them has more than `elsewhere`.
             excess += times(beyond, elsewhere);
             // NaN is an entry of 0 times an infinite excess: nothing is known.
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
@@ -133,6 +136,8 @@ impl Envelope {
                 continue;
             }
             let (lower, excess) = (self.lower[at], self.excess[at]);
+            // The exact value is between least · lower and most · (lower + excess); the lower bound
+            // becomes the former, and the excess makes up for the difference.
             let excess = times(most, excess) + times(most - least, lower);
             let estimate = value * self.estimate[at];
             let (lower, excess) = count_lost(estimate, least * lower, excess);

@@ -40,6 +40,7 @@ pub enum Certificate {
 
 impl Certificate {
     pub(crate) fn of(bound: f64, pruning: Pruning) -> Self {
+        // A NaN tolerance holds nothing.
         if bound <= pruning.tolerance { Self::Within(bound) } else { Self::Exceeded(bound) }
     }
 

@@ -110,6 +110,7 @@ impl Envelope {
         // For the lower bounds these are a common factor, which s absorbs, and an excess of twice
         // that; for the estimate the same again.
         let rounding = 2.0 * (raw.terms + 8) as f64 * f64::EPSILON;
+        // If nothing is known from below, the estimate at least keeps the numbers in range.
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
             self.elsewhere = self.elsewhere / scale * (1.0 + rounding) + LOST;
@@ -127,6 +128,7 @@ impl Envelope {
         }
         // Small parts of an excess that is itself large are no loss.
         let relevant = IDLE * threshold * (1.0 + raw.excess / scale);
+        // A state stays if its estimate counts, or its excess would raise the bound for all others.
         self.retain(|estimate, excess| estimate > threshold || excess > relevant);
         if self.states.len() > limit {
             ranked.clear();
@@ -202,6 +204,8 @@ impl Envelope {
         if !(ratio.is_finite() && rest / (1.0 + ratio) < known) {
             return (0.0, 0.0);
         }
+        // Dividing s by 1 + ratio makes the upper bound of the mode its lower one; all other lower
+        // bounds shrink by the same factor.
         let factor = (1.0 - 4.0 * f64::EPSILON) / (1.0 + ratio);
         for (lower, excess) in self.lower.iter_mut().zip(&mut self.excess) {
             let reduced = *lower * factor;
@@ -223,6 +227,7 @@ impl Envelope {
     pub(crate) fn bound(&self) -> f64 {
         let sum: f64 = self.lower.iter().sum();
         let deficit = self.deficit();
+        // Nothing is known: no two distributions are further apart than one.
         if sum == 0.0 || !deficit.is_finite() {
             return 1.0;
         }

@@ -1,13 +1,14 @@
 //! Streaming filter for very large maps: it follows the active states, and proves a bound on its
-//! distance from the exact filter.
+//! distance from the exact filter (section 13 of the [formulas](crate::guide::formulas)).
 //!
-//! The numbers have a scheme of their own, beside the policy of [`range`](crate::range). An estimate
+//! The invariant is that of [`Envelope`]: lower and upper bounds on the exact belief, up to one
+//! factor. The numbers have a scheme of their own, beside the forms of `limits`. An estimate
 //! with bounds has one form: it is always lifted, by 2^900 instead of 2^1000, since upper bounds
 //! may be far above one. A loss is not noticed and taken again in logarithms, but counted:
 //! each number that may have lost digits, or has become 0, adds more than that to its bound.
 //! So no state needs a logarithm, and a belief that nothing is known of shows in its bound. Entries
-//! beyond doubles, which need logarithms in the policy, are taken as powers of two with
-//! a common one taken out.
+//! beyond doubles, which a filter takes in logarithms, are taken as powers of two with a common one
+//! taken out.
 
 pub(crate) mod active_set;
 mod advance;
@@ -27,9 +28,8 @@ use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::LogSum;
-use crate::inference::streams::filter_snapshot::next_step;
 use crate::likelihood::{LocalLikelihood, Scratch};
-use crate::transition::{NoControl, TransitionEntries};
+use crate::transition::TransitionEntries;
 pub use certificate::{Certificate, Pruning};
 pub use snapshot::PrunedFilterSnapshot;
 
@@ -170,6 +170,7 @@ where
     pub fn restart(&mut self) {
         let Self { model, belief, next, active_set, .. } = self;
         next.start(model.prior().belief().as_slice());
+        // The places of the old states are cleared one by one, not all n.
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
@@ -188,67 +189,13 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
+        // The likelihood so far keeps the uncertainty of the belief that is replaced.
         self.log_excess.add(self.belief.deficit().ln_1p());
         self.next.start(belief.as_slice());
         self.active_set.follow(&self.belief.states, &self.next.states);
         mem::swap(&mut self.belief, &mut self.next);
         (self.share, self.bound) = (LARGEST_SHARE, 0.0);
         Ok(())
-    }
-
-    /// Takes one time step: prediction under `control`, then update with `observation`. Returns
-    /// the certificate of the belief.
-    ///
-    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
-    /// no transition, and its control is ignored.
-    ///
-    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
-    /// has been dropped, for bounds on its entries; from then on it is no faster than that of a
-    /// [`Filter`](crate::Filter).
-    ///
-    /// # Errors
-    ///
-    /// [`InferenceError`] with the step; the filter is then unchanged.
-    /// [`Impossible`](InferenceError::Impossible) if the model rules the observation out,
-    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
-    /// not in one that was dropped.
-    pub fn step_with(
-        &mut self,
-        control: &A::Control,
-        observation: &B::Observation,
-    ) -> Result<Certificate, InferenceError> {
-        let number = next_step(self.steps)?;
-        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
-        self.advance(number, control, Some(observation))
-    }
-
-    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
-    /// stays, except for evidence on the move.
-    ///
-    /// # Errors
-    ///
-    /// [`InferenceError`] if the operator does not give a distribution, or if the control
-    /// is not valid.
-    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
-        let number = next_step(self.steps)?;
-        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
-        self.advance(number, control, None)
-    }
-
-    /// Updates with an observation alone, without a time step: for a further sensor at the same
-    /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
-    /// belief.
-    ///
-    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
-    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
-    ///
-    /// # Errors
-    ///
-    /// As [`step_with`](Self::step_with).
-    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
-        let at_first = !self.model.prior().moves_at(1);
-        let number = self.steps.max(usize::from(at_first));
-        self.advance(number, None, Some(observation))
     }
 
     /// Certificate of the present belief.
@@ -274,6 +221,7 @@ where
     pub fn mode(&self) -> usize {
         let mut best = (0, f64::NEG_INFINITY);
         for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
+            // Only a greater one replaces, so that ties go to the lowest state.
             if p > best.1 {
                 best = (state, p);
             }
@@ -294,6 +242,8 @@ where
         if self.log_lost {
             return f64::NEG_INFINITY..=f64::INFINITY;
         }
+        // s absorbs one factor for all states; what is missing of Σ s α beside the lower bounds is
+        // the deficit.
         let low = self.log.value();
         low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
     }
@@ -308,37 +258,5 @@ where
     #[must_use]
     pub fn model(&self) -> &Hmm<A, B> {
         &self.model
-    }
-}
-
-impl<M, A, B> PrunedFilter<M>
-where
-    M: Deref<Target = Hmm<A, B>>,
-    A: TransitionEntries,
-    B: LocalLikelihood,
-{
-    /// Takes one time step: prediction, then update with `observation`. Returns the certificate
-    /// of the belief.
-    ///
-    /// # Errors
-    ///
-    /// As [`step_with`](Self::step_with).
-    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
-    where
-        A::Control: NoControl,
-    {
-        self.step_with(&A::Control::NONE, observation)
-    }
-
-    /// Predicts alone: one time step without an observation. The log-likelihood stays.
-    ///
-    /// # Errors
-    ///
-    /// As [`predict_with`](Self::predict_with).
-    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
-    where
-        A::Control: NoControl,
-    {
-        self.predict_with(&A::Control::NONE)
     }
 }

@@ -1,4 +1,7 @@
 //! Transition operator of a step, and bounds on its entries.
+//!
+//! A mass that is somewhere among the inactive states adds to a state at most the largest entry
+//! times all of it, or the largest row sum times the most that one of them has.
 
 use std::f64::consts::LN_2;
 
@@ -26,9 +29,9 @@ pub(crate) struct Bounds {
     pub(crate) smallest: f64,
 }
 
-/// BeliefForm of the entries: numbers, or powers of two, of which a whole one is taken out.
+/// Form of the entries: numbers, or powers of two, of which a whole one is taken out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum BeliefForm {
+enum EntryForm {
     Linear,
     Log2 { taken_out: f64 },
 }
@@ -40,7 +43,7 @@ pub(crate) struct Moves<'a, A: Transition> {
     pub(crate) bounds: Bounds,
     /// Log factor of the evidence, if any.
     pub(crate) evidence: Option<f64>,
-    form: BeliefForm,
+    form: EntryForm,
 }
 
 impl Bounds {
@@ -56,6 +59,7 @@ impl Bounds {
         }
         let mut largest = Self { entry: 0.0, row: 0.0, column: COLUMN, terms: 0, smallest: 1.0 };
         for i in 0..transition.states() {
+            // A sum of m numbers above 0 is off by m roundings at most, relative to itself.
             let (mut sum, mut terms) = (0.0, 0_u32);
             for (_, a) in transition.incoming(control, i) {
                 largest.entry = f64::max(largest.entry, a);
@@ -84,7 +88,9 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     ) -> Self {
         let unknown = Bounds { entry: COLUMN, row: f64::INFINITY, column: COLUMN, ..Bounds::NONE };
         let bounds = constant.unwrap_or(unknown);
-        let mut moves = Self { transition, control, bounds, evidence, form: BeliefForm::Linear };
+        let mut moves = Self { transition, control, bounds, evidence, form: EntryForm::Linear };
+        // Without evidence entries are probabilities, and their products with a lifted belief keep
+        // their digits.
         if evidence.is_some() {
             if transition.entries_need_logs(control) {
                 return moves.in_powers_of_two(followed, is_open);
@@ -106,11 +112,13 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
             let entries = states.flat_map(|j| self.transition.outgoing_log2(self.control, j));
             entries.map(|entry| entry.1).fold(f64::NEG_INFINITY, f64::max)
         };
+        // Near the largest entry out of an active state: what the belief leads to must keep its
+        // digits, and of all others only bounds are needed.
         let likely = largest(&mut followed.iter().copied());
         let all = if is_open { largest(&mut (0..self.transition.states())) } else { likely };
         let near = all.min(if likely.is_finite() { likely + SPREAD } else { all });
         let taken_out = if near.is_finite() { near.floor() } else { 0.0 };
-        self.form = BeliefForm::Log2 { taken_out };
+        self.form = EntryForm::Log2 { taken_out };
         if is_open {
             self.bounds = self.largest();
         }
@@ -119,14 +127,14 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 
     /// Returns true if entries are powers of two already.
     pub(crate) fn is_in_powers_of_two(&self) -> bool {
-        self.form != BeliefForm::Linear
+        self.form != EntryForm::Linear
     }
 
     /// Returns the logarithm of the factor taken out of the entries, with that of the evidence.
     pub(crate) fn log_factor(&self) -> f64 {
         let taken_out = match self.form {
-            BeliefForm::Linear => 0.0,
-            BeliefForm::Log2 { taken_out } => taken_out * LN_2,
+            EntryForm::Linear => 0.0,
+            EntryForm::Log2 { taken_out } => taken_out * LN_2,
         };
         taken_out + self.evidence.unwrap_or(0.0)
     }
@@ -136,11 +144,11 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
     #[inline]
     pub(crate) fn incoming(&self, to: usize, mut add: impl FnMut(usize, f64, f64)) {
         match self.form {
-            BeliefForm::Linear => {
+            EntryForm::Linear => {
                 let entries = self.transition.incoming(self.control, to);
                 entries.for_each(|(j, a)| add(j, a, 0.0));
             }
-            BeliefForm::Log2 { taken_out } => {
+            EntryForm::Log2 { taken_out } => {
                 let entries = self.transition.incoming_log2(self.control, to);
                 entries.for_each(|(j, log2)| add_power(log2, taken_out, |a, off| add(j, a, off)));
             }
@@ -149,11 +157,11 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 
     fn outgoing(&self, from: usize, mut add: impl FnMut(f64, f64)) {
         match self.form {
-            BeliefForm::Linear => {
+            EntryForm::Linear => {
                 let entries = self.transition.outgoing(self.control, from);
                 entries.for_each(|entry| add(entry.1, 0.0));
             }
-            BeliefForm::Log2 { taken_out } => {
+            EntryForm::Log2 { taken_out } => {
                 let entries = self.transition.outgoing_log2(self.control, from);
                 entries.for_each(|entry| add_power(entry.1, taken_out, &mut add));
             }
@@ -179,6 +187,7 @@ impl<'a, A: TransitionEntries> Moves<'a, A> {
 fn add_power(log2: f64, taken_out: f64, mut add: impl FnMut(f64, f64)) {
     let difference = log2 - taken_out;
     let a = difference.exp2();
+    // A subnormal power has lost digits; as 0 it has the bound that its caller adds.
     let a = if a < f64::MIN_POSITIVE { 0.0 } else { a };
     // The logarithm itself was rounded as a number of its size, which evidence of 1e5 nats makes
     // large; the difference and the power round once more each.

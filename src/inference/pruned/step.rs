@@ -1,4 +1,7 @@
-//! Step of the pruned filter, and the share of the tolerance that it may drop.
+//! Verbs of the pruned filter, and the step that they share: prediction, update, pruning.
+//!
+//! Each part of the step keeps the bounds of the [`Envelope`](super::Envelope) true: a step that drops
+//! states moves their upper bounds to those of all other states.
 
 use std::mem;
 use std::ops::Deref;
@@ -11,9 +14,10 @@ use super::{Certificate, PrunedFilter};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
+use crate::inference::streams::filter_snapshot::next_step;
 use crate::likelihood::{Diagonal, LocalLikelihood, check_local};
 use crate::limits;
-use crate::transition::TransitionEntries;
+use crate::transition::{NoControl, TransitionEntries};
 
 /// Largest part of the tolerance that a step may drop, and the first one. It is so small because
 /// an observation that contradicts the belief multiplies the dropped mass, and because ten times
@@ -35,6 +39,86 @@ where
     A: TransitionEntries,
     B: LocalLikelihood,
 {
+    /// Takes one time step: prediction under `control`, then update with `observation`. Returns
+    /// the certificate of the belief.
+    ///
+    /// Under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) the first step has
+    /// no transition, and its control is ignored.
+    ///
+    /// With [evidence on the move](crate::Transition::evidence), a step takes O(E) once something
+    /// has been dropped, for bounds on its entries; from then on it is no faster than that of a
+    /// [`Filter`](crate::Filter).
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] with the step; the filter is then unchanged.
+    /// [`Impossible`](InferenceError::Impossible) if the model rules the observation out,
+    /// [`Pruned`](InferenceError::Pruned) if it is ruled out in all active states, but perhaps
+    /// not in one that was dropped.
+    pub fn step_with(
+        &mut self,
+        control: &A::Control,
+        observation: &B::Observation,
+    ) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, Some(observation))
+    }
+
+    /// Predicts under `control` alone: one time step without an observation. The log-likelihood
+    /// stays, except for evidence on the move.
+    ///
+    /// # Errors
+    ///
+    /// [`InferenceError`] if the operator does not give a distribution, or if the control
+    /// is not valid.
+    pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
+        let number = next_step(self.steps)?;
+        let control = Some(control).filter(|_| self.model.prior().moves_at(number));
+        self.advance(number, control, None)
+    }
+
+    /// Updates with an observation alone, without a time step: for a further sensor at the same
+    /// step, or after [`predict_with`](Self::predict_with). Returns the certificate of the
+    /// belief.
+    ///
+    /// Before any step, it is an observation of X_0, and errors call it step 0; but under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation) it takes step 1.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
+        let at_first = !self.model.prior().moves_at(1);
+        let number = self.steps.max(usize::from(at_first));
+        self.advance(number, None, Some(observation))
+    }
+
+    /// Takes one time step: prediction, then update with `observation`. Returns the certificate
+    /// of the belief.
+    ///
+    /// # Errors
+    ///
+    /// As [`step_with`](Self::step_with).
+    pub fn step(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.step_with(&A::Control::NONE, observation)
+    }
+
+    /// Predicts alone: one time step without an observation. The log-likelihood stays.
+    ///
+    /// # Errors
+    ///
+    /// As [`predict_with`](Self::predict_with).
+    pub fn predict(&mut self) -> Result<Certificate, InferenceError>
+    where
+        A::Control: NoControl,
+    {
+        self.predict_with(&A::Control::NONE)
+    }
+
     /// Takes a step. Only its last part changes the filter, so that an error leaves it unchanged.
     pub(crate) fn advance(
         &mut self,
@@ -46,11 +130,13 @@ where
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
+        // If nothing was ever dropped, no other state can have any mass.
         if let Some(observation) = observation.filter(|_| belief.is_open()) {
             model.likelihood().listed_states(observation, wanted);
         }
         let operator = control.map(|control| (model.transition(), control));
         let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
+        // Candidates before likelihoods: the sensor is only asked about states that can matter.
         match operator {
             Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
             _ => active_set.list(&belief.states, operator, wanted),
@@ -90,6 +176,7 @@ where
             next.predict(belief, moves.as_ref(), active_set)
         };
         if evidence.is_none() {
+            // A candidate that the operator did not list would be missing: it breaks its contract.
             if !limits::is_one(predicted.sum) {
                 return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
             }
@@ -102,6 +189,8 @@ where
         if !(0.0..=f64::MAX).contains(&predicted.sum) {
             return Err(InferenceError::PredictedSum { step: number, sum: predicted.sum });
         }
+        // Scaled by the likely states, not by all: those that the belief leads to must keep their
+        // digits, and the others have bounds.
         let log_factor = moves.map_or(0.0, |moves| moves.log_factor());
         let likely = values.iter().zip(&next.estimate).filter(|entry| *entry.1 > 0.0);
         let none = if local.is_log() { f64::NEG_INFINITY } else { 0.0 };
@@ -116,12 +205,13 @@ where
                 InferenceError::Pruned { step: number }
             });
         }
-        // Below the mean of the candidates, so that the largest is kept.
+        // A threshold below the mean of the candidates, so that the largest is kept.
         let count = candidates.len() as f64;
-        let each = self.pruning.tolerance.max(0.0) * self.share / count;
-        let each = each.clamp(LEAST_KEPT, 0.5 / count);
-        let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
+        let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
+        let threshold = threshold.clamp(LEAST_KEPT, 0.5 / count);
+        let log = next.settle(&raw, threshold, self.pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
+        // From here on nothing fails.
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
         self.steps = number;
@@ -137,6 +227,8 @@ where
     /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
+        // Fast down and slowly up: one observation that contradicts the belief may multiply what
+        // was dropped.
         let factor = if used > NEAR { LESS } else { MORE };
         self.share = (self.share * factor).clamp(LEAST_SHARE, LARGEST_SHARE);
     }

@@ -42,6 +42,7 @@ impl Weights {
         } else {
             let most = if likely > 0.0 { likely * SPREAD.exp2() } else { f64::INFINITY };
             let factor = largest.min(most);
+            // Likelihoods near one are not divided, which would round them.
             let unscaled = UNSCALED.contains(&factor) || factor == 0.0;
             let factor = if unscaled { 1.0 } else { factor };
             (factor, factor.ln())

@@ -68,6 +68,7 @@ impl Wide {
         let products =
             [(&before.estimate, estimate), (&before.lower, lower), (&before.excess, excess)];
         for (values, out) in products {
+            // Without excess, as at first, a product is saved.
             if values.iter().all(|value| *value == 0.0) {
                 out.fill(0.0);
                 continue;
@@ -79,6 +80,7 @@ impl Wide {
             transition.apply(control, x, out);
         }
         if before.is_open() {
+            // One in each inactive state: the product is the sum of the entries out of them.
             x.fill(1.0);
             before.states.iter().for_each(|&state| x[state] = 0.0);
             transition.apply(control, x, beyond);

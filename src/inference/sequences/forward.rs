@@ -84,8 +84,9 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        if let Some(filtering) = few_states::filter(self, sequence) {
-            return Ok(filtering);
+        if let Some((rows, logs, log_likelihood)) = few_states::filter(self, sequence) {
+            let posteriors = Posteriors::from_values(self.states(), rows);
+            return Ok(FilteredSequence::new(posteriors, logs, log_likelihood));
         }
         let steps = sequence.steps();
         let mut filter = self.filter();

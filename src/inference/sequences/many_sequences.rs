@@ -1,6 +1,9 @@
-//! Routines for many sequences, in parallel with the feature `rayon`.
+//! Routines for many sequences, in lanes where the model allows it and in parallel with the feature
+//! `rayon`.
+//!
+//! Each is the routine for one sequence with its counterpart for eight, and `engines::lanes` runs
+//! these on any number of sequences.
 
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 
 use super::forward::FilteredSequence;
@@ -9,9 +12,10 @@ use super::smoother::SmoothedSequence;
 use crate::error::SequenceError;
 use crate::hmm::Hmm;
 use crate::inference::decoding::viterbi::ViterbiPath;
-use crate::inference::engines::lanes::{self, Room, Routine};
+use crate::inference::engines::lanes::{self, LaneRoutine};
+use crate::kernels::LANES;
 use crate::likelihood::Likelihood;
-use crate::sequence::{self, Sequence};
+use crate::sequence::Sequence;
 use crate::transition::{Transition, TransitionEntries};
 
 /// # Many sequences
@@ -80,7 +84,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        self.forward_chunks(sequences.into_iter(), false, visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &forward(), visit)
     }
 
     /// Runs [`smooth`](Self::smooth) on each sequence, and visits the results in order, each
@@ -93,7 +97,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        self.smooth_chunks(sequences.into_iter(), false, visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &smooth(), visit)
     }
 
     /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence, and visits the results in
@@ -106,7 +110,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        self.log_likelihood_chunks(sequences.into_iter(), false, visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &log_likelihood(), visit)
     }
 
     /// Runs [`viterbi`](Self::viterbi) on each sequence, and visits the results in order, each
@@ -120,7 +124,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Send + Sync,
     {
-        self.viterbi_chunks(sequences.into_iter(), false, visit)
+        lanes::visit_all(self, sequences.into_iter(), false, &viterbi(), visit)
     }
 
     /// Runs [`forward`](Self::forward) on each sequence. The result at index i is that of
@@ -129,7 +133,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.forward_chunks(ordered, true, collect))
+        lanes::collect_all(self, sequences, &forward())
     }
 
     /// Runs [`smooth`](Self::smooth) on each sequence. The result at index i is that of
@@ -138,7 +142,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.smooth_chunks(ordered, true, collect))
+        lanes::collect_all(self, sequences, &smooth())
     }
 
     /// Runs [`log_likelihood`](Self::log_likelihood) on each sequence. The result at index i is that of
@@ -147,7 +151,7 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.log_likelihood_chunks(ordered, true, collect))
+        lanes::collect_all(self, sequences, &log_likelihood())
     }
 
     /// Runs [`viterbi`](Self::viterbi) on each sequence. The result at index i is that of
@@ -157,111 +161,62 @@ impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
         A: TransitionEntries,
         S: Sequence<A::Control, B::Observation> + Sync,
     {
-        by_length(sequences, |ordered, collect| self.viterbi_chunks(ordered, true, collect))
+        lanes::collect_all(self, sequences, &viterbi())
     }
 }
 
-/// Each routine for sequences in chunks.
-impl<A: Transition + Sync, B: Likelihood + Sync> Hmm<A, B> {
-    fn forward_chunks<S, T>(
-        &self,
-        sequences: impl Iterator<Item = S>,
-        kept: bool,
-        visit: impl FnMut(usize, Result<FilteredSequence, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        let routine = Routine {
-            room: Room::Rows,
-            kept,
-            together: lanes::filter,
-            finish: |(logs, log): (Vec<f64>, f64), rows| {
-                FilteredSequence::new(Posteriors::from_part(self.states(), rows), logs, log)
-            },
-            single: |sequence: &S| self.forward(sequence),
-        };
-        lanes::each(self, sequences, &routine, visit)
-    }
-
-    fn smooth_chunks<S, T>(
-        &self,
-        sequences: impl Iterator<Item = S>,
-        kept: bool,
-        visit: impl FnMut(usize, Result<SmoothedSequence, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        let routine = Routine {
-            room: Room::Rows,
-            kept,
-            together: lanes::smooth,
-            finish: |log: f64, rows| {
-                SmoothedSequence::new(Posteriors::from_part(self.states(), rows), log)
-            },
-            single: |sequence: &S| self.smooth(sequence),
-        };
-        lanes::each(self, sequences, &routine, visit)
-    }
-
-    fn log_likelihood_chunks<S, T>(
-        &self,
-        sequences: impl Iterator<Item = S>,
-        kept: bool,
-        visit: impl FnMut(usize, Result<f64, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        let routine = Routine {
-            room: Room::Nothing,
-            kept,
-            together: lanes::log_likelihood,
-            finish: |log, _| log,
-            single: |sequence: &S| self.log_likelihood(sequence),
-        };
-        lanes::each(self, sequences, &routine, visit)
-    }
-
-    fn viterbi_chunks<S, T>(
-        &self,
-        sequences: impl Iterator<Item = S>,
-        kept: bool,
-        visit: impl FnMut(usize, Result<ViterbiPath, SequenceError>) -> ControlFlow<T>,
-    ) -> ControlFlow<T>
-    where
-        A: TransitionEntries,
-        S: Sequence<A::Control, B::Observation> + Send + Sync,
-    {
-        let routine = Routine {
-            room: Room::Nothing,
-            kept,
-            together: lanes::viterbi,
-            finish: |path, _| path,
-            single: |sequence: &S| self.viterbi(sequence),
-        };
-        lanes::each(self, sequences, &routine, visit)
+/// [`Hmm::forward`]: log-likelihoods of each step and of all, beside the rows.
+fn forward<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, (Vec<f64>, f64), FilteredSequence> {
+    LaneRoutine {
+        has_rows: true,
+        single: Hmm::forward,
+        group: |model, group, memory| {
+            let mut logs: [Vec<f64>; LANES] = group.steps.map(Vec::with_capacity);
+            let forward = model.forward(group, memory, true, |lane, log| logs[lane].push(log));
+            let mut sums = forward.log_likelihoods().into_iter();
+            logs.map(|logs| sums.next().flatten().map(|sum| (logs, sum)))
+        },
+        result: |(logs, log), rows| FilteredSequence::new(Posteriors::from_shared(rows), logs, log),
     }
 }
 
-/// Visitor that collects results.
-type Collect<'a, R> = &'a mut dyn FnMut(usize, Result<R, SequenceError>) -> ControlFlow<Infallible>;
+/// [`Hmm::smooth`]: log-likelihoods, beside the rows.
+fn smooth<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, f64, SmoothedSequence> {
+    LaneRoutine {
+        has_rows: true,
+        single: Hmm::smooth,
+        group: |model, group, memory| {
+            // The backward pass finds further lanes that do not hold.
+            let mut forward = model.forward(group, memory, true, |_, _| ());
+            model.backward(group, memory, &mut forward.valid, None);
+            forward.log_likelihoods()
+        },
+        result: |log, rows| SmoothedSequence::new(Posteriors::from_shared(rows), log),
+    }
+}
 
-/// Passes sequences on in the order of their lengths, so that groups are of nearly the same
-/// length, and collects the results in the order of the sequences.
-fn by_length<U, Y: ?Sized, S: Sequence<U, Y>, R>(
-    sequences: &[S],
-    chunks: impl FnOnce(std::vec::IntoIter<&S>, Collect<'_, R>) -> ControlFlow<Infallible>,
-) -> Vec<Result<R, SequenceError>> {
-    let steps: Vec<usize> = sequences.iter().map(Sequence::steps).collect();
-    let order = sequence::by_length(&steps);
-    let mut results: Vec<_> = order.iter().map(|_| None).collect();
-    let ordered: Vec<_> = order.iter().map(|&sequence| &sequences[sequence]).collect();
-    let ControlFlow::Continue(()) = chunks(ordered.into_iter(), &mut |index, result| {
-        let sequence = order[index];
-        results[sequence] = Some(result.map_err(|error| SequenceError { sequence, ..error }));
-        ControlFlow::Continue(())
-    });
-    results.into_iter().flatten().collect()
+/// [`Hmm::log_likelihood`], without anything stored for each step.
+fn log_likelihood<A: Transition, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, f64, f64> {
+    LaneRoutine {
+        has_rows: false,
+        single: Hmm::log_likelihood,
+        group: |model, group, memory| {
+            model.forward(group, memory, false, |_, _| ()).log_likelihoods()
+        },
+        result: |log, _| log,
+    }
+}
+
+/// [`Hmm::viterbi`]: paths and their log-probabilities.
+fn viterbi<A: TransitionEntries, B: Likelihood, S: Sequence<A::Control, B::Observation>>()
+-> LaneRoutine<A, B, S, (Vec<usize>, f64), ViterbiPath> {
+    LaneRoutine {
+        has_rows: false,
+        single: Hmm::viterbi,
+        group: |model, group, memory| model.viterbi(group, memory),
+        result: |(states, log_probability), _| ViterbiPath { states, log_probability },
+    }
 }

@@ -12,9 +12,7 @@ use crate::transition::{LearnTransition, Move, MoveCounts, Transition, Transitio
 
 /// Pairwise posterior p(X_{k-1} = j, X_k = i | y_1 … y_T) of one step k, as a product that is
 /// never stored: α_{k-1}(j) A\[i, j\] γ_k(i) / p_k(i).
-///
-/// Handed out by [`SmoothedStep::pairs`](crate::inference::SmoothedStep::pairs).
-pub struct Pairs<'a, A: Transition> {
+pub(crate) struct Pairs<'a, A: Transition> {
     pub(crate) transition: &'a A,
     pub(crate) control: &'a A::Control,
     pub(crate) alpha: BeliefRef<'a>,
@@ -31,11 +29,8 @@ impl<A: Transition> fmt::Debug for Pairs<'_, A> {
 }
 
 impl<A: TransitionEntries> Pairs<'_, A> {
-    /// Returns the moves that the operator of this step allows, out of state 0 first, in
-    /// ascending order; they sum to one, up to rounding (and up to entries below 1e-323 that an
-    /// operator does not list as logarithms either). Moves out of a state of probability 0 may be
-    /// left out. O(E) in all.
-    pub fn moves(&self) -> impl Iterator<Item = Move> {
+    /// Returns the moves, as [`SmoothedStep::moves`](crate::inference::SmoothedStep::moves) does.
+    pub(crate) fn moves(&self) -> impl Iterator<Item = Move> {
         let states = 0..self.ratio.len();
         let (linear, logs) = if self.in_logs { (0..0, states) } else { (states, 0..0) };
         let linear = linear
@@ -54,6 +49,8 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         entries: impl Iterator<Item = (usize, f64)>,
     ) -> impl Iterator<Item = Move> {
         entries.map(move |(to, p)| {
+            // A small belief with a large ratio: p times the ratio is taken first, and the common
+            // scale last.
             let weight = self.alpha.linear[from] * (p * self.ratio[to]) * self.scale;
             Move { from, to, weight }
         })
@@ -96,9 +93,12 @@ impl<A: TransitionEntries> Pairs<'_, A> {
         others: f64,
     ) -> Result<(), InferenceError> {
         let logs = || self.log_moves(0..self.ratio.len(), &list);
+        // Relative to the largest, which the sum is near: what underflows beside it does not
+        // matter.
         let largest = logs().fold(others, |most, (_, _, log)| most.max(log));
         let sum: f64 = logs().map(|(_, _, log)| (log - largest).exp()).sum();
         let sum = largest + (sum + (others - largest).exp()).ln();
+        // The rounding of a sum of logarithms is that of the largest of its terms.
         let terms = (0..self.ratio.len())
             .map(|state| self.alpha.log(state))
             .chain(self.ratio.iter().copied());
@@ -133,6 +133,8 @@ impl<A: LearnTransition> Pairs<'_, A> {
                 f64::NEG_INFINITY => 0.0,
                 log2 => log2.exp2() * self.ratio[to],
             };
+            // A restart comes from any state alike, so that its mass is a product of two sums,
+            // without n² moves.
             let restarts: f64 = states.map(into).sum();
             let before = if restarts > 0.0 { kernels::sum(self.alpha.linear) } else { 0.0 };
             return one(sum + before * restarts * self.scale, step);

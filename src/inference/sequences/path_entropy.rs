@@ -40,11 +40,13 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         // H(x_1 … x_{k-1} | x_k, y_1 … y_{k-1}) for each x_k.
         let mut entropy = vec![0.0; n];
         let mut next = entropy.clone();
-        let mut ways = Vec::new();
+        let mut predecessors = Vec::new();
         for number in 1..=sequence.steps() {
+            // By the chain rule backwards: the entropy of the path up to k - 1 given x_k, which
+            // needs the belief before the observation of k.
             if number > 1 {
                 let step = Step::of(self, sequence, number);
-                step.entropies(filter.held(), &entropy, &mut next, &mut ways)?;
+                step.entropies(filter.held(), &entropy, &mut next, &mut predecessors)?;
                 std::mem::swap(&mut entropy, &mut next);
             }
             filter.step_with(sequence.control(number), sequence.observation(number))?;
@@ -65,6 +67,7 @@ where
     let held = filter.held();
     let mut sum = 0.0;
     for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
+        // 0 ln 0 is 0.
         if p > 0.0 {
             sum += p * (entropy - held.log(i));
         }
@@ -80,15 +83,17 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         alpha: BeliefRef<'_>,
         before: &[f64],
         after: &mut [f64],
-        ways: &mut Vec<(usize, f64)>,
+        predecessors: &mut Vec<(usize, f64)>,
     ) -> Result<(), InferenceError> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let in_logs = self.evidence()?.is_some() && self.entries_need_logs();
         for (i, after) in after.iter_mut().enumerate() {
-            alpha.ways(self.hmm.transition(), control, i, in_logs, ways);
-            let total: f64 = ways.iter().map(|way| way.1).sum();
+            alpha.ways(self.hmm.transition(), control, i, in_logs, predecessors);
+            let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             *after = 0.0;
-            for &(j, weight) in &*ways {
+            for &(j, weight) in &*predecessors {
+                // An unreached state has weights that are all 0 or none: q is NaN there, and adds
+                // nothing.
                 let q = weight / total;
                 if q > 0.0 {
                     *after += q * (before[j] - q.ln());

@@ -70,6 +70,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);
+            // Asked once for each step here, and not again at every draw.
             if step.evidence()?.is_some() && step.entries_need_logs() {
                 in_logs.push(number);
             }
@@ -94,24 +95,25 @@ where
     /// logarithm either.
     pub fn draw<R: Rng + ?Sized>(&self, rng: &mut R) -> Result<Vec<usize>, InferenceError> {
         let mut states = vec![0; self.sequence.steps()];
-        let mut ways = Vec::new();
+        let mut predecessors = Vec::new();
         for at in (0..states.len()).rev() {
             let row = at + 1; // row of the step
             let alpha = self.block.held(row);
             match states.get(at + 1) {
-                None => ways = alpha.linear.iter().copied().enumerate().collect(),
+                None => predecessors = alpha.linear.iter().copied().enumerate().collect(),
                 Some(&to) => {
                     let step = Step::of(self.hmm, self.sequence, row + 1);
                     let Some(control) = step.control else { continue }; // only step 1 has none
                     let in_logs = self.in_logs.binary_search(&(row + 1)).is_ok();
-                    alpha.ways(self.hmm.transition(), control, to, in_logs, &mut ways);
+                    alpha.ways(self.hmm.transition(), control, to, in_logs, &mut predecessors);
                 }
             }
-            let total: f64 = ways.iter().map(|way| way.1).sum();
+            // Weights are in proportion to p(x_k | x_{k+1}, y_1 … y_k): they need not sum to one.
+            let total: f64 = predecessors.iter().map(|entry| entry.1).sum();
             if total.is_nan() || total <= 0.0 {
                 return Err(InferenceError::PredictedSum { step: row + 1, sum: 0.0 });
             }
-            states[at] = index(ways.iter().copied(), total, rng);
+            states[at] = index(predecessors.iter().copied(), total, rng);
         }
         Ok(states)
     }

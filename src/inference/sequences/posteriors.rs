@@ -1,11 +1,10 @@
 //! ForwardPass of distributions, one for each step.
 
 use std::fmt;
-use std::ops::Range;
-use std::sync::Arc;
 
 use crate::belief::{Belief, BeliefView};
-use crate::kernels::{Aligned, in_large_pages};
+use crate::inference::engines::lanes::SharedRows;
+use crate::kernels::in_large_pages;
 
 /// Distributions over n states for the steps k = 0 … T, in one block of
 /// n (T + 1) numbers.
@@ -33,13 +32,7 @@ pub struct Posteriors {
 /// Storage of the numbers.
 enum Values {
     Own(Vec<f64>),
-    Part(Part),
-}
-
-/// Part of a shared block of numbers.
-pub(crate) struct Part {
-    pub(crate) all: Arc<Aligned>,
-    pub(crate) range: Range<usize>,
+    Shared(SharedRows),
 }
 
 impl Posteriors {
@@ -48,9 +41,9 @@ impl Posteriors {
         Self { states, values: Values::Own(values) }
     }
 
-    /// Creates the posteriors from a part of a shared block.
-    pub(crate) fn from_part(states: usize, part: Part) -> Self {
-        Self { states, values: Values::Part(part) }
+    /// Creates the posteriors from rows in a shared block.
+    pub(crate) fn from_shared(rows: SharedRows) -> Self {
+        Self { states: rows.states, values: Values::Shared(rows) }
     }
 
     /// Number of steps, T.
@@ -122,7 +115,7 @@ impl Posteriors {
     pub fn as_slice(&self) -> &[f64] {
         match &self.values {
             Values::Own(values) => values,
-            Values::Part(part) => &part.all[part.range.clone()],
+            Values::Shared(rows) => rows,
         }
     }
 }

@@ -8,12 +8,23 @@ use rand::Rng;
 
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::learning::labels::LabelledSequence;
 use crate::inference::step::Step;
 use crate::inference::streams::filter::Filter;
 use crate::likelihood::{Likelihood, SampleNext, SampleObservation};
 use crate::random::index;
 use crate::transition::TransitionEntries;
+
+/// A drive whose states are known, such as a [`Simulation`](crate::inference::Simulation).
+#[derive(Debug, Clone, Copy)]
+pub struct LabelledSequence<'a, S: ?Sized> {
+    /// X_0 if known; otherwise the move to X_1 is not counted, and nothing is learned of the
+    /// prior. Ignored under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation), where no move leads to X_1.
+    pub initial: Option<usize>,
+    /// X_1 … X_T.
+    pub states: &'a [usize],
+    /// Observations, with controls if there are any.
+    pub sequence: &'a S,
+}
 
 /// A simulated drive: its true states and its observations.
 ///
@@ -104,11 +115,17 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
         Ok(self.draw(self.prior().belief().as_slice(), 0, controls, rng))
     }
 
-    /// Checks the controls of the steps after the first `taken`.
-    fn check_controls(&self, taken: usize, controls: &[A::Control]) -> Result<(), InferenceError> {
-        for (number, control) in (taken + 1..).zip(controls) {
+    /// Checks the controls of the steps after the first `steps_before`.
+    fn check_controls(
+        &self,
+        steps_before: usize,
+        controls: &[A::Control],
+    ) -> Result<(), InferenceError> {
+        for (number, control) in (steps_before + 1..).zip(controls) {
             if self.prior().moves_at(number) {
                 let step = Step { hmm: self, number, control: Some(control) };
+                // Evidence was measured on a move that has been made: it says nothing about which
+                // move to draw.
                 if step.evidence()?.is_some() {
                     return Err(InferenceError::SimulatedEvidence { step: number });
                 }
@@ -120,14 +137,14 @@ impl<A: TransitionEntries, B: SampleObservation> Hmm<A, B> {
     fn draw<R: Rng + ?Sized>(
         &self,
         belief: &[f64],
-        taken: usize,
+        steps_before: usize,
         controls: &[A::Control],
         rng: &mut R,
     ) -> Simulation<B::Sample> {
         let sample = |_: usize, state: usize, _: Option<&B::Sample>, rng: &mut R| {
             Ok::<_, Infallible>(self.likelihood().sample(state, rng))
         };
-        let Ok(drawn) = self.draw_with(belief, taken, controls, rng, sample);
+        let Ok(drawn) = self.draw_with(belief, steps_before, controls, rng, sample);
         drawn
     }
 }
@@ -181,17 +198,18 @@ impl<A: TransitionEntries<Control = ()>, B: SampleNext> Hmm<A, B> {
     fn draw_after<R: Rng + ?Sized>(
         &self,
         belief: &[f64],
-        taken: usize,
+        steps_before: usize,
         before: &B::Observation,
         steps: usize,
         rng: &mut R,
     ) -> Result<Simulation<B::Sample>, InferenceError> {
         let sample = |step: usize, state: usize, last: Option<&B::Sample>, rng: &mut R| {
+            // The observation before the first is the one that was given.
             let last = last.map_or(before, Borrow::borrow);
             let drawn = self.likelihood().sample_next(state, last, rng);
             drawn.map_err(|cause| InferenceError::likelihood(step, cause))
         };
-        self.draw_with(belief, taken, &vec![(); steps], rng, sample)
+        self.draw_with(belief, steps_before, &vec![(); steps], rng, sample)
     }
 }
 
@@ -201,21 +219,23 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     fn draw_with<Y, E, R: Rng + ?Sized>(
         &self,
         belief: &[f64],
-        taken: usize,
+        steps_before: usize,
         controls: &[A::Control],
         rng: &mut R,
         sample: impl Fn(usize, usize, Option<&Y>, &mut R) -> Result<Y, E>,
     ) -> Result<Simulation<Y>, E> {
         let mut state = index(belief.iter().copied().enumerate(), 1.0, rng);
-        let initial = self.prior().moves_at(taken + 1).then_some(state);
+        // Without a move to the first step, the state that was drawn is that of the step itself.
+        let initial = self.prior().moves_at(steps_before + 1).then_some(state);
         let mut states = Vec::with_capacity(controls.len());
         let mut observations = Vec::with_capacity(controls.len());
-        for (step, control) in (taken + 1..).zip(controls) {
+        for (step, control) in (steps_before + 1..).zip(controls) {
             if self.prior().moves_at(step) {
-                let ways = || self.transition().outgoing(control, state);
+                let entries = || self.transition().outgoing(control, state);
                 let evidence = self.transition().evidence(control).is_some();
-                let total = if evidence { ways().map(|way| way.1).sum() } else { 1.0 };
-                state = index(ways(), total, rng);
+                // Columns sum to one, unless an operator without a control has evidence.
+                let total = if evidence { entries().map(|entry| entry.1).sum() } else { 1.0 };
+                state = index(entries(), total, rng);
             }
             states.push(state);
             observations.push(sample(step, state, observations.last(), rng)?);

@@ -16,7 +16,7 @@ use crate::inference::streams::filter::Filter;
 use crate::inference::streams::filter_snapshot::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
-use crate::transition::{MoveCounts, Transition, TransitionEntries};
+use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
 
 /// Size, states times steps, below which a sequence is one segment: half a megabyte a block,
 /// which fits into a cache.
@@ -61,10 +61,22 @@ impl<'a, A: Transition> SmoothedStep<'a, A> {
         Belief::view(self.smoothed)
     }
 
-    /// Pairwise posterior p(X_{k-1}, X_k | y_1 … y_T), or `None` without a transition to step k:
-    /// at 0, and at 1 under [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
+    /// Moves to this step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), out of state 0
+    /// first, in ascending order; or `None` without a transition to step k: at 0, and at 1 under
+    /// [`Prior::AtFirstObservation`](crate::Prior::AtFirstObservation).
+    ///
+    /// They sum to one, up to rounding (and up to entries below 1e-323 that an operator does not
+    /// list as logarithms either). Moves out of a state of probability 0 may be left out. O(E).
     #[must_use]
-    pub fn pairs(&self) -> Option<&Pairs<'a, A>> {
+    pub fn moves(&self) -> Option<impl Iterator<Item = Move>>
+    where
+        A: TransitionEntries,
+    {
+        self.pairs().map(Pairs::moves)
+    }
+
+    /// Pairwise posterior of the move to this step.
+    pub(crate) fn pairs(&self) -> Option<&Pairs<'a, A>> {
         self.pairs.as_ref()
     }
 }
@@ -88,8 +100,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     /// // How probable is it that the weather changed on the way to each day?
     /// let mut changed = Vec::new();
     /// hmm.smooth_each(&[0, 0, 1], Order::Forward, |step| {
-    ///     if let Some(pairs) = step.pairs() {
-    ///         changed.push(pairs.moves().filter(|m| m.from != m.to).map(|m| m.weight).sum::<f64>());
+    ///     if let Some(moves) = step.moves() {
+    ///         changed.push(moves.filter(|m| m.from != m.to).map(|m| m.weight).sum::<f64>());
     ///     }
     /// })?;
     /// assert!(changed[2] > changed[1], "{changed:?}");

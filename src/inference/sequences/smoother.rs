@@ -82,7 +82,8 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
-        if let Some((posteriors, log_likelihood)) = few_states::smooth(self, sequence) {
+        if let Some((rows, log_likelihood)) = few_states::smooth(self, sequence) {
+            let posteriors = Posteriors::from_values(n, rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
         let mut filter = self.filter();

@@ -6,6 +6,7 @@ pub(crate) mod evidence;
 pub(crate) mod forward_pass;
 pub(crate) mod grouped;
 pub(crate) mod log_sum;
+pub(crate) mod scores;
 
 use self::belief_form::{
     BeliefForm, BeliefRef, LiftedBelief, StepOutcome, StepOutput, loses, normalize_logs,
@@ -19,7 +20,7 @@ use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
 
 /// Scratch memory for steps, allocated once.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Workspace {
     pub(crate) scratch: Scratch,
     pub(crate) values: Vec<f64>,

@@ -9,7 +9,7 @@ use super::filter_snapshot::next_step;
 use super::online_viterbi_snapshot::{Node, OnlineViterbiSnapshot};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::decoding::scores::{TakenOut, best};
+use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, TransitionEntries};

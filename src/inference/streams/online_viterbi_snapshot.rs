@@ -1,7 +1,7 @@
 //! State of an online decoder, as plain data.
 
 use super::filter_snapshot::MOST_STEPS;
-use crate::inference::decoding::scores::{TakenOut, best};
+use crate::inference::step::scores::{TakenOut, best};
 
 /// State of an online Viterbi decoder after k steps: plain data, to be kept, compared, sent
 /// elsewhere and restored.

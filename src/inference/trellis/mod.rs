@@ -7,9 +7,9 @@ mod viterbi;
 #[cfg(feature = "matching")]
 mod window;
 
+pub use smooth::SmoothedTrellis;
 #[cfg(feature = "matching")]
 pub(crate) use smooth::TrellisForward;
-pub use smooth::{SmoothedTrellis, TrellisPairs};
 
 use crate::error::InferenceError;
 use crate::inference::LogSum;
@@ -117,6 +117,7 @@ impl Trellis {
             let is_valid = value.abs() <= 1e300 || value == f64::NEG_INFINITY;
             if is_valid { Ok(()) } else { Err(error) }
         };
+        // Moves are added while they are checked, and removed again if one is wrong.
         let kept = self.from.len();
         let checked = valid(log_likelihood).and_then(|()| {
             moves.into_iter().try_for_each(|(from, log_weight)| {
@@ -190,6 +191,9 @@ impl Trellis {
     /// Returns what was taken out, with a sum of −∞ if nothing is possible.
     pub(crate) fn forward_step(&self, step: usize, before: &[f64], out: &mut Vec<f64>) -> Scale {
         out.clear();
+        // The largest weight and the largest log-likelihood come out before anything is added:
+        // beside numbers of 1e5 small differences would lose their digits. Of states that are
+        // possible, since others may have any size.
         let weight = self.largest_weight(step, |j| before[j] > f64::NEG_INFINITY);
         out.extend(self.range(step).map(|state| {
             log_sum(self.moves_into(state).map(|(j, log)| before[j] + (log - weight)))

@@ -66,12 +66,15 @@ impl Trellis {
         steps.push(self.log_likelihoods.len());
         let mut log_backward = vec![0.0; log_filtered.len()];
         for step in (2..=self.steps()).rev() {
+            // Backward logarithms of a step come from those of the next alone.
             let (earlier, later) = log_backward.split_at_mut(self.range(step).start);
             let earlier = &mut earlier[self.range(step - 1).start..];
             self.backward_step(step, scales[step - 1], later, earlier);
         }
         let filtered = log_filtered.iter().map(|log| log.exp()).collect();
         let mut smoothed: Vec<f64> = Vec::with_capacity(log_filtered.len());
+        // Filtered times backward, normalised in each step: constants that a step has taken out
+        // cancel.
         for bounds in steps.windows(2) {
             let logs = bounds[0]..bounds[1];
             let log = logs.map(|s| log_filtered[s] + log_backward[s]);
@@ -93,10 +96,13 @@ impl Trellis {
             self.moves_into(state)
                 .for_each(|(j, weight)| earlier[j] = earlier[j].max((weight - scale.weight) + log));
         }
+        // Two passes, the largest and then the sum relative to it: moves come by the later state,
+        // and the terms of an earlier one are spread over all of them.
         let mut sums = vec![0.0; earlier.len()];
         for (state, log) in self.range(step).zip(later).map(log) {
             for (j, weight) in self.moves_into(state) {
                 let below = (weight - scale.weight) + log - earlier[j];
+                // e^-45 is below the last digit of the sum.
                 if below > -45.0 {
                     sums[j] += if below == 0.0 { 1.0 } else { below.exp() };
                 }
@@ -155,41 +161,31 @@ impl SmoothedTrellis {
         sum.value()
     }
 
-    /// Moves into the states of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T),
-    /// which sum to one. `trellis` is the one that was smoothed.
-    #[must_use]
-    pub fn pairs<'a>(&'a self, trellis: &'a Trellis, step: usize) -> TrellisPairs<'a> {
-        TrellisPairs { smoothed: self, trellis, step }
+    /// Moves into a state of a step with their probabilities p(X_{k-1}, X_k | y_1 … y_T), in the
+    /// order in which they were added: pairs (from, probability), which sum to one over the states
+    /// of the step. `trellis` is the one that was smoothed.
+    pub fn moves<'a>(
+        &'a self,
+        trellis: &'a Trellis,
+        step: usize,
+        state: usize,
+    ) -> impl Iterator<Item = (usize, f64)> + 'a {
+        let number = self.range(step).start + state;
+        let scale = self.scales[step - 1];
+        // What was taken out of each term comes off it before they are added: the terms may be
+        // as large as 1e300, and their sum is at most 0.
+        let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
+        let later = likelihood + self.log_backward[number] - scale.sum;
+        trellis.moves_into(number).map(move |(from, weight)| {
+            let before = match step {
+                1 => 0.0,
+                _ => self.log_filtered[self.range(step - 1).start + from],
+            };
+            (from, (before + (weight - scale.weight) + later).exp())
+        })
     }
 
     fn range(&self, step: usize) -> std::ops::Range<usize> {
         self.steps[step - 1]..self.steps[step]
-    }
-}
-
-/// Probabilities of the moves into the states of one step.
-#[derive(Debug, Clone, Copy)]
-pub struct TrellisPairs<'a> {
-    smoothed: &'a SmoothedTrellis,
-    trellis: &'a Trellis,
-    step: usize,
-}
-
-impl<'a> TrellisPairs<'a> {
-    /// Moves into a state of the step, in the order in which they were added: pairs (from,
-    /// probability).
-    pub fn into_state(&self, state: usize) -> impl Iterator<Item = (usize, f64)> + 'a {
-        let Self { smoothed, trellis, step } = *self;
-        let number = smoothed.range(step).start + state;
-        let scale = smoothed.scales[step - 1];
-        let likelihood = trellis.log_likelihoods[number] - scale.likelihood;
-        let later = likelihood + smoothed.log_backward[number] - scale.sum;
-        trellis.moves_into(number).map(move |(from, weight)| {
-            let before = match step {
-                1 => 0.0,
-                _ => smoothed.log_filtered[smoothed.range(step - 1).start + from],
-            };
-            (from, (before + (weight - scale.weight) + later).exp())
-        })
     }
 }

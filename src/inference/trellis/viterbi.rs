@@ -22,6 +22,7 @@ impl Trellis {
                 let mut best = (f64::NEG_INFINITY, 0);
                 for (from, weight) in self.moves_into(state) {
                     let score = scores[from] + (weight - largest_weight);
+                    // Only a better one replaces: ties go to the first.
                     if score > best.0 {
                         best = (score, from as u32);
                     }
@@ -36,6 +37,7 @@ impl Trellis {
             if best == f64::NEG_INFINITY {
                 return Err(InferenceError::Impossible { step });
             }
+            // The best becomes 0, so that scores of long sequences keep their digits.
             next.iter_mut().for_each(|score| *score -= best);
             [largest_weight, likelihood, best].into_iter().for_each(|log| taken_out.add(log));
             std::mem::swap(&mut scores, &mut next);

@@ -12,11 +12,13 @@ impl Trellis {
         self.steps.iter_mut().for_each(|start| *start -= first);
         self.log_likelihoods.drain(..first);
         self.moves.drain(..second);
+        // The new first step: one move from the start into each of its states.
         let states = second - first;
         self.from.splice(..moves, std::iter::repeat_n(0, states));
         self.log_weights.splice(..moves, log_distribution.iter().copied());
         self.moves.iter_mut().for_each(|start| *start = *start - moves as u32 + states as u32);
         self.moves.splice(..0, 0..states as u32);
+        // Its observation is in the distribution already.
         self.log_likelihoods[..states].fill(0.0);
     }
 

@@ -110,9 +110,8 @@ impl Lattice {
         let [before, states] = [&drive.states[step - 1], &drive.states[step]];
         // Moves out of each state.
         let mut moves: Vec<Vec<(usize, f64)>> = vec![Vec::new(); before.len()];
-        let pairs = drive.smoothed.pairs(&drive.trellis, step + 1);
         for to in 0..states.len() {
-            for (from, probability) in pairs.into_state(to) {
+            for (from, probability) in drive.smoothed.moves(&drive.trellis, step + 1, to) {
                 if probability > LEAST_MOVE {
                     moves[from].push((to, probability));
                 }

@@ -406,7 +406,7 @@ fn learning_starts_from_clusters_of_rows() {
         let sequences: Vec<&[Vec<f64>]> = drawn.iter().map(Simulation::observations).collect();
         let starts = starts(&truth, &sequences, 3, &mut rng).unwrap();
         let fits = Hmm::learn_best(&starts, &sequences, &LearningOptions::default(), |_, _| ());
-        let model = fits.unwrap().into_best().into_model();
+        let model = fits.unwrap().into_model();
         // Clusters are numbered by heading, as the states are.
         let mut right = 0;
         for (drive, sequence) in drawn.iter().zip(&sequences) {

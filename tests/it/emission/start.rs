@@ -106,7 +106,7 @@ fn learning_from_starts_finds_groups() {
         let starts = starts(&family, &sequences, 4, &mut rng).unwrap();
         let fits =
             Hmm::learn_best(&starts, &sequences, &LearningOptions::default(), |_, _| ()).unwrap();
-        let model = fits.into_best().into_model();
+        let model = fits.into_model();
         let mut right = 0;
         for (drive, sequence) in drawn.iter().zip(&sequences) {
             let path = model.viterbi(sequence).unwrap();

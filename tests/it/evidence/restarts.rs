@@ -99,11 +99,11 @@ fn check_counts(model: &Model, (rate, r, log): &Restarts) -> Result<(), TestCase
     let hmm = Hmm::new(model.prior(), a, Fixed(sensor(n))).unwrap();
     let mut expected = vec![matrix(n, |_, _| 0.0); model.steps()];
     hmm.smooth_each(model, Order::Backward, |step| {
-        let Some(pairs) = step.pairs() else { return };
+        let Some(moves) = step.moves() else { return };
         let k = step.step() - 1;
         let (m, logs) = (&model.matrices[k], &model.evidence[k].logs);
         let log = log.unwrap_or(model.evidence[k].log_factor);
-        for moved in pairs.moves() {
+        for moved in moves {
             let (i, j) = (moved.to, moved.from);
             let part = [((1.0 - rate) * m[i][j]).ln() + logs[i][j], (rate * r[i]).ln() + log];
             let whole = log_sum(part.into_iter());

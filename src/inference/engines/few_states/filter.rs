@@ -1,20 +1,19 @@
 //! The filter over a whole sequence: beliefs and log-likelihoods, or the total alone.
 
+use super::FewStatesModel;
 use super::forward::Forward;
-use super::likelihoods::{LikelihoodRows, Sensed};
+use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::unpack_segments;
-use super::{FewModel, control_of};
 use crate::hmm::Hmm;
 use crate::inference::engines::choice::{self, GATHERED};
-use crate::inference::sequences::forward::FilteredSequence;
-use crate::inference::sequences::posteriors::Posteriors;
 use crate::kernels::{LANES, Packed, filter_segments, in_large_pages};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-/// [`Hmm::forward`].
-pub(crate) fn filter<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<FilteredSequence>
+/// Filters a sequence as [`Hmm::forward`] does: returns a row for each step from 0, and the
+/// log-likelihoods of each step and of all.
+pub(crate) fn filter<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<(Vec<f64>, Vec<f64>, f64)>
 where
     A: Transition,
     B: Likelihood,
@@ -24,32 +23,29 @@ where
     if !choice::is_long(steps) {
         return None; // the beliefs of a stream, to the bit
     }
-    let control = control_of(hmm, steps)?;
-    let model = FewModel::new(hmm, control)?;
+    let model = FewStatesModel::new(hmm, steps)?;
     let mut rows = in_large_pages(vec![0.0; states * (steps + 1)]);
     let mut logs = vec![0.0; steps];
-    let mut source = Sensed::new(hmm, sequence);
+    let mut source = SensorRows::new(hmm, sequence);
     let sum = model.filter(&mut source, steps, Some((&mut rows, &mut logs)))?;
-    let posteriors = Posteriors::from_values(states, rows);
-    Some(FilteredSequence::new(posteriors, logs, sum))
+    Some((rows, logs, sum))
 }
 
-/// [`Hmm::log_likelihood`].
+/// Computes ln p(y_1 … y_T) as [`Hmm::log_likelihood`] does.
 pub(crate) fn log_likelihood<A, B, S>(hmm: &Hmm<A, B>, sequence: &S) -> Option<f64>
 where
     A: Transition,
     B: Likelihood,
     S: Sequence<A::Control, B::Observation> + ?Sized,
 {
-    let control = control_of(hmm, sequence.steps())?;
-    let model = FewModel::new(hmm, control)?;
-    model.filter(&mut Sensed::new(hmm, sequence), sequence.steps(), None)
+    let model = FewStatesModel::new(hmm, sequence.steps())?;
+    model.filter(&mut SensorRows::new(hmm, sequence), sequence.steps(), None)
 }
 
 /// Rows from step 0, and log-likelihoods from step 1.
 type Out<'a> = (&'a mut [f64], &'a mut [f64]);
 
-impl FewModel {
+impl FewStatesModel {
     /// Filters a sequence, and returns its log-likelihood.
     fn filter(
         &self,
@@ -57,7 +53,7 @@ impl FewModel {
         steps: usize,
         mut out: Option<Out<'_>>,
     ) -> Option<f64> {
-        self.attempt(steps, |segments| {
+        self.in_segments_or_steps(steps, |segments| {
             let out = out.as_mut().map(|(rows, logs)| (&mut **rows, &mut **logs));
             match self.states {
                 3 => self.filter_in::<3>(source, steps, out, segments),
@@ -79,31 +75,37 @@ impl FewModel {
         let (mut forward, first) = Forward::start(self, source)?;
         if let Some((rows, logs)) = &mut out {
             rows[..n].copy_from_slice(&self.prior.values[..n]);
+            // Nothing moves before step 1: its belief is the prior times the likelihoods, which
+            // `start` has multiplied already.
             if first > 1 {
                 let sum: f64 = forward.x.values.iter().sum();
                 rows[n..2 * n].iter_mut().zip(forward.x.values).for_each(|(row, x)| *row = x / sum);
                 logs[0] = forward.log_likelihood();
             }
         }
-        let mut left = first..steps + 1;
-        let few = self.few::<N>();
+        let mut remaining = first..steps + 1;
+        let model = self.segment_model::<N>();
         let (mut packed, mut beliefs, mut normalizers) = (Vec::new(), Vec::new(), Vec::new());
         let mut likelihoods = Vec::new();
-        while segments && let Some(steps) = choice::next_segments(&mut left) {
+        // Two passes over eight segments: a vector through the product of each gives the starts of
+        // all, and from these all eight run at once, none waiting for the one before.
+        while segments && let Some(steps) = choice::next_segments(&mut remaining) {
             likelihoods.resize(N * steps.len(), 0.0);
             let (_, starts) =
-                forward.segments(&few, steps.clone(), &mut likelihoods, &mut packed)?;
+                forward.segments(&model, steps.clone(), &mut likelihoods, &mut packed)?;
+            // For the log-likelihood alone the products are enough.
             let Some((rows, logs)) = &mut out else { continue };
             beliefs.resize(packed.len(), [Packed::default(); N]);
             normalizers.resize(steps.len() / LANES, Packed::default());
-            filter_segments(&few, &starts, &packed, &mut beliefs, &mut normalizers)?;
+            filter_segments(&model, &starts, &packed, &mut beliefs, &mut normalizers)?;
             unpack_segments(beliefs.as_flattened(), &mut rows[n * steps.start..n * steps.end]);
+            // ln N, with what was taken out of the likelihoods of the step.
             let logs = &mut logs[steps.start - 1..steps.end - 1];
             unpack_segments(&normalizers, logs);
             logs.iter_mut().zip(&forward.scales).for_each(|(log, scale)| *log = log.ln() + scale);
         }
-        likelihoods.resize(n * GATHERED.min(left.len()), 0.0);
-        while let Some(steps) = choice::next_steps(&mut left) {
+        likelihoods.resize(n * GATHERED.min(remaining.len()), 0.0);
+        while let Some(steps) = choice::next_steps(&mut remaining) {
             let (rows, logs): Out<'_> = match &mut out {
                 Some((rows, logs)) => (
                     &mut rows[n * steps.start..n * steps.end],

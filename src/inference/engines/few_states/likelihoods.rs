@@ -4,7 +4,7 @@ use std::f64::consts::{LN_2, LOG2_E};
 use std::ops::Range;
 
 use crate::hmm::Hmm;
-use crate::inference::decoding::scores::{TakenOut, likelihood_scores};
+use crate::inference::step::scores::{TakenOut, likelihood_scores};
 use crate::kernels::{self, Scores, ScoresIn, Valid};
 use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
 use crate::limits::{LARGEST_LOG, LEAST_FACTOR, UNSCALED, UNSHIFTED, exponent, power};
@@ -37,13 +37,13 @@ pub(crate) trait LikelihoodRows {
 }
 
 /// Likelihoods of a model's sensor.
-pub(crate) struct Sensed<'m, A, B, S: ?Sized> {
+pub(crate) struct SensorRows<'m, A, B, S: ?Sized> {
     hmm: &'m Hmm<A, B>,
     sequence: &'m S,
     scratch: Scratch,
 }
 
-impl<'m, A, B, S> Sensed<'m, A, B, S>
+impl<'m, A, B, S> SensorRows<'m, A, B, S>
 where
     A: Transition,
     B: Likelihood,
@@ -62,10 +62,13 @@ where
         for (step, row) in steps.zip(out.chunks_exact_mut(states)) {
             let observation = self.sequence.observation(step);
             let diagonal = self.hmm.likelihood().diagonal(observation, &mut self.scratch).ok()?;
+            // A factor would have to be taken out: the caller then scales each step.
             if diagonal.log_factor != 0.0 {
                 return None;
             }
             let linear = match diagonal.values {
+                // The sensor has checked them and knows the largest; a look at each value takes
+                // longer than the copy.
                 Values::Checked { linear, largest, .. } => {
                     most = if largest > most { largest } else { most };
                     linear
@@ -82,6 +85,7 @@ where
                 (linear.len() == states).then(|| row.copy_from_slice(linear))?;
             }
         }
+        // One call of a kernel for all steps, not one for each.
         if !checked {
             most = most.max(kernels::largest(out, Valid::Likelihoods).ok()?);
         }
@@ -89,7 +93,7 @@ where
     }
 }
 
-impl<A, B, S> LikelihoodRows for Sensed<'_, A, B, S>
+impl<A, B, S> LikelihoodRows for SensorRows<'_, A, B, S>
 where
     A: Transition,
     B: Likelihood,
@@ -102,6 +106,7 @@ where
         out: &mut [f64],
         logs: &mut [f64],
     ) -> Option<bool> {
+        // The numbers of states for which a copy of known length was worth its code.
         let plain = match self.hmm.states() {
             _ if scaled => None,
             2 => self.copy::<2>(steps.clone(), out),
@@ -137,15 +142,19 @@ where
                 Values::Checked { log2: Some(log2), largest, .. }
                     if diagonal.log_factor == 0.0 && is_near(largest) =>
                 {
+                    // On the grid already, and the largest so near 0 that nothing is taken out.
                     copy(log2, row)?;
                     ScoresIn::Log2
                 }
                 Values::Linear(linear) if diagonal.log_factor == 0.0 => {
+                    // Converted for all steps at once, below.
                     copy(linear, row)?;
                     far |= !is_near(row.iter().fold(0.0, |a, b| if *b > a { *b } else { a }));
                     ScoresIn::Linear
                 }
                 Values::Log(logs) if diagonal.log_factor == 0.0 => {
+                    // The largest is taken out as `likelihood_scores` does, so that the scores are
+                    // the same to the bit.
                     let largest = largest_log(logs, states)?;
                     for (out, log) in row.iter_mut().zip(logs) {
                         *out = kernels::on_grid((log - largest) * LOG2_E);
@@ -167,6 +176,7 @@ where
             kernels::largest(out, Valid::Likelihoods).ok()?;
             kernels::log2_in_place(out);
         }
+        // A score far from 0 would take digits from sums: whole numbers come out exactly.
         if far {
             for row in out.chunks_exact_mut(states) {
                 let largest = row.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -231,12 +241,15 @@ fn scale(diagonal: &Diagonal<'_>, out: &mut [f64]) -> Option<f64> {
         Values::Linear(linear) | Values::Checked { linear, .. } => {
             let largest = diagonal.check(out.len()).ok()?;
             let by = if UNSCALED.contains(&largest) { 0 } else { exponent(largest) };
+            // Beyond, 2^-by is no normal double.
             if by.abs() > 1000 {
                 return None;
             }
             log += by as f64 * LN_2;
             for (out, b) in out.iter_mut().zip(linear) {
                 *out = b * power(-by);
+                // A smaller one could make a product in the chain less than 2^-700 (`limits`, "Few
+                // states").
                 lost |= *b > 0.0 && *out < LEAST_FACTOR;
             }
         }

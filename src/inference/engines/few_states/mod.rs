@@ -25,7 +25,7 @@ use crate::limits::{self, LEAST_FACTOR, LEAST_IN_CHAIN, LIFT, MIDDLE_RANGE, expo
 use crate::transition::Transition;
 
 /// A model in arrays; states beyond the last are never possible.
-struct FewModel {
+struct FewStatesModel {
     states: usize,
     columns: [Packed; LANES],
     rows: [Packed; LANES],
@@ -34,13 +34,14 @@ struct FewModel {
     moves: bool,
 }
 
-impl FewModel {
-    /// Reads the matrix of an operator by a product for each state. `None` if an entry is too
-    /// small, or the columns do not sum to one.
-    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, control: &A::Control) -> Option<Self> {
-        let states = hmm.states();
+impl FewStatesModel {
+    /// Reads the matrix of an operator by a product for each state. `None` if model and steps are
+    /// not for this engine, an entry is too small, or the columns do not sum to one.
+    fn new<A: Transition, B: Likelihood>(hmm: &Hmm<A, B>, steps: usize) -> Option<Self> {
+        let (control, states) = (control_of(hmm, steps)?, hmm.states());
         let mut columns = [Packed::default(); LANES];
         let mut rows = columns;
+        // Any operator is read by its product, also one without entries to list.
         let (mut unit, mut column) = (vec![0.0; states], vec![0.0; states]);
         for from in 0..states {
             // Lifted, so that an entry that is a product of small ones is not lost.
@@ -63,7 +64,7 @@ impl FewModel {
     }
 
     /// The first N states, for segments.
-    fn few<const N: usize>(&self) -> SmallModel<N> {
+    fn segment_model<const N: usize>(&self) -> SmallModel<N> {
         let first =
             |lines: &[Packed; LANES]| std::array::from_fn(|j| std::array::from_fn(|i| lines[j][i]));
         let columns: [[f64; N]; N] = first(&self.columns);
@@ -76,7 +77,13 @@ impl FewModel {
     }
 
     /// Takes a sequence in segments if it is for them, and if that fails, or else, step by step.
-    fn attempt(&self, steps: usize, mut take: impl FnMut(bool) -> Option<f64>) -> Option<f64> {
+    fn in_segments_or_steps(
+        &self,
+        steps: usize,
+        mut take: impl FnMut(bool) -> Option<f64>,
+    ) -> Option<f64> {
+        // Segments are looked at after every four steps only, and need a narrower range: what fails
+        // there may go through a chain.
         let in_segments = choice::for_sequence(self.states, steps) == Engine::Segments;
         in_segments.then(|| take(true)).flatten().or_else(|| take(false))
     }
@@ -87,6 +94,7 @@ impl FewModel {
 fn rescale(x: &mut ChainState) -> Option<()> {
     let sum: f64 = x.values.iter().sum();
     if !(MIDDLE_RANGE[0]..=MIDDLE_RANGE[1]).contains(&sum) {
+        // Nothing is left, or a NaN or an infinity has come in.
         if !sum.is_normal() {
             return None;
         }
@@ -107,5 +115,6 @@ fn control_of<A: Transition, B: Likelihood>(
     }
     let control = hmm.transition().no_control()?;
     hmm.transition().check_control(control).ok()?;
+    // With evidence columns do not sum to one, and the general routine checks them.
     hmm.transition().evidence(control).is_none().then_some(control)
 }

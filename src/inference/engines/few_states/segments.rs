@@ -13,8 +13,8 @@ pub(crate) struct SegmentProducts<const N: usize>([Scaled<N>; N]);
 
 impl<const N: usize> SegmentProducts<N> {
     /// `None` if the range of a column is too wide.
-    pub(crate) fn new(few: &SmallModel<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
-        multiply_segments(SumProduct, few, likelihoods).map(Self)
+    pub(crate) fn new(model: &SmallModel<N>, likelihoods: &[[Packed; N]]) -> Option<Self> {
+        multiply_segments(SumProduct, model, likelihoods).map(Self)
     }
 
     /// Takes x through all of them. Returns x at the start of each.
@@ -22,6 +22,8 @@ impl<const N: usize> SegmentProducts<N> {
         let mut starts = [[0.0; LANES]; N];
         for segment in 0..LANES {
             (0..N).for_each(|i| starts[i][segment] = x.values[i]);
+            // A column that x does not enter, or that ends nowhere, may have any exponent: it must
+            // not count among the largest.
             let used =
                 |j: usize| x.values[j] > 0.0 && self.0[j].values.iter().any(|x| x[segment] > 0.0);
             let (by, powers) = self.powers(segment, std::array::from_fn(used))?;
@@ -42,6 +44,8 @@ impl<const N: usize> SegmentProducts<N> {
         for segment in (0..LANES).rev() {
             (0..N).for_each(|i| ends[i][segment] = r.values[i]);
             let mut out = [0.0; LANES];
+            // Column j of a product holds what state j leads to: its product with r is element j of
+            // A' r.
             for (out, column) in out.iter_mut().zip(&self.0) {
                 (0..N).for_each(|i| *out += column.values[i][segment] * r.values[i]);
             }
@@ -64,6 +68,8 @@ impl<const N: usize> SegmentProducts<N> {
         }
         let mut powers = used.map(f64::from);
         for j in 0..N {
+            // Columns are added with the largest exponent. One further below than 2^400 could lose
+            // what a later likelihood brings back.
             let below = largest - exponents[j];
             if below != 0.0 && used[j] {
                 if below > LARGEST_EXPONENT_GAP {
@@ -78,9 +84,9 @@ impl<const N: usize> SegmentProducts<N> {
 
 /// Packs eight segments, one after another in `values`.
 pub(crate) fn pack_segments<const N: usize>(values: &[f64], out: &mut Vec<[Packed; N]>) {
-    let each = values.len() / LANES;
-    out.resize(each / N, [Packed::default(); N]);
-    pack(std::array::from_fn(|l| &values[l * each..][..each]), out.as_flattened_mut());
+    let length = values.len() / LANES;
+    out.resize(length / N, [Packed::default(); N]);
+    pack(std::array::from_fn(|l| &values[l * length..][..length]), out.as_flattened_mut());
 }
 
 /// Unpacks eight segments, one after another.

@@ -3,11 +3,11 @@
 //! associative.
 
 use super::control_of;
-use super::likelihoods::{LikelihoodRows, Sensed};
+use super::likelihoods::{LikelihoodRows, SensorRows};
 use super::segments::pack_segments;
 use crate::hmm::Hmm;
-use crate::inference::decoding::scores::{TakenOut, best};
 use crate::inference::engines::choice::{self, Engine, GATHERED};
+use crate::inference::step::scores::{TakenOut, best};
 use crate::inference::step::{Step, Workspace};
 use crate::kernels::{
     Backpointers, ChainPointers, ChainState, Eight, LANES, MaxPlus, Packed, Scaled, SmallModel,
@@ -31,6 +31,8 @@ where
     let mut columns = [Packed([f64::NEG_INFINITY; LANES]); LANES];
     let (mut one, mut from) = (vec![f64::NEG_INFINITY; n], vec![0; n]);
     for (j, column) in columns.iter_mut().enumerate().take(n) {
+        // A score of 0 in one state alone: the max-product is a column, in the very logarithms that
+        // the operator adds.
         one[j] = 0.0;
         hmm.transition().max_product(control, &one, &mut column[..n], &mut from);
         one[j] = f64::NEG_INFINITY;
@@ -43,7 +45,7 @@ where
     step.settle(&mut first, &mut taken_out).ok()?;
     let mut scores = ChainState::new(f64::NEG_INFINITY);
     scores.values[..n].copy_from_slice(&first);
-    let source: &mut dyn LikelihoodRows = &mut Sensed::new(hmm, sequence);
+    let source: &mut dyn LikelihoodRows = &mut SensorRows::new(hmm, sequence);
     let mut decoder = Decoder { states: n, columns, scores, taken_out, steps };
     let states = decoder.path(source)?;
     let Decoder { scores, mut taken_out, .. } = decoder;
@@ -67,6 +69,7 @@ type ForwardPass<const N: usize> = Vec<Backpointers<N>>;
 
 impl Decoder {
     fn path(&mut self, source: &mut dyn LikelihoodRows) -> Option<Vec<usize>> {
+        // What a failed attempt has taken out of the scores must not count twice.
         let start = (self.scores, self.taken_out.clone());
         if choice::for_sequence(self.states, self.steps) == Engine::Segments {
             let path = match self.states {
@@ -92,21 +95,24 @@ impl Decoder {
         let columns: [[f64; N]; N] =
             std::array::from_fn(|j| std::array::from_fn(|i| self.columns[j][i]));
         let entries = columns.as_flattened().iter().filter(|a| a.is_finite());
+        // An entry and a likelihood together fall by 50 at most in a step (`limits`, "Few states").
         let least = LEAST_SEGMENT_PRODUCT.log2() - entries.fold(0.0, |a: f64, b| a.min(*b));
-        let few = SmallModel { columns, rows: columns, least };
-        let (mut blocks, mut left) = (Vec::new(), 2..self.steps + 1);
+        let model = SmallModel { columns, rows: columns, least };
+        let (mut blocks, mut remaining) = (Vec::new(), 2..self.steps + 1);
         let (mut gathered, mut packed) = (Vec::new(), Vec::new());
-        while let Some(steps) = choice::next_segments(&mut left) {
+        while let Some(steps) = choice::next_segments(&mut remaining) {
             gathered.resize(N * steps.len(), 0.0);
             source.scores(steps, &mut gathered, &mut self.taken_out)?;
             pack_segments(&gathered, &mut packed);
-            let products = multiply_segments(MaxPlus, &few, &packed)?;
+            let products = multiply_segments(MaxPlus, &model, &packed)?;
+            // As in the filter: the starts of all segments by their products, then all eight at
+            // once.
             let starts = self.through(&products)?;
             let mut block: ForwardPass<N> = vec![[[0; 2]; N]; packed.len()];
-            decode_segments(&few, &starts, &packed, &mut block)?;
+            decode_segments(&model, &starts, &packed, &mut block)?;
             blocks.push(block);
         }
-        self.path_in_blocks(source, left.start, blocks)
+        self.path_in_blocks(source, remaining.start, blocks)
     }
 
     /// Takes the scores through eight segments. Returns them at the start of each.
@@ -120,9 +126,11 @@ impl Decoder {
             let largest = used.map(|j| exponents[j]).fold(f64::NEG_INFINITY, f64::max);
             let mut out = [f64::NEG_INFINITY; LANES];
             for (j, column) in products.iter().enumerate() {
+                // Exponents are whole numbers, so that these sums are exact.
                 let before = x[j] + (exponents[j] - largest);
                 for (out, values) in out.iter_mut().zip(&column.values) {
                     let score = before + values[segment];
+                    // Lower sums are rounded, and might break a tie otherwise than step by step.
                     if score > f64::NEG_INFINITY && score < LEAST_EXACT_SCORE {
                         return None;
                     }
@@ -154,9 +162,9 @@ impl Decoder {
         let n = self.states;
         let mut from: Vec<ChainPointers> = vec![[0; 3]; (self.steps + 1).saturating_sub(first)];
         let mut gathered = vec![0.0; n * GATHERED.min(from.len())];
-        let mut left = first..self.steps + 1;
+        let mut remaining = first..self.steps + 1;
         for from in from.chunks_mut(GATHERED) {
-            let steps = choice::next_steps(&mut left)?;
+            let steps = choice::next_steps(&mut remaining)?;
             let gathered = &mut gathered[..n * from.len()];
             source.scores(steps, gathered, &mut self.taken_out)?;
             chain_decode(&self.columns, &mut self.scores, n, gathered, from).then_some(())?;
@@ -165,6 +173,8 @@ impl Decoder {
         let mut states = in_large_pages(vec![state; self.steps]);
         let mut out = states[..self.steps - 1].iter_mut().rev();
         for (bits, out) in from.iter().rev().zip(&mut out) {
+            // A pointer of three bits for each of eight states, in three bytes: byte b has bit b of
+            // all.
             state = bits.iter().rev().fold(0, |s, bit| s << 1 | usize::from(bit >> state & 1));
             *out = state;
         }

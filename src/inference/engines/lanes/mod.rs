@@ -1,34 +1,31 @@
 //! Many sequences through one model, eight at a time, one in each lane of a vector: products with
 //! a stored matrix need no gathers, and its entries are read once for all eight.
 //!
-//! Linear space suffices for nearly all sequences. A lane in which it might not, or that gives
-//! reason for an error, is marked, and its sequence is processed by itself afterwards: the general
-//! routine knows about logarithms and errors.
+//! The recursions are those of one sequence (sections 2, 3, 7 and 9 of the
+//! [formulas](crate::guide::formulas)), in linear space with lifted beliefs, which suffices for
+//! nearly all sequences (`limits`, "In lanes"). A lane in which it might not suffice, or that gives
+//! reason for an error, becomes invalid for good, and its sequence is taken by itself afterwards:
+//! the routine for one sequence knows about logarithms and errors. No lane reads what another has
+//! written, so that a result does not depend on the other sequences of the group.
 
-mod backward;
-mod each;
-mod forward;
-mod learn;
-mod likelihoods;
+mod chunks;
+mod expectations;
+mod forward_backward;
 mod viterbi;
 
 use std::sync::OnceLock;
 
-use super::choice::{self, Engine};
 use crate::hmm::Hmm;
+use crate::inference::step::Workspace;
 use crate::kernels::{LANES, Lines, Packed};
-use crate::likelihood::{Likelihood, Scratch};
+use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
 
-pub(crate) use backward::smooth;
-pub(crate) use each::{GroupRows, Room, Routine, each};
-pub(crate) use forward::{filter, log_likelihood};
-pub(crate) use learn::expect;
-pub(crate) use viterbi::viterbi;
+pub(crate) use chunks::{LaneRoutine, SharedRows, collect_all, visit_all};
 
 /// A model whose matrix is stored, without entries so small that linear space needs more care.
-pub(crate) struct BatchModel<'m, A, B> {
+pub(crate) struct LaneModel<'m, A, B> {
     hmm: &'m Hmm<A, B>,
     rows: Lines<'m>,
     columns: Lines<'m>,
@@ -39,7 +36,7 @@ pub(crate) struct BatchModel<'m, A, B> {
     log2: OnceLock<Vec<f64>>,
 }
 
-impl<'m, A: Transition, B: Likelihood> BatchModel<'m, A, B> {
+impl<'m, A: Transition, B: Likelihood> LaneModel<'m, A, B> {
     /// `None` if the model is not for lanes.
     pub(crate) fn new(hmm: &'m Hmm<A, B>) -> Option<Self> {
         let control = hmm.transition().no_control()?;
@@ -47,7 +44,10 @@ impl<'m, A: Transition, B: Likelihood> BatchModel<'m, A, B> {
         if hmm.transition().evidence(control).is_some() {
             return None;
         }
+        // No entry is below `LEAST_ENTRY`: with normal beliefs and likelihoods of at least `TINY`,
+        // no product then becomes 0 unseen.
         let (rows, columns) = hmm.transition().stored(control)?.plain_lines()?;
+        // A prior that is not normal could make a lifted product 0 unseen.
         let prior = hmm.prior().belief().as_slice();
         if prior.iter().any(|p| 0.0 < *p && *p < f64::MIN_POSITIVE) {
             return None;
@@ -55,21 +55,49 @@ impl<'m, A: Transition, B: Likelihood> BatchModel<'m, A, B> {
         let (ones, zeros) = (vec![1.0; prior.len()], vec![0.0; prior.len()]);
         Some(Self { hmm, rows, columns, ones, zeros, log2: OnceLock::new() })
     }
+
+    fn states(&self) -> usize {
+        self.ones.len()
+    }
 }
 
-/// Up to eight sequences, with their numbers.
+/// Up to eight sequences, each with its index.
 pub(crate) struct Group<'s, S> {
-    sequences: &'s [(usize, &'s S)],
+    pub(crate) sequences: &'s [(usize, &'s S)],
     /// Number of steps; 0 for lanes without a sequence.
-    steps: [usize; LANES],
+    pub(crate) steps: [usize; LANES],
     longest: usize,
+    /// True if the group runs in lanes, as the plan says; otherwise its sequences run one by one.
+    pub(crate) in_lanes: bool,
+}
+
+impl<'s, S> Group<'s, S> {
+    /// Creates a group, and asks the plan whether so many sequences, the longest of so many steps,
+    /// run in lanes.
+    pub(crate) fn new<U, Y: ?Sized>(
+        sequences: &'s [(usize, &'s S)],
+        runs_in_lanes: impl Fn(usize, usize) -> bool,
+    ) -> Self
+    where
+        S: Sequence<U, Y>,
+    {
+        let mut steps = [0; LANES];
+        steps.iter_mut().zip(sequences).for_each(|(steps, (_, s))| *steps = s.steps());
+        let longest = steps.iter().copied().max().unwrap_or(0);
+        Self { sequences, steps, longest, in_lanes: runs_in_lanes(sequences.len(), longest) }
+    }
+
+    /// Lanes with a step to take. An empty sequence is taken by itself.
+    fn lanes(&self) -> [bool; LANES] {
+        self.steps.map(|steps| steps > 0)
+    }
 }
 
 /// Memory for groups, kept from one to the next.
 #[derive(Default)]
-pub(crate) struct BatchMemory {
+pub(crate) struct LaneMemory {
     /// Beliefs of steps 0 to T, or only the last one.
-    alpha: Vec<Packed>,
+    beliefs: Vec<Packed>,
     /// Likelihoods of steps 1 to T, likewise.
     likelihoods: Vec<Packed>,
     /// One over the normalisers of steps 1 to T.
@@ -80,56 +108,25 @@ pub(crate) struct BatchMemory {
     /// γ / α and γ / p, lifted.
     q: Vec<Packed>,
     ratio: Vec<Packed>,
-    from: Vec<[u32; LANES]>,
-    lanes: [Lane; LANES],
+    backpointers: Vec<[u32; LANES]>,
+    lanes: [Workspace; LANES],
 }
 
-/// Memory of a lane.
-#[derive(Default)]
-pub(crate) struct Lane {
-    scratch: Scratch,
-    values: Vec<f64>,
-}
-
-/// Results of the lanes; `None` where the sequence has to be processed by itself.
-pub(crate) type Outcome<R> = [Option<R>; LANES];
-
-impl BatchMemory {
-    /// Makes room for `kept` steps of beliefs and likelihoods, and for `steps` normalisers.
-    fn fit(&mut self, states: usize, kept: usize, steps: usize) {
+impl LaneMemory {
+    /// Makes room for beliefs and likelihoods of `stored` steps, and for `steps` normalisers. What
+    /// earlier groups left in it is not cleared: a routine writes before it reads.
+    fn fit(&mut self, states: usize, stored: usize, steps: usize) {
         let grow = |room: &mut Vec<Packed>, count: usize| {
             if room.len() < count {
                 room.resize(count, Packed::default());
             }
         };
-        grow(&mut self.alpha, (states * (kept + 1)).next_multiple_of(LANES));
-        grow(&mut self.likelihoods, states * kept.max(1));
+        // Whole blocks of eight rows are unpacked, beyond the last row too.
+        grow(&mut self.beliefs, (states * (stored + 1)).next_multiple_of(LANES));
+        grow(&mut self.likelihoods, states * stored.max(1));
         grow(&mut self.inverse, steps);
         for room in [&mut self.x, &mut self.next, &mut self.q, &mut self.ratio] {
             room.resize(states, Packed::default());
         }
-    }
-}
-
-impl<'s, S> Group<'s, S> {
-    pub(crate) fn new<U, Y: ?Sized>(sequences: &'s [(usize, &'s S)]) -> Self
-    where
-        S: Sequence<U, Y>,
-    {
-        let mut steps = [0; LANES];
-        steps.iter_mut().zip(sequences).for_each(|(steps, (_, s))| *steps = s.steps());
-        let longest = steps.iter().copied().max().unwrap_or(0);
-        Self { sequences, steps, longest }
-    }
-
-    /// Returns true if the group is for lanes, by the engine of so many sequences.
-    pub(crate) fn is_in_lanes(&self, states: usize, engine: fn(usize, usize) -> Engine) -> bool {
-        let engine = engine(self.sequences.len(), states);
-        choice::for_group(engine, states, self.longest) == Engine::Lanes
-    }
-
-    /// Lanes that have a step.
-    fn lanes(&self) -> [bool; LANES] {
-        self.steps.map(|steps| steps > 0)
     }
 }

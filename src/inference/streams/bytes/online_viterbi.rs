@@ -3,7 +3,7 @@
 use super::{Kind, Reader, Writer, contents};
 use crate::error::SnapshotError;
 use crate::inference::OnlineViterbiSnapshot;
-use crate::inference::decoding::scores::TakenOut;
+use crate::inference::step::scores::TakenOut;
 use crate::inference::streams::online_viterbi_snapshot::Node;
 
 impl OnlineViterbiSnapshot {

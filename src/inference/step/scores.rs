@@ -4,9 +4,9 @@
 
 use std::f64::consts::{LN_2, LOG2_E};
 
+use super::{Step, Workspace};
 use crate::error::InferenceError;
 use crate::inference::LogSum;
-use crate::inference::step::{Step, Workspace};
 use crate::kernels::{self, Scores, ScoresIn};
 use crate::likelihood::{Diagonal, Likelihood, Values};
 use crate::limits::{self, LIFT};
@@ -45,11 +45,14 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         taken_out: &mut TakenOut,
     ) -> Result<(), InferenceError> {
         let prior = self.hmm.prior().belief().as_slice();
+        // Lifted, so that a small prior times a small entry is not lost before its logarithm is
+        // taken.
         let mut lifted = vec![0.0; prior.len()];
         kernels::lift(prior, &mut lifted);
         let evidence = self.evidence()?;
         if let Some(log_factor) = evidence {
             taken_out.factors.add(log_factor);
+            // The evidence says itself that its factors leave the range of doubles.
             if self.needs_logs() {
                 return self.first_scores_in_logs(scores, &mut lifted);
             }
@@ -108,7 +111,7 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
 
     /// Returns an error if evidence on the move leaves no path with a probability above 0, or is
     /// not valid; `best` is the score of the best path.
-    pub(crate) fn check_best_way(&self, best: f64) -> Result<(), InferenceError> {
+    pub(crate) fn check_best_path(&self, best: f64) -> Result<(), InferenceError> {
         let step = self.number;
         if best.is_finite() {
             Ok(())
@@ -142,12 +145,13 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         let Some(control) = self.control else { return Ok(()) }; // only step 1 has none
         let evidence = self.take_out_evidence(taken_out)?;
         let transition = self.hmm.transition();
+        // A stored matrix adds the likelihoods and finds the best on its way, in one pass.
         let largest = if let Some(matrix) = self.stored(control) {
             matrix.maximize(scores, likelihoods, next, from)
         } else {
             transition.max_product(control, scores, next, from);
             if evidence {
-                self.check_best_way(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
+                self.check_best_path(next.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
             }
             kernels::add_scores(next, likelihoods)
         };
@@ -189,9 +193,12 @@ impl<A: TransitionEntries, B: Likelihood> Step<'_, A, B> {
         best: f64,
         taken_out: &mut TakenOut,
     ) -> Result<f64, InferenceError> {
+        // No path is left.
         if best == f64::NEG_INFINITY {
             return Err(InferenceError::Impossible { step: self.number });
         }
+        // The best stays from 0 to 1: scores keep the digits of their grid over any number of
+        // steps.
         let floor = taken_out.whole_of(best);
         scores.iter_mut().for_each(|score| *score -= floor);
         Ok(floor)

@@ -1,0 +1,251 @@
+//! Forward–backward in lanes: α_k = (A α_{k-1}) ∘ b / N_k forward, and backward q = A' (q ∘ b / N),
+//! γ = α ∘ q (sections 2 and 3 of the [formulas](crate::guide::formulas)).
+//!
+//! Beliefs are lifted at all steps, as those of one sequence are where they must be, so that both
+//! have the same digits. The largest likelihood of each lane is within `UNSCALED`, and the others are
+//! at least `TINY`, or the lane becomes invalid: with entries of at least `LEAST_ENTRY`, no lifted
+//! product then becomes 0 unseen. In a model with rounded tails, small ones may.
+
+use super::{Group, LaneMemory, LaneModel};
+use crate::inference::LogSum;
+use crate::inference::step::Workspace;
+use crate::kernels::{self, Eight, LANES, Packed};
+use crate::likelihood::{Likelihood, Values};
+use crate::limits::{self, BACK_LIFT, LEAST_NORMALIZER, LIFT, TINY, UNSCALED, exponent, power};
+use crate::sequence::Sequence;
+use crate::transition::Transition;
+
+/// Results of the passes for each lane.
+pub(crate) struct LaneForward {
+    /// True while linear space holds the sequence of a lane, and there is no error.
+    pub(crate) valid: [bool; LANES],
+    log_likelihoods: [LogSum; LANES],
+}
+
+impl LaneForward {
+    /// Returns ln p(y_1 … y_T) of the valid lanes.
+    pub(crate) fn log_likelihoods(&self) -> [Option<f64>; LANES] {
+        std::array::from_fn(|l| self.valid[l].then(|| self.log_likelihoods[l].value()))
+    }
+}
+
+impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
+    /// Filters a group, and stores beliefs and likelihoods of all steps if `stores`. Passes
+    /// ln p(y_k | y_1 … y_{k-1}) of each lane and step to `visit`.
+    pub(crate) fn forward<S>(
+        &self,
+        group: &Group<'_, S>,
+        memory: &mut LaneMemory,
+        stores: bool,
+        mut visit: impl FnMut(usize, f64),
+    ) -> LaneForward
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let prior = self.hmm.prior();
+        let start = prior.belief().as_slice();
+        let n = self.states();
+        memory.fit(n, if stores { group.longest } else { 0 }, group.longest);
+        let LaneMemory { beliefs, likelihoods, inverse, x, next, lanes, .. } = memory;
+        for ((x, belief), p) in x.iter_mut().zip(&mut *beliefs).zip(start) {
+            (*x, *belief) = (Packed([p * LIFT; LANES]), Packed([*p; LANES]));
+        }
+        let (mut valid, mut log_likelihoods) = (group.lanes(), [LogSum::default(); LANES]);
+        for step in 1..=group.longest {
+            let row = if stores { step } else { 0 };
+            let belief = &mut beliefs[row * n..][..n];
+            let likelihoods = &mut likelihoods[row.saturating_sub(1) * n..][..n];
+            let scales = self.likelihoods(group, step, lanes, &mut valid, likelihoods);
+            let matrix = prior.moves_at(step).then_some(self.rows);
+            let sums = kernels::batch_forward(matrix, x, likelihoods, next);
+            let lost = kernels::batch_normalize(next, belief, sums);
+            std::mem::swap(x, next);
+            let inverse = &mut inverse[step - 1];
+            for l in 0..LANES {
+                let normalizer = sums[l] / LIFT;
+                inverse[l] = 1.0 / normalizer;
+                // The conditions of `limits::holds` for predictions that sum to one; a NaN fails
+                // them. A sequence that has ended goes on with likelihoods of one, unlooked at.
+                valid[l] &= step > group.steps[l]
+                    || normalizer >= LEAST_NORMALIZER * scales.largest[l]
+                        && normalizer.is_finite()
+                        && (!lost[l] || self.hmm.rounds_tails());
+                if valid[l] && step <= group.steps[l] {
+                    let log = normalizer.ln() + scales.logs[l];
+                    log_likelihoods[l].add(log);
+                    visit(l, log);
+                }
+                if !inverse[l].is_normal() {
+                    // An invalid lane goes on from the prior, so that no infinity or NaN slows the
+                    // vectors down, or stays in memory that later groups use.
+                    inverse[l] = 1.0;
+                    for ((x, belief), p) in x.iter_mut().zip(&mut *belief).zip(start) {
+                        (x[l], belief[l]) = (p * LIFT, *p);
+                    }
+                }
+            }
+            if valid == [false; LANES] {
+                break;
+            }
+        }
+        LaneForward { valid, log_likelihoods }
+    }
+
+    /// Replaces the stored beliefs of all steps by smoothed ones, from the last, and adds
+    /// α(j) γ(i) / p(i), lifted, to the counts of the columns' entries.
+    pub(crate) fn backward<S>(
+        &self,
+        group: &Group<'_, S>,
+        memory: &mut LaneMemory,
+        valid: &mut [bool; LANES],
+        mut counts: Option<&mut [Packed]>,
+    ) {
+        let n = self.states();
+        // A lane whose sequence is shorter than the longest begins later, from these zeros: 0 times
+        // an infinity that an earlier group left would be NaN.
+        memory.q.fill(Packed::default());
+        let mut sums = [1.0; LANES];
+        let LaneMemory { beliefs, likelihoods, inverse, q, ratio, .. } = memory;
+        for step in (1..=group.longest).rev() {
+            if *valid == [false; LANES] {
+                break;
+            }
+            if !self.hmm.prior().moves_at(step) {
+                beliefs.copy_within(n..2 * n, 0); // X_0 is the same state as X_1
+                continue;
+            }
+            // A factor of 0 keeps the belief of a lane as it is.
+            let mut factors = [0.0; LANES];
+            for l in 0..LANES {
+                if step == group.steps[l] {
+                    // γ_T = α_T, so that γ / α is one in all states.
+                    q.iter_mut().for_each(|q| q[l] = BACK_LIFT);
+                    sums[l] = 1.0;
+                }
+                if step <= group.steps[l] && valid[l] {
+                    // Divided by the sum of the last γ, whose rounding would add up otherwise.
+                    factors[l] = inverse[step - 1][l] / sums[l];
+                }
+            }
+            let before = &mut beliefs[(step - 1) * n..][..n];
+            let likelihoods = &likelihoods[(step - 1) * n..][..n];
+            kernels::batch_ratio(q, likelihoods, factors, ratio);
+            if let Some(counts) = &mut counts {
+                kernels::count_moves(self.columns, before, ratio, counts);
+            }
+            sums = kernels::batch_backward(self.columns, factors, ratio, before, q);
+            for (l, valid) in valid.iter_mut().enumerate() {
+                // A step back conserves Σ γ. What overflows or is lost shows in it (`limits`, "The
+                // way back").
+                if *valid && step <= group.steps[l] && !limits::is_one(sums[l]) {
+                    *valid = false;
+                    q.iter_mut().for_each(|q| q[l] = 0.0);
+                }
+            }
+        }
+    }
+}
+
+/// Stands for a likelihood below the range of exp: it is tiny, so that the lane becomes invalid.
+const LOST: f64 = f64::from_bits(1);
+
+/// Largest likelihood of each lane, and ln of what was taken out.
+pub(crate) struct LaneScales {
+    pub(crate) largest: Eight,
+    pub(crate) logs: Eight,
+}
+
+impl<A: Transition, B: Likelihood> LaneModel<'_, A, B> {
+    /// Packs the likelihoods of a step, 1 in lanes that have ended. Lanes whose likelihoods are not valid, or too small beside the largest, become invalid.
+    pub(crate) fn likelihoods<S>(
+        &self,
+        group: &Group<'_, S>,
+        step: usize,
+        lanes: &mut [Workspace; LANES],
+        valid: &mut [bool; LANES],
+        out: &mut [Packed],
+    ) -> LaneScales
+    where
+        S: Sequence<A::Control, B::Observation>,
+    {
+        let mut rows = [&self.ones[..]; LANES];
+        let rounded = self.hmm.rounds_tails();
+        let mut scales = LaneScales { largest: [1.0; LANES], logs: [0.0; LANES] };
+        for (l, ((_, sequence), lane)) in group.sequences.iter().zip(lanes).enumerate() {
+            if valid[l] && step <= group.steps[l] {
+                match self.row(sequence.observation(step), lane) {
+                    Some(row) => (rows[l], scales.logs[l]) = row,
+                    // The routine for one sequence finds the error again, with its step.
+                    None => valid[l] = false,
+                }
+            }
+        }
+        // Rows as the sensors gave them: checked by their range, while they are packed.
+        let range = kernels::pack(rows, out);
+        for (l, valid) in valid.iter_mut().enumerate() {
+            let mut tiny = range.tiny[l];
+            scales.largest[l] = range.largest[l];
+            // A negative likelihood shows here, and a NaN in the sum of the step, even times a
+            // belief of 0.
+            *valid &= range.least[l] >= 0.0;
+            if *valid && !UNSCALED.contains(&range.largest[l]) {
+                *valid = scale(out, l, &mut scales, &mut tiny).is_some();
+            }
+            *valid &= !tiny || rounded;
+        }
+        scales
+    }
+
+    /// Returns the likelihoods of an observation, and ln of what was taken out; `None` if they are
+    /// not valid, or nothing is possible.
+    fn row<'a>(
+        &'a self,
+        observation: &'a B::Observation,
+        lane: &'a mut Workspace,
+    ) -> Option<(&'a [f64], f64)> {
+        let n = self.states();
+        let Workspace { scratch, values } = lane;
+        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).ok()?;
+        diagonal.check_shape(n).ok()?;
+        let logs = match diagonal.values {
+            Values::Linear(values) | Values::Checked { linear: values, .. } => {
+                return Some((values, diagonal.log_factor));
+            }
+            Values::Log(logs) => logs,
+        };
+        // Checked before exp, which makes valid likelihoods of wrong logarithms.
+        let largest = diagonal.check(n).ok()?;
+        if largest == f64::NEG_INFINITY {
+            return None;
+        }
+        let lost = if self.hmm.rounds_tails() { 0.0 } else { LOST };
+        values.clear();
+        values.extend(logs.iter().map(|log| match (log - largest).exp() {
+            b if b >= f64::MIN_POSITIVE || *log == f64::NEG_INFINITY => b,
+            _ => lost,
+        }));
+        Some((values, diagonal.log_factor + largest))
+    }
+}
+
+/// Brings the largest likelihood of a lane near one, by a power of two. `None` if it is 0 or
+/// infinite.
+#[cold]
+fn scale(out: &mut [Packed], lane: usize, scales: &mut LaneScales, tiny: &mut bool) -> Option<()> {
+    let largest = scales.largest[lane];
+    if !(largest > 0.0 && largest.is_finite()) {
+        return None;
+    }
+    // A power of two is exact; clamped, since 2^-by has to be a double itself.
+    let by = exponent(largest).clamp(-1000, 1000);
+    let factor = power(-by);
+    *tiny = false;
+    for eight in out {
+        let b = &mut eight[lane];
+        *tiny |= *b > 0.0 && *b * factor < TINY;
+        *b *= factor;
+    }
+    scales.largest[lane] = largest * factor;
+    scales.logs[lane] += by as f64 * std::f64::consts::LN_2;
+    Some(())
+}

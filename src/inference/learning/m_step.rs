@@ -1,0 +1,79 @@
+//! The M-step of learning: the model that fits expectations best (section 9 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! Prior, operator and sensor are maximised by themselves, since the expected log-likelihood is a
+//! sum of a term for each. Probabilities of 0 stay 0.
+
+use super::expectations::Expectations;
+use super::learned_model::LearningOptions;
+use crate::belief::Belief;
+use crate::error::LearnError;
+use crate::hmm::{Hmm, Prior};
+use crate::likelihood::LearnLikelihood;
+use crate::transition::LearnTransition;
+
+/// # Learning in parts
+impl<A: LearnTransition, B: LearnLikelihood> Hmm<A, B> {
+    /// Returns the model that fits expectations under this model best: the M-step. Of the options
+    /// it uses the pseudo-counts and `keep_prior`.
+    ///
+    /// # Errors
+    ///
+    /// [`LearnError`] if a number of `learning` is not valid, the expectations are those of
+    /// another model, or of no sequence ([`LearnError::Nothing`]), or a part cannot be
+    /// re-estimated.
+    pub fn maximize(
+        &self,
+        expectations: &Expectations<B>,
+        learning: &LearningOptions,
+    ) -> Result<Self, LearnError> {
+        learning.check()?;
+        let families = self.transition().families();
+        for (what, found, expected) in [
+            ("states", expectations.first.len(), self.states()),
+            ("families of moves", expectations.moves.len(), families),
+        ] {
+            if found != expected {
+                return Err(LearnError::Expectations { what, found, expected });
+            }
+        }
+        // Every sequence with an observation starts somewhere.
+        if expectations.first.iter().all(|p| *p == 0.0) {
+            return Err(LearnError::nothing(0, None));
+        }
+        self.maximize_unchecked(expectations, learning)
+    }
+
+    /// Returns the model that fits the expectations best.
+    pub(crate) fn maximize_unchecked(
+        &self,
+        expected: &Expectations<B>,
+        learning: &LearningOptions,
+    ) -> Result<Self, LearnError> {
+        let belief = self.prior().belief();
+        // Labelled drives may begin at unknown states: nothing is learned of the prior, which
+        // stays.
+        let unseen = learning.prior_pseudo_count == 0.0 && expected.first.iter().all(|p| *p == 0.0);
+        let prior = if learning.keep_prior || unseen {
+            belief.clone()
+        } else {
+            let known = belief.as_slice().iter().zip(&expected.first);
+            let weight = |(&old, &seen): (&f64, &f64)| {
+                // A pseudo-count must not make a state possible that the model rules out.
+                if old > 0.0 { seen + learning.prior_pseudo_count } else { 0.0 }
+            };
+            Belief::from_weights(known.map(weight).collect())?
+        };
+        let prior = match self.prior() {
+            Prior::BeforeFirstTransition(_) => Prior::BeforeFirstTransition(prior),
+            Prior::AtFirstObservation(_) => Prior::AtFirstObservation(prior),
+        };
+        let transition =
+            self.transition().maximize(&expected.moves, learning.transition_pseudo_count)?;
+        let likelihood = self
+            .likelihood()
+            .maximize(&expected.sensor, learning.likelihood_pseudo_count)
+            .map_err(LearnError::likelihood)?;
+        Ok(Self::new(prior, transition, likelihood)?.rounding_tails(self.rounds_tails()))
+    }
+}
