@@ -3,15 +3,16 @@
 use std::mem;
 use std::ops::Deref;
 
-use super::envelope::LEAST_KEPT;
+use super::active_set::ActiveSet;
+use super::envelope::{Envelope, LEAST_KEPT};
 use super::moves::Moves;
 use super::weights::Weights;
 use super::wide::Wide;
-use super::{Certificate, PrunedFilter};
+use super::{Certificate, PrunedFilter, PrunedFilterSnapshot};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::likelihood::{LocalLikelihood, Unlisted};
+use crate::likelihood::{LocalLikelihood, Scratch, Unlisted};
 use crate::limits;
 use crate::transition::TransitionEntries;
 
@@ -29,6 +30,45 @@ const NEAR: f64 = 1e-3;
 const LESS: f64 = 0.1;
 const MORE: f64 = 1.01;
 
+/// Memory of steps, and where the active states are.
+#[derive(Debug, Clone)]
+pub(super) struct PrunedScratch {
+    pub(super) next: Envelope,
+    /// Follows the belief of the state.
+    pub(super) active_set: ActiveSet,
+    wide: Wide,
+    wanted: Vec<usize>,
+    values: Vec<f64>,
+    sensor: Scratch,
+}
+
+impl PrunedScratch {
+    pub(super) fn new(states: usize) -> Self {
+        Self {
+            next: Envelope::default(),
+            active_set: ActiveSet::new(states),
+            wide: Wide::default(),
+            wanted: Vec::new(),
+            values: Vec::new(),
+            sensor: Scratch::default(),
+        }
+    }
+
+    /// Replaces a state by another, whose belief is in `next`; the memory of the former belief is
+    /// that of the next one.
+    pub(super) fn replace(
+        &mut self,
+        state: &mut PrunedFilterSnapshot,
+        other: &PrunedFilterSnapshot,
+    ) {
+        // Touches the states of both beliefs alone: the index of n entries is never cleared.
+        self.active_set.follow(&state.belief.states, &self.next.states);
+        mem::swap(&mut state.belief, &mut self.next);
+        let belief = mem::take(&mut state.belief);
+        *state = PrunedFilterSnapshot { belief, ..*other };
+    }
+}
+
 impl<M, A, B> PrunedFilter<M>
 where
     M: Deref<Target = Hmm<A, B>>,
@@ -42,7 +82,9 @@ where
         control: Option<&A::Control>,
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
-        let Self { model, belief, next, active_set, wide, wanted, values, scratch, .. } = self;
+        let Self { model, bounds, state, scratch } = self;
+        let PrunedFilterSnapshot { pruning, belief, share, .. } = state;
+        let PrunedScratch { next, active_set, wide, wanted, values, sensor } = scratch;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
@@ -50,7 +92,7 @@ where
             model.likelihood().listed_states(observation, wanted);
         }
         let operator = control.map(|control| (model.transition(), control));
-        let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
+        let is_wide = Wide::is_for(belief, model.transition(), control, bounds.as_ref());
         match operator {
             Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
             _ => active_set.list(&belief.states, operator, wanted),
@@ -61,19 +103,13 @@ where
         let (mut unlisted, mut largest) = (Unlisted::at_most(1.0), 1.0);
         if let Some(observation) = observation {
             let wrap = |cause| InferenceError::likelihood(number, cause);
-            let local = model.likelihood().local(observation, candidates, values, scratch);
+            let local = model.likelihood().local(observation, candidates, values, sensor);
             unlisted = local.map_err(wrap)?;
             largest = unlisted.check(candidates, values).map_err(wrap)?;
         }
         let is_open = belief.is_open();
         let mut moves = control.map(|control| {
-            Moves::new(
-                model.transition(),
-                control,
-                evidence,
-                self.bounds,
-                (&belief.states, is_open),
-            )
+            Moves::new(model.transition(), control, evidence, *bounds, (&belief.states, is_open))
         });
         // The bounds of an open belief come from all entries, so that 0 means that there is none.
         let nothing = |moves: &Moves<'_, A>| {
@@ -118,22 +154,26 @@ where
         }
         // Below the mean of the candidates, so that the largest is kept.
         let count = candidates.len() as f64;
-        let each = self.pruning.tolerance.max(0.0) * self.share / count;
+        let each = pruning.tolerance.max(0.0) * *share / count;
         let each = each.clamp(LEAST_KEPT, 0.5 / count);
-        let log = next.settle(&raw, each, self.pruning.most_active.max(1), values);
+        let log = next.settle(&raw, each, pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
-        self.steps = number;
-        self.log.add(log + weights.log_factor + log_factor);
-        self.log.add(rescaled);
-        self.log_excess.add(unknown);
-        self.log_lost |= !self.belief.is_known();
-        self.bound = self.belief.bound();
-        self.adapt();
-        Ok(self.certificate())
+        state.steps = number;
+        state.log.add(log + weights.log_factor + log_factor);
+        state.log.add(rescaled);
+        state.log_excess.add(unknown);
+        // Sums that have become infinite stay so; what they have lost is no number then.
+        (state.log, state.log_excess) = (state.log.known(), state.log_excess.known());
+        state.log_lost |= !state.belief.is_known();
+        state.bound = state.belief.bound();
+        state.adapt();
+        Ok(state.certificate())
     }
+}
 
+impl PrunedFilterSnapshot {
     /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;
