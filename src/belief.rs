@@ -115,16 +115,6 @@ impl Belief {
     pub(crate) fn known(probabilities: Vec<f64>) -> Self {
         Self { probabilities }
     }
-
-    /// Number of values that there is memory for.
-    pub(crate) fn capacity(&self) -> usize {
-        self.probabilities.capacity()
-    }
-
-    /// Mutable values for inference, which maintains the invariant.
-    pub(crate) fn as_mut_vec(&mut self) -> &mut Vec<f64> {
-        &mut self.probabilities
-    }
 }
 
 impl<'a> Belief<&'a [f64]> {

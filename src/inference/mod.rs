@@ -52,21 +52,27 @@ pub use sequences::posteriors::Posteriors;
 pub use sequences::simulation::{LabelledSequence, Simulation};
 pub use sequences::smooth_each::{Order, SmoothedStep};
 pub use sequences::smoother::SmoothedSequence;
+pub use step::state::FilterSnapshot;
 pub use streams::filter::Filter;
-pub use streams::filter_snapshot::FilterSnapshot;
 pub use streams::fixed_lag::FixedLag;
 pub use streams::fixed_lag_snapshot::FixedLagSnapshot;
 pub use streams::online_viterbi::OnlineViterbi;
 pub use streams::online_viterbi_snapshot::OnlineViterbiSnapshot;
 pub use trellis::{SmoothedTrellis, Trellis};
 
+pub(crate) use step::state::LogSum;
+#[cfg(feature = "places")]
+pub(crate) use step::state::MOST_STEPS;
+
+/// Lists of the fields of states, with their codecs.
 #[cfg(feature = "serde")]
-pub(crate) use pruned::Envelope;
-pub(crate) use step::log_sum::LogSum;
-#[cfg(feature = "serde")]
-pub(crate) use step::scores::TakenOut;
-pub(crate) use streams::filter_snapshot::MOST_STEPS;
-#[cfg(feature = "serde")]
-pub(crate) use streams::online_viterbi_snapshot::Node;
+pub(crate) mod stored_states {
+    pub(crate) use super::pruned::snapshot::{OTHERS, pruned_fields};
+    pub(crate) use super::streams::filter_snapshot::filter_fields;
+    pub(crate) use super::streams::format::*;
+    pub(crate) use super::streams::online_viterbi_snapshot::{
+        LEVELS, TAKEN_OUT, online_viterbi_fields,
+    };
+}
 #[cfg(feature = "matching")]
 pub(crate) use trellis::{Scale, TrellisForward};

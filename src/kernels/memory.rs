@@ -42,6 +42,25 @@ impl Aligned {
         values.truncate(start + len);
         Self { values, start }
     }
+
+    /// Number of values that there is memory for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.values.capacity()
+    }
+}
+
+impl From<Vec<f64>> for Aligned {
+    /// Takes values as they are, wherever they begin: for values at rest, which take no more memory
+    /// than their numbers.
+    fn from(values: Vec<f64>) -> Self {
+        Self { values, start: 0 }
+    }
+}
+
+impl PartialEq for Aligned {
+    fn eq(&self, other: &Self) -> bool {
+        self[..] == other[..]
+    }
 }
 
 impl Deref for Aligned {

@@ -2,7 +2,7 @@
 //!
 //! Positive doubles have all their digits from 2^-1022 on ("normal"), round to 0 below 2^-1075, and
 //! are infinite from 2^1024 on. The limits of all recursions are here, with the tests of
-//! numbers against them; `inference::step::belief_form` keeps a belief in its form.
+//! numbers against them; `inference::step::state` keeps a belief in its form.
 //!
 //! # Forms
 //!

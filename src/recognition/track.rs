@@ -9,6 +9,7 @@ use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};
 use crate::error::{Count, InferenceError, Parameter};
 use crate::inference::{Filter, FilterSnapshot, MOST_STEPS};
+use crate::kernels::Aligned;
 use crate::transition::Transition;
 
 /// A vehicle tracked step by step.
@@ -197,11 +198,8 @@ impl Track {
     fn check_belief(&self, filter: &FilterSnapshot) -> Result<(), RecognitionError> {
         let states =
             self.recognizer.motion().speeds().values().len() * self.recognizer.references();
-        let belief = filter.belief.as_slice();
-        let on_map = match &filter.logs {
-            Some(logs) => logs.iter().take(states).any(|log| *log > f64::NEG_INFINITY),
-            None => belief.iter().take(states).any(|p| *p > 0.0),
-        };
+        let (held, belief) = (filter.held(), &filter.belief);
+        let on_map = (0..states.min(belief.len())).any(|i| held.log(i) > f64::NEG_INFINITY);
         // The filter reports another number of states.
         if on_map || self.recognizer.options().off_map.is_some() || belief.len() <= states {
             return Ok(());
@@ -219,8 +217,9 @@ impl Track {
             layers.flat_map(|layer| layer.iter().copied().chain(new.clone())).collect()
         };
         let mut filter = self.filter.snapshot();
-        filter.belief = Belief::known(extended(filter.belief.as_slice(), 0.0));
-        filter.logs = filter.logs.map(|logs| extended(&logs, f64::NEG_INFINITY));
+        filter.belief = Aligned::from(extended(&filter.belief, 0.0));
+        // Without logarithms, an empty list stays one.
+        filter.logs = extended(&filter.logs, f64::NEG_INFINITY);
         let sensor = self.sensor.extended(recognizer.sensor_of_fit());
         let mut track = Self::new(recognizer);
         track.restore(&TrackSnapshot { filter, sensor: sensor.state().clone() })?;

@@ -55,7 +55,8 @@ impl Envelope {
         // Mass that comes from inactive states only: to each state, and to all. It is lifted before
         // it is multiplied, since bounds on entries may be as small as evidence: what then still
         // underflows is below the 1e-290 that are added.
-        let (elsewhere, outside) = (before.elsewhere * PRUNED_LIFT, before.outside * PRUNED_LIFT);
+        let (elsewhere, outside) =
+            (before.others.elsewhere * PRUNED_LIFT, before.others.outside * PRUNED_LIFT);
         let (one, all) = match moves {
             Some(Moves { bounds, .. }) => {
                 let by_row = times(bounds.row, elsewhere);
@@ -64,12 +65,12 @@ impl Envelope {
             None => (elsewhere, outside),
         };
         let round_up = |x: f64| if before.is_open() { x * ROUNDED_UP + LOST } else { 0.0 };
-        (self.elsewhere, self.outside) = (round_up(one), round_up(all));
+        (self.others.elsewhere, self.others.outside) = (round_up(one), round_up(all));
         for &i in active_set.candidates() {
             // A candidate that only the sensor names: nothing active leads to it, so that it has
             // the bound of all inactive states, and no estimate.
             if !active_set.is_reached(i) {
-                self.push(i, 0.0, 0.0, self.elsewhere);
+                self.push(i, 0.0, 0.0, self.others.elsewhere);
                 continue;
             }
             let Sums { estimate, lower, mut excess, beyond, terms } = sums(i);
@@ -153,8 +154,9 @@ impl Envelope {
         self.truncate(kept);
         let open = self.is_open() && weights.others > 0.0;
         let weigh = |x| if open { times(weights.others, x) * ROUNDED_UP + LOST } else { 0.0 };
-        (self.elsewhere, self.outside) = (weigh(self.elsewhere), weigh(self.outside));
-        raw.excess += self.outside;
+        (self.others.elsewhere, self.others.outside) =
+            (weigh(self.others.elsewhere), weigh(self.others.outside));
+        raw.excess += self.others.outside;
         raw
     }
 }

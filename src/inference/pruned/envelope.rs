@@ -30,6 +30,12 @@ pub(crate) struct Envelope {
     /// Lower bounds of the active states; they sum to one, unless nothing is known.
     pub(crate) lower: Vec<f64>,
     pub(crate) excess: Vec<f64>,
+    pub(crate) others: Others,
+}
+
+/// Bounds on inactive states: on each, and on all of these.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Others {
     pub(crate) elsewhere: f64,
     pub(crate) outside: f64,
 }
@@ -53,7 +59,7 @@ impl Envelope {
         self.estimate.clone_from(&other.estimate);
         self.lower.clone_from(&other.lower);
         self.excess.clone_from(&other.excess);
-        (self.elsewhere, self.outside) = (other.elsewhere, other.outside);
+        self.others = other.others;
     }
 
     /// Starts from an exact belief, with nothing pruned.
@@ -62,7 +68,7 @@ impl Envelope {
         for (state, &p) in belief.iter().enumerate().filter(|entry| *entry.1 > 0.0) {
             self.push(state, p, p, 0.0);
         }
-        (self.elsewhere, self.outside) = (0.0, 0.0);
+        self.others = Others::default();
     }
 
     pub(crate) fn clear(&mut self) {
@@ -88,7 +94,7 @@ impl Envelope {
 
     /// Returns true if inactive states may have some probability.
     pub(crate) fn is_open(&self) -> bool {
-        self.outside > 0.0
+        self.others.outside > 0.0
     }
 
     /// Returns true if there is a lower bound above 0.
@@ -113,8 +119,8 @@ impl Envelope {
         // If nothing is known from below, the estimate at least keeps the numbers in range.
         let scale = if raw.lower > 0.0 { raw.lower } else { raw.estimate };
         if self.is_open() {
-            self.elsewhere = self.elsewhere / scale * (1.0 + rounding) + LOST;
-            self.outside = self.outside / scale * (1.0 + rounding) + LOST;
+            self.others.elsewhere = self.others.elsewhere / scale * (1.0 + rounding) + LOST;
+            self.others.outside = self.others.outside / scale * (1.0 + rounding) + LOST;
         }
         for at in 0..self.states.len() {
             let lower = self.lower[at] / scale;
@@ -162,8 +168,8 @@ impl Envelope {
                 kept += 1;
             } else {
                 let most = (lower + excess).max(LOST);
-                self.elsewhere = self.elsewhere.max(most);
-                self.outside += most;
+                self.others.elsewhere = self.others.elsewhere.max(most);
+                self.others.outside += most;
             }
         }
         self.truncate(kept);
@@ -173,15 +179,16 @@ impl Envelope {
     fn normalize(&mut self) -> f64 {
         // A sum of non-negative numbers has as many roundings as terms.
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
-        self.outside *= up;
-        self.elsewhere = self.elsewhere.min(self.outside);
+        self.others.outside *= up;
+        self.others.elsewhere = self.others.elsewhere.min(self.others.outside);
         let sum: f64 = self.lower.iter().sum();
         if sum == 0.0 {
             return 0.0;
         }
         self.lower.iter_mut().for_each(|p| *p /= sum);
         self.excess.iter_mut().for_each(|p| *p /= sum);
-        (self.elsewhere, self.outside) = (self.elsewhere / sum, self.outside / sum);
+        (self.others.elsewhere, self.others.outside) =
+            (self.others.elsewhere / sum, self.others.outside / sum);
         sum.ln()
     }
 
@@ -220,7 +227,7 @@ impl Envelope {
     /// Returns an upper bound on the mass that the lower bounds miss, relative to their sum.
     pub(crate) fn deficit(&self) -> f64 {
         let up = 1.0 + (self.states.len() + 4) as f64 * f64::EPSILON;
-        (self.excess.iter().sum::<f64>() + self.outside) * up
+        (self.excess.iter().sum::<f64>() + self.others.outside) * up
     }
 
     /// Returns an upper bound on the total variation between the estimate and the exact belief.

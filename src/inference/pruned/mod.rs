@@ -2,7 +2,7 @@
 //! distance from the exact filter (section 13 of the [formulas](crate::guide::formulas)).
 //!
 //! The invariant is that of [`Envelope`]: lower and upper bounds on the exact belief, up to one
-//! factor. The numbers have a scheme of their own, beside the forms of `limits`. An estimate
+//! factor. The numbers have a scheme of their own, beside the policy of [`limits`](crate::limits). An estimate
 //! with bounds has one form: it is always lifted, by 2^900 instead of 2^1000, since upper bounds
 //! may be far above one. A loss is not noticed and taken again in logarithms, but counted:
 //! each number that may have lost digits, or has become 0, adds more than that to its bound.
@@ -15,28 +15,23 @@ mod advance;
 mod certificate;
 mod envelope;
 mod moves;
-mod snapshot;
+pub(crate) mod snapshot;
 mod step;
 mod weights;
 mod wide;
 
-use std::mem;
-use std::ops::{Deref, RangeInclusive};
+use std::ops::Deref;
 
-use self::active_set::ActiveSet;
 use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::LogSum;
-use crate::likelihood::{LocalLikelihood, Scratch};
+use crate::likelihood::LocalLikelihood;
 use crate::transition::TransitionEntries;
 pub use certificate::{Certificate, Pruning};
 pub use snapshot::PrunedFilterSnapshot;
 
-pub(crate) use envelope::Envelope;
 use moves::Bounds;
-use step::LARGEST_SHARE;
-use wide::Wide;
+use step::PrunedScratch;
 
 /// Streaming filter for very large models, which follows only an active set of states, and proves
 /// after every step a bound on the total variation between its belief and that of the exact
@@ -99,28 +94,24 @@ use wide::Wide;
 /// to which the belief leads; for one outside the range of `f64` beside them, a bound is counted.
 /// Probabilities below 1e-290 of the whole are dropped, and counted too: a sensor that
 /// contradicts the belief by more than that leaves nothing proven, and the bound says so.
+///
+/// A filter dereferences to its state, a [`PrunedFilterSnapshot`]: `filter.certificate()`,
+/// `filter.active()` and `filter.mode()` are methods of that.
 #[derive(Debug, Clone)]
 pub struct PrunedFilter<M> {
     model: M,
-    pruning: Pruning,
     /// Bounds on an operator that is the same at all steps.
     bounds: Option<Bounds>,
-    steps: usize,
-    belief: Envelope,
-    bound: f64,
-    /// Lower bound on ln p(y_1 … y_k); the upper bound adds `log_excess` and the deficit.
-    log: LogSum,
-    log_excess: LogSum,
-    /// True if nothing is known of the likelihood any more.
-    log_lost: bool,
-    /// Part of the tolerance that a step may drop.
-    share: f64,
-    next: Envelope,
-    active_set: ActiveSet,
-    wide: Wide,
-    wanted: Vec<usize>,
-    values: Vec<f64>,
-    scratch: Scratch,
+    state: PrunedFilterSnapshot,
+    scratch: PrunedScratch,
+}
+
+impl<M> Deref for PrunedFilter<M> {
+    type Target = PrunedFilterSnapshot;
+
+    fn deref(&self) -> &PrunedFilterSnapshot {
+        &self.state
+    }
 }
 
 /// # Streams
@@ -144,38 +135,21 @@ where
     /// entries once.
     #[must_use]
     pub fn new(model: M, pruning: Pruning) -> Self {
-        let mut filter = Self {
-            pruning,
-            bounds: Bounds::constant(model.transition()),
-            steps: 0,
-            belief: Envelope::default(),
-            bound: 0.0,
-            log: LogSum::default(),
-            log_excess: LogSum::default(),
-            log_lost: false,
-            share: LARGEST_SHARE,
-            next: Envelope::default(),
-            active_set: ActiveSet::new(model.states()),
-            wide: Wide::default(),
-            wanted: Vec::new(),
-            values: Vec::new(),
-            scratch: Scratch::default(),
-            model,
-        };
+        let states = model.states();
+        let scratch = PrunedScratch::new(states);
+        let bounds = Bounds::constant(model.transition());
+        let state = PrunedFilterSnapshot::start(states, pruning);
+        let mut filter = Self { model, bounds, state, scratch };
         filter.restart();
         filter
     }
 
     /// Returns to the prior, with no steps taken. O(n).
     pub fn restart(&mut self) {
-        let Self { model, belief, next, active_set, .. } = self;
-        next.start(model.prior().belief().as_slice());
-        // The places of the old states are cleared one by one, not all n.
-        active_set.follow(&belief.states, &next.states);
-        mem::swap(belief, next);
-        (self.steps, self.share, self.bound) = (0, LARGEST_SHARE, 0.0);
-        (self.log, self.log_excess) = (LogSum::default(), LogSum::default());
-        self.log_lost = false;
+        let Self { model, state, scratch, .. } = self;
+        scratch.next.start(model.prior().belief().as_slice());
+        let start = PrunedFilterSnapshot::start(state.states, state.pruning);
+        scratch.replace(state, &start);
     }
 
     /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
@@ -189,69 +163,25 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
-        // The likelihood so far keeps the uncertainty of the belief that is replaced.
-        self.log_excess.add(self.belief.deficit().ln_1p());
-        self.next.start(belief.as_slice());
-        self.active_set.follow(&self.belief.states, &self.next.states);
-        mem::swap(&mut self.belief, &mut self.next);
-        (self.share, self.bound) = (LARGEST_SHARE, 0.0);
+        let Self { state, scratch, .. } = self;
+        let mut log_excess = state.log_excess;
+        // The likelihood keeps its bounds: what the old belief missed, it has missed so far.
+        log_excess.add(state.belief.deficit().ln_1p());
+        scratch.next.start(belief.as_slice());
+        let PrunedFilterSnapshot { share, bound, belief, .. } =
+            PrunedFilterSnapshot::start(expected, state.pruning);
+        let log_excess = log_excess.known();
+        let start = PrunedFilterSnapshot { log_excess, share, bound, belief, ..*state };
+        scratch.replace(state, &start);
         Ok(())
-    }
-
-    /// Certificate of the present belief.
-    #[must_use]
-    pub fn certificate(&self) -> Certificate {
-        Certificate::of(self.bound, self.pruning)
-    }
-
-    /// Active states, in ascending order.
-    #[must_use]
-    pub fn active(&self) -> &[usize] {
-        &self.belief.states
-    }
-
-    /// Probabilities of the active states, in the same order; they sum to one.
-    #[must_use]
-    pub fn probabilities(&self) -> &[f64] {
-        &self.belief.estimate
-    }
-
-    /// Most probable state; ties go to the lowest. O(active states).
-    #[must_use]
-    pub fn mode(&self) -> usize {
-        let mut best = (0, f64::NEG_INFINITY);
-        for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
-            // Only a greater one replaces, so that ties go to the lowest state.
-            if p > best.1 {
-                best = (state, p);
-            }
-        }
-        best.0
     }
 
     /// Probability of one state, 0 if it is not active, or `None` if there is no such state.
     #[must_use]
     pub fn probability(&self, state: usize) -> Option<f64> {
-        let followed = || self.active_set.place(state).map_or(0.0, |at| self.belief.estimate[at]);
+        let place = |state| self.scratch.active_set.place(state);
+        let followed = || place(state).map_or(0.0, |at| self.state.belief.estimate[at]);
         (state < self.model.states()).then(followed)
-    }
-
-    /// Interval that contains ln p(y_1 … y_k), up to rounding, over the observations so far.
-    #[must_use]
-    pub fn log_likelihood(&self) -> RangeInclusive<f64> {
-        if self.log_lost {
-            return f64::NEG_INFINITY..=f64::INFINITY;
-        }
-        // s absorbs one factor for all states; what is missing of Σ s α beside the lower bounds is
-        // the deficit.
-        let low = self.log.value();
-        low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
-    }
-
-    /// Number of steps taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
     }
 
     /// The model.

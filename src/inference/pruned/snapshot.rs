@@ -1,15 +1,20 @@
-//! State of a pruned filter, as plain data.
+//! State of a pruned filter, as plain data, and its formats. Section 13 of the
+//! [formulas](crate::guide::formulas) says what its numbers bound.
 
-use std::mem;
-use std::ops::Deref;
+use std::ops::{Deref, RangeInclusive};
 
-use super::envelope::Envelope;
+use super::envelope::{Envelope, Others};
 use super::step::{LARGEST_SHARE, LEAST_SHARE};
 use super::{Certificate, PrunedFilter, Pruning};
 use crate::belief::SUM_TOLERANCE;
-use crate::error::InferenceError;
+use crate::error::{InferenceError, SnapshotError};
 use crate::hmm::Hmm;
-use crate::inference::{LogSum, MOST_STEPS};
+use crate::inference::step::state::{LogSum, MOST_STEPS};
+use crate::inference::streams::bytes::{Kind, Reader, Writer, contents};
+use crate::inference::streams::format::{
+    COUNT, COUNT_OR_ANY, Codec, DOUBLE, DOUBLES, FLAG, OPEN_DOUBLES, OPEN_SUM, STATES, SUM,
+    TOLERANCE, finite, in_bytes, or_infinite,
+};
 use crate::likelihood::LocalLikelihood;
 use crate::transition::TransitionEntries;
 
@@ -41,9 +46,12 @@ pub struct PrunedFilterSnapshot {
     pub(crate) pruning: Pruning,
     pub(crate) belief: Envelope,
     pub(crate) bound: f64,
+    /// Lower bound on ln p(y_1 … y_k); the upper bound adds `log_excess` and the deficit.
     pub(crate) log: LogSum,
     pub(crate) log_excess: LogSum,
+    /// True if nothing is known of the likelihood any more.
     pub(crate) log_lost: bool,
+    /// Part of the tolerance that a step may drop.
     pub(crate) share: f64,
 }
 
@@ -78,6 +86,68 @@ impl PrunedFilterSnapshot {
         &self.belief.estimate
     }
 
+    /// Most probable state; ties go to the lowest. O(active states).
+    #[must_use]
+    pub fn mode(&self) -> usize {
+        // States are in ascending order, so that the first of several is the lowest.
+        let mut best = (0, f64::NEG_INFINITY);
+        for (&state, &p) in self.belief.states.iter().zip(&self.belief.estimate) {
+            if p > best.1 {
+                best = (state, p);
+            }
+        }
+        best.0
+    }
+
+    /// Interval that contains ln p(y_1 … y_k), up to rounding, over the observations so far.
+    #[must_use]
+    pub fn log_likelihood(&self) -> RangeInclusive<f64> {
+        // Without a lower bound on any state nothing is known of later steps either.
+        if self.log_lost {
+            return f64::NEG_INFINITY..=f64::INFINITY;
+        }
+        let low = self.log.value();
+        low..=low + self.log_excess.value() + self.belief.deficit().ln_1p()
+    }
+
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): some 32 for each active
+    /// state, and 180.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        Writer::whole(Kind::Pruned, |out| self.write(out))
+    }
+
+    /// Reads a state from bytes. O(length).
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        Reader::whole(bytes, Kind::Pruned, Self::read)?.checked().map_err(contents)
+    }
+
+    /// Creates a state of no model, whose fields are read next.
+    pub(crate) fn blank() -> Self {
+        Self::start(0, Pruning::default())
+    }
+
+    /// Creates a state before any step, whose belief is still to come.
+    pub(super) fn start(states: usize, pruning: Pruning) -> Self {
+        let zero = LogSum::default();
+        Self {
+            states,
+            steps: 0,
+            pruning,
+            belief: Envelope::default(),
+            bound: 0.0,
+            log: zero,
+            log_excess: zero,
+            log_lost: false,
+            share: LARGEST_SHARE,
+        }
+    }
+
     /// Checks that all numbers can be those of a filter; they may be damaged.
     pub(crate) fn checked(self) -> Result<Self, String> {
         let Self { states, steps, belief, bound, share, .. } = &self;
@@ -90,7 +160,7 @@ impl PrunedFilterSnapshot {
             return Err(format!("the active states are not below {states} in ascending order"));
         }
         let values = [&belief.estimate, &belief.lower, &belief.excess];
-        let others = [belief.elsewhere, belief.outside];
+        let others = [belief.others.elsewhere, belief.others.outside];
         for value in values.into_iter().flatten().chain(&others) {
             if value.is_nan() || *value < 0.0 {
                 return Err(format!("{value} is in the belief, expected at least 0"));
@@ -109,6 +179,7 @@ impl PrunedFilterSnapshot {
         if (sum - 1.0).abs() > SUM_TOLERANCE {
             return Err(format!("the probabilities sum to {sum}, expected 1"));
         }
+        // All 0: nothing is known. A filter goes on from that, too.
         let lower: f64 = belief.lower.iter().sum();
         if lower != 0.0 && (lower - 1.0).abs() > SUM_TOLERANCE {
             return Err(format!("the lower bounds sum to {lower}, expected 1 or 0"));
@@ -147,17 +218,7 @@ where
     /// continues with identical bits. O(active states).
     #[must_use]
     pub fn snapshot(&self) -> PrunedFilterSnapshot {
-        PrunedFilterSnapshot {
-            states: self.model.states(),
-            steps: self.steps,
-            pruning: self.pruning,
-            belief: self.belief.clone(),
-            bound: self.bound,
-            log: self.log.known(),
-            log_excess: self.log_excess.known(),
-            log_lost: self.log_lost,
-            share: self.share,
-        }
+        self.state.clone()
     }
 
     /// Restores a snapshot, of this filter or another, and takes over its limits on the pruning.
@@ -171,13 +232,48 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        self.next.copy_from(&snapshot.belief);
-        self.active_set.follow(&self.belief.states, &self.next.states);
-        mem::swap(&mut self.belief, &mut self.next);
-        (self.steps, self.pruning) = (snapshot.steps, snapshot.pruning);
-        (self.bound, self.share) = (snapshot.bound, snapshot.share);
-        (self.log, self.log_excess) = (snapshot.log, snapshot.log_excess);
-        self.log_lost = snapshot.log_lost;
+        // Into the memory of the next belief, which is swapped in as by a step.
+        self.scratch.next.copy_from(&snapshot.belief);
+        self.scratch.replace(&mut self.state, snapshot);
         Ok(())
     }
 }
+
+pub(crate) const OTHERS: Codec<Others, [Option<f64>; 2]> = Codec {
+    write: |v, out| [v.elsewhere, v.outside].into_iter().for_each(|v| out.double(v)),
+    read: |from| Ok(Others { elsewhere: from.double()?, outside: from.double()? }),
+    data: |v| [v.elsewhere, v.outside].map(finite),
+    value: |data| {
+        let [elsewhere, outside] = data.map(or_infinite);
+        Others { elsewhere, outside }
+    },
+};
+
+/// The fields of a pruned filter's state.
+macro_rules! pruned_fields {
+    ($apply:ident) => {
+        $apply! {
+            PrunedFilterSnapshot, {
+                states: usize = COUNT(states),
+                steps: usize = COUNT(steps),
+                tolerance: Option<f64> = TOLERANCE(pruning.tolerance),
+                most_active: Option<usize> = COUNT_OR_ANY(pruning.most_active),
+                active: Vec<usize> = STATES(belief.states),
+                estimate: Vec<f64> = DOUBLES(belief.estimate),
+                lower: Vec<f64> = DOUBLES(belief.lower),
+                excess: Vec<Option<f64>> = OPEN_DOUBLES(belief.excess),
+                others: [Option<f64>; 2] = OTHERS(belief.others),
+                bound: f64 = DOUBLE(bound),
+                log_likelihood: [f64; 2] = SUM(log),
+                log_excess: [Option<f64>; 2] = OPEN_SUM(log_excess),
+                log_lost: bool = FLAG(log_lost),
+                share: f64 = DOUBLE(share),
+            }
+            bytes: states, steps, tolerance, most_active, bound, log_likelihood, log_excess,
+                log_lost, share, others, active, estimate, lower, excess
+        }
+    };
+}
+#[cfg(feature = "serde")]
+pub(crate) use pruned_fields;
+pruned_fields!(in_bytes);

@@ -6,16 +6,17 @@
 use std::mem;
 use std::ops::Deref;
 
-use super::envelope::LEAST_KEPT;
+use super::active_set::ActiveSet;
+use super::envelope::{Envelope, LEAST_KEPT};
 use super::moves::Moves;
 use super::weights::Weights;
 use super::wide::Wide;
-use super::{Certificate, PrunedFilter};
+use super::{Certificate, PrunedFilter, PrunedFilterSnapshot};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::streams::filter_snapshot::next_step;
-use crate::likelihood::{Diagonal, LocalLikelihood, check_local};
+use crate::inference::step::state::next_step;
+use crate::likelihood::{Diagonal, LocalLikelihood, Scratch, check_local};
 use crate::limits;
 use crate::transition::{NoControl, TransitionEntries};
 
@@ -32,6 +33,45 @@ const NEAR: f64 = 1e-3;
 /// Factors on the share from one step to the next: if the bound is above [`NEAR`], and otherwise.
 const LESS: f64 = 0.1;
 const MORE: f64 = 1.01;
+
+/// Memory of steps, and where the active states are.
+#[derive(Debug, Clone)]
+pub(super) struct PrunedScratch {
+    pub(super) next: Envelope,
+    /// Follows the belief of the state.
+    pub(super) active_set: ActiveSet,
+    wide: Wide,
+    wanted: Vec<usize>,
+    values: Vec<f64>,
+    sensor: Scratch,
+}
+
+impl PrunedScratch {
+    pub(super) fn new(states: usize) -> Self {
+        Self {
+            next: Envelope::default(),
+            active_set: ActiveSet::new(states),
+            wide: Wide::default(),
+            wanted: Vec::new(),
+            values: Vec::new(),
+            sensor: Scratch::default(),
+        }
+    }
+
+    /// Replaces a state by another, whose belief is in `next`; the memory of the former belief is
+    /// that of the next one.
+    pub(super) fn replace(
+        &mut self,
+        state: &mut PrunedFilterSnapshot,
+        other: &PrunedFilterSnapshot,
+    ) {
+        // Touches the states of both beliefs alone: the index of n entries is never cleared.
+        self.active_set.follow(&state.belief.states, &self.next.states);
+        mem::swap(&mut state.belief, &mut self.next);
+        let belief = mem::take(&mut state.belief);
+        *state = PrunedFilterSnapshot { belief, ..*other };
+    }
+}
 
 impl<M, A, B> PrunedFilter<M>
 where
@@ -60,7 +100,7 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<Certificate, InferenceError> {
-        let number = next_step(self.steps)?;
+        let number = next_step(self.state.steps)?;
         let control = Some(control).filter(|_| self.model.prior().moves_at(number));
         self.advance(number, control, Some(observation))
     }
@@ -73,7 +113,7 @@ where
     /// [`InferenceError`] if the operator does not give a distribution, or if the control
     /// is not valid.
     pub fn predict_with(&mut self, control: &A::Control) -> Result<Certificate, InferenceError> {
-        let number = next_step(self.steps)?;
+        let number = next_step(self.state.steps)?;
         let control = Some(control).filter(|_| self.model.prior().moves_at(number));
         self.advance(number, control, None)
     }
@@ -90,7 +130,7 @@ where
     /// As [`step_with`](Self::step_with).
     pub fn update(&mut self, observation: &B::Observation) -> Result<Certificate, InferenceError> {
         let at_first = !self.model.prior().moves_at(1);
-        let number = self.steps.max(usize::from(at_first));
+        let number = self.state.steps.max(usize::from(at_first));
         self.advance(number, None, Some(observation))
     }
 
@@ -126,7 +166,9 @@ where
         control: Option<&A::Control>,
         observation: Option<&B::Observation>,
     ) -> Result<Certificate, InferenceError> {
-        let Self { model, belief, next, active_set, wide, wanted, values, scratch, .. } = self;
+        let Self { model, bounds, state, scratch } = self;
+        let PrunedFilterSnapshot { pruning, belief, share, .. } = state;
+        let PrunedScratch { next, active_set, wide, wanted, values, sensor } = scratch;
         let step = Step { hmm: &**model, number, control };
         let evidence = step.evidence()?;
         wanted.clear();
@@ -135,7 +177,7 @@ where
             model.likelihood().listed_states(observation, wanted);
         }
         let operator = control.map(|control| (model.transition(), control));
-        let is_wide = Wide::is_for(belief, model.transition(), control, self.bounds.as_ref());
+        let is_wide = Wide::is_for(belief, model.transition(), control, bounds.as_ref());
         // Candidates before likelihoods: the sensor is only asked about states that can matter.
         match operator {
             Some(operator) if is_wide => wide.predict(belief, operator, wanted, active_set),
@@ -146,7 +188,7 @@ where
         let (mut local, mut others, mut largest) = (Diagonal::linear(&[]), 1.0, 1.0);
         if let Some(observation) = observation {
             let wrap = |cause| InferenceError::likelihood(number, cause);
-            let found = model.likelihood().local(observation, candidates, scratch);
+            let found = model.likelihood().local(observation, candidates, sensor);
             (local, others) = found.map_err(wrap)?;
             largest = check_local(&local, others, candidates).map_err(wrap)?;
             values.extend_from_slice(local.as_slice());
@@ -155,13 +197,7 @@ where
         }
         let is_open = belief.is_open();
         let mut moves = control.map(|control| {
-            Moves::new(
-                model.transition(),
-                control,
-                evidence,
-                self.bounds,
-                (&belief.states, is_open),
-            )
+            Moves::new(model.transition(), control, evidence, *bounds, (&belief.states, is_open))
         });
         // The bounds of an open belief come from all entries, so that 0 means that there is none.
         let nothing = |moves: &Moves<'_, A>| {
@@ -207,23 +243,27 @@ where
         }
         // A threshold below the mean of the candidates, so that the largest is kept.
         let count = candidates.len() as f64;
-        let threshold = self.pruning.tolerance.max(0.0) * self.share / count;
+        let threshold = pruning.tolerance.max(0.0) * *share / count;
         let threshold = threshold.clamp(LEAST_KEPT, 0.5 / count);
-        let log = next.settle(&raw, threshold, self.pruning.most_active.max(1), values);
+        let log = next.settle(&raw, threshold, pruning.most_active.max(1), values);
         let (rescaled, unknown) = next.rebase();
         // From here on nothing fails.
         active_set.follow(&belief.states, &next.states);
         mem::swap(belief, next);
-        self.steps = number;
-        self.log.add(log + weights.log_factor + log_factor);
-        self.log.add(rescaled);
-        self.log_excess.add(unknown);
-        self.log_lost |= !self.belief.is_known();
-        self.bound = self.belief.bound();
-        self.adapt();
-        Ok(self.certificate())
+        state.steps = number;
+        state.log.add(log + weights.log_factor + log_factor);
+        state.log.add(rescaled);
+        state.log_excess.add(unknown);
+        // Sums that have become infinite stay so; what they have lost is no number then.
+        (state.log, state.log_excess) = (state.log.known(), state.log_excess.known());
+        state.log_lost |= !state.belief.is_known();
+        state.bound = state.belief.bound();
+        state.adapt();
+        Ok(state.certificate())
     }
+}
 
+impl PrunedFilterSnapshot {
     /// Drops less where the bound nears the tolerance, and slowly more where it is far from it.
     fn adapt(&mut self) {
         let used = self.bound / self.pruning.tolerance;

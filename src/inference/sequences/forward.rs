@@ -1,10 +1,13 @@
-//! Forward pass over a whole sequence.
+//! Forward pass over a whole sequence: section 2 of the [formulas](crate::guide::formulas), with
+//! the steps of a filter, and so its results to the bit.
 
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::engines::few_states;
+use crate::inference::step::Step;
 use crate::inference::step::forward_pass::ForwardPass;
+use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
@@ -49,8 +52,8 @@ impl FilteredSequence {
     }
 
     /// Number of steps taken in logarithms, as counted by
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs). With up to eight states it may be
-    /// lower than that of a filter: the faster algorithms for them need logarithms less often.
+    /// [`FilterSnapshot::steps_in_logs`]. With up to eight states it may be lower than that of a
+    /// filter: the faster algorithms for them need logarithms less often.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
         self.steps_in_logs
@@ -84,18 +87,16 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
+        // An engine that cannot say what a step would says nothing, and the steps below start
+        // over: they know all errors, and logarithms.
         if let Some((rows, logs, log_likelihood)) = few_states::filter(self, sequence) {
             let posteriors = Posteriors::from_values(self.states(), rows);
             return Ok(FilteredSequence::new(posteriors, logs, log_likelihood));
         }
-        let steps = sequence.steps();
-        let mut filter = self.filter();
-        let mut log_likelihoods = Vec::with_capacity(steps);
-        let mut block = ForwardPass::new(self.states(), steps);
-        block.fill(&mut filter, sequence, steps, |log| log_likelihoods.push(log))?;
-        let log_likelihood = filter.log_likelihood();
-        let steps_in_logs = filter.steps_in_logs();
-        let posteriors = block.rows.into_posteriors();
+        let mut log_likelihoods = Vec::with_capacity(sequence.steps());
+        let (pass, last) = ForwardPass::over(self, sequence, |log| log_likelihoods.push(log))?;
+        let posteriors = Posteriors::from_values(self.states(), pass.rows.into_values());
+        let (log_likelihood, steps_in_logs) = (last.log_likelihood(), last.steps_in_logs());
         Ok(FilteredSequence { posteriors, log_likelihoods, log_likelihood, steps_in_logs })
     }
 
@@ -131,10 +132,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         if let Some(log_likelihood) = few_states::log_likelihood(self, sequence) {
             return Ok(log_likelihood);
         }
-        let mut filter = self.filter();
-        for step in 1..=sequence.steps() {
-            filter.step_with(sequence.control(step), sequence.observation(step))?;
+        let prior = self.prior().belief().as_slice();
+        let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
+        for number in 1..=sequence.steps() {
+            let step = Step::of(self, sequence, number);
+            state.advance(&step, sequence.observation(number), &mut scratch)?;
         }
-        Ok(filter.log_likelihood())
+        Ok(state.log_likelihood())
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crate::error::InferenceError;
-use crate::inference::step::belief_form::BeliefRef;
+use crate::inference::step::in_logs::BeliefRef;
 use crate::kernels;
 use crate::limits;
 use crate::transition::{LearnTransition, Move, MoveCounts, Transition, TransitionEntries, log};

@@ -3,8 +3,8 @@
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
-use crate::inference::step::belief_form::BeliefRef;
-use crate::inference::streams::filter::Filter;
+use crate::inference::step::in_logs::BeliefRef;
+use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::TransitionEntries;
@@ -36,7 +36,8 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let n = self.states();
-        let mut filter = self.filter();
+        let prior = self.prior().belief().as_slice();
+        let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
         // H(x_1 … x_{k-1} | x_k, y_1 … y_{k-1}) for each x_k.
         let mut entropy = vec![0.0; n];
         let mut next = entropy.clone();
@@ -44,27 +45,23 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
         for number in 1..=sequence.steps() {
             // By the chain rule backwards: the entropy of the path up to k - 1 given x_k, which
             // needs the belief before the observation of k.
+            let step = Step::of(self, sequence, number);
             if number > 1 {
-                let step = Step::of(self, sequence, number);
-                step.entropies(filter.held(), &entropy, &mut next, &mut predecessors)?;
+                step.entropies(state.held(), &entropy, &mut next, &mut predecessors)?;
                 std::mem::swap(&mut entropy, &mut next);
             }
-            filter.step_with(sequence.control(number), sequence.observation(number))?;
+            state.advance(&step, sequence.observation(number), &mut scratch)?;
         }
         if sequence.steps() == 0 {
             return Ok(0.0);
         }
-        Ok(total(&filter, &entropy))
+        Ok(total(&state, &entropy))
     }
 }
 
 /// Returns Σ γ_T(i) (H(path | i) − ln γ_T(i)).
-fn total<A, B>(filter: &Filter<&Hmm<A, B>>, entropy: &[f64]) -> f64
-where
-    A: TransitionEntries,
-    B: Likelihood,
-{
-    let held = filter.held();
+fn total(state: &FilterSnapshot, entropy: &[f64]) -> f64 {
+    let held = state.held();
     let mut sum = 0.0;
     for (i, (&p, entropy)) in held.linear.iter().zip(entropy).enumerate() {
         // 0 ln 0 is 0.

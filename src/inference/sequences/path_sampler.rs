@@ -65,8 +65,7 @@ impl<A: TransitionEntries, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let mut block = ForwardPass::new(self.states(), sequence.steps());
-        block.fill(&mut self.filter(), sequence, sequence.steps(), |_| ())?;
+        let (block, _) = ForwardPass::over(self, sequence, |_| ())?;
         let mut in_logs = Vec::new();
         for number in 1..=sequence.steps() {
             let step = Step::of(self, sequence, number);

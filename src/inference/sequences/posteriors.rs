@@ -1,10 +1,10 @@
-//! ForwardPass of distributions, one for each step.
+//! Distributions of whole sequences, one for each step from 0: α or γ of the
+//! [formulas](crate::guide::formulas), in one block.
 
 use std::fmt;
 
 use crate::belief::{Belief, BeliefView};
 use crate::inference::engines::lanes::SharedRows;
-use crate::kernels::in_large_pages;
 
 /// Distributions over n states for the steps k = 0 … T, in one block of
 /// n (T + 1) numbers.
@@ -31,6 +31,8 @@ pub struct Posteriors {
 
 /// Storage of the numbers.
 enum Values {
+    // Results of many sequences come in lanes, into one block: copies of its parts would take as
+    // long as the smoother itself.
     Own(Vec<f64>),
     Shared(SharedRows),
 }
@@ -61,6 +63,7 @@ impl Posteriors {
     /// Returns the distribution of step k, from 0 to T, or `None` beyond.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
+        // Any number may be asked for, so that the product may overflow.
         let start = step.checked_mul(self.states)?;
         let values = self.as_slice().get(start..start.checked_add(self.states)?)?;
         Some(Belief::view(values))
@@ -137,45 +140,5 @@ impl Clone for Posteriors {
 impl PartialEq for Posteriors {
     fn eq(&self, other: &Self) -> bool {
         self.states == other.states && self.as_slice() == other.as_slice()
-    }
-}
-
-/// Distributions under construction; row r belongs to the step r after the first.
-#[derive(Debug, Clone)]
-pub(crate) struct Rows {
-    states: usize,
-    values: Vec<f64>,
-}
-
-impl Rows {
-    /// Creates an empty block with room for so many rows.
-    pub(crate) fn with_capacity(states: usize, rows: usize) -> Self {
-        Self { states, values: in_large_pages(Vec::with_capacity(states * rows)) }
-    }
-
-    /// Creates rows of zeros.
-    pub(crate) fn zeros(states: usize, rows: usize) -> Self {
-        Self { states, values: in_large_pages(vec![0.0; states * rows]) }
-    }
-
-    pub(crate) fn clear(&mut self) {
-        self.values.clear();
-    }
-
-    /// Appends a row.
-    pub(crate) fn push(&mut self, row: &[f64]) {
-        self.values.extend_from_slice(row);
-    }
-
-    pub(crate) fn row(&self, row: usize) -> &[f64] {
-        &self.values[row * self.states..(row + 1) * self.states]
-    }
-
-    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f64] {
-        &mut self.values[row * self.states..(row + 1) * self.states]
-    }
-
-    pub(crate) fn into_posteriors(self) -> Posteriors {
-        Posteriors::from_values(self.states, self.values)
     }
 }

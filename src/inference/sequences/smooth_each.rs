@@ -5,15 +5,13 @@
 //! checkpointing of one level (several levels: Griewank 1992).
 
 use super::pairwise::Pairs;
-use super::posteriors::Rows;
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
 use crate::inference::step::Step;
 use crate::inference::step::backward::Backward;
-use crate::inference::step::forward_pass::ForwardPass;
-use crate::inference::streams::filter::Filter;
-use crate::inference::streams::filter_snapshot::FilterSnapshot;
+use crate::inference::step::forward_pass::{ForwardPass, Rows};
+use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::{Move, MoveCounts, Transition, TransitionEntries};
@@ -122,8 +120,10 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
         let (n, steps) = (self.states(), sequence.steps());
+        // Segments of √T steps: as many beliefs at their boundaries as within one of them.
         let length =
             if n.saturating_mul(steps) < ONE_SEGMENT { steps.max(1) } else { steps.isqrt() + 1 };
+        let prior = self.prior().belief().as_slice();
         let mut segments = Segments {
             hmm: self,
             sequence,
@@ -132,13 +132,16 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             ratios: vec![0.0; n * length.min(steps)],
             forms: vec![(false, 1.0); length.min(steps)],
             held: None,
-            filter: self.filter(),
+            state: FilterSnapshot::start(prior),
+            scratch: StepScratch::new(prior),
             backward: Backward::new(n),
         };
         let (checkpoints, log_likelihood) = segments.checkpoints(length)?;
         if order == Order::Forward {
-            // γ at the end of each segment, with the state of the backward pass.
-            let last = segments.filter.held().linear.to_vec();
+            // A segment is smoothed from its end, but visited from its start, so that all ends are
+            // needed before the first visit: γ at the end of each, with the state of the backward
+            // pass there, without which the bits would differ from those of `smooth`.
+            let last = segments.state.belief.to_vec();
             let mut ends = vec![(last, segments.backward.carried())];
             for start in checkpoints[1..].iter().rev() {
                 let end = ends[ends.len() - 1].0.clone();
@@ -149,11 +152,12 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
             for (start, (end, carried)) in checkpoints.iter().zip(ends.iter().rev()) {
                 segments.backward.carry_on(carried);
                 let rows = segments.run(start, length, end)?;
+                // The first row of a segment is the last one of the segment before.
                 let first = usize::from(start.steps() > 0);
                 (first..=rows).for_each(|row| visit(&segments.step(row, start)));
             }
         } else {
-            let mut end = segments.filter.held().linear.to_vec();
+            let mut end = segments.state.belief.to_vec();
             for start in checkpoints.iter().rev() {
                 let rows = segments.run(start, length, &end)?;
                 let first = usize::from(start.steps() > 0);
@@ -213,7 +217,8 @@ struct Segments<'m, A: Transition, B, S: ?Sized> {
     ratios: Vec<f64>,
     /// For each step, true if the ratio is in logarithms; and the scale of a linear ratio.
     forms: Vec<(bool, f64)>,
-    filter: Filter<&'m Hmm<A, B>>,
+    state: FilterSnapshot,
+    scratch: StepScratch,
     backward: Backward,
 }
 
@@ -227,11 +232,11 @@ where
     fn checkpoints(&mut self, length: usize) -> Result<(Vec<FilterSnapshot>, f64), InferenceError> {
         let mut checkpoints = Vec::new();
         loop {
-            let start = self.filter.snapshot();
+            let start = self.state.clone();
             self.fill(start.steps(), length)?;
             checkpoints.push(start);
-            if self.filter.steps() == self.sequence.steps() {
-                return Ok((checkpoints, self.filter.log_likelihood()));
+            if self.state.steps() == self.sequence.steps() {
+                return Ok((checkpoints, self.state.log_likelihood()));
             }
         }
     }
@@ -239,8 +244,10 @@ where
     /// Filters a segment, unless it is in memory. Returns its number of steps.
     fn fill(&mut self, start: usize, length: usize) -> Result<usize, InferenceError> {
         let rows = length.min(self.sequence.steps() - start);
+        // The last segment is in memory when the backward pass begins, and a single one always.
         if self.held.replace(start) != Some(start) {
-            self.block.fill(&mut self.filter, self.sequence, rows, |_| ())?;
+            let memory = (&mut self.state, &mut self.scratch);
+            self.block.fill(self.hmm, memory, self.sequence, rows, |_| ())?;
         }
         Ok(rows)
     }
@@ -254,7 +261,9 @@ where
         end: &[f64],
     ) -> Result<usize, InferenceError> {
         let n = self.hmm.states();
-        self.filter.restore(start)?;
+        // (Not needed, but harmless, if the segment is in memory.)
+        self.state.copy(start);
+        self.scratch.lifted.follow(&self.state.belief);
         let rows = self.fill(start.steps(), length)?;
         self.smoothed.row_mut(rows).copy_from_slice(end);
         for row in (1..=rows).rev() {
@@ -263,6 +272,7 @@ where
             let (alpha, gamma) = (self.block.held(row - 1), self.smoothed.row(row));
             self.backward.step_back_from(&step, &seen, alpha, gamma)?;
             self.smoothed.row_mut(row - 1).copy_from_slice(&self.backward.gamma);
+            // Kept, since the next step back overwrites the ratio, and pairs are read later.
             self.ratios[(row - 1) * n..row * n].copy_from_slice(&self.backward.ratio);
             self.forms[row - 1] = (self.backward.in_logs, self.backward.ratio_scale);
         }

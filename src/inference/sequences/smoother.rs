@@ -1,4 +1,5 @@
-//! Batch smoother: a forward pass, then a backward pass over the same block.
+//! Batch smoother: a forward pass, then a backward pass over the same block, in which α is
+//! overwritten by γ. Section 3 of the [formulas](crate::guide::formulas); at T both are the same.
 
 use super::posteriors::Posteriors;
 use crate::error::InferenceError;
@@ -81,26 +82,26 @@ impl<A: Transition, B: Likelihood> Hmm<A, B> {
     where
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        let (n, steps) = (self.states(), sequence.steps());
         if let Some((rows, log_likelihood)) = few_states::smooth(self, sequence) {
-            let posteriors = Posteriors::from_values(n, rows);
+            let posteriors = Posteriors::from_values(self.states(), rows);
             return Ok(SmoothedSequence::new(posteriors, log_likelihood));
         }
-        let mut filter = self.filter();
-        let mut block = ForwardPass::new(n, steps);
-        block.fill(&mut filter, sequence, steps, |_| ())?;
-        let mut backward = Backward::new(n);
+        let (mut pass, last) = ForwardPass::over(self, sequence, |_| ())?;
+        let mut backward = Backward::new(self.states());
+        // γ_T = α_T, the last row: where the backward pass begins.
         let mut steps_in_logs = 0;
-        for number in (1..=steps).rev() {
+        for number in (1..=sequence.steps()).rev() {
             let step = Step::of(self, sequence, number);
-            let seen = block.seen(number, sequence.observation(number));
-            let gamma = block.rows.row(number);
-            backward.step_back_from(&step, &seen, block.held(number - 1), gamma)?;
-            steps_in_logs += usize::from(block.by_logs(number) || backward.in_logs);
-            block.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
+            let seen = pass.seen(number, sequence.observation(number));
+            let gamma = pass.rows.row(number);
+            backward.step_back_from(&step, &seen, pass.held(number - 1), gamma)?;
+            steps_in_logs += usize::from(pass.by_logs(number) || backward.in_logs);
+            // γ_{k-1} takes the place of α_{k-1}, which no further step back reads: the next one
+            // starts from γ_{k-1} and α_{k-2}.
+            pass.rows.row_mut(number - 1).copy_from_slice(&backward.gamma);
         }
-        let posteriors = block.rows.into_posteriors();
-        let log_likelihood = filter.log_likelihood();
+        let posteriors = Posteriors::from_values(self.states(), pass.rows.into_values());
+        let log_likelihood = last.log_likelihood.value();
         Ok(SmoothedSequence { posteriors, log_likelihood, steps_in_logs })
     }
 }

@@ -19,7 +19,7 @@
 //! recomputed.
 
 use super::Step;
-use super::belief_form::{BeliefRef, normalize_logs};
+use super::in_logs::{BeliefRef, normalize_logs};
 use crate::error::InferenceError;
 use crate::kernels::{self, Aligned, BackwardStep, Product};
 use crate::likelihood::{Likelihood, Scratch};
@@ -95,20 +95,23 @@ impl Backward {
         gamma: &[f64],
     ) -> Result<(), InferenceError> {
         let Some(control) = step.control else { return self.step_back(step, alpha, gamma) };
-        // A step in logarithms has left no normaliser.
+        // α_k = b ∘ p / N holds up to rounding of the step forward. A step in logarithms has left no
+        // N; q belongs to γ_k only while each step since the last one was held.
         if alpha.logs.is_some() || !self.carried.held || !self.weigh(step.hmm.likelihood(), seen) {
             return self.step_back(step, alpha, gamma);
         }
         let Self { ratio, carried: BackwardState { q, .. }, gamma: result, values, .. } = self;
-        let transition = step.hmm.transition();
-        let sum = if let Some(matrix) = step.stored(control) {
-            let product = Product::Sparse { matrix: &matrix.sliced_columns, x: ratio };
-            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
+        let product = if let Some(matrix) = step.stored(control) {
+            Product::Sparse { matrix: &matrix.sliced_columns, x: ratio }
         } else {
-            transition.apply_transpose(control, ratio, values);
-            let product = Product::Computed(values);
-            kernels::backward_step(BackwardStep { product, alpha: alpha.linear, gamma: result, q })
+            step.hmm.transition().apply_transpose(control, ratio, values);
+            Product::Computed(values)
         };
+        let back = BackwardStep { product, alpha: alpha.linear, gamma: result, q };
+        let sum = kernels::backward_step(back);
+        // Whatever left the range, in q, in the ratio or in their products, is missing in the sum
+        // or makes it infinite ("The way back" in `limits`). Then q is wrong, too; the step with
+        // predictions makes a new one, if it can.
         if !limits::is_one(sum) {
             return self.step_back(step, alpha, gamma);
         }
@@ -127,13 +130,15 @@ impl Backward {
         if seen.normalizer == 0.0 || !likelihood.is_precomputed() {
             return false;
         }
-        // Validated on the forward pass.
+        // Validated on the forward pass; but a sensor may answer otherwise the second time, and
+        // then the step with predictions, which needs no sensor, is right.
         let found = likelihood.diagonal(seen.observation, scratch);
         let Ok(ref diagonal) = found else { return false };
         let Some(likelihoods) = diagonal.linear_values() else { return false };
         if likelihoods.len() != ratio.len() {
             return false;
         }
+        // Divided by Σ γ too: its rounding, of each step anew, would add up over a long sequence.
         let factor = 1.0 / (seen.normalizer * carried.sum);
         kernels::divide_by_prediction(&carried.q, likelihoods, factor, ratio);
         true
@@ -155,6 +160,8 @@ impl Backward {
         step.check_control(control)?;
         (self.carried.held, self.ratio_scale) = (false, 1.0);
         let evidence = step.hmm.transition().evidence(control).is_some();
+        // Predictions are lifted, so that ratios are held but for a state that is predicted below
+        // 2^-960, and has more than 2^64 times as much of γ.
         self.in_logs = alpha.logs.is_some() || (evidence && step.needs_logs()) || {
             kernels::lift(alpha.linear, &mut self.values);
             step.predict(&self.values, &mut self.predicted);

@@ -1,25 +1,61 @@
-//! Filtered distributions of consecutive steps, kept for the backward pass.
+//! Filtered distributions of consecutive steps, kept for the backward pass: the one stored forward
+//! pass of all routines, α_k of sections 2 and 3 of the [formulas](crate::guide::formulas).
+//!
+//! It takes the steps of a filter, so that its rows are those of a stream to the bit; what a step
+//! left is copied into the next row.
 
 use std::collections::HashMap;
 
+use super::Step;
 use super::backward::Observed;
-use super::belief_form::BeliefRef;
+use super::in_logs::BeliefRef;
+use super::state::{FilterSnapshot, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::sequences::posteriors::Rows;
-use crate::inference::streams::filter::Filter;
+use crate::kernels::in_large_pages;
 use crate::likelihood::Likelihood;
 use crate::sequence::Sequence;
 use crate::transition::Transition;
+
+/// Distributions over n states, one after the other.
+#[derive(Debug, Clone)]
+pub(crate) struct Rows {
+    states: usize,
+    values: Vec<f64>,
+}
+
+impl Rows {
+    /// Creates an empty block with room for so many rows.
+    pub(crate) fn with_capacity(states: usize, rows: usize) -> Self {
+        Self { states, values: in_large_pages(Vec::with_capacity(states * rows)) }
+    }
+
+    /// Creates rows of zeros.
+    pub(crate) fn zeros(states: usize, rows: usize) -> Self {
+        Self { states, values: in_large_pages(vec![0.0; states * rows]) }
+    }
+
+    pub(crate) fn row(&self, row: usize) -> &[f64] {
+        &self.values[row * self.states..(row + 1) * self.states]
+    }
+
+    pub(crate) fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        &mut self.values[row * self.states..(row + 1) * self.states]
+    }
+
+    pub(crate) fn into_values(self) -> Vec<f64> {
+        self.values
+    }
+}
 
 /// Filtered distributions of consecutive steps; row r is the belief r steps after the first one.
 #[derive(Debug, Clone)]
 pub(crate) struct ForwardPass {
     pub(crate) rows: Rows,
-    /// Logarithms of the rows with values outside the range of `f64`.
-    pub(crate) logs: HashMap<usize, Vec<f64>>,
+    /// Logarithms of the rows with values outside the range of `f64`: of few, as a rule.
+    logs: HashMap<usize, Vec<f64>>,
     /// Normaliser of the step to each row, as
-    /// [`StepOutcome`](super::belief_form::StepOutcome) has it.
+    /// [`StepOutcome`](super::state::StepOutcome) has it.
     normalizers: Vec<f64>,
     /// Rows to which a step was taken in logarithms, ascending.
     by_logs: Vec<usize>,
@@ -27,16 +63,38 @@ pub(crate) struct ForwardPass {
 
 impl ForwardPass {
     pub(crate) fn new(states: usize, steps: usize) -> Self {
+        // Rows are pushed, not overwritten: zeros that nobody reads would be one more pass over
+        // all of the memory.
         let rows = Rows::with_capacity(states, steps + 1);
         let normalizers = vec![0.0; steps + 1];
         Self { rows, logs: HashMap::new(), normalizers, by_logs: Vec::new() }
     }
 
-    /// Runs a filter `steps` further and keeps all beliefs, beginning with the present one.
-    /// Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
+    /// Filters a whole sequence from the prior. Returns the pass with the last state. Passes
+    /// ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
+    pub(crate) fn over<A, B, S>(
+        hmm: &Hmm<A, B>,
+        sequence: &S,
+        each: impl FnMut(f64),
+    ) -> Result<(Self, FilterSnapshot), InferenceError>
+    where
+        A: Transition,
+        B: Likelihood,
+        S: Sequence<A::Control, B::Observation> + ?Sized,
+    {
+        let (prior, steps) = (hmm.prior().belief().as_slice(), sequence.steps());
+        let (mut state, mut scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
+        let mut pass = Self::new(prior.len(), steps);
+        pass.fill(hmm, (&mut state, &mut scratch), sequence, steps, each)?;
+        Ok((pass, state))
+    }
+
+    /// Takes `steps` further steps from a state and keeps all beliefs, beginning with the present
+    /// one. Passes ln p(y_k | y_1 … y_{k-1}) of each step to `each`.
     pub(crate) fn fill<A, B, S>(
         &mut self,
-        filter: &mut Filter<&Hmm<A, B>>,
+        hmm: &Hmm<A, B>,
+        (state, scratch): (&mut FilterSnapshot, &mut StepScratch),
         sequence: &S,
         steps: usize,
         mut each: impl FnMut(f64),
@@ -46,28 +104,29 @@ impl ForwardPass {
         B: Likelihood,
         S: Sequence<A::Control, B::Observation> + ?Sized,
     {
-        self.rows.clear();
+        self.rows.values.clear();
         self.logs.clear();
         self.by_logs.clear();
-        self.keep(0, filter);
+        self.keep(0, state.held());
         for row in 1..=steps {
-            let step = filter.steps() + 1;
-            let control = sequence.control(step);
-            let advanced = filter.step_in_full(control, sequence.observation(step))?;
+            // The state counts, so that a pass from a checkpoint names steps as one from the prior.
+            let number = state.steps + 1;
+            let step = Step::of(hmm, sequence, number);
+            let advanced = state.advance(&step, sequence.observation(number), scratch)?;
             each(advanced.log);
+            // 0 where the likelihoods were scaled: the way back then takes predictions.
             self.normalizers[row] = advanced.normalizer;
             if advanced.by_logs {
                 self.by_logs.push(row);
             }
-            self.keep(row, filter);
+            self.keep(row, state.held());
         }
         Ok(())
     }
 
-    fn keep<A: Transition, B: Likelihood>(&mut self, row: usize, filter: &Filter<&Hmm<A, B>>) {
-        let held = filter.held();
-        self.rows.push(held.linear);
-        if let Some(logs) = held.logs {
+    fn keep(&mut self, row: usize, belief: BeliefRef<'_>) {
+        self.rows.values.extend_from_slice(belief.linear);
+        if let Some(logs) = belief.logs {
             self.logs.insert(row, logs.to_vec());
         }
     }

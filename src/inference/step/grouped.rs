@@ -1,7 +1,10 @@
 //! A step of the filter in linear space, block by block: each block of the prediction is
-//! multiplied by its likelihoods while it is in the first cache.
+//! multiplied by its likelihoods while it is in the first cache. The same step as that with all
+//! products at once (section 2 of the [formulas](crate::guide::formulas)), always plain, and tried
+//! first; whatever it notices is left to that one.
 
-use super::belief_form::{BeliefForm, BeliefRef, LiftedBelief, StepOutput};
+use super::in_logs::BeliefRef;
+use super::state::{BeliefForm, LiftedBelief, StepOutput};
 use super::{Step, holds};
 use crate::groups::Groups;
 use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
@@ -16,18 +19,20 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
     /// Takes the step with likelihoods of groups of states. Returns the normaliser, with the
     /// probability of evidence on the move in it, or `None` if belief or entries may be too small
     /// for that, or the results leave the range of `f64`.
-    pub(crate) fn advance_by_blocks(
+    pub(super) fn advance_by_blocks(
         &self,
         (diagonal, groups): (&Diagonal<'_>, &Groups),
         has_evidence: bool,
         before: BeliefRef<'_>,
         lifted: &mut LiftedBelief,
-        results: &mut StepOutput<'_>,
+        output: &mut StepOutput,
     ) -> Option<(f64, BeliefForm)> {
         let (transition, control) = (self.hmm.transition(), self.control?);
         let likelihoods = diagonal.linear_values()?;
         let largest = diagonal.check(groups.count()).ok()?;
         let fits = limits::is_unscaled(largest) && groups.as_slice().len() == before.linear.len();
+        // Conditions of a plain step ("A plain step" in `limits`): no tiny belief, and below no
+        // small entry, which the operator has to know since no matrix tells.
         if !fits || before.logs.is_some() || lifted.is_needed() {
             return None;
         }
@@ -36,7 +41,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         }
         // With rounded tails, too: there is no lift here.
         let watch = Watch::Products;
-        let after = &mut *results.lifted;
+        let after = &mut *output.lifted;
         let (mut updated, mut states) = (ForwardSums::NONE, 0);
         transition.apply_in_blocks(control, before.linear, &mut |first, predicted| {
             states += predicted.len();
@@ -49,6 +54,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                     let part = ForwardStep { prediction, lift: 1.0, likelihoods, watch, out };
                     updated = updated.and(kernels::forward_step(part));
                 };
+                // A run of states of one group repeats one likelihood; in other runs groups follow
+                // each other, and their likelihoods stand side by side already.
                 if same {
                     let repeated = [likelihoods[group]; REPEATED];
                     let parts = predicted.chunks(REPEATED).zip(after.chunks_mut(REPEATED));
@@ -58,7 +65,8 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
                 }
             }
         });
-        // Errors are reported by the step with all products at once.
+        // Errors are reported by the step with all products at once. An operator that has passed
+        // on too few blocks breaks its contract, and must not leave old values in the output.
         if states != before.linear.len() || updated.negative_predicted || updated.small {
             if updated.small {
                 lifted.lift_for_some_steps();
@@ -70,7 +78,7 @@ impl<A: Transition, B: Likelihood> Step<'_, A, B> {
         if !is_valid(predicted) || !holds(&updated, predicted) {
             return None;
         }
-        let tiny = kernels::normalize_in_place(results.lifted, updated.products);
+        let tiny = kernels::normalize_in_place(&mut output.lifted, updated.products);
         Some((updated.products, BeliefForm::Plain { tiny }))
     }
 }

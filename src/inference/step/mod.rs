@@ -1,36 +1,34 @@
-//! One step of the filter: prediction, update, normaliser (paper eq. 8).
+//! One step of the filter: prediction, update, normaliser (paper eq. 8; section 2 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! N α' = b ∘ (A α), with A as an operator that need not be stored. Each step is taken in the
+//! cheapest form that keeps all possible states: plain, lifted, or in logarithms. That a form was
+//! enough is seen in its results ([`limits`](crate::limits) has the proof), so that a form which
+//! fails costs time, but no digits, and nothing of the filter has changed yet.
+//!
+//! With evidence on the move, measurements between two steps multiply the entries of A; the sum of
+//! the prediction is then their probability, and not one, and linear space holds it from 2^-100 to
+//! 2^7.
 
 pub(crate) mod backward;
-pub(crate) mod belief_form;
-pub(crate) mod evidence;
 pub(crate) mod forward_pass;
-pub(crate) mod grouped;
-pub(crate) mod log_sum;
+mod grouped;
+pub(crate) mod in_logs;
+mod predict;
 pub(crate) mod scores;
+pub(crate) mod state;
 
-use self::belief_form::{
-    BeliefForm, BeliefRef, LiftedBelief, StepOutcome, StepOutput, loses, normalize_logs,
-};
+use self::in_logs::BeliefRef;
+use self::state::{BeliefForm, LiftedBelief, StepOutcome, StepOutput, StepScratch};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::kernels::{self, ForwardStep, ForwardSums, Product, Valid, Watch};
-use crate::likelihood::{Diagonal, Likelihood, Scratch, Values};
+use crate::kernels::{self, ForwardStep, ForwardSums, Product, Watch};
+use crate::likelihood::{Diagonal, Likelihood, Values};
 use crate::limits::{self, LIFT};
 use crate::sequence::Sequence;
 use crate::transition::{SparseTransition, Stored, Transition};
 
-/// Scratch memory for steps, allocated once.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Workspace {
-    pub(crate) scratch: Scratch,
-    pub(crate) values: Vec<f64>,
-}
-
-impl Workspace {
-    pub(crate) fn new(states: usize) -> Self {
-        Self { scratch: Scratch::default(), values: vec![0.0; states] }
-    }
-}
+pub(crate) use self::state::Workspace;
 
 /// Model, number and control of one step.
 pub(crate) struct Step<'m, A: Transition, B> {
@@ -42,6 +40,16 @@ pub(crate) struct Step<'m, A: Transition, B> {
 }
 
 impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
+    /// Creates the step after `steps` steps, under a control that the first step may not need.
+    pub(crate) fn after(
+        hmm: &'m Hmm<A, B>,
+        steps: usize,
+        control: &'m A::Control,
+    ) -> Result<Self, InferenceError> {
+        let number = state::next_step(steps)?;
+        Ok(Self { hmm, number, control: hmm.prior().moves_at(number).then_some(control) })
+    }
+
     /// Creates the step of a sequence with this number.
     pub(crate) fn of<S>(hmm: &'m Hmm<A, B>, sequence: &'m S, number: usize) -> Self
     where
@@ -51,60 +59,58 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
         Self { hmm, number, control }
     }
 
-    /// Predicts: `after = A before`, or a copy without a transition; of any scale. The control
-    /// must have been checked.
-    pub(crate) fn predict(&self, before: &[f64], after: &mut [f64]) {
-        match self.control {
-            Some(control) => self.hmm.transition().apply(control, before, after),
-            None => after.copy_from_slice(before),
-        }
-    }
-
     pub(crate) fn check_control(&self, control: &A::Control) -> Result<(), InferenceError> {
         let wrap = |cause| InferenceError::control(self.number, cause);
         self.hmm.transition().check_control(control).map_err(wrap)
     }
 
-    /// Returns the checked diagonal of an observation, and its largest value.
-    pub(crate) fn diagonal<'a>(
-        &'a self,
-        observation: &'a B::Observation,
-        scratch: &'a mut Scratch,
-    ) -> Result<(Diagonal<'a>, f64), InferenceError> {
-        let wrap = |cause| InferenceError::likelihood(self.number, cause);
-        let diagonal = self.hmm.likelihood().diagonal(observation, scratch).map_err(wrap)?;
-        let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
-        Ok((diagonal, largest))
+    /// Checks the control, and returns the log factor of the evidence on the move to this step,
+    /// if any.
+    #[inline]
+    pub(crate) fn evidence(&self) -> Result<Option<f64>, InferenceError> {
+        let Some(control) = self.control else { return Ok(None) };
+        self.check_control(control)?;
+        match self.hmm.transition().evidence(control) {
+            Some(value) if limits::is_log(value) => Ok(Some(value)),
+            Some(value) => Err(InferenceError::EvidenceFactor { step: self.number, value }),
+            None => Ok(None),
+        }
+    }
+
+    /// Returns the sparse matrix of the step, if there is one and no evidence.
+    #[inline]
+    pub(crate) fn stored(&self, control: &A::Control) -> Option<&'m SparseTransition> {
+        let transition = self.hmm.transition();
+        let matrix = transition.stored(control).and_then(Stored::as_sparse)?;
+        transition.evidence(control).is_none().then_some(matrix)
     }
 
     /// Advances from the last belief to the one after the observation.
     ///
     /// The step is taken in linear space unless it needs logarithms: because the belief before is
-    /// kept in logarithms, because the observation contradicts the prediction by more than 2^32,
-    /// or because a possible state would get 0. The last does not count in a model with rounded
-    /// tails.
-    ///
-    /// `lifted` is the lifted form of the belief before.
+    /// kept in logarithms, because the observation contradicts the prediction by more than 2^32
+    /// (number 2 in [`limits`](crate::limits)), or because a possible state would get 0. The last
+    /// does not count in a model with rounded tails.
     pub(crate) fn advance(
         &self,
         observation: &B::Observation,
         before: BeliefRef<'_>,
-        lifted: &mut LiftedBelief,
-        results: &mut StepOutput<'_>,
-        work: &mut Workspace,
+        scratch: &mut StepScratch,
     ) -> Result<StepOutcome, InferenceError> {
-        let Workspace { scratch, values } = work;
+        let StepScratch { lifted, output, work: Workspace { scratch, values } } = scratch;
         if let Some(found) = self.hmm.likelihood().by_groups(observation, scratch)
             && let Ok((diagonal, groups)) = found
             && diagonal.check_shape(groups.count()).is_ok()
         {
+            // A sensor that fails, or a step that is not plain, is left to the general way, which
+            // knows all errors; this one only has to be right where it succeeds.
             let evidence = self.evidence()?;
-            let (has_evidence, likelihoods) = (evidence.is_some(), (&diagonal, groups));
+            let likelihoods = (&diagonal, groups);
             let advanced =
-                self.advance_by_blocks(likelihoods, has_evidence, before, lifted, results);
+                self.advance_by_blocks(likelihoods, evidence.is_some(), before, lifted, output);
             if let Some((normalizer, form)) = advanced {
                 let log = normalizer.ln() + diagonal.log_factor + evidence.unwrap_or(0.0);
-                return Ok(StepOutcome { log, normalizer, by_logs: false, in_logs: false, form });
+                return Ok(StepOutcome::linear(log, normalizer, form));
             }
         }
         let wrap = |cause| InferenceError::likelihood(self.number, cause);
@@ -114,239 +120,160 @@ impl<'m, A: Transition, B: Likelihood> Step<'m, A, B> {
             Ok(ref diagonal) => diagonal,
             Err(source) => return Err(wrap(source)),
         };
-        diagonal.check_shape(self.hmm.states()).map_err(wrap)?;
-        if let Some(log_factor) = self.evidence()? {
-            return self.advance_by_evidence(log_factor, diagonal, before, lifted, results, values);
+        let states = before.linear.len();
+        diagonal.check_shape(states).map_err(wrap)?;
+        let (evidence, tails_rounded) = (self.evidence()?, self.hmm.rounds_tails());
+        let log_factors = evidence.map_or(diagonal.log_factor, |log| log + diagonal.log_factor);
+        let linear = diagonal.linear_values().map(|linear| Likelihoods {
+            diagonal,
+            values: linear,
+            scaled: false,
+            tails_rounded,
+        });
+        // Unscaled if possible; the update checks on the way that likelihoods are valid, which
+        // saves a pass over them.
+        if let (None, None, Some(linear)) = (before.logs, evidence, linear)
+            && let Some((n, form)) =
+                self.advance_in_doubles(linear, before.linear, false, lifted, output)?
+        {
+            return Ok(StepOutcome::linear(n.ln() + log_factors, n, form));
         }
-        let tails_rounded = self.hmm.rounds_tails();
-        // Unscaled if possible; the update checks validity on the way.
-        if let (None, Some(linear)) = (before.logs, diagonal.linear_values()) {
-            let as_they_are =
-                Likelihoods { diagonal, values: linear, scaled: false, tails_rounded };
-            let advanced = self.advance_in_doubles(as_they_are, before.linear, lifted, results)?;
-            if let Some((normalizer, form)) = advanced {
-                let log = normalizer.ln() + diagonal.log_factor;
-                return Ok(StepOutcome { log, normalizer, by_logs: false, in_logs: false, form });
-            }
+        let largest = diagonal.check(states).map_err(wrap)?;
+        // Without evidence, a step that comes here has failed with likelihoods as they are.
+        let unscaled = linear.filter(|_| evidence.is_some() && limits::is_unscaled(largest));
+        let (likelihoods, log_scale) = if let Some(likelihoods) = unscaled {
+            (likelihoods, 0.0)
+        } else {
+            let log_scale = self.scale(diagonal, largest, values)?;
+            (Likelihoods { diagonal, values, scaled: true, tails_rounded }, log_scale)
+        };
+        if before.logs.is_none()
+            && !(evidence.is_some() && self.needs_logs())
+            && let Some((n, form)) = self.advance_in_doubles(
+                likelihoods,
+                before.linear,
+                evidence.is_some(),
+                lifted,
+                output,
+            )?
+        {
+            // The way back cannot use the N of likelihoods that are gone.
+            let normalizer = if likelihoods.scaled { 0.0 } else { n };
+            return Ok(StepOutcome::linear(n.ln() + log_scale + log_factors, normalizer, form));
         }
-        let largest = diagonal.check(self.hmm.states()).map_err(wrap)?;
-        let log_scale = self.scale(diagonal, largest, values)?;
-        if before.logs.is_none() {
-            let scaled = Likelihoods { diagonal, values, scaled: true, tails_rounded };
-            let advanced = self.advance_in_doubles(scaled, before.linear, lifted, results)?;
-            if let Some((scaled, form)) = advanced {
-                let log = scaled.ln() + log_scale + diagonal.log_factor;
-                return Ok(StepOutcome {
-                    log,
-                    normalizer: 0.0,
-                    by_logs: false,
-                    in_logs: false,
-                    form,
-                });
-            }
-        }
-        self.predict_in_logs(before, None, results, values)?;
-        self.update_in_logs(diagonal, log_scale, results)
+        self.predict_in_logs(before, evidence, output, values)?;
+        let advanced = self.update_in_logs(diagonal, log_scale, output)?;
+        let log = evidence.map_or(advanced.log, |log_factor| advanced.log + log_factor);
+        Ok(StepOutcome { log, ..advanced })
     }
 
-    /// Scales likelihoods to a largest value of one, and returns the logarithm of the divisor.
-    pub(crate) fn scale(
-        &self,
-        diagonal: &Diagonal<'_>,
-        largest: f64,
-        values: &mut [f64],
-    ) -> Result<f64, InferenceError> {
-        match diagonal.values {
-            Values::Linear(linear) | Values::Checked { linear, .. } => {
-                if largest == 0.0 {
-                    return Err(InferenceError::Impossible { step: self.number });
-                }
-                values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
-                Ok(largest.ln())
-            }
-            Values::Log(logs) => {
-                if largest == f64::NEG_INFINITY {
-                    return Err(InferenceError::Impossible { step: self.number });
-                }
-                values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
-                Ok(largest)
-            }
-        }
-    }
-
-    /// Takes the step in linear space. Returns the normaliser of the likelihoods, or `None` if
-    /// the results leave the range of `f64` or the likelihoods are not valid or need scaling.
+    /// Takes the step in linear space. Returns the normaliser of the likelihoods, with the
+    /// probability of evidence on the move in it, or `None` if the results leave the range of `f64`
+    /// or the likelihoods are not valid or need scaling.
     #[inline]
     fn advance_in_doubles(
         &self,
         likelihoods: Likelihoods<'_>,
         belief: &[f64],
+        has_evidence: bool,
         lifted: &mut LiftedBelief,
-        results: &mut StepOutput<'_>,
+        output: &mut StepOutput,
     ) -> Result<Option<(f64, BeliefForm)>, InferenceError> {
-        let matrix = self.matrix();
+        let StepOutput { predicted, after, lifted: out, .. } = output;
+        // With evidence there is no matrix, and no plain step: nothing says how small entries are.
+        let matrix = self.control.and_then(|control| self.stored(control));
+        // Plain if all terms A α are at least 2^-1000 ("A plain step" in `limits`): no belief is
+        // tiny, and no entry of the matrix small.
         if !lifted.is_needed()
             && let Some(matrix) = matrix
             && matrix.plain
         {
             let product = Product::Sparse { matrix: &matrix.sliced_rows, x: belief };
-            let updated = kernels::forward_step(likelihoods.update(product, 1.0, results.lifted));
+            let updated = kernels::forward_step(likelihoods.update(product, 1.0, out));
             if !holds(&updated, 1.0) {
                 return Ok(None);
             }
             if !updated.small {
-                let tiny = kernels::normalize_in_place(results.lifted, updated.products);
+                let tiny = kernels::normalize_in_place(out, updated.products);
                 return Ok(Some((updated.products, BeliefForm::Plain { tiny })));
             }
+            // A result below 2^-1000 may lack digits that the lifted step has.
             lifted.lift_for_some_steps();
         }
         let lifted = lifted.values(belief);
-        let updated = self.update(matrix, likelihoods, lifted, results)?;
-        if !holds(&updated, LIFT) {
+        let prediction = match (matrix, self.control) {
+            (Some(matrix), _) => Product::Sparse { matrix: &matrix.sliced_rows, x: lifted },
+            (None, None) => Product::Computed(lifted),
+            (None, Some(control)) => {
+                self.hmm.transition().apply(control, lifted, predicted);
+                Product::Computed(predicted)
+            }
+        };
+        let updated = kernels::forward_step(likelihoods.update(prediction, LIFT, out));
+        // A matrix was checked when it was made, any other operator is by its sum. The search for
+        // the state at fault comes after that, so that steps in order don't pay for it. (A NaN or
+        // infinite value makes the sum NaN or infinite.)
+        let sum = updated.predicted / LIFT;
+        if has_evidence {
+            if updated.negative_predicted || !limits::is_evidence_sum(sum) {
+                self.evidence_sum(predicted)?;
+                return Ok(None);
+            }
+        } else if matrix.is_none()
+            && self.control.is_some()
+            && (updated.negative_predicted || !limits::is_one(sum))
+        {
+            self.check_prediction(predicted)?;
+        }
+        // The sum of a prediction with evidence takes the place of one: an observation contradicts
+        // what the evidence has left, not what it has ruled out.
+        if !holds(&updated, if has_evidence { updated.predicted } else { LIFT }) {
             return Ok(None);
         }
-        let tiny = kernels::normalize_and_lift(results.lifted, results.after, updated.products);
-        if updated.small && self.loses_states(likelihoods, lifted, results) {
+        let tiny = kernels::normalize_and_lift(out, after, updated.products);
+        // Small is below 1 of 2^1000: a loss is possible, and one pass more tells.
+        if updated.small && self.loses_states(likelihoods, lifted, output) {
             return Ok(None);
         }
         Ok(Some((updated.products / LIFT, BeliefForm::Lifted { tiny })))
     }
 
-    /// Returns the sparse matrix of a step without evidence, if there is one.
-    fn matrix(&self) -> Option<&'m SparseTransition> {
-        self.hmm.transition().stored(self.control?).and_then(Stored::as_sparse)
-    }
-
-    /// Writes the product of prediction and likelihoods into the lifted result.
-    #[inline]
-    fn update(
-        &self,
-        matrix: Option<&SparseTransition>,
-        likelihoods: Likelihoods<'_>,
-        lifted: &[f64],
-        results: &mut StepOutput<'_>,
-    ) -> Result<ForwardSums, InferenceError> {
-        if let Some(matrix) = matrix {
-            let product = Product::Sparse { matrix: &matrix.sliced_rows, x: lifted };
-            return Ok(kernels::forward_step(likelihoods.update(product, LIFT, results.lifted)));
-        }
-        let Some(control) = self.control else {
-            return Ok(kernels::forward_step(likelihoods.update(
-                Product::Computed(lifted),
-                LIFT,
-                results.lifted,
-            )));
-        };
-        self.hmm.transition().apply(control, lifted, results.predicted);
-        let product = Product::Computed(results.predicted);
-        let updated = kernels::forward_step(likelihoods.update(product, LIFT, results.lifted));
-        if updated.negative_predicted || !limits::is_one(updated.predicted / LIFT) {
-            self.check_prediction(results.predicted)?;
-        }
-        Ok(updated)
-    }
-
-    /// Returns true if a state that prediction and likelihood allow has become 0, or a scaled
-    /// likelihood is too small to have all its digits.
-    #[cold]
-    pub(crate) fn loses_states(
-        &self,
-        likelihoods: Likelihoods<'_>,
-        lifted: &[f64],
-        results: &mut StepOutput<'_>,
-    ) -> bool {
-        self.predict(lifted, results.predicted);
-        let lost =
-            |((&p, &after), &scaled): ((&f64, &f64), &f64)| limits::is_lost(p, after, scaled);
-        let states = results.predicted.iter().zip(&*results.after).zip(likelihoods.values);
-        match likelihoods.diagonal.values {
-            Values::Linear(b) | Values::Checked { linear: b, .. } => {
-                states.zip(b).any(|(state, b)| lost(state) && *b > 0.0)
-            }
-            Values::Log(b) => states.zip(b).any(|(state, b)| lost(state) && *b > f64::NEG_INFINITY),
-        }
-    }
-
-    /// Updates the prediction in logarithms to the belief after the observation. `log_scale` is
-    /// taken out of the likelihoods first, so that they keep their digits.
-    #[cold]
-    pub(crate) fn update_in_logs(
+    /// Scales likelihoods to a largest value of one, and returns the logarithm of the divisor.
+    fn scale(
         &self,
         diagonal: &Diagonal<'_>,
-        log_scale: f64,
-        results: &mut StepOutput<'_>,
-    ) -> Result<StepOutcome, InferenceError> {
-        for (out, log) in results.logs.iter_mut().zip(diagonal.logs()) {
-            *out += log - log_scale;
-        }
-        let Some(normalizer) = normalize_logs(results.logs, results.after) else {
-            return Err(InferenceError::Impossible { step: self.number });
-        };
-        let log = normalizer + log_scale + diagonal.log_factor;
-        let in_logs = !self.hmm.rounds_tails() && loses(results.logs, results.after);
-        Ok(StepOutcome { log, normalizer: 0.0, by_logs: true, in_logs, form: BeliefForm::Other })
-    }
-
-    /// Predicts in logarithms, into those of the results, and checks the prediction: a
-    /// distribution, unless there is evidence on the move.
-    pub(crate) fn predict_in_logs(
-        &self,
-        before: BeliefRef<'_>,
-        evidence: Option<f64>,
-        results: &mut StepOutput<'_>,
+        largest: f64,
         values: &mut [f64],
-    ) -> Result<(), InferenceError> {
-        before.logs_to(values);
-        match self.control {
-            Some(control) => self.hmm.transition().apply_log(control, values, results.logs),
-            None => results.logs.copy_from_slice(values),
-        }
-        if evidence.is_some() {
-            return self.check_log_evidence(results.logs);
-        }
-        let logs = results.logs.iter();
-        let lift = LIFT.ln();
-        results.predicted.iter_mut().zip(logs).for_each(|(out, log)| *out = (log + lift).exp());
-        self.check_prediction(results.predicted)?;
-        Ok(())
-    }
-
-    /// Checks that a lifted prediction is a distribution, since any operator may have made it,
-    /// and returns its sum.
-    pub(crate) fn check_prediction(&self, predicted: &[f64]) -> Result<f64, InferenceError> {
-        let step = self.number;
-        if let Err(state) = kernels::largest(predicted, Valid::Likelihoods) {
-            let value = predicted[state] / LIFT;
-            return Err(InferenceError::Predicted { step, state, value });
-        }
-        let lifted = kernels::sum(predicted);
-        let sum = lifted / LIFT;
-        if limits::is_one(sum) {
-            Ok(lifted)
-        } else {
-            Err(InferenceError::PredictedSum { step, sum })
+    ) -> Result<f64, InferenceError> {
+        let impossible = Err(InferenceError::Impossible { step: self.number });
+        match diagonal.values {
+            Values::Linear(_) | Values::Checked { .. } if largest == 0.0 => impossible,
+            Values::Linear(linear) | Values::Checked { linear, .. } => {
+                values.iter_mut().zip(linear).for_each(|(out, b)| *out = b / largest);
+                Ok(largest.ln())
+            }
+            Values::Log(_) if largest == f64::NEG_INFINITY => impossible,
+            Values::Log(logs) => {
+                values.iter_mut().zip(logs).for_each(|(out, log)| *out = (log - largest).exp());
+                Ok(largest)
+            }
         }
     }
 }
 
 /// Likelihoods in proportion to those of a diagonal.
 #[derive(Clone, Copy)]
-pub(crate) struct Likelihoods<'a> {
-    pub(crate) diagonal: &'a Diagonal<'a>,
-    pub(crate) values: &'a [f64],
+struct Likelihoods<'a> {
+    diagonal: &'a Diagonal<'a>,
+    values: &'a [f64],
     /// True if they have been scaled, so that a value of 0 may have been positive.
-    pub(crate) scaled: bool,
+    scaled: bool,
     /// True if the model rounds tails.
-    pub(crate) tails_rounded: bool,
+    tails_rounded: bool,
 }
 
 impl<'a> Likelihoods<'a> {
-    pub(crate) fn update(
-        self,
-        prediction: Product<'a>,
-        lift: f64,
-        out: &'a mut [f64],
-    ) -> ForwardStep<'a> {
+    fn update(self, prediction: Product<'a>, lift: f64, out: &'a mut [f64]) -> ForwardStep<'a> {
         // Without a lift, small results lose digits, so that they are watched with rounded tails
         // too.
         let watch = match self {
@@ -359,9 +286,9 @@ impl<'a> Likelihoods<'a> {
 }
 
 /// Returns true if the results of an update are within the range of `f64`, and the likelihoods
-/// are valid and near enough to one.
+/// are valid and near enough to one (numbers 1 and 2 in [`limits`](crate::limits)).
 #[inline]
-pub(crate) fn holds(updated: &ForwardSums, lift: f64) -> bool {
+fn holds(updated: &ForwardSums, lift: f64) -> bool {
     let ForwardSums { products, predicted, largest_likelihood, .. } = *updated;
     !updated.negative_likelihood
         && limits::linear_holds(products, predicted, largest_likelihood, lift)

@@ -1,20 +1,17 @@
-//! Streaming filter (paper section III-A).
+//! Streaming filter (paper section III-A; section 2 of the [formulas](crate::guide::formulas)): a
+//! model, a state and scratch memory.
+//!
+//! The invariant of all its methods: an error leaves the state as it was. A step gets that from
+//! [`FilterSnapshot::advance`], which commits last; the others check before they write.
 
-use std::mem;
 use std::ops::Deref;
 
-use super::filter_snapshot::{FilterSnapshot, next_step};
-use crate::belief::{Belief, BeliefView};
+use crate::belief::Belief;
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::LogSum;
-use crate::inference::step::belief_form::{
-    BeliefForm, BeliefRef, LiftedBelief, StepOutcome, StepOutput, loses, normalize_logs,
-};
-use crate::inference::step::{Step, Workspace};
-use crate::kernels::{self, Aligned};
+use crate::inference::step::Step;
+use crate::inference::step::state::{FilterSnapshot, StepScratch};
 use crate::likelihood::Likelihood;
-use crate::limits::{self, LIFT};
 use crate::transition::{NoControl, Transition};
 
 /// Streaming filter: the distribution of the present state given all observations so far,
@@ -53,23 +50,31 @@ use crate::transition::{NoControl, Transition};
 /// assert!((car.position.log_likelihood() - 0.55f64.ln()).abs() < 1e-15);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Debug, Clone)]
+///
+/// A filter dereferences to its state, a [`FilterSnapshot`]: `filter.belief()`,
+/// `filter.log_likelihood()` and `filter.steps()` are methods of that.
+#[derive(Debug)]
 pub struct Filter<M> {
     model: M,
-    steps: usize,
-    steps_in_logs: usize,
-    belief: Aligned,
-    /// Logarithms of the belief, if it has values outside the range of `f64`.
-    logs: Option<Vec<f64>>,
-    log_likelihood: LogSum,
-    lifted: LiftedBelief,
-    predicted: Vec<f64>,
-    after: Aligned,
-    after_lifted: Aligned,
-    after_logs: Vec<f64>,
-    /// Memory for the logarithms while there are none.
-    spare: Vec<f64>,
-    work: Workspace,
+    state: FilterSnapshot,
+    scratch: StepScratch,
+}
+
+impl<M> Deref for Filter<M> {
+    type Target = FilterSnapshot;
+
+    fn deref(&self) -> &FilterSnapshot {
+        &self.state
+    }
+}
+
+impl<M: Clone> Clone for Filter<M> {
+    fn clone(&self) -> Self {
+        // A clone of the state alone would be one at rest, not in aligned memory.
+        let mut state = FilterSnapshot::start(&self.state.belief);
+        state.copy(&self.state);
+        Self { model: self.model.clone(), state, scratch: self.scratch.clone() }
+    }
 }
 
 /// # Streams
@@ -91,24 +96,9 @@ where
     /// filter that owns it. Allocates all memory that its steps need.
     #[must_use]
     pub fn new(model: M) -> Self {
-        let n = model.states();
-        let mut belief = Aligned::new(n, 0.0);
-        belief.copy_from_slice(model.prior().belief().as_slice());
-        Self {
-            lifted: LiftedBelief::new(&belief),
-            steps: 0,
-            steps_in_logs: 0,
-            belief,
-            logs: None,
-            log_likelihood: LogSum::default(),
-            predicted: vec![0.0; n],
-            after: Aligned::new(n, 0.0),
-            after_lifted: Aligned::new(n, 0.0),
-            after_logs: vec![0.0; n],
-            spare: vec![0.0; n],
-            work: Workspace::new(n),
-            model,
-        }
+        let prior = model.prior().belief().as_slice();
+        let (state, scratch) = (FilterSnapshot::start(prior), StepScratch::new(prior));
+        Self { model, state, scratch }
     }
 
     /// Takes one time step: prediction under `control`, then update with `observation`. The
@@ -127,18 +117,8 @@ where
         control: &A::Control,
         observation: &B::Observation,
     ) -> Result<f64, InferenceError> {
-        Ok(self.step_in_full(control, observation)?.log)
-    }
-
-    /// Takes a step, and returns its full outcome.
-    pub(crate) fn step_in_full(
-        &mut self,
-        control: &A::Control,
-        observation: &B::Observation,
-    ) -> Result<StepOutcome, InferenceError> {
-        let number = next_step(self.steps)?;
-        let control = self.model.prior().moves_at(number).then_some(control);
-        self.advance(number, control, observation)
+        let step = Step::after(&*self.model, self.state.steps, control)?;
+        Ok(self.state.advance(&step, observation, &mut self.scratch)?.log)
     }
 
     /// Predicts under `control` alone: one time step without an observation. The log-likelihood
@@ -150,41 +130,9 @@ where
     /// [`InferenceError`] if the control is not valid, or if it is evidence that is
     /// [impossible](InferenceError::ImpossibleMove).
     pub fn predict_with(&mut self, control: &A::Control) -> Result<(), InferenceError> {
-        let number = next_step(self.steps)?;
-        let control = self.model.prior().moves_at(number).then_some(control);
-        let Self { model, belief, logs, lifted, predicted, .. } = self;
-        let Self { after, after_lifted, after_logs, work, .. } = self;
-        let step = Step { hmm: &**model, number, control };
-        let evidence = step.evidence()?;
-        let mut by_logs = logs.is_some() || (evidence.is_some() && step.needs_logs());
-        // ln p(u), without the log factor of the evidence.
-        let mut log = 0.0;
-        if !by_logs {
-            step.predict(lifted.values(belief), after);
-            let sum = match evidence {
-                None => Some(step.check_prediction(after)?),
-                Some(_) => step.evidence_sum(after)?,
-            };
-            match sum {
-                Some(sum) => {
-                    let loses = normalize(after, sum);
-                    (by_logs, log) = (loses && !model.rounds_tails(), (sum / LIFT).ln());
-                }
-                None => by_logs = true,
-            }
-        }
-        let mut in_logs = false;
-        if by_logs {
-            let mut results =
-                StepOutput { predicted, after, lifted: after_lifted, logs: after_logs };
-            let before = BeliefRef { linear: belief, logs: logs.as_deref() };
-            step.predict_in_logs(before, evidence, &mut results, &mut work.values)?;
-            log = normalize_logs(after_logs, after).unwrap_or(f64::NEG_INFINITY);
-            in_logs = !model.rounds_tails() && loses(after_logs, after);
-        }
-        let log = evidence.map_or(0.0, |log_factor| log + log_factor);
-        let form = BeliefForm::Other;
-        self.commit(number, &StepOutcome { log, normalizer: 0.0, by_logs, in_logs, form });
+        let step = Step::after(&*self.model, self.state.steps, control)?;
+        let outcome = step.advance_unseen(self.state.held(), &mut self.scratch)?;
+        self.state.commit(step.number, &outcome, &mut self.scratch);
         Ok(())
     }
 
@@ -204,9 +152,11 @@ where
     ///
     /// As [`step_with`](Self::step_with).
     pub fn update(&mut self, observation: &B::Observation) -> Result<f64, InferenceError> {
+        // A prior at the first observation is one of X_1: there is no X_0 to be observed.
         let at_first = !self.model.prior().moves_at(1);
-        let number = self.steps.max(usize::from(at_first));
-        Ok(self.advance(number, None, observation)?.log)
+        let number = self.state.steps.max(usize::from(at_first));
+        let step = Step { hmm: &*self.model, number, control: None };
+        Ok(self.state.advance(&step, observation, &mut self.scratch)?.log)
     }
 
     /// Returns the distribution `controls.len()` steps ahead, without observations, under one
@@ -219,54 +169,11 @@ where
     ///
     /// [`InferenceError`] if a control is not valid.
     pub fn forecast_with(&self, controls: &[A::Control]) -> Result<Belief, InferenceError> {
+        // A forecast is rare, so that it has memory of its own, and the filter need not be `mut`.
         let mut ahead = Filter::new(&*self.model);
-        ahead.restore(&self.snapshot())?;
+        ahead.restore(&self.state)?;
         controls.iter().try_for_each(|control| ahead.predict_with(control))?;
         Ok(ahead.belief().to_owned())
-    }
-
-    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
-    /// the prior before any step.
-    #[must_use]
-    pub fn belief(&self) -> BeliefView<'_> {
-        Belief::view(&self.belief)
-    }
-
-    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
-    }
-
-    /// Number of steps taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Number of steps so far taken in logarithms, which is several times slower: the belief
-    /// before or after was outside the range of `f64`, or the observation contradicted the
-    /// prediction too much. A prediction and an update alone count one each.
-    ///
-    /// If there are many, and the tails of the model are not credible anyway, [rounded
-    /// tails](Hmm::with_rounded_tails) are faster.
-    ///
-    /// ```
-    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
-    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
-    /// let mut filter = hmm.filter();
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 0);
-    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
-    /// filter.step(&[0.0, -10.0])?;
-    /// assert_eq!(filter.steps_in_logs(), 2);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    #[must_use]
-    pub fn steps_in_logs(&self) -> usize {
-        self.steps_in_logs
     }
 
     /// The model.
@@ -279,13 +186,7 @@ where
     /// continues with identical bits.
     #[must_use]
     pub fn snapshot(&self) -> FilterSnapshot {
-        FilterSnapshot {
-            steps: self.steps,
-            steps_in_logs: self.steps_in_logs,
-            belief: self.belief().to_owned(),
-            logs: self.logs.clone(),
-            log_likelihood: self.log_likelihood,
-        }
+        self.state.clone()
     }
 
     /// Overwrites a snapshot with a copy of the filter's state, as [`snapshot`](Self::snapshot)
@@ -306,12 +207,7 @@ where
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn snapshot_to(&self, state: &mut FilterSnapshot) {
-        (state.steps, state.steps_in_logs) = (self.steps, self.steps_in_logs);
-        state.log_likelihood = self.log_likelihood;
-        let belief = state.belief.as_mut_vec();
-        belief.clear();
-        belief.extend_from_slice(&self.belief);
-        state.logs.clone_from(&self.logs);
+        state.clone_from(&self.state);
     }
 
     /// Restores a snapshot, of this filter or another. Allocates nothing. Only the number of states
@@ -321,28 +217,21 @@ where
     ///
     /// [`InferenceError::StateCount`] if it has another number of states.
     pub fn restore(&mut self, snapshot: &FilterSnapshot) -> Result<(), InferenceError> {
-        let (found, expected) = (snapshot.belief.states(), self.model.states());
+        let (found, expected) = (snapshot.belief.len(), self.model.states());
         if found != expected {
             return Err(InferenceError::StateCount { what: "snapshot", found, expected });
         }
-        (self.steps, self.steps_in_logs) = (snapshot.steps, snapshot.steps_in_logs);
-        self.log_likelihood = snapshot.log_likelihood;
-        self.belief.copy_from_slice(snapshot.belief.as_slice());
-        if let Some(logs) = &snapshot.logs {
-            self.after_logs.copy_from_slice(logs);
-        }
-        self.lifted.follow(&self.belief);
-        self.keep_logs(snapshot.logs.is_some());
+        // Copied into the memory of the filter, which is aligned and has room for logarithms.
+        self.state.copy(snapshot);
+        self.scratch.lifted.follow(&self.state.belief);
         Ok(())
     }
 
     /// Returns to the prior, with no steps taken.
     pub fn restart(&mut self) {
-        let Self { model, belief, .. } = self;
-        belief.copy_from_slice(model.prior().belief().as_slice());
-        (self.steps, self.steps_in_logs, self.log_likelihood) = (0, 0, LogSum::default());
-        self.lifted.follow(&self.belief);
-        self.keep_logs(false);
+        let prior = self.model.prior().belief().as_slice();
+        self.state.restart(prior);
+        self.scratch.lifted.follow(prior);
     }
 
     /// Replaces the present belief, for example when a vehicle is told where it is, or is lost.
@@ -356,72 +245,11 @@ where
         if found != expected {
             return Err(InferenceError::StateCount { what: "belief", found, expected });
         }
-        self.belief.copy_from_slice(belief.as_slice());
-        self.lifted.follow(&self.belief);
-        self.keep_logs(false);
+        self.state.relocate(belief.as_slice());
+        self.scratch.lifted.follow(&self.state.belief);
         Ok(())
     }
 
-    fn advance(
-        &mut self,
-        number: usize,
-        control: Option<&A::Control>,
-        observation: &B::Observation,
-    ) -> Result<StepOutcome, InferenceError> {
-        let Self { model, belief, logs, lifted, predicted, .. } = self;
-        let Self { after, after_lifted, after_logs, work, .. } = self;
-        let step = Step { hmm: &**model, number, control };
-        let before = BeliefRef { linear: belief, logs: logs.as_deref() };
-        let mut results = StepOutput { predicted, after, lifted: after_lifted, logs: after_logs };
-        let advanced = step.advance(observation, before, lifted, &mut results, work)?;
-        self.commit(number, &advanced);
-        Ok(advanced)
-    }
-
-    pub(crate) fn held(&self) -> BeliefRef<'_> {
-        BeliefRef { linear: &self.belief, logs: self.logs.as_deref() }
-    }
-
-    /// Applies the outcome of a step; nothing before this changes the filter.
-    fn commit(&mut self, number: usize, advanced: &StepOutcome) {
-        let belief = &mut self.belief;
-        match advanced.form {
-            BeliefForm::Plain { .. } => mem::swap(belief, &mut self.after_lifted),
-            BeliefForm::Lifted { .. } => mem::swap(belief, &mut self.after),
-            BeliefForm::Other => {
-                mem::swap(belief, &mut self.after);
-                self.lifted.follow(belief);
-            }
-        }
-        self.lifted.commit(advanced.form, &mut self.after_lifted);
-        self.keep_logs(advanced.in_logs);
-        self.steps = number;
-        self.steps_in_logs = self.steps_in_logs.saturating_add(usize::from(advanced.by_logs));
-        self.log_likelihood.add(advanced.log);
-    }
-
-    /// Keeps the logarithms in `after_logs`, or drops those kept so far.
-    fn keep_logs(&mut self, keep: bool) {
-        if !keep && self.logs.is_none() {
-            return;
-        }
-        let memory = self.logs.take();
-        let mut memory = memory.unwrap_or_else(|| mem::take(&mut self.spare));
-        if keep {
-            mem::swap(&mut memory, &mut self.after_logs);
-            self.logs = Some(memory);
-        } else {
-            self.spare = memory;
-        }
-    }
-}
-
-impl<M, A, B> Filter<M>
-where
-    M: Deref<Target = Hmm<A, B>>,
-    A: Transition,
-    B: Likelihood,
-{
     /// Takes one time step: prediction, then update with `observation`. Returns the
     /// log-likelihood of the observation, ln p(y_k | y_1 … y_{k-1}).
     ///
@@ -468,12 +296,4 @@ where
     {
         self.forecast_with(&vec![A::Control::NONE; steps])
     }
-}
-
-/// Normalizes a prediction, which sums to one up to rounding, so that rounding does not
-/// accumulate. Returns true if a value rounds to 0.
-fn normalize(predicted: &mut [f64], sum: f64) -> bool {
-    let loses = predicted.iter().any(|p| limits::rounds_to_zero(*p, sum));
-    kernels::normalize(predicted, sum);
-    loses
 }

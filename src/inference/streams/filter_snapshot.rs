@@ -1,62 +1,143 @@
-//! State of a filter, as plain data.
+//! State of a filter, as plain data: its accessors, its copies at rest, and its formats. The struct
+//! is where steps are taken, in [`step::state`](crate::inference::step::state).
 
-use crate::belief::{Belief, SUM_TOLERANCE};
-use crate::error::InferenceError;
-use crate::inference::LogSum;
-use crate::inference::step::belief_form::BeliefRef;
+use super::bytes::{Kind, Reader, Writer, contents};
+use super::format::{BELIEF, COUNT, MAYBE_LOGS, SUM, in_bytes};
+use crate::belief::{Belief, BeliefView, SUM_TOLERANCE};
+use crate::error::SnapshotError;
+use crate::inference::step::state::{FilterSnapshot, LogSum, MOST_STEPS};
+use crate::kernels::Aligned;
 
-/// Largest number of steps of a filter or snapshot: an `f64` can count them.
-pub(crate) const MOST_STEPS: usize =
-    if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX };
+impl Clone for FilterSnapshot {
+    /// Copies the state into as little memory as it takes.
+    fn clone(&self) -> Self {
+        // A state at rest needs no aligned memory: there may be millions, of some hundred bytes.
+        let belief = Aligned::from(self.belief.to_vec());
+        Self { belief, logs: self.logs.clone(), ..*self }
+    }
 
-/// Returns the number of the step after `steps` steps.
-pub(crate) fn next_step(steps: usize) -> Result<usize, InferenceError> {
-    if steps < MOST_STEPS { Ok(steps + 1) } else { Err(InferenceError::TooMany { steps }) }
-}
-
-/// State of a filter after k steps: plain data, to be kept, compared, sent elsewhere and
-/// restored.
-///
-/// ```
-/// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
-/// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
-/// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
-/// let mut filter = hmm.filter();
-/// filter.step(&[0.9, 0.2])?;
-/// let snapshot = filter.snapshot();
-/// filter.step(&[0.1, 0.8])?;
-/// filter.restore(&snapshot)?;
-/// assert_eq!(filter.snapshot(), snapshot);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct FilterSnapshot {
-    pub(crate) steps: usize,
-    pub(crate) steps_in_logs: usize,
-    pub(crate) belief: Belief,
-    /// Logarithms of the belief, if it has values outside the range of `f64`.
-    pub(crate) logs: Option<Vec<f64>>,
-    pub(crate) log_likelihood: LogSum,
+    /// Copies the state into the memory at hand. Allocates nothing if that is of as many states,
+    /// unless there are logarithms for the first time.
+    fn clone_from(&mut self, other: &Self) {
+        self.copy(other);
+        // A vehicle that was in doubt once should not keep the memory for it.
+        if other.logs.is_empty() {
+            self.logs = Vec::new();
+        }
+    }
 }
 
 impl FilterSnapshot {
-    /// Creates a snapshot from parts that may be damaged.
-    pub(crate) fn checked(
-        [steps, steps_in_logs]: [usize; 2],
-        belief: Belief,
-        logs: Option<Vec<f64>>,
-        log_likelihood: LogSum,
-    ) -> Result<Self, String> {
-        if steps > MOST_STEPS {
+    /// Number of steps taken, k.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Number of these steps taken in logarithms, which is several times slower: the belief
+    /// before or after was outside the range of `f64`, or the observation contradicted the
+    /// prediction too much. A prediction and an update alone count one each.
+    ///
+    /// If there are many, and the tails of the model are not credible anyway, [rounded
+    /// tails](crate::Hmm::with_rounded_tails) are faster.
+    ///
+    /// ```
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let stay = DenseTransition::from_rows(&[[1.0, 0.0], [0.0, 1.0]])?;
+    /// let hmm = Hmm::new(prior, stay, LikelihoodVector::log(2))?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 0);
+    /// filter.step(&[0.0, -1000.0])?; // e^-1010 is beyond doubles
+    /// filter.step(&[0.0, -10.0])?;
+    /// assert_eq!(filter.steps_in_logs(), 2);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn steps_in_logs(&self) -> usize {
+        self.steps_in_logs
+    }
+
+    /// Present belief: p(X_k | y_1 … y_k) after an update, the predicted one after a prediction,
+    /// the prior before any step.
+    #[must_use]
+    pub fn belief(&self) -> BeliefView<'_> {
+        Belief::view(&self.belief)
+    }
+
+    /// Log-likelihood ln p(y_1 … y_k) of the observations so far, and of evidence on moves.
+    #[must_use]
+    pub fn log_likelihood(&self) -> f64 {
+        self.log_likelihood.value()
+    }
+
+    /// Memory on the heap, in bytes, besides the snapshot itself: 8 for each state, or 16 if the
+    /// belief is also held as logarithms. (That of a filter has room for steps.)
+    #[must_use]
+    pub fn heap_bytes(&self) -> usize {
+        (self.belief.capacity() + self.logs.capacity()) * size_of::<f64>()
+    }
+
+    /// Returns the state as bytes: 8 for each possible state, one bit for each state, and about
+    /// 60 more. Needs no feature.
+    ///
+    /// ```
+    /// # use wayfix::inference::FilterSnapshot;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
+    /// let mut filter = hmm.filter();
+    /// filter.step(&[0.9, 0.2])?;
+    /// let mut bytes = filter.snapshot().to_bytes();
+    ///
+    /// let mut next = hmm.filter();
+    /// next.restore(&FilterSnapshot::from_bytes(&bytes)?)?;
+    /// assert_eq!(next.snapshot(), filter.snapshot()); // to the bit
+    ///
+    /// bytes[20] ^= 1;
+    /// assert!(FilterSnapshot::from_bytes(&bytes).is_err());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # The format
+    ///
+    /// Bytes begin with `wayfix`, the kind of state and the version, 1, and end with a checksum,
+    /// which detects damage. They mean the same on all machines; another version of the format is
+    /// refused.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        Writer::whole(Kind::Filter, |out| self.write(out))
+    }
+
+    /// Reads a state from bytes. O(length).
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        Reader::whole(bytes, Kind::Filter, Self::read)?.checked().map_err(contents)
+    }
+
+    /// Creates a state of no model, whose fields are read next.
+    pub(crate) fn blank() -> Self {
+        Self::start(&[])
+    }
+
+    /// Checks that all numbers can be those of a filter; they may be damaged.
+    pub(crate) fn checked(self) -> Result<Self, String> {
+        let Self { steps, belief, logs, log_likelihood, .. } = &self;
+        if *steps > MOST_STEPS {
             return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
         }
-        if let Some(logs) = &logs {
-            let (found, expected) = (logs.len(), belief.states());
+        if !logs.is_empty() {
+            let (found, expected) = (logs.len(), belief.len());
             if found != expected {
                 return Err(format!("{found} logarithms for a belief over {expected} states"));
             }
-            for (state, (log, p)) in logs.iter().zip(belief.as_slice()).enumerate() {
-                // False for a NaN.
+            for (state, (log, p)) in logs.iter().zip(&**belief).enumerate() {
+                // A step reads the logarithms, an answer the belief: they must be of one filter.
+                // (False for a NaN.)
                 let agree = (log.exp() - p).abs() <= SUM_TOLERANCE;
                 if !agree {
                     return Err(format!(
@@ -65,49 +146,31 @@ impl FilterSnapshot {
                 }
             }
         }
-        let LogSum { sum, lost } = log_likelihood;
+        let LogSum { sum, lost } = *log_likelihood;
         if !log_likelihood.is_finite() {
             return Err(format!(
                 "the log-likelihood is the sum of {sum} and {lost}, expected finite values"
             ));
         }
-        Ok(Self { steps, steps_in_logs, belief, logs, log_likelihood })
-    }
-
-    pub(crate) fn held(&self) -> BeliefRef<'_> {
-        BeliefRef { linear: self.belief.as_slice(), logs: self.logs.as_deref() }
-    }
-
-    /// Number of steps taken, k.
-    #[must_use]
-    pub fn steps(&self) -> usize {
-        self.steps
-    }
-
-    /// Number of these steps taken in logarithms, as counted by
-    /// [`Filter::steps_in_logs`](crate::Filter::steps_in_logs).
-    #[must_use]
-    pub fn steps_in_logs(&self) -> usize {
-        self.steps_in_logs
-    }
-
-    /// Belief after these steps.
-    #[must_use]
-    pub fn belief(&self) -> &Belief {
-        &self.belief
-    }
-
-    /// Log-likelihood ln p(y_1 … y_k) of the observations so far.
-    #[must_use]
-    pub fn log_likelihood(&self) -> f64 {
-        self.log_likelihood.value()
-    }
-
-    /// Memory on the heap, in bytes, besides the snapshot itself: 8 for each state, or 16 if the
-    /// belief is also held as logarithms.
-    #[must_use]
-    pub fn heap_bytes(&self) -> usize {
-        let logs = self.logs.as_ref().map_or(0, Vec::capacity);
-        (self.belief.capacity() + logs) * size_of::<f64>()
+        Ok(self)
     }
 }
+
+/// The fields of a filter's state.
+macro_rules! filter_fields {
+    ($apply:ident) => {
+        $apply! {
+            FilterSnapshot, {
+                steps: usize = COUNT(steps),
+                steps_in_logs: usize = COUNT(steps_in_logs),
+                belief: Belief = BELIEF(belief),
+                logs: Option<Vec<Option<f64>>> = MAYBE_LOGS(logs),
+                log_likelihood: [f64; 2] = SUM(log_likelihood),
+            }
+            bytes: steps, steps_in_logs, log_likelihood, belief, logs
+        }
+    };
+}
+#[cfg(feature = "serde")]
+pub(crate) use filter_fields;
+filter_fields!(in_bytes);

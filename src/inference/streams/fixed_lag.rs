@@ -1,16 +1,19 @@
-//! Fixed-lag smoother: a live estimate that has seen a few later observations.
+//! Fixed-lag smoother: a live estimate that has seen a few later observations (section 5 of the
+//! [formulas](crate::guide::formulas)).
+//!
+//! It is a filter with the window of its last states, and has no recursion of its own: after each
+//! step it goes back through the window, as the batch smoother does through the whole sequence.
 
 use std::collections::VecDeque;
 use std::ops::Deref;
 
 use super::filter::Filter;
-use super::filter_snapshot::FilterSnapshot;
-use super::fixed_lag_snapshot::FixedLagSnapshot;
+use super::fixed_lag_snapshot::{FixedLagSnapshot, Window};
 use crate::belief::{Belief, BeliefView};
 use crate::error::InferenceError;
 use crate::hmm::Hmm;
-use crate::inference::step::Step;
 use crate::inference::step::backward::Backward;
+use crate::inference::step::state::FilterSnapshot;
 use crate::likelihood::Likelihood;
 use crate::transition::{NoControl, Transition};
 
@@ -44,12 +47,9 @@ use crate::transition::{NoControl, Transition};
 #[derive(Debug, Clone)]
 pub struct FixedLag<M, U> {
     filter: Filter<M>,
-    lag: usize,
-    /// State of the filter before each of the last L moves, oldest first, and the control of the
-    /// move.
-    past: VecDeque<(FilterSnapshot, U)>,
+    window: Window<U>,
     /// γ of the present step, of the one before, and so on; then memory for more.
-    window: Vec<Vec<f64>>,
+    smoothed: Vec<Vec<f64>>,
     backward: Backward,
     /// Memory of states that have left the window.
     spare: Vec<FilterSnapshot>,
@@ -74,9 +74,9 @@ where
     #[must_use]
     pub fn new(model: M, lag: usize) -> Self {
         let backward = Backward::new(model.states());
-        let window = vec![model.prior().belief().as_slice().to_vec()];
-        let (filter, past) = (Filter::new(model), VecDeque::new());
-        Self { filter, lag, past, window, backward, spare: Vec::new() }
+        let smoothed = vec![model.prior().belief().as_slice().to_vec()];
+        let window = Window { lag, past: VecDeque::new() };
+        Self { filter: Filter::new(model), window, smoothed, backward, spare: Vec::new() }
     }
 
     /// Takes one time step under a control, which drives the transition to this step: prediction,
@@ -137,7 +137,7 @@ where
     /// without one). No later step revises it.
     #[must_use]
     pub fn lagged(&self) -> BeliefView<'_> {
-        Belief::view(&self.window[self.past.len()])
+        Belief::view(&self.smoothed[self.window.past.len()])
     }
 
     /// Smoothed distribution p(X_j | y_1 … y_k) of a step j of the window, from k − L (or the
@@ -148,11 +148,13 @@ where
     /// the same state as X_1, and `get(0)` equals `get(1)`, also after a relocation at step 1.
     #[must_use]
     pub fn get(&self, step: usize) -> Option<BeliefView<'_>> {
+        // Under a prior at the first observation there is no move before it, and no state in the
+        // window for X_0: it shares the row of X_1.
         let steps = self.filter.steps();
-        let back = steps.checked_sub(step).filter(|back| *back <= self.lag)?;
+        let back = steps.checked_sub(step).filter(|back| *back <= self.window.lag)?;
         let same = step == 0 && steps > 0 && !self.filter.model().prior().moves_at(1);
         let row = back - usize::from(same);
-        (row <= self.past.len()).then(|| Belief::view(&self.window[row]))
+        (row <= self.window.past.len()).then(|| Belief::view(&self.smoothed[row]))
     }
 
     /// The filter inside, with present belief, log-likelihood, steps and forecasts.
@@ -161,7 +163,7 @@ where
         &self.filter
     }
 
-    /// Number of steps so far taken in logarithms, as counted by [`Filter::steps_in_logs`]. While
+    /// Number of steps so far taken in logarithms, as counted by [`FilterSnapshot::steps_in_logs`]. While
     /// one is in the window, the way back over it is in logarithms too.
     #[must_use]
     pub fn steps_in_logs(&self) -> usize {
@@ -171,15 +173,14 @@ where
     /// The lag, L.
     #[must_use]
     pub fn lag(&self) -> usize {
-        self.lag
+        self.window.lag
     }
 
     /// Returns a copy of the smoother's state. A smoother that is [restored](Self::restore) from
     /// it continues with identical bits.
     #[must_use]
     pub fn snapshot(&self) -> FixedLagSnapshot<A::Control> {
-        let past = self.past.iter().cloned().collect();
-        FixedLagSnapshot { lag: self.lag, present: self.filter.snapshot(), past }
+        FixedLagSnapshot { present: self.filter.snapshot(), window: self.window.clone() }
     }
 
     /// Restores a snapshot, of this smoother or another, and takes over its lag. Only the number of
@@ -195,10 +196,9 @@ where
         &mut self,
         snapshot: &FixedLagSnapshot<A::Control>,
     ) -> Result<(), InferenceError> {
+        // Controls can only be checked by the way back, which needs the window in place.
         let before = self.snapshot();
-        self.filter.restore(&snapshot.present)?;
         self.replace(snapshot).or_else(|error| {
-            self.filter.restore(&before.present)?;
             self.replace(&before)?;
             Err(error)
         })
@@ -212,13 +212,13 @@ where
 
     /// Restarts the window with the present belief.
     fn begin(&mut self) {
-        self.spare.extend(self.past.drain(..).map(|(state, _)| state));
-        self.window[0].copy_from_slice(self.filter.belief().as_slice());
+        self.spare.extend(self.window.past.drain(..).map(|(state, _)| state));
+        self.smoothed[0].copy_from_slice(self.filter.belief().as_slice());
     }
 
     fn replace(&mut self, state: &FixedLagSnapshot<A::Control>) -> Result<(), InferenceError> {
-        self.lag = state.lag;
-        self.past = state.past.iter().cloned().collect();
+        self.filter.restore(&state.present)?;
+        self.window.clone_from(&state.window);
         self.smooth()
     }
 
@@ -228,6 +228,8 @@ where
         control: Option<&A::Control>,
         step: impl FnOnce(&mut Filter<M>) -> Result<R, InferenceError>,
     ) -> Result<R, InferenceError> {
+        // The state before is kept even for an update, which has no place for it in the window: the
+        // way back may fail after the filter has taken the step.
         let mut before = self.spare.pop().unwrap_or_else(|| self.filter.snapshot());
         self.filter.snapshot_to(&mut before);
         let result = match step(&mut self.filter) {
@@ -240,14 +242,16 @@ where
         let moves = self.filter.model().prior().moves_at(before.steps() + 1);
         let unmoved = match control.filter(|_| moves) {
             Some(control) => {
-                self.past.push_back((before, control.clone()));
+                self.window.past.push_back((before, control.clone()));
                 None
             }
             None => Some(before),
         };
         if let Err(error) = self.smooth() {
-            // The operator breaks its contract: restore the state before the step.
-            if let Some(before) = unmoved.or_else(|| self.past.pop_back().map(|last| last.0)) {
+            // The operator breaks its contract: restore the state before the step. Its window has
+            // been gone through before, so that this second way back does not fail.
+            if let Some(before) = unmoved.or_else(|| self.window.past.pop_back().map(|last| last.0))
+            {
                 self.filter.restore(&before)?;
                 self.spare.push(before);
             }
@@ -255,37 +259,17 @@ where
             return Err(error);
         }
         self.spare.extend(unmoved);
-        if self.past.len() > self.lag {
-            self.spare.extend(self.past.pop_front().map(|oldest| oldest.0));
+        if self.window.past.len() > self.window.lag {
+            self.spare.extend(self.window.past.pop_front().map(|oldest| oldest.0));
         }
         Ok(result)
     }
 
-    /// Goes back from the filtered belief through the window.
     fn smooth(&mut self) -> Result<(), InferenceError> {
-        let Self { filter, lag, past, window, backward, .. } = self;
-        let back = past.len().min(*lag);
-        if window.len() <= back {
-            window.resize_with(back + 1, || vec![0.0; filter.belief().states()]);
-        }
-        window[0].copy_from_slice(filter.belief().as_slice());
-        for (row, (state, control)) in (1..=back).zip(past.iter().rev()) {
-            let number = state.steps() + 1;
-            let control = filter.model().prior().moves_at(number).then_some(control);
-            let step = Step { hmm: filter.model(), number, control };
-            backward.step_back(&step, state.held(), &window[row - 1])?;
-            window[row].copy_from_slice(&backward.gamma);
-        }
-        Ok(())
+        let Self { filter, window, smoothed, backward, .. } = self;
+        window.smooth(filter.model(), filter.belief().as_slice(), smoothed, backward)
     }
-}
 
-impl<M, A, B> FixedLag<M, A::Control>
-where
-    M: Deref<Target = Hmm<A, B>>,
-    A: Transition,
-    B: Likelihood,
-{
     /// Takes one time step: prediction, update, and the way back through the window. Returns
     /// ln p(y_k | y_1 … y_{k-1}).
     ///

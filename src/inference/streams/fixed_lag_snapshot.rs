@@ -1,6 +1,17 @@
-//! State of a fixed-lag smoother, as plain data.
+//! State of a fixed-lag smoother, as plain data, its way back through the window (sections 3 and 5 of
+//! the [formulas](crate::guide::formulas)), and its bytes. (In formats with names it is in the
+//! module `persistence`, since it has a type of controls.)
 
-use super::filter_snapshot::FilterSnapshot;
+use std::collections::VecDeque;
+
+use super::bytes::{Kind, Reader, Writer, contents};
+use crate::error::{InferenceError, SnapshotError};
+use crate::hmm::Hmm;
+use crate::inference::step::Step;
+use crate::inference::step::backward::Backward;
+use crate::inference::step::state::FilterSnapshot;
+use crate::likelihood::Likelihood;
+use crate::transition::Transition;
 
 /// State of a fixed-lag smoother: plain data, to be kept, compared, sent elsewhere and restored.
 ///
@@ -8,9 +19,44 @@ use super::filter_snapshot::FilterSnapshot;
 /// it; under a control, [`to_bytes_with`](Self::to_bytes_with), with the last controls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FixedLagSnapshot<U> {
-    pub(crate) lag: usize,
     pub(crate) present: FilterSnapshot,
-    pub(crate) past: Vec<(FilterSnapshot, U)>,
+    pub(crate) window: Window<U>,
+}
+
+/// States that may still be smoothed.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Window<U> {
+    /// The lag, L.
+    pub(crate) lag: usize,
+    /// State of the filter before each of the last moves, L at most, oldest first, and the control
+    /// of the move.
+    pub(crate) past: VecDeque<(FilterSnapshot, U)>,
+}
+
+impl<U> Window<U> {
+    /// Goes back from the filtered belief through the window, into a row for each step.
+    pub(crate) fn smooth<A: Transition<Control = U>, B: Likelihood>(
+        &self,
+        hmm: &Hmm<A, B>,
+        filtered: &[f64],
+        smoothed: &mut Vec<Vec<f64>>,
+        backward: &mut Backward,
+    ) -> Result<(), InferenceError> {
+        // During a step there is one state more, until the way back has succeeded.
+        let back = self.past.len().min(self.lag);
+        if smoothed.len() <= back {
+            smoothed.resize_with(back + 1, || vec![0.0; filtered.len()]);
+        }
+        // The last smoothed belief is the filtered one, by definition. From there with predictions:
+        // likelihoods of the window are gone, since nobody has kept its observations.
+        smoothed[0].copy_from_slice(filtered);
+        for (row, (state, control)) in (1..=back).zip(self.past.iter().rev()) {
+            let step = Step::after(hmm, state.steps(), control)?;
+            backward.step_back(&step, state.held(), &smoothed[row - 1])?;
+            smoothed[row].copy_from_slice(&backward.gamma);
+        }
+        Ok(())
+    }
 }
 
 impl<U> FixedLagSnapshot<U> {
@@ -18,7 +64,7 @@ impl<U> FixedLagSnapshot<U> {
     pub(crate) fn checked(
         lag: usize,
         present: FilterSnapshot,
-        past: Vec<(FilterSnapshot, U)>,
+        past: VecDeque<(FilterSnapshot, U)>,
     ) -> Result<Self, String> {
         let (found, steps) = (past.len(), present.steps);
         // There are fewer after a relocation, and before the second step under a prior at the
@@ -35,13 +81,104 @@ impl<U> FixedLagSnapshot<U> {
                 let found = state.steps;
                 return Err(format!("past state {index} is of step {found}, expected {expected}"));
             }
-            let (found, expected) = (state.belief.states(), present.belief.states());
+            let (found, expected) = (state.belief.len(), present.belief.len());
             if found != expected {
                 return Err(format!(
                     "past state {index} is over {found} states, expected {expected} as the present one"
                 ));
             }
         }
-        Ok(Self { lag, present, past })
+        Ok(Self { present, window: Window { lag, past } })
+    }
+}
+
+impl FixedLagSnapshot<()> {
+    /// Returns the state as bytes, for a model without controls: as many as those of L + 1
+    /// [filter states](FilterSnapshot::to_bytes).
+    ///
+    /// ```
+    /// # use wayfix::inference::FixedLagSnapshot;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::AtFirstObservation(Belief::uniform(2)?);
+    /// # let hmm = Hmm::new(prior, DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?, LikelihoodVector::linear(2))?;
+    /// let mut smoother = hmm.fixed_lag(2);
+    /// smoother.step(&[0.9, 0.2])?;
+    /// let bytes = smoother.snapshot().to_bytes();
+    /// assert_eq!(FixedLagSnapshot::from_bytes(&bytes)?, smoother.snapshot());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        self.to_bytes_with(|(), _| ())
+    }
+
+    /// Reads a state from bytes.
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        Self::from_bytes_with(bytes, |control| control.is_empty().then_some(()))
+    }
+}
+
+impl<U> FixedLagSnapshot<U> {
+    /// Returns the state as bytes. `write` appends those of a control, of any number.
+    ///
+    /// ```
+    /// # use wayfix::inference::FixedLagSnapshot;
+    /// # use wayfix::transition::SwitchedTransition;
+    /// # use wayfix::{Belief, DenseTransition, Hmm, LikelihoodVector, Prior};
+    /// # let prior = Prior::BeforeFirstTransition(Belief::uniform(2)?);
+    /// # let a = DenseTransition::from_rows(&[[0.9, 0.1], [0.1, 0.9]])?;
+    /// # let hmm = Hmm::new(prior, SwitchedTransition::new(vec![a])?, LikelihoodVector::linear(2))?;
+    /// let mut smoother = hmm.fixed_lag(2);
+    /// smoother.step_with(&0, &[0.9, 0.2])?;
+    /// let state = smoother.snapshot();
+    /// let bytes = state.to_bytes_with(|gear: &usize, out| out.push(*gear as u8));
+    /// let read = |bytes: &[u8]| bytes.first().map(|gear| usize::from(*gear));
+    /// assert_eq!(FixedLagSnapshot::from_bytes_with(&bytes, read)?, state);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[must_use]
+    pub fn to_bytes_with(&self, mut write: impl FnMut(&U, &mut Vec<u8>)) -> Vec<u8> {
+        Writer::whole(Kind::FixedLag, |out| {
+            out.integer(self.window.lag);
+            self.present.write(out);
+            out.integer(self.window.past.len());
+            let mut bytes = Vec::new();
+            for (state, control) in &self.window.past {
+                state.write(out);
+                bytes.clear();
+                write(control, &mut bytes);
+                out.integer(bytes.len());
+                out.bytes.extend_from_slice(&bytes);
+            }
+        })
+    }
+
+    /// Reads a state from bytes. `read` makes a control of the bytes that were written for it, or
+    /// returns `None` for others.
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    pub fn from_bytes_with(
+        bytes: &[u8],
+        mut read: impl FnMut(&[u8]) -> Option<U>,
+    ) -> Result<Self, SnapshotError> {
+        let state = |from: &mut Reader<'_>| FilterSnapshot::read(from)?.checked().map_err(contents);
+        let (lag, present, past) = Reader::whole(bytes, Kind::FixedLag, |from| {
+            let (lag, present) = (from.integer()?, state(from)?);
+            let mut past = VecDeque::new();
+            for index in 0..from.integer()? {
+                let state = state(from)?;
+                let length = from.integer()?;
+                let control = read(from.take(length)?).ok_or(SnapshotError::Control { index })?;
+                past.push_back((state, control));
+            }
+            Ok((lag, present, past))
+        })?;
+        Self::checked(lag, present, past).map_err(contents)
     }
 }

@@ -1,7 +1,10 @@
-//! State of an online decoder, as plain data.
+//! State of an online decoder, as plain data, and its formats.
 
-use super::filter_snapshot::MOST_STEPS;
+use super::bytes::{Kind, Reader, Writer, contents};
+use super::format::{COUNT, Codec, LOGS, in_bytes};
+use crate::error::SnapshotError;
 use crate::inference::step::scores::{TakenOut, best};
+use crate::inference::step::state::{LogSum, MOST_STEPS};
 
 /// State of an online Viterbi decoder after k steps: plain data, to be kept, compared, sent
 /// elsewhere and restored.
@@ -27,12 +30,30 @@ use crate::inference::step::scores::{TakenOut, best};
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct OnlineViterbiSnapshot {
-    pub(crate) steps: usize,
-    pub(crate) scores: Vec<f64>,
-    pub(crate) taken_out: TakenOut,
+    pub(crate) best: BestScores,
     /// States of each undecided step on a surviving path, in ascending order; the oldest step
     /// first.
     pub(crate) levels: Vec<Vec<Node>>,
+}
+
+/// Scores of the best path to each state.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct BestScores {
+    pub(crate) steps: usize,
+    pub(crate) scores: Vec<f64>,
+    pub(crate) taken_out: TakenOut,
+}
+
+impl BestScores {
+    /// Creates those before the first step.
+    pub(crate) fn start(states: usize) -> Self {
+        Self { steps: 0, scores: vec![0.0; states], taken_out: TakenOut::default() }
+    }
+
+    /// Returns ln p(path, y_1 … y_k) of the best path.
+    pub(crate) fn log_probability(&self) -> f64 {
+        self.taken_out.log_probability(self.scores[best(&self.scores)])
+    }
 }
 
 /// A state on a surviving path.
@@ -47,27 +68,46 @@ impl OnlineViterbiSnapshot {
     /// Number of steps taken, k.
     #[must_use]
     pub fn steps(&self) -> usize {
-        self.steps
+        self.best.steps
     }
 
     /// Log-probability ln p(path, y_1 … y_k) of the best path so far; 0 before any step.
     #[must_use]
     pub fn log_probability(&self) -> f64 {
-        self.taken_out.log_probability(self.scores[best(&self.scores)])
+        self.best.log_probability()
     }
 
-    /// Creates a snapshot from parts that may be damaged, or those of another decoder.
-    pub(crate) fn checked(
-        steps: usize,
-        scores: Vec<f64>,
-        taken_out: TakenOut,
-        levels: Vec<Vec<Node>>,
-    ) -> Result<Self, String> {
+    /// Returns the state as bytes, in the format of
+    /// [`FilterSnapshot`](crate::inference::FilterSnapshot::to_bytes): 8 for each possible state,
+    /// and for each state of an undecided step on a surviving path.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        Writer::whole(Kind::OnlineViterbi, |out| self.write(out))
+    }
+
+    /// Reads a state from bytes. O(length).
+    ///
+    /// # Errors
+    ///
+    /// [`SnapshotError`] if the bytes are damaged, or not those of such a state.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SnapshotError> {
+        Reader::whole(bytes, Kind::OnlineViterbi, Self::read)?.checked().map_err(contents)
+    }
+
+    /// Creates a state of no model, whose fields are read next.
+    pub(crate) fn blank() -> Self {
+        Self { best: BestScores::start(0), levels: Vec::new() }
+    }
+
+    /// Checks that all can be the state of a decoder; it may be damaged, or that of another one.
+    pub(crate) fn checked(self) -> Result<Self, String> {
+        let Self { best: BestScores { steps, scores, taken_out }, levels } = &self;
         let states = scores.len();
-        if steps > MOST_STEPS {
+        if *steps > MOST_STEPS {
             return Err(format!("{steps} steps, expected at most {MOST_STEPS}"));
         }
-        let TakenOut { whole, factors } = &taken_out;
+        let TakenOut { whole, factors } = taken_out;
+        // A whole number is taken out at each step, so that the best score is left from 0 to 1.
         let largest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if scores.iter().any(|score| score.is_nan()) || !(0.0..=1.0).contains(&largest) {
             return Err(format!("the best score is {largest}, expected one from 0 to 1"));
@@ -81,9 +121,11 @@ impl OnlineViterbiSnapshot {
                 factors.sum, factors.lost
             ));
         }
-        if levels.len() > steps {
+        if levels.len() > *steps {
             return Err(format!("{} undecided steps of {steps}", levels.len()));
         }
+        // Of the tree: each node has a predecessor, and each that is not at the end a successor.
+        // Otherwise counts of uses would go below 0 when a path ends.
         for (at, nodes) in levels.iter().enumerate() {
             let ascending = nodes.is_sorted_by(|a, b| a.state < b.state);
             if !ascending || nodes.last().is_none_or(|last| last.state as usize >= states) {
@@ -104,14 +146,74 @@ impl OnlineViterbiSnapshot {
                 ));
             }
         }
-        let possible = || (0..).zip(&scores).filter(|entry| *entry.1 > f64::NEG_INFINITY);
+        // And its last step is the present one. Without a tree all is committed, which takes one
+        // possible state.
+        let possible = || (0..).zip(scores).filter(|entry| *entry.1 > f64::NEG_INFINITY);
         let ends = match levels.last() {
             Some(last) => possible().map(|entry| entry.0).eq(last.iter().map(|node| node.state)),
-            None => steps == 0 || possible().count() == 1,
+            None => *steps == 0 || possible().count() == 1,
         };
         if !ends {
             return Err("the paths do not end in the possible states".to_owned());
         }
-        Ok(Self { steps, scores, taken_out, levels })
+        Ok(self)
     }
 }
+
+pub(crate) const TAKEN_OUT: Codec<TakenOut, [f64; 3]> = Codec {
+    write: |v, out| {
+        out.double(v.whole);
+        out.log_sum(v.factors);
+    },
+    read: |from| Ok(TakenOut { whole: from.double()?, factors: from.log_sum()? }),
+    data: |v| [v.whole, v.factors.sum, v.factors.lost],
+    value: |[whole, sum, lost]| TakenOut { whole, factors: LogSum { sum, lost } },
+};
+/// States and their predecessors, for each undecided step.
+type Links = Vec<Vec<(u32, u32)>>;
+pub(crate) const LEVELS: Codec<Vec<Vec<Node>>, Links> = Codec {
+    // The state is in the lower half of a word, its predecessor in the upper half.
+    write: |v, out| {
+        out.integer(v.len());
+        for nodes in v {
+            out.integer(nodes.len());
+            let word = |node: &Node| u64::from(node.from) << 32 | u64::from(node.state);
+            nodes.iter().for_each(|node| out.word(word(node)));
+        }
+    },
+    read: |from| {
+        let mut levels = Vec::new();
+        for _ in 0..from.integer()? {
+            let count = from.integer()?;
+            let node = |word: u64| Node { state: word as u32, from: (word >> 32) as u32 };
+            levels.push(from.words(count)?.map(node).collect());
+        }
+        Ok(levels)
+    },
+    data: |v| {
+        let pairs = |nodes: &Vec<Node>| nodes.iter().map(|node| (node.state, node.from)).collect();
+        v.iter().map(pairs).collect()
+    },
+    value: |data| {
+        let node = |(state, from)| Node { state, from };
+        data.into_iter().map(|pairs| pairs.into_iter().map(node).collect()).collect()
+    },
+};
+
+/// The fields of a decoder's state.
+macro_rules! online_viterbi_fields {
+    ($apply:ident) => {
+        $apply! {
+            OnlineViterbiSnapshot, {
+                steps: usize = COUNT(best.steps),
+                scores: Vec<Option<f64>> = LOGS(best.scores),
+                taken_out: [f64; 3] = TAKEN_OUT(best.taken_out),
+                undecided: Vec<Vec<(u32, u32)>> = LEVELS(levels),
+            }
+            bytes: steps, taken_out, scores, undecided
+        }
+    };
+}
+#[cfg(feature = "serde")]
+pub(crate) use online_viterbi_fields;
+online_viterbi_fields!(in_bytes);

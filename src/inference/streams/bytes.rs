@@ -5,13 +5,8 @@
 //! their bits. A vector of doubles is stored as its length n, a mask of n bits (in whole words)
 //! for the values that are not 0 (not −∞, in a vector of logarithms), and these values.
 
-mod filter;
-mod fixed_lag;
-mod online_viterbi;
-mod pruned;
-
 use crate::error::{Count, SnapshotError};
-use crate::inference::LogSum;
+use crate::inference::step::state::LogSum;
 
 const MAGIC: &[u8] = b"wayfix";
 const VERSION: u8 = 1;
@@ -46,21 +41,31 @@ fn name(kind: u8) -> &'static str {
 /// Returns a checksum that any change within eight bytes alters.
 fn checksum(bytes: &[u8]) -> u64 {
     let (words, rest) = bytes.as_chunks::<8>();
+    // The last word is padded with zeros, so that zeros at the end would not show but for the
+    // length, with which the sum begins.
     let mut last = [0; 8];
     last[..rest.len()].copy_from_slice(rest);
     let words = words.iter().chain([&last]).map(|word| u64::from_le_bytes(*word));
+    // An odd factor and a rotation lose no bit: two sums that differ, differ after any word.
     let add =
         |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     words.fold(bytes.len() as u64, add)
 }
 
 pub(crate) struct Writer {
-    bytes: Vec<u8>,
+    pub(super) bytes: Vec<u8>,
 }
 
 impl Writer {
     pub(crate) fn new(kind: Kind) -> Self {
         Self { bytes: [MAGIC, &[kind as u8, VERSION]].concat() }
+    }
+
+    /// Returns the bytes of a whole state.
+    pub(crate) fn whole(kind: Kind, write: impl FnOnce(&mut Self)) -> Vec<u8> {
+        let mut writer = Self::new(kind);
+        write(&mut writer);
+        writer.finish()
     }
 
     pub(crate) fn word(&mut self, value: u64) {
@@ -80,7 +85,8 @@ impl Writer {
     }
 
     /// Writes numbers, most of which may be `usual`.
-    fn doubles(&mut self, values: &[f64], usual: f64) {
+    pub(crate) fn doubles(&mut self, values: &[f64], usual: f64) {
+        // By bits: −0 is not 0, and a NaN is one value.
         let is_usual = |value: &f64| value.to_bits() == usual.to_bits();
         let others = values.iter().filter(|value| !is_usual(value));
         self.bytes.reserve(8 * (1 + values.len().div_ceil(64) + others.clone().count()));
@@ -108,6 +114,8 @@ pub(crate) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(crate) fn new(bytes: &'a [u8], kind: Kind) -> Result<Self, SnapshotError> {
+        // In this order, so that a message names the first difference: bytes of something else,
+        // of a later version, of another state, and only then damage.
         let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
             let (found, expected) = (bytes.len(), HEADER + SUM);
             let begins = MAGIC.starts_with(&bytes[..found.min(MAGIC.len())]);
@@ -137,7 +145,21 @@ impl<'a> Reader<'a> {
         Ok(Self { bytes: before, at: HEADER })
     }
 
-    fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
+    /// Reads a whole state, and checks that no bytes are left, which says more than a number that
+    /// is wrong for that reason.
+    pub(crate) fn whole<T>(
+        bytes: &'a [u8],
+        kind: Kind,
+        read: impl FnOnce(&mut Self) -> Result<T, SnapshotError>,
+    ) -> Result<T, SnapshotError> {
+        let mut reader = Self::new(bytes, kind)?;
+        let state = read(&mut reader)?;
+        reader.finish()?;
+        Ok(state)
+    }
+
+    pub(crate) fn take(&mut self, count: usize) -> Result<&'a [u8], SnapshotError> {
+        // A count from damaged bytes may be anything up to 2^64.
         let end = self.at.saturating_add(count);
         let found = self.bytes.get(self.at..end).ok_or(SnapshotError::Length {
             found: self.bytes.len() + SUM,
@@ -147,7 +169,7 @@ impl<'a> Reader<'a> {
         Ok(found)
     }
 
-    fn words(
+    pub(crate) fn words(
         &mut self,
         count: usize,
     ) -> Result<impl Iterator<Item = u64> + use<'a>, SnapshotError> {
@@ -174,8 +196,9 @@ impl<'a> Reader<'a> {
 
     /// Reads numbers written by [`Writer::doubles`]. Allocates at most 64 times the length of the
     /// bytes.
-    fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
+    pub(crate) fn doubles(&mut self, usual: f64) -> Result<Vec<f64>, SnapshotError> {
         let count = self.integer()?;
+        // The masks are there, or this fails: so no damaged count makes a vector of any size.
         let masks = self.words(count.div_ceil(64))?;
         let mut values = vec![usual; count];
         for (values, mask) in values.chunks_mut(64).zip(masks) {

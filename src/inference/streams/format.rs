@@ -1,0 +1,172 @@
+//! Formats of states. A state lists its fields once, in a macro that hands the list on: to
+//! [`in_bytes`] for its [bytes](super::bytes), and, with the feature `serde`, to the module
+//! `persistence` for formats with names. A field of the list is
+//! `name: type with names = codec(path in the state)`, in the order of formats with names; the
+//! order in bytes follows.
+
+use super::bytes::{Reader, Writer, contents};
+use crate::belief::Belief;
+use crate::error::SnapshotError;
+use crate::inference::step::state::LogSum;
+use crate::kernels::Aligned;
+
+/// A field of type `T` in bytes and, as `D`, in formats with names. Those have no infinity, so that
+/// null stands for it.
+#[cfg_attr(not(feature = "serde"), allow(dead_code, reason = "names need serde"))]
+pub(crate) struct Codec<T, D> {
+    pub(crate) write: fn(&T, &mut Writer),
+    pub(crate) read: fn(&mut Reader<'_>) -> Result<T, SnapshotError>,
+    pub(crate) data: fn(&T) -> D,
+    pub(crate) value: fn(D) -> T,
+}
+
+/// A finite value, or `None`.
+pub(crate) fn finite(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+pub(crate) fn or_infinite(value: Option<f64>) -> f64 {
+    value.unwrap_or(f64::INFINITY)
+}
+
+/// Logarithm of 0.
+const NOTHING: f64 = f64::NEG_INFINITY;
+
+pub(crate) const COUNT: Codec<usize, usize> = Codec {
+    write: |v, out| out.integer(*v),
+    read: |from| from.integer(),
+    data: |v| *v,
+    value: |data| data,
+};
+pub(crate) const DOUBLE: Codec<f64, f64> = Codec {
+    write: |v, out| out.double(*v),
+    read: |from| from.double(),
+    data: |v| *v,
+    value: |data| data,
+};
+pub(crate) const SUM: Codec<LogSum, [f64; 2]> = Codec {
+    write: |v, out| out.log_sum(*v),
+    read: |from| from.log_sum(),
+    data: |v| [v.sum, v.lost],
+    value: |[sum, lost]| LogSum { sum, lost },
+};
+pub(crate) const DOUBLES: Codec<Vec<f64>, Vec<f64>> = Codec {
+    write: |v, out| out.doubles(v, 0.0),
+    read: |from| from.doubles(0.0),
+    data: Vec::clone,
+    value: |data| data,
+};
+/// Logarithms, null for −∞.
+pub(crate) const LOGS: Codec<Vec<f64>, Vec<Option<f64>>> = Codec {
+    write: |v, out| out.doubles(v, NOTHING),
+    read: |from| from.doubles(NOTHING),
+    data: |v| v.iter().copied().map(finite).collect(),
+    value: |data| data.into_iter().map(|log| log.unwrap_or(NOTHING)).collect(),
+};
+/// The same, or an empty vector, for which there is null.
+pub(crate) const MAYBE_LOGS: Codec<Vec<f64>, Option<Vec<Option<f64>>>> = Codec {
+    data: |v| (!v.is_empty()).then(|| (LOGS.data)(v)),
+    value: |data| data.map_or_else(Vec::new, LOGS.value),
+    write: LOGS.write,
+    read: LOGS.read,
+};
+pub(crate) const BELIEF: Codec<Aligned, Belief> = Codec {
+    write: |v, out| out.doubles(v, 0.0),
+    read: |from| {
+        let belief = Belief::new(from.doubles(0.0)?);
+        Ok(belief.map_err(|error| contents(error.to_string()))?.into_vec().into())
+    },
+    data: |v| Belief::view(v).to_owned(),
+    value: |data| data.into_vec().into(),
+};
+
+/// A count, or any: the largest `usize`, for which there is null.
+pub(crate) const COUNT_OR_ANY: Codec<usize, Option<usize>> = Codec {
+    write: |v, out| out.integer(*v),
+    // May come from a machine with a larger `usize`.
+    read: |from| Ok(usize::try_from(from.word()?).unwrap_or(usize::MAX)),
+    data: |v| Some(*v).filter(|most| *most < usize::MAX),
+    value: |data| data.unwrap_or(usize::MAX),
+};
+/// Upper bound on a bound.
+pub(crate) const TOLERANCE: Codec<f64, Option<f64>> = Codec {
+    data: |v| match *v {
+        // NaN and −∞ mean the same as any value below 0.
+        tolerance if tolerance < f64::INFINITY => Some(tolerance.max(f64::MIN)),
+        tolerance => Some(-1.0).filter(|_| tolerance.is_nan()),
+    },
+    value: or_infinite,
+    write: DOUBLE.write,
+    read: DOUBLE.read,
+};
+pub(crate) const FLAG: Codec<bool, bool> = Codec {
+    write: |v, out| out.integer(usize::from(*v)),
+    read: |from| match from.word()? {
+        0 => Ok(false),
+        1 => Ok(true),
+        other => Err(contents(format!("{other} is neither yes, 1, nor no, 0"))),
+    },
+    data: |v| *v,
+    value: |data| data,
+};
+pub(crate) const STATES: Codec<Vec<usize>, Vec<usize>> = Codec {
+    write: |v, out| {
+        out.integer(v.len());
+        v.iter().for_each(|state| out.integer(*state));
+    },
+    read: |from| {
+        let count = from.integer()?;
+        let state = |word| usize::try_from(word).unwrap_or(usize::MAX);
+        Ok(from.words(count)?.map(state).collect())
+    },
+    data: Vec::clone,
+    value: |data| data,
+};
+/// Some may be ∞.
+pub(crate) const OPEN_DOUBLES: Codec<Vec<f64>, Vec<Option<f64>>> = Codec {
+    data: |v| v.iter().copied().map(finite).collect(),
+    value: |data| data.into_iter().map(or_infinite).collect(),
+    write: DOUBLES.write,
+    read: DOUBLES.read,
+};
+/// The sum may be ∞.
+pub(crate) const OPEN_SUM: Codec<LogSum, [Option<f64>; 2]> = Codec {
+    data: |v| (SUM.data)(v).map(finite),
+    value: |data| (SUM.value)(data.map(or_infinite)),
+    write: SUM.write,
+    read: SUM.read,
+};
+
+/// Implements writing and reading of bytes, unchecked, for a state with a list of fields.
+macro_rules! in_bytes {
+    (
+        $state:ident, {$($name:ident: $data:ty = $codec:ident($($path:ident).+),)*}
+        bytes: $($next:ident),*
+    ) => {
+        impl $state {
+            pub(crate) fn write(&self, out: &mut $crate::inference::streams::bytes::Writer) {
+                // By name, since a macro cannot sort: the order of bytes is not that of names.
+                for name in [$(stringify!($next)),*] {
+                    match name {
+                        $(stringify!($name) => ($codec.write)(&self.$($path).+, out),)*
+                        _ => {}
+                    }
+                }
+            }
+
+            pub(crate) fn read(
+                from: &mut $crate::inference::streams::bytes::Reader<'_>,
+            ) -> Result<Self, $crate::error::SnapshotError> {
+                let mut state = Self::blank();
+                for name in [$(stringify!($next)),*] {
+                    match name {
+                        $(stringify!($name) => state.$($path).+ = ($codec.read)(from)?,)*
+                        _ => {}
+                    }
+                }
+                Ok(state)
+            }
+        }
+    };
+}
+pub(crate) use in_bytes;

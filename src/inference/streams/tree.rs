@@ -1,0 +1,156 @@
+//! Tree of the best paths to all present states, from which a decoder commits (Šrámek, Brejová and
+//! Vinař 2007; section 7 of the [formulas](crate::guide::formulas)).
+//!
+//! The invariant: a node of a step is alive, with at least one use, if and only if a path to a
+//! possible present state goes through it. So an oldest step with one node is decided.
+
+use std::collections::VecDeque;
+
+use super::online_viterbi_snapshot::Node;
+
+/// Undecided steps, the oldest first.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Tree {
+    levels: VecDeque<Level>,
+    spare: Vec<Level>,
+    /// Predecessors of those states of the last step that no path extends.
+    gone: Vec<u32>,
+}
+
+/// States of one step as nodes of the tree of best paths.
+#[derive(Debug, Clone)]
+struct Level {
+    /// Best predecessor of each state.
+    from: Vec<u32>,
+    /// Number of surviving nodes of the next level that extend each node; at the last level, 1
+    /// for a possible state and 0 for others.
+    uses: Vec<u32>,
+    /// Number of nodes in use.
+    alive: usize,
+}
+
+impl Level {
+    fn new(states: usize) -> Self {
+        Self { from: vec![0; states], uses: vec![0; states], alive: 0 }
+    }
+}
+
+impl Tree {
+    /// Number of undecided steps.
+    pub(crate) fn len(&self) -> usize {
+        self.levels.len()
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.spare.extend(self.levels.drain(..));
+    }
+
+    /// Returns the states of the undecided steps on the path to a present state.
+    pub(crate) fn path(&self, mut state: usize) -> Vec<usize> {
+        let mut states = vec![0; self.levels.len()];
+        // Only nodes that are alive are reached from a possible state: links of others are stale.
+        for (out, level) in states.iter_mut().zip(&self.levels).rev() {
+            *out = state;
+            state = level.from[state] as usize;
+        }
+        states
+    }
+
+    /// Returns the nodes that are alive at each undecided step, in ascending order.
+    pub(crate) fn nodes(&self) -> Vec<Vec<Node>> {
+        let levels = self.levels.iter().enumerate().map(|(at, level)| {
+            let nodes = (0..).zip(level.uses.iter().zip(&level.from));
+            let alive = nodes.filter(|(_, (uses, _))| **uses > 0);
+            // Predecessors of the oldest undecided step have been committed.
+            let node = |(state, (_, &from))| Node { state, from: if at == 0 { 0 } else { from } };
+            alive.map(node).collect()
+        });
+        levels.collect()
+    }
+
+    /// Replaces the tree by one with these nodes, over n states.
+    pub(crate) fn restore(&mut self, n: usize, levels: &[Vec<Node>]) {
+        self.clear();
+        for nodes in levels {
+            let mut level = self.spare.pop().unwrap_or_else(|| Level::new(n));
+            level.from.fill(0);
+            level.uses.fill(0);
+            level.alive = nodes.len();
+            for &Node { state, from } in nodes {
+                level.from[state as usize] = from;
+                // At the end of the tree, one use marks a possible state.
+                level.uses[state as usize] = 1;
+            }
+            // The step before is no longer the end: its uses are the nodes that extend it.
+            if let Some(before) = self.levels.back_mut() {
+                before.uses.fill(0);
+                nodes.iter().for_each(|node| before.uses[node.from as usize] += 1);
+            }
+            self.levels.push_back(level);
+        }
+    }
+
+    /// Adds the present step to the tree, and removes the nodes that no path to it uses.
+    pub(crate) fn grow(&mut self, scores: &[f64], from: &[u32]) {
+        let mut level = self.spare.pop().unwrap_or_else(|| Level::new(scores.len()));
+        level.from.copy_from_slice(from);
+        let possible = scores.iter().map(|score| u32::from(*score > f64::NEG_INFINITY));
+        level.uses.iter_mut().zip(possible).for_each(|(uses, possible)| *uses = possible);
+        level.alive = level.uses.iter().filter(|uses| **uses > 0).count();
+        // First all new uses, then the marks: in the other order a node would be removed that the
+        // next state still uses.
+        if let Some(last) = self.levels.back_mut() {
+            // The use that marked a possible state at the end of the tree is removed below.
+            for (&from, &uses) in level.from.iter().zip(&level.uses) {
+                last.uses[from as usize] += uses;
+            }
+            self.gone.clear();
+            for (uses, &from) in last.uses.iter_mut().zip(&last.from) {
+                if *uses > 0 {
+                    *uses -= 1;
+                    if *uses == 0 {
+                        self.gone.push(from);
+                    }
+                }
+            }
+            last.alive -= self.gone.len();
+            if let Some(before) = self.levels.len().checked_sub(2) {
+                for k in 0..self.gone.len() {
+                    self.release(before, self.gone[k] as usize);
+                }
+            }
+        }
+        self.levels.push_back(level);
+    }
+
+    /// Removes one use of a node; a node without uses is removed, and so may be its predecessors.
+    fn release(&mut self, mut at: usize, mut state: usize) {
+        // A loop, not a recursion: a path that dies may be as long as the tree is deep.
+        loop {
+            let level = &mut self.levels[at];
+            level.uses[state] -= 1;
+            if level.uses[state] > 0 {
+                return;
+            }
+            level.alive -= 1;
+            state = level.from[state] as usize;
+            match at.checked_sub(1) {
+                Some(before) => at = before,
+                // Predecessors of the oldest undecided step have been committed.
+                None => return,
+            }
+        }
+    }
+
+    /// Commits the oldest steps that have one node left: all surviving paths go through it.
+    pub(crate) fn commit(&mut self, committed: &mut Vec<usize>) {
+        committed.clear();
+        // The last level may be committed too: its one possible state is on every path to come.
+        while self.levels.front().is_some_and(|level| level.alive == 1) {
+            if let Some(level) = self.levels.pop_front() {
+                committed.extend(level.uses.iter().position(|uses| *uses > 0));
+                self.spare.push(level);
+            }
+        }
+    }
+}
