@@ -35,7 +35,7 @@ pub struct SparseLikelihood {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseObservation {
     /// Pairs (state, likelihood), in ascending order of the states.
-    pub(crate) listed: Vec<(usize, f64)>,
+    pub(crate) listed: Box<[(usize, f64)]>,
     pub(crate) elsewhere: f64,
 }
 
@@ -78,7 +78,7 @@ impl SparseObservation {
         if let Some(twice) = listed.windows(2).find(|pair| pair[0].0 == pair[1].0) {
             return Err(ListError::Twice { state: twice[0].0 });
         }
-        Ok(Self { listed, elsewhere })
+        Ok(Self { listed: listed.into_boxed_slice(), elsewhere })
     }
 
     /// Hard evidence for one state: all others have likelihood 0. For a fuel stop, a toll gate, a
@@ -105,7 +105,7 @@ impl SparseObservation {
     /// ```
     #[must_use]
     pub fn known(state: usize) -> Self {
-        Self { listed: vec![(state, 1.0)], elsewhere: 0.0 }
+        Self { listed: Box::new([(state, 1.0)]), elsewhere: 0.0 }
     }
 
     /// Listed states in ascending order, with their likelihoods.

@@ -92,7 +92,7 @@ impl SparseTableLikelihood {
     /// Returns the pairs, as [`from_lists`](Self::from_lists) takes them, with ascending states.
     #[must_use]
     pub fn to_lists(&self) -> Vec<(Vec<(usize, f64)>, f64)> {
-        self.symbols.iter().map(|seen| (seen.listed.clone(), seen.elsewhere)).collect()
+        self.symbols.iter().map(|seen| (seen.listed.to_vec(), seen.elsewhere)).collect()
     }
 
     /// Creates a table from valid likelihoods of states that exist.

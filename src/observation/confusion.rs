@@ -16,7 +16,7 @@ use crate::transition::{Compressed, SparseTransition};
 /// confusions are given to [`from_entries`](Self::from_entries) or
 /// [`from_weights`](Self::from_weights).
 ///
-/// Only entries above 0 are stored, in 28 bytes an entry and 36 a place: 100,000 places with a
+/// Only entries above 0 are stored, in 20 bytes an entry and 28 a place: 100,000 places with a
 /// few confusions each take some megabytes. A confusion is itself a sensor, a
 /// [sparse table](crate::likelihood::SparseTableLikelihood) whose observation is the index of the
 /// place that is seen, and a step costs what the table says. A sensor
@@ -26,8 +26,11 @@ use crate::transition::{Compressed, SparseTransition};
 pub struct Confusion {
     /// P_c(j | i) of each place i that may be seen as j, by j.
     pub(super) by_seen: SparseTableLikelihood,
-    /// P_c(j | i) in line i at index j.
-    pub(super) by_place: Compressed,
+    /// The places that each one may be seen as, ascending, one place after the other; their
+    /// probabilities stand in `by_seen` alone.
+    seen: Vec<u32>,
+    /// Start of each place in `seen`, and its end.
+    starts: Vec<u32>,
 }
 
 impl Confusion {
@@ -132,31 +135,27 @@ impl Confusion {
             |seen| SparseObservation { listed: by_seen.line(seen).collect(), elsewhere: 0.0 };
         let places = by_seen.lines();
         let by_seen = SparseTableLikelihood::known(places, (0..places).map(symbol).collect());
-        Ok(Self { by_seen, by_place })
+        let (starts, seen) = by_place.into_pattern();
+        Ok(Self { by_seen, seen, starts })
     }
 
     /// Number of places.
     #[must_use]
     pub fn places(&self) -> usize {
-        self.by_place.lines()
+        self.starts.len() - 1
     }
 
     /// Number of probabilities above 0.
     #[must_use]
     pub fn entries(&self) -> usize {
-        self.by_place.entries()
+        self.seen.len()
     }
 
     /// Returns P_c(seen | place), by index, or `None` if a place does not exist.
-    /// O(log entries of the place).
+    /// O(log places seen as that one).
     #[must_use]
     pub fn probability(&self, place: usize, seen: usize) -> Option<f64> {
-        let places = self.places();
-        if place >= places || seen >= places {
-            return None;
-        }
-        let at = self.by_place.indices(place).binary_search(&(seen as u32)).ok();
-        Some(at.and_then(|at| self.by_place.line(place).nth(at)).map_or(0.0, |entry| entry.1))
+        self.by_seen.likelihood(place, seen)
     }
 
     /// Maps each entry (place, seen as, probability), in the order of the places.
@@ -164,7 +163,7 @@ impl Confusion {
     pub(crate) fn entries_of<T>(&self, part: impl Fn(usize, usize, f64) -> T) -> Vec<T> {
         let places = 0..self.places();
         let entries = places.flat_map(|place| {
-            let line = self.by_place.line(place);
+            let line = self.line(place);
             line.map(move |(seen_as, p)| (place, seen_as, p))
         });
         entries.map(|(place, seen_as, p)| part(place, seen_as, p)).collect()
@@ -199,6 +198,16 @@ impl Confusion {
         Self::from_entries(places, entries)
     }
 
+    /// Places that one may be seen as, with their probabilities.
+    pub(super) fn line(&self, place: usize) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let seen = &self.seen[self.starts[place] as usize..self.starts[place + 1] as usize];
+        let entry = move |&seen: &u32| {
+            let probability = self.by_seen.likelihood(place, seen as usize);
+            (seen as usize, probability.unwrap_or(0.0))
+        };
+        seen.iter().map(entry)
+    }
+
     /// Places that may be seen as another, with their probabilities, by that other one.
     pub(super) fn symbols(&self) -> impl Iterator<Item = (usize, &[(usize, f64)])> + Clone {
         let symbol = |seen| self.by_seen.symbol(seen).map_or(&[][..], SparseObservation::listed);
@@ -208,7 +217,7 @@ impl Confusion {
     /// Row i of the table: P_c(j | i) over all j.
     pub(super) fn row(&self, place: usize) -> Vec<f64> {
         let mut row = vec![0.0; self.places()];
-        self.by_place.line(place).for_each(|(seen, p)| row[seen] = p);
+        self.line(place).for_each(|(seen, p)| row[seen] = p);
         row
     }
 

@@ -18,7 +18,7 @@ impl SampleObservation for Confusion {
     type Sample = usize;
 
     fn sample<R: Rng + ?Sized>(&self, state: usize, rng: &mut R) -> usize {
-        index(self.by_place.line(state), 1.0, rng)
+        index(self.line(state), 1.0, rng)
     }
 }
 

@@ -53,6 +53,12 @@ impl Compressed {
         Self::new(self.lines(), entries)
     }
 
+    /// Returns the starts of the lines, with the end of the last, and the indices of all.
+    #[cfg(feature = "places")]
+    pub(crate) fn into_pattern(self) -> (Vec<u32>, Vec<u32>) {
+        (self.starts, self.indices)
+    }
+
     /// Number of lines.
     pub(crate) fn lines(&self) -> usize {
         self.starts.len() - 1
