@@ -42,8 +42,9 @@ mod standardizer;
 mod view;
 
 pub use confusion::Confusion;
+pub(crate) use descriptors::check_descriptor;
 pub use descriptors::{Distance, ReferenceDescriptors};
-pub use error::{Descriptor, ObservationError};
+pub use error::ObservationError;
 pub use gaussian::Metric;
 pub use odds::MatchOdds;
 pub use position::{PositionFix, PositionLikelihood};

@@ -2,6 +2,7 @@
 
 use super::labels::{LabelledPart, Labels, rates};
 use super::parameters::Parameters;
+use super::sensor::Scratch;
 use super::{RecognitionError, Recognizer};
 use crate::motion::OdometryModel;
 
@@ -27,9 +28,9 @@ impl Recognizer {
     ) -> Result<Self, RecognitionError> {
         let fitted = self.fit_at_temperature(parts)?;
         let mut fit = fitted.parameters().clone();
-        let (options, temperature_choice, warnings) = self.fit_temperature(fit.options, parts)?;
+        let (options, temperature_scores, warnings) = self.fit_temperature(fit.options, parts)?;
         fit.options = options;
-        fit.temperature_choice = temperature_choice;
+        fit.temperature_scores = temperature_scores;
         fit.warnings.extend(warnings);
         self.with_parameters(fit)
     }
@@ -70,14 +71,15 @@ impl Recognizer {
         fit: &mut Parameters,
     ) -> Result<(), RecognitionError> {
         let wrong = |cause| RecognitionError::query(0, cause);
-        let mut sensor = self.with_parameters(fit.clone())?.sensor_of_fit();
+        let mut sensor = self.with_parameters(fit.clone())?.sensor;
+        let mut scratch = Scratch::default();
         for part in rows {
             for row in part {
-                sensor.see(&fit.options, row).map_err(wrong)?;
+                sensor.learn_row(&fit.options, row, &mut scratch).map_err(wrong)?;
             }
             sensor.forget();
         }
-        fit.standardizer = fit.options.standardize.then(|| sensor.standardizer().clone());
+        fit.standardizer = fit.options.standardize.then_some(sensor.standardizer);
         Ok(())
     }
 }

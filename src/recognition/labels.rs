@@ -2,11 +2,11 @@
 
 use std::ops::RangeInclusive;
 
+use super::recognizer::check_control;
 use super::{RecognitionError, Recognizer};
-use crate::error::{Count, InferenceError};
+use crate::error::Count;
 use crate::motion::{OffMap, RouteControl};
 use crate::observation::{ObservationError, RowScratch, row_scores};
-use crate::transition::Transition;
 
 /// Consecutive steps of a drive whose places are known.
 #[derive(Debug)]
@@ -88,20 +88,18 @@ impl Recognizer {
     ) -> Result<Vec<Vec<f32>>, RecognitionError> {
         let (mut rows, mut more, mut scores) = (Vec::new(), Vec::new(), Vec::new());
         let mut scratch = RowScratch::default();
-        let sensor = self.sensor_of_fit();
         for (at, query) in part.queries.iter().enumerate() {
             let (step, mut row) = (at + 1, Vec::new());
-            self.shared_references().distances(step, query.as_ref(), &mut row, &mut more)?;
+            self.references.distances(step, query.as_ref(), &mut row, &mut more)?;
             let invalid = |cause| RecognitionError::query(step, cause);
-            sensor.standardizer().check(&row).map_err(invalid)?;
+            self.sensor.standardizer.check(&row).map_err(invalid)?;
             let compared = row_scores(&row, &mut scores, &mut scratch).map_err(invalid)?;
             if compared == 0 && self.options().off_map.is_none() {
                 return Err(invalid(ObservationError::NoMatch));
             }
             let odometry = part.odometry.get(at).copied().flatten();
             let control = RouteControl { odometry, ..RouteControl::default() };
-            let refused = |cause| InferenceError::control(step, cause);
-            self.motion().check_control(&control).map_err(refused)?;
+            check_control(self.motion(), step, &control)?;
             rows.push(row);
         }
         Ok(rows)

@@ -59,13 +59,13 @@ mod warning;
 pub use answer::Answer;
 pub use error::RecognitionError;
 pub use labels::LabelledPart;
-pub use mapper::{Mapper, Seen};
+pub use mapper::Mapper;
 pub use options::Options;
-pub use parameters::{Parameters, TemperatureChoice};
+pub use parameters::Parameters;
 pub use recognizer::Recognizer;
 pub use recording::{PlaceBeliefs, Recording};
 #[cfg(feature = "serde")]
-pub(crate) use sensor::SensorState;
+pub(crate) use sensor::Sensor;
 #[cfg(feature = "serde")]
 pub(crate) use tally::Tally;
 pub use track::{Track, TrackSnapshot};

@@ -1,5 +1,6 @@
 //! Counts of recent views and odometry readings, to find that one of them is stuck.
 
+use super::sensor::View;
 use super::warning::Warning;
 use crate::motion::ViewChange;
 
@@ -29,18 +30,6 @@ const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const SURE: f64 = 4.0;
 
-/// A view beside the last new one.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Glance {
-    /// Changed or not, if that is clear.
-    pub(super) view: Option<ViewChange>,
-    /// True if it equals the last new view.
-    pub(super) repeated: bool,
-    /// True if the nearest reference of an unchanged or unclear view is another; `None` for other
-    /// views.
-    pub(super) moved: Option<bool>,
-}
-
 /// Counts of recent views and of readings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -66,14 +55,14 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Takes a step: its view, if it has one before it, and its reading.
-    pub(super) fn take(&mut self, glance: Option<Glance>, odometry: Option<f64>) {
+    pub(super) fn take(&mut self, view: Option<&View>, odometry: Option<f64>) {
         if odometry.is_none() || odometry != self.reading {
             (self.reading, self.equal, self.changed) = (odometry, 0, 0);
         }
         if odometry.is_some() {
             self.equal = self.equal.saturating_add(1);
         }
-        let Some(Glance { view, repeated, moved }) = glance else {
+        let Some(&View { change, repeated, moved, .. }) = view else {
             (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
             return;
         };
@@ -84,10 +73,10 @@ impl Tally {
         add(&mut self.repeated, repeated);
         add(&mut self.unchanged, moved.is_some());
         add(&mut self.moved, moved == Some(true));
-        if view == Some(ViewChange::Unchanged) {
+        if change == Some(ViewChange::Unchanged) {
             self.changed = self.changed.saturating_sub(1);
         }
-        if view == Some(ViewChange::Changed) {
+        if change == Some(ViewChange::Changed) {
             self.changed = self.changed.saturating_add(1);
             (self.still, self.driven, self.squares) = (0, 0.0, 0.0);
         } else if let Some(reading) = odometry {

@@ -1,7 +1,6 @@
 //! Choice of the temperature by the filter's log score on steps that were not learned from.
 
 use super::labels::LabelledPart;
-use super::parameters::TemperatureChoice;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
@@ -25,7 +24,8 @@ const MOST: f64 = 0.6;
 const BESIDE: usize = 1;
 
 impl Recognizer {
-    /// Chooses the temperature with the highest summed log score and prior: each half of the
+    /// Chooses the temperature with the highest summed log score and prior, and returns those tried
+    /// with their scores: each half of the
     /// labelled part is scored with what was learned from the other one. `self` is the recogniser
     /// before learning; `before` are the options learned from all.
     ///
@@ -35,7 +35,7 @@ impl Recognizer {
         &self,
         before: Options,
         parts: &[LabelledPart<'_, Q>],
-    ) -> Result<(Options, Option<TemperatureChoice>, Vec<Warning>), RecognitionError> {
+    ) -> Result<(Options, Vec<(f64, f64)>, Vec<Warning>), RecognitionError> {
         let mut halves: [Vec<LabelledPart<'_, Q>>; 2] = [Vec::new(), Vec::new()];
         for part in parts {
             let middle = part.queries.len() / 2;
@@ -48,13 +48,13 @@ impl Recognizer {
             steps.sum::<usize>() >= HALF && self.check_labels(half).is_ok()
         };
         if !halves.iter().all(long) {
-            return Ok((before, None, Vec::new()));
+            return Ok((before, Vec::new(), Vec::new()));
         }
         let mut options = Vec::new();
         for factor in FACTORS {
             let temperature = before.odds.temperature() * factor;
             let Ok(odds) = before.odds.with_temperature(temperature) else {
-                return Ok((before, None, Vec::new()));
+                return Ok((before, Vec::new(), Vec::new()));
             };
             options.push(Options { odds, ..before.clone() });
         }
@@ -85,8 +85,8 @@ impl Recognizer {
         let share = shares[chosen];
         let contradicted = (share > MOST).then_some(Warning::Contradicted { share });
         let warnings = contradicted.into_iter().chain(edge).collect();
-        let temperature_choice = TemperatureChoice { temperatures, scores, chosen };
-        Ok((options.swap_remove(chosen), Some(temperature_choice), warnings))
+        let scores = temperatures.into_iter().zip(scores).collect();
+        Ok((options.swap_remove(chosen), scores, warnings))
     }
 
     /// The probabilities that the filter gives to labels, without the first steps of each part.
