@@ -2,9 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use super::labels::LabelledPart;
-use super::sensor::{least, nearest};
-use super::tally::{EQUAL, STANDS};
+use super::fit::LabelledPart;
+use super::views::{EQUAL, STANDS, least, nearest};
 use super::warning::{ENOUGH, SPAN, Warning};
 use super::{Answer, RecognitionError, Recognizer, Recording};
 use crate::motion::{OdometryModel, RouteControl};
@@ -32,8 +31,8 @@ const UNLIKE: f64 = 1.8;
 /// Least probability of answers that odometry is compared with, and the difference over a stretch
 /// of equal readings above which they contradict it, in places and as a share of the way.
 const SURE: f64 = 0.9;
-const APART: f64 = 6.0;
-const APART_SHARE: f64 = 0.25;
+const DIFFERENCE: f64 = 6.0;
+const DIFFERENCE_SHARE: f64 = 0.25;
 
 /// Numbers of queries for which the nearest image, or the best score, is right.
 #[derive(Default)]
@@ -215,9 +214,9 @@ impl Recording {
         let (mut judged, mut against) = (0, 0);
         for pair in ends.windows(2) {
             let [Some(before), Some(after)] = *pair else { continue };
-            let apart = (self.recognizer.places_between(before, after) - driven).abs();
+            let difference = (self.recognizer.places_between(before, after) - driven).abs();
             judged += 1;
-            against += usize::from(apart > APART.max(APART_SHARE * driven.abs()));
+            against += usize::from(difference > DIFFERENCE.max(DIFFERENCE_SHARE * driven.abs()));
         }
         // One may be a wrong answer.
         against > 1 && 4 * against > judged

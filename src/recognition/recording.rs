@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use super::answer::at_most_one;
 use super::recognizer::check_control;
 use super::sensor::Scratch;
-use super::tally::Doubts;
+use super::views::Doubts;
 use super::warning::Warning;
 use super::{Answer, RecognitionError, Recognizer};
 use crate::belief::{Belief, BeliefView};

@@ -5,12 +5,10 @@
 //! changes scratch memory alone, and [`Sensor::learn`] follows once the filter has taken the step.
 
 use super::recognizer::KNOWN_COUNT;
-use super::tally::Tally;
+use super::views::{Tally, View, least, nearest};
 use super::{Options, RecognitionError, Recognizer};
 use crate::motion::{Driven, RouteControl, ViewChange, ViewEvidence};
-use crate::observation::{
-    ObservationError, RowScratch, Spread, Standardizer, change, row_scores, within,
-};
+use crate::observation::{ObservationError, RowScratch, Spread, Standardizer, row_scores, within};
 
 /// Share of a view that is new above which it counts as a whole witness: frames of a route that is
 /// sampled densely share theirs.
@@ -33,45 +31,9 @@ const MOST_LINGERING: f64 = 0.8;
 /// Number of new views over which the share of lingering ones fades, by e.
 const LINGERING: f64 = 20.0;
 
-/// Places from the nearest reference within which another is beside it.
-const BESIDE: usize = 2;
-
 /// Largest change of an unchanged view.
 fn still(standardizer: &Standardizer, scratch: &mut Vec<f64>) -> f64 {
     STILL_PART * standardizer.step_quantile(STILL_SHARE, scratch)
-}
-
-/// The least of the scores of a row, without NaN.
-pub(super) fn least(rows: &[f32]) -> f32 {
-    // Lanes of their own, which a compiler brings into vectors.
-    let mut lanes = [f32::INFINITY; 16];
-    let (whole, rest) = rows.as_chunks::<16>();
-    let take = |least: &mut f32, score: f32| *least = if score < *least { score } else { *least };
-    for chunk in whole {
-        lanes.iter_mut().zip(chunk).for_each(|(least, score)| take(least, *score));
-    }
-    lanes.iter_mut().zip(rest).for_each(|(least, score)| take(least, *score));
-    lanes.into_iter().fold(f32::INFINITY, f32::min)
-}
-
-/// Index of the least score of a row that is not empty; the first of equal ones.
-pub(super) fn nearest(rows: &[f32]) -> usize {
-    let least = least(rows);
-    rows.iter().position(|score| *score == least).unwrap_or(0)
-}
-
-/// A view compared with the last new one.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct View {
-    /// Changed or not, if that is clear.
-    pub(super) change: Option<ViewChange>,
-    /// Share of it that is new, in an autoregression of the first order.
-    fresh: f64,
-    /// True if it equals the last new view.
-    pub(super) repeated: bool,
-    /// True if the nearest reference of an unchanged or unclear view is another, and not beside the
-    /// last one: the vehicle has moved although the view is hardly another. `None` for other views.
-    pub(super) moved: Option<bool>,
 }
 
 /// A query seen by the sensor, before the sensor has learned from it.
@@ -231,26 +193,10 @@ impl Sensor {
         let Scratch { distances, scores, rows, .. } = scratch;
         self.standardizer.check(distances)?;
         row_scores(distances, scores, rows)?;
-        let new =
-            View { change: Some(ViewChange::Changed), fresh: 1.0, repeated: false, moved: None };
-        let Some(last) = &self.last_view else { return Ok(new) };
-        let changed = change(last, scores);
-        // A change has the unit of one from a reference to the next.
-        let unit = change(&scores[1..], &scores[..scores.len() - 1]);
-        let unchanged = changed <= self.still;
-        let repeated = changed == 0.0;
-        if !unchanged && !(changed < options.view_threshold * unit) {
-            let part = changed.min(1.0);
-            // (1 − r) / (1 + r) for a correlation r from view to view.
-            return Ok(View { fresh: part / (2.0 - part), repeated, ..new });
-        }
-        let change = unchanged.then_some(ViewChange::Unchanged);
-        let moved = (!repeated).then(|| {
-            let apart = nearest(last).abs_diff(nearest(scores));
-            let around = if options.closed { scores.len() - apart } else { apart };
-            apart.min(around) > BESIDE.max(options.window)
-        });
-        Ok(View { change, fresh: 0.0, repeated, moved })
+        Ok(match &self.last_view {
+            Some(last) => View::beside(last, self.still, scores, options),
+            None => View::FIRST,
+        })
     }
 
     /// Learns usual scores from the last row, that of a view with a new part.

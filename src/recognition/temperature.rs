@@ -1,6 +1,6 @@
 //! Choice of the temperature by the filter's log score on steps that were not learned from.
 
-use super::labels::LabelledPart;
+use super::fit::LabelledPart;
 use super::warning::Warning;
 use super::{Options, RecognitionError, Recognizer};
 
@@ -25,9 +25,9 @@ const BESIDE: usize = 1;
 
 impl Recognizer {
     /// Chooses the temperature with the highest summed log score and prior, and returns those tried
-    /// with their scores: each half of the
-    /// labelled part is scored with what was learned from the other one. `self` is the recogniser
-    /// before learning; `before` are the options learned from all.
+    /// with their scores: each half of the labelled part is scored with what was learned from the
+    /// other one. `self` is the recogniser before learning; `before` are the options learned from
+    /// all.
     ///
     /// A sum is decided by the steps at which temperatures differ; easy ones score alike at all of
     /// them, and one that is lost at all of them is bounded.

@@ -1,8 +1,10 @@
-//! Counts of recent views and odometry readings, to find that one of them is stuck.
+//! Views compared with the last new one, and counts of them and of odometry readings, to find that
+//! one of them is stuck.
 
-use super::sensor::View;
+use super::Options;
 use super::warning::Warning;
 use crate::motion::ViewChange;
+use crate::observation::change;
 
 /// Number of views over which counts fade, by e.
 const RECENT: f64 = 1000.0;
@@ -29,6 +31,70 @@ const STILL: u32 = 100;
 const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const SURE: f64 = 4.0;
+
+/// Places from the nearest reference within which another is beside it.
+const BESIDE: usize = 2;
+
+/// The least of the scores of a row, without NaN.
+pub(super) fn least(rows: &[f32]) -> f32 {
+    // Lanes of their own, which a compiler brings into vectors.
+    let mut lanes = [f32::INFINITY; 16];
+    let (whole, rest) = rows.as_chunks::<16>();
+    let take = |least: &mut f32, score: f32| *least = if score < *least { score } else { *least };
+    for chunk in whole {
+        lanes.iter_mut().zip(chunk).for_each(|(least, score)| take(least, *score));
+    }
+    lanes.iter_mut().zip(rest).for_each(|(least, score)| take(least, *score));
+    lanes.into_iter().fold(f32::INFINITY, f32::min)
+}
+
+/// Index of the least score of a row that is not empty; the first of equal ones.
+pub(super) fn nearest(rows: &[f32]) -> usize {
+    let least = least(rows);
+    rows.iter().position(|score| *score == least).unwrap_or(0)
+}
+
+/// A view compared with the last new one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    /// Changed or not, if that is clear.
+    pub(super) change: Option<ViewChange>,
+    /// Share of it that is new, in an autoregression of the first order.
+    pub(super) fresh: f64,
+    /// True if it equals the last new view.
+    repeated: bool,
+    /// True if the nearest reference of an unchanged or unclear view is another, and not beside the
+    /// last one: the vehicle has moved although the view is hardly another. `None` for other views.
+    moved: Option<bool>,
+}
+
+impl View {
+    /// The first view, which is new.
+    pub(super) const FIRST: Self =
+        Self { change: Some(ViewChange::Changed), fresh: 1.0, repeated: false, moved: None };
+
+    /// Compares the scores within a row with those of the last new view; `still` is the largest
+    /// change of an unchanged view.
+    pub(super) fn beside(last: &[f32], still: f64, scores: &[f32], options: &Options) -> Self {
+        let changed = change(last, scores);
+        // A change has the unit of one from a reference to the next.
+        let unit = change(&scores[1..], &scores[..scores.len() - 1]);
+        let repeated = changed == 0.0;
+        let unchanged = changed <= still;
+        if unchanged || changed < options.view_threshold * unit {
+            let moved = (!repeated).then(|| {
+                let steps = nearest(last).abs_diff(nearest(scores));
+                let around = if options.closed { scores.len() - steps } else { steps };
+                steps.min(around) > BESIDE.max(options.window)
+            });
+            let change = unchanged.then_some(ViewChange::Unchanged);
+            return Self { change, fresh: 0.0, repeated, moved };
+        }
+        // (1 − r) / (1 + r) for a correlation r from view to view.
+        let part = changed.min(1.0);
+        Self { fresh: part / (2.0 - part), repeated, ..Self::FIRST }
+    }
+}
 
 /// Counts of recent views and of readings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -152,10 +218,8 @@ impl Doubts {
         // That of all views, up to those that have faded.
         self.unchanged = tally.unchanged();
         let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {
-            if let Some(found) = found
-                && kept.as_ref().is_none_or(|kept| kept.0 < steps)
-            {
-                *kept = Some((steps, found));
+            if kept.as_ref().is_none_or(|kept| kept.0 < steps) {
+                *kept = found.map(|found| (steps, found)).or(kept.take());
             }
         };
         longest(&mut self.stuck, tally.stuck(), tally.equal);
