@@ -70,13 +70,12 @@ impl Standardizer {
     pub(crate) fn checked(self) -> Result<Self, ObservationError> {
         let Self { count, sums, squares, steps } = &self;
         Self::new(sums.len())?;
-        let parameter = |what, value, expected| Err(Parameter::new(what, value, expected).into());
         let lengths = [
             ("the number of sums of squares", squares.len()),
             ("the number of sums of steps", steps.len()),
         ];
         if let Some(&(what, found)) = lengths.iter().find(|(_, found)| *found != sums.len()) {
-            return parameter(what, found as f64, "as many as sums of scores");
+            return Err(Parameter::new(what, found as f64, "as many as sums of scores").into());
         }
         // Far above any real count, and such that no variance overflows 32 bits.
         let ranges: [(_, &[f64], _, _); 4] = [
@@ -86,9 +85,9 @@ impl Standardizer {
             ("a sum of squared scores", squares, 0.0..=1e35, "from 0 to 1e35"),
         ];
         for (what, values, range, expected) in ranges {
-            if let Some(&value) = values.iter().find(|value| !range.contains(*value)) {
-                return parameter(what, value, expected);
-            }
+            values
+                .iter()
+                .try_for_each(|value| Parameter::check(what, *value, range.clone(), expected))?;
         }
         Ok(self)
     }

@@ -218,7 +218,7 @@ impl Recording {
             judged += 1;
             against += usize::from(difference > DIFFERENCE.max(DIFFERENCE_SHARE * driven.abs()));
         }
-        // One may be a wrong answer.
+        // A single contradiction may come from a wrong answer.
         against > 1 && 4 * against > judged
     }
 

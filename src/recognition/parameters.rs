@@ -50,18 +50,11 @@ impl Parameters {
     ) -> Result<Self, RecognitionError> {
         options.check()?;
         if let Some([mean, deviation]) = best_scores {
-            let named = [
-                ("the mean of the best scores", mean, mean.is_finite(), "a finite value"),
-                (
-                    "the deviation of the best scores",
-                    deviation,
-                    deviation.is_finite() && deviation >= 0.0,
-                    "a finite value of at least 0",
-                ),
-            ];
-            if let Some(&(what, value, _, expected)) = named.iter().find(|named| !named.2) {
-                return Err(Parameter::new(what, value, expected).into());
-            }
+            let (what, all) = ("the mean of the best scores", f64::MIN..=f64::MAX);
+            Parameter::check(what, mean, all, "a finite value")?;
+            let (what, expected) =
+                ("the deviation of the best scores", "a finite value of at least 0");
+            Parameter::check(what, deviation, 0.0..=f64::MAX, expected)?;
         }
         Ok(Self { standardizer, best_scores, ..Self::new(options) })
     }

@@ -11,8 +11,8 @@ use crate::observation::{
 /// Number of evenly spaced references that are compared with all, to learn the usual scores of
 /// each.
 const SAMPLE: usize = 64;
-/// Distance along the route within which references look alike because they are near, at least,
-/// and the score above which they no longer do.
+/// Least distance along the route within which references count as looking alike because they are
+/// near, and the score from which on farther ones no longer do.
 const NEAR: usize = 10;
 const UNLIKE: f32 = -1.0;
 

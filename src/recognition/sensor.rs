@@ -10,11 +10,11 @@ use super::{Options, RecognitionError, Recognizer};
 use crate::motion::{Driven, RouteControl, ViewChange, ViewEvidence};
 use crate::observation::{ObservationError, RowScratch, Spread, Standardizer, row_scores, within};
 
-/// Share of a view that is new above which it counts as a whole witness: frames of a route that is
-/// sampled densely share theirs.
+/// Share of a view that is new from which on it counts as a whole witness: along a densely sampled
+/// route, successive frames are partly one witness.
 const WITNESS: f64 = 0.03;
-/// Quantile of the changes from a reference to the next, and part of it, up to which a view is
-/// unchanged: less than in nearly all steps along the route, dark stretches among them.
+/// A view is unchanged up to this part of this quantile of the changes from a reference to the next:
+/// nearly all steps along the route change it more, those in dark stretches, too.
 const STILL_SHARE: f64 = 0.02;
 const STILL_PART: f64 = 0.2;
 
@@ -48,7 +48,8 @@ pub(super) struct Sighting {
     spread: Option<Spread>,
 }
 
-/// Memory of a sensor that no step depends on.
+/// Scratch memory of a sensor: no result depends on what an earlier step left in it, but for
+/// `single_odds`.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scratch {
     distances: Vec<f32>,
@@ -60,7 +61,7 @@ pub(super) struct Scratch {
     changes: Vec<f64>,
     /// The likelihood of each place, then that of off the map.
     pub(super) likelihoods: Vec<f64>,
-    /// log2 of the odds of each place by the last new frame alone; kept if it has room for them.
+    /// log2 of the odds of each place by the last new frame alone; empty where nobody asks for them.
     pub(super) single_odds: Vec<f32>,
 }
 

@@ -13,8 +13,8 @@ const ENOUGH_VIEWS: f64 = 100.0;
 /// Share of views, but for exact repetitions, above which unchanged ones are most. On drives along
 /// a railway, a corridor and streets it was 0.49 at most.
 const MOST: f64 = 0.6;
-/// Share of unchanged views with another nearest reference above which the vehicle does not simply
-/// stand, and share of all views above which it hardly does, either.
+/// Share of unchanged views with another nearest reference above which the vehicle moves, and share
+/// of unchanged views among all above which it moves at least at times.
 const MOVED: f64 = 0.25;
 const ALL: f64 = 0.9;
 /// Number of readings in a row that are equal if odometry is stuck.
@@ -32,7 +32,7 @@ const STILL_EQUAL: u32 = 60;
 const DRIVEN: f64 = 10.0;
 const SURE: f64 = 4.0;
 
-/// Places from the nearest reference within which another is beside it.
+/// Largest distance in places at which one nearest reference is beside another.
 const BESIDE: usize = 2;
 
 /// The least of the scores of a row, without NaN.
@@ -199,7 +199,7 @@ impl Tally {
         (steps >= STILL && sure).then_some(Warning::Still { steps, driven })
     }
 
-    /// All of them.
+    /// Returns all reasons to doubt recent views and readings.
     pub(super) fn doubts(&self) -> Vec<Warning> {
         self.unchanged().into_iter().chain(self.stuck()).chain(self.still()).collect()
     }
@@ -215,7 +215,7 @@ pub(super) struct Doubts {
 
 impl Doubts {
     pub(super) fn take(&mut self, tally: &Tally) {
-        // That of all views, up to those that have faded.
+        // The last tally covers the whole drive; the weight of old views has faded.
         self.unchanged = tally.unchanged();
         let longest = |kept: &mut Option<(u32, Warning)>, found: Option<Warning>, steps: u32| {
             if kept.as_ref().is_none_or(|kept| kept.0 < steps) {
