@@ -71,11 +71,7 @@ impl Recognizer {
         parts: &[LabelledPart<'_, Q>],
     ) -> Result<Self, RecognitionError> {
         let fitted = self.fit_at_temperature(parts)?;
-        let mut fit = fitted.parameters().clone();
-        let (options, temperature_scores, warnings) = self.fit_temperature(fit.options, parts)?;
-        fit.options = options;
-        fit.temperature_scores = temperature_scores;
-        fit.warnings.extend(warnings);
+        let fit = self.fit_temperature(fitted.parameters().clone(), parts)?;
         self.with_parameters(fit)
     }
 
